@@ -1,0 +1,351 @@
+"""The configuration: every unit and every range, checked once, here.
+
+The file is TOML with the unit in the name of each key. `load` returns frozen objects; nothing else in
+the package checks ranges again.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import itertools
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from drivers.settings import DriverSettings
+from observer.errors import ConfigError
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=64)]
+Channel = Annotated[str, Field(min_length=1, max_length=128)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Temperature = Annotated[float, Field(gt=-273.15, lt=2000)]
+
+
+class Section(BaseModel):
+    """A table of the configuration: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+class Machine(Section):
+    """Names the key space `ballscrew/<name>/<axis>/…`."""
+
+    name: Name = "machine"
+    axis: Name = "x"
+
+
+class Screw(Section):
+    """Geometry and material of the screw; `diameter_m` is the effective (root) diameter."""
+
+    length_m: Positive
+    diameter_m: Positive
+    conductivity_W_mK: Positive
+    density_kg_m3: Positive
+    specific_heat_J_kgK: Positive
+    expansion_1_K: Positive | None = None
+
+
+class Surface(Section):
+    """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
+
+    convection_W_m2K: NonNegative = 0.0
+
+
+class Ambient(Section):
+    """The air around the screw: one constant, or a channel of the log."""
+
+    temperature_degC: Temperature | None = None
+    channel: Channel | None = None
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> Ambient:
+        if (self.temperature_degC is None) == (self.channel is None):
+            raise ValueError("give exactly one of temperature_degC and channel")
+        return self
+
+
+class Boundary(Section):
+    """One end of the screw."""
+
+    kind: Literal["insulated", "convective", "prescribed"] = "insulated"
+    coefficient_W_m2K: Positive | None = None
+    channel: Channel | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Boundary:
+        if (self.kind == "convective") != (self.coefficient_W_m2K is not None):
+            raise ValueError('coefficient_W_m2K belongs to kind = "convective", and is needed there')
+        if (self.kind == "prescribed") != (self.channel is not None):
+            raise ValueError('channel belongs to kind = "prescribed", and is needed there')
+        return self
+
+
+class Boundaries(Section):
+    """Both ends."""
+
+    left: Boundary = Boundary()
+    right: Boundary = Boundary()
+
+
+class Source(Section):
+    """Heat entering the screw: where (shape) and how much (law)."""
+
+    name: Name
+    shape: Literal["nut", "point", "band"]
+    # where
+    length_m: Positive | None = None
+    stroke_m: tuple[NonNegative, NonNegative] | None = None
+    position_channel: Channel | None = None
+    lead_m: Positive | None = None
+    position_m: NonNegative | None = None
+    from_m: NonNegative | None = None
+    to_m: NonNegative | None = None
+    # how much
+    speed_channel: Channel | None = None
+    torque_Nm: NonNegative | None = None
+    share: Annotated[float, Field(ge=0, le=1)] = 1.0
+    heat_W_rpm: NonNegative | None = None
+    power_channel: Channel | None = None
+    scale: NonNegative = 1.0
+    # how it is estimated
+    estimate: bool = True
+    random_walk_W_sqrt_s: NonNegative = 0.1
+    time_constant_s: Positive | None = None
+    law_uncertainty: NonNegative = 0.2
+    initial_sigma_W: Positive = 30.0
+
+    @model_validator(mode="after")
+    def _shape_is_complete(self) -> Source:
+        needed = {"nut": ("length_m",), "point": ("position_m",), "band": ("from_m", "to_m")}[self.shape]
+        for key in needed:
+            if getattr(self, key) is None:
+                raise ValueError(f'shape = "{self.shape}" needs {key}')
+        belongs = {
+            "length_m": "nut", "stroke_m": "nut", "position_channel": "nut", "lead_m": "nut",
+            "position_m": "point", "from_m": "band", "to_m": "band",
+        }  # fmt: skip
+        for key, shape in belongs.items():
+            if getattr(self, key) is not None and self.shape != shape:
+                raise ValueError(f'{key} belongs to shape = "{shape}", not "{self.shape}"')
+        if self.shape == "nut" and self.stroke_m is None and self.position_channel is None:
+            raise ValueError("a nut needs position_channel or stroke_m")
+        for low, high in (self.stroke_m or (None, None), (self.from_m, self.to_m)):
+            if low is not None and high is not None and not low < high:
+                raise ValueError(
+                    f"the stretch {low} … {high} m is empty; the first number must be the smaller"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _law_is_complete(self) -> Source:
+        laws = [k for k in ("torque_Nm", "heat_W_rpm", "power_channel") if getattr(self, k) is not None]
+        if len(laws) > 1:
+            raise ValueError(f"only one heat law per source, here {' and '.join(laws)}")
+        if laws and laws[0] != "power_channel" and self.speed_channel is None:
+            raise ValueError(f"{laws[0]} needs speed_channel")
+        if not laws and not self.estimate:
+            raise ValueError("estimate = false needs a heat law (torque_Nm, heat_W_rpm or power_channel)")
+        return self
+
+
+class Sensor(Section):
+    """A thermocouple on the screw."""
+
+    name: Name
+    channel: Channel
+    position_m: NonNegative
+    noise_K: Positive = 0.1
+
+
+class Model(Section):
+    """Which modes are kept."""
+
+    truncation: Annotated[float, Field(gt=0, lt=1)] = 0.9995
+    criterion: Literal["tail", "kim"] = "tail"
+    modes: Annotated[int, Field(ge=1, le=400)] | None = None
+    settle_s: Positive = 10.0
+    static_correction: bool = True
+
+
+class EstimatorSettings(Section):
+    """How heats and field are estimated."""
+
+    kind: Literal["kalman", "luenberger"] = "kalman"
+    period_s: Annotated[float, Field(ge=0.001, le=3600)] = 0.5
+    # Kalman
+    engine: Literal["compiled", "filterpy", "constant"] = "compiled"
+    gate_sigma: Positive = 5.0
+    initial_sigma_K: Positive = 2.0
+    field_noise_K_sqrt_s: NonNegative = 0.0
+    # Luenberger
+    pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
+    bandwidth_1_s: Positive | None = None
+
+
+class Calibrate(Section):
+    """What may be fitted; by default the base film coefficient and each heat law's scale."""
+
+    free: tuple[str, ...] | None = None
+
+
+class Output(Section):
+    """Where the field is reported, and what the thermal error is measured from."""
+
+    positions_m: tuple[NonNegative, ...] | None = Field(default=None, min_length=2)
+    reference_degC: Temperature | None = None
+
+
+class Publish(Section):
+    """The Zenoh session of the daemon."""
+
+    mode: Literal["client", "peer", "router"] = "peer"
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    field_rate_Hz: Annotated[float, Field(gt=0, le=50)] = 2.0
+    history: Annotated[int, Field(ge=1, le=100_000)] = 1000
+
+
+class Record(Section):
+    """Where the lossless log of the daemon goes; `directory` unset means that nothing is recorded."""
+
+    directory: Path | None = None
+    rotate_MB: Positive = 64.0
+    sync_s: Positive = 5.0
+
+
+class Config(Section):
+    """A whole configuration."""
+
+    machine: Machine = Machine()
+    screw: Screw
+    surface: Surface = Surface()
+    ambient: Ambient
+    boundary: Boundaries = Boundaries()
+    source: tuple[Source, ...] = Field(min_length=1)
+    sensor: tuple[Sensor, ...] = Field(min_length=1)
+    model: Model = Model()
+    estimator: EstimatorSettings = EstimatorSettings()
+    calibrate: Calibrate = Calibrate()
+    output: Output = Output()
+    drivers: dict[Name, DriverSettings] = {}
+    publish: Publish = Publish()
+    record: Record = Record()
+
+    @model_validator(mode="after")
+    def _fits_the_screw(self) -> Config:
+        length_m = self.screw.length_m
+        places = [(f"sensor {s.name}: position_m", s.position_m) for s in self.sensor]
+        for source in self.source:
+            for key in ("position_m", "to_m"):
+                if getattr(source, key) is not None:
+                    places.append((f"source {source.name}: {key}", getattr(source, key)))
+            if source.stroke_m is not None:
+                places.append((f"source {source.name}: stroke_m", source.stroke_m[1]))
+        places += [("output: positions_m", x) for x in self.output.positions_m or ()]
+        for place, x_m in places:
+            if x_m > length_m:
+                raise ValueError(f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m")
+        return self
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Config:
+        for kind, names in (
+            ("source", [s.name for s in self.source]),
+            ("sensor", [s.name for s in self.sensor]),
+            ("sensor channel", [s.channel for s in self.sensor]),
+        ):
+            for name in names:
+                if names.count(name) > 1:
+                    raise ValueError(f'two entries of {kind} are called "{name}"; give each its own name')
+        if not any(s.estimate for s in self.source):
+            raise ValueError("every source has estimate = false; leave at least one to be estimated")
+        positions_m = self.output.positions_m or ()
+        if any(b <= a for a, b in itertools.pairwise(positions_m)):
+            raise ValueError("output: positions_m must increase")
+        return self
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Every channel the model reads, each once, in the order of the configuration."""
+        names = [s.channel for s in self.sensor]
+        for source in self.source:
+            names += [source.position_channel, source.speed_channel, source.power_channel]  # type: ignore[list-item]
+        names += [self.ambient.channel, self.boundary.left.channel, self.boundary.right.channel]  # type: ignore[list-item]
+        return tuple(dict.fromkeys(n for n in names if n is not None))
+
+    @property
+    def digest(self) -> str:
+        """A hash of the configuration in force, the same for the same meaning."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+
+
+def load(path: Path) -> Config:
+    """Read and check a configuration file.
+
+    Raises `ConfigError` with one sentence that names the file, the key and the remedy.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; give the path of a configuration with --config") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read as text ({error}); give a TOML file in UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML ({error}); mend that line") from None
+    return parse(table, str(path))
+
+
+def parse(table: dict[str, Any], place: str = "configuration") -> Config:
+    """Check a configuration given as a table; `place` is named in errors (`ConfigError`)."""
+    try:
+        return Config.model_validate(table)
+    except ValidationError as error:
+        raise ConfigError(_one_sentence(error, table, place)) from None
+
+
+def _one_sentence(error: ValidationError, table: dict[str, Any], place: str) -> str:
+    """The first problem of a validation error as a sentence; further ones are counted."""
+    first = error.errors(include_url=False)[0]
+    key = _key(first["loc"], table)
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        message = f"unknown key{_suggestion(first['loc'])}; remove it or mend its name"
+    elif first["type"] == "missing":
+        message = "is missing; add it"
+    else:
+        shown = first.get("input")
+        if isinstance(shown, int | float | str | bool) and first["type"] != "value_error":
+            message = f"{message[0].lower()}{message[1:]}, not {shown!r}"
+    more = error.error_count() - 1
+    tail = f" ({more} more problem{'s' if more > 1 else ''})" if more else ""
+    return f"{place}: {key}: {message}{tail}" if key else f"{place}: {message}{tail}"
+
+
+def _key(location: tuple[int | str, ...], table: Any) -> str:
+    """The dotted key of a place in the file; list entries go by their name where they have one."""
+    parts: list[str] = []
+    for part in location:
+        if isinstance(part, int):
+            table = table[part] if isinstance(table, list | tuple) and part < len(table) else None
+            name = table.get("name") if isinstance(table, dict) else None
+            parts[-1:] = (
+                [f'{parts[-1]} "{name}"' if name else f"{parts[-1]}[{part}]"] if parts else [str(part)]
+            )
+            continue
+        if isinstance(table, dict) and part not in table and table.get("kind") == part:
+            continue  # the tag that pydantic inserts for a union of driver kinds
+        table = table.get(part) if isinstance(table, dict) else None
+        parts.append(part)
+    return ".".join(parts)
+
+
+def _suggestion(location: tuple[int | str, ...]) -> str:
+    """“ (did you mean …?)” from every key the configuration knows."""
+    known = {name for section in Section.__subclasses__() for name in section.model_fields}
+    close = difflib.get_close_matches(str(location[-1]), sorted(known), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""

@@ -1,0 +1,38 @@
+"""What every estimator is: designed once, then a pure step over blocks of inputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorState:
+    """Where an estimator stands after a step.
+
+    Shapes, with n = n_x + m_e (plant states, then the estimated heats' deviations from their laws):
+    `x_hat` (n,), `P` (n, n). `started` is false until the first usable measurement. `suspect` (s,) counts
+    the steps for which each sensor has been refused in a row.
+    """
+
+    x_hat: FloatArray
+    P: FloatArray
+    started: bool
+    suspect: FloatArray
+    time_s: float
+
+
+class Estimator(Protocol):
+    """Turns inputs into estimates; holds no state of its own."""
+
+    @property
+    def layout(self) -> Layout:
+        """What the columns of the estimates are."""
+
+    def initial(self) -> EstimatorState:
+        """The state before the first measurement."""
+
+    def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
+        """K steps; a run of K is, to the last bit, K runs of one."""

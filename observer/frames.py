@@ -1,0 +1,153 @@
+"""The frozen data that flows through the house: reading → frame → inputs → estimate.
+
+A reading is what a driver delivers, a frame is what the estimator's clock makes of all readings since
+its last tick, an estimate is what goes to subscribers. Frames and estimates come in blocks of K steps
+with a leading axis: the live service runs blocks of one step, a replay runs blocks of thousands, both
+through the same compiled code, so both give the same bits.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+QualityArray = NDArray[np.int8]
+
+
+class Quality(enum.IntEnum):
+    """Quality of one channel's value; on its way through the house it only ever gets worse."""
+
+    GOOD = 0
+    MISSING = 1
+    STALE = 2
+    REJECTED = 3
+
+    @property
+    def label(self) -> str:
+        """The lower-case name used in logs and messages."""
+        return self.name.lower()
+
+
+class EstimateQuality(enum.IntEnum):
+    """Quality of a whole estimate."""
+
+    GOOD = 0
+    DEGRADED = 1
+    STALE = 2
+    INVALID = 3
+
+    @property
+    def label(self) -> str:
+        """The lower-case name used in logs and messages."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one driver read at one moment.
+
+    `values` maps channel names to values in the unit that ends the name; a value that cannot be used is
+    NaN and has its reason in `faults` ("open_circuit", "over_range", "timeout", …).
+    """
+
+    time_s: float
+    values: Mapping[str, float]
+    faults: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBlock:
+    """K frames: every channel's latest value and quality at each tick of the estimator.
+
+    Shapes: `time_s`, `dt_s` (K,); `values`, `fresh`, `quality`, `age_s` (K, c) in the order of `channels`.
+    `fresh` says that a usable value arrived since the tick before; a value that is not fresh is the
+    last usable one (NaN before the first) and is never used twice as a measurement. `dt_s[0]` of the
+    first frame of a run is 0.
+
+    Between two ticks a fast channel may deliver several samples. Those of the position channels are kept
+    in `path`: channel → (time_s, value, offset) with `offset` (K+1,), so that the samples of step k are
+    `[offset[k]:offset[k+1]]`, the newest last.
+    """
+
+    channels: tuple[str, ...]
+    time_s: FloatArray
+    dt_s: FloatArray
+    values: FloatArray
+    fresh: BoolArray
+    quality: QualityArray
+    age_s: FloatArray
+    path: Mapping[str, tuple[FloatArray, FloatArray, NDArray[np.int64]]]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """K steps of everything that drives a plant; what an estimator's `run` takes.
+
+    Shapes, with n_x states, m sources, p known inputs, s sensors, R output rows, M moving sources:
+    `time_s`, `dt_s` (K,); `y_degC` (K, s); `usable` (K, s), the measurements that may correct;
+    `quality` (K, s), what was known of each sensor before the estimator's own gate; `law_W` (K, m), each
+    source's heat by its law, mean over the step; `law_jump_W` (K, m), its change since the step before;
+    `z_start`, `z_end` (K, p), the known inputs at both ends of the step, linear in between;
+    `moving_B` (K, M, n_x), the input column of each moving source over the step; `moving_C` (K, M, R), the
+    output column of its lag state; `degraded` (K,), some input that the model needs was missing or held.
+    """
+
+    time_s: FloatArray
+    dt_s: FloatArray
+    y_degC: FloatArray
+    usable: BoolArray
+    quality: QualityArray
+    law_W: FloatArray
+    law_jump_W: FloatArray
+    z_start: FloatArray
+    z_end: FloatArray
+    moving_B: FloatArray
+    moving_C: FloatArray
+    degraded: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What the columns of an estimate are: names of the estimated sources, grid, sensors."""
+
+    sources: tuple[str, ...]
+    position_m: FloatArray
+    sensors: tuple[str, ...]
+    has_error: bool
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateBlock:
+    """K estimates.
+
+    Shapes, with m_e estimated sources, g grid points, s sensors: `heat_W`, `heat_sigma_W` (K, m_e);
+    `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an
+    expansion coefficient; `innovation_K` (K, s), NaN where no value arrived; `sensor_quality` (K, s);
+    `quality` (K,), of type `EstimateQuality`.
+    """
+
+    time_s: FloatArray
+    heat_W: FloatArray
+    heat_sigma_W: FloatArray
+    field_degC: FloatArray
+    field_sigma_K: FloatArray
+    error_um: FloatArray
+    error_sigma_um: FloatArray
+    innovation_K: FloatArray
+    sensor_quality: QualityArray
+    quality: QualityArray
+
+    def __len__(self) -> int:
+        return len(self.time_s)

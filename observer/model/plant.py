@@ -1,0 +1,97 @@
+"""The plant every estimator works on: modes, lags and heats in one linear form.
+
+States x = [modal amplitudes η of the temperature | one lag r_j per source], in continuous time
+
+    dx/dt = -decay ∘ x + B q + E z,      T(x) = C x + F z,
+
+with heats q in W (one per source) and known inputs z (ambient, prescribed ends, the error's reference). The
+lag r_j follows q_j with the decay rate of the first mode that was dropped; its output column is the steady
+response of all dropped modes, so the field at rest is exact with any number of modes and no heat acts at
+once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from observer.frames import BoolArray, FloatArray, Layout
+from observer.model.rod.moving import NutTable
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Output rows: `C` (R, n_x) and `F` (R, p); temperatures in °C, errors in µm.
+
+    Rows 0 … s-1 are the sensors, then g rows of the field on the grid, then g rows of the thermal error
+    (none without an expansion coefficient).
+    """
+
+    C: FloatArray
+    F: FloatArray
+    sensors: int
+    grid: int
+
+    @property
+    def sensor_slice(self) -> slice:
+        """The sensors' rows."""
+        return slice(0, self.sensors)
+
+    @property
+    def field_slice(self) -> slice:
+        """The field's rows."""
+        return slice(self.sensors, self.sensors + self.grid)
+
+    @property
+    def error_slice(self) -> slice:
+        """The thermal error's rows; empty without an expansion coefficient."""
+        return slice(self.sensors + self.grid, len(self.C))
+
+
+@dataclass(frozen=True, slots=True)
+class MovingSource:
+    """A source whose footprint follows a position channel.
+
+    `index` is its column in B; `table` holds what the averaging of its columns over a path needs.
+    """
+
+    index: int
+    channel: str
+    table: NutTable
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """A continuous-time plant with its output rows and the prior of its state.
+
+    Shapes: `decay_1_s` (n_x,); `B` (n_x, m); `E` (n_x, p); `uniform` (n_x,) the state of a screw at 1 °C
+    everywhere; `prior_P` (n_x, n_x), K², the covariance of a smooth unknown field at the start;
+    `noise_R_K2` (s,) the sensors' variances; `estimated` (m,) which heats are estimated;
+    `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,), `initial_sigma_W` (m_e,) the
+    estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random walk, and a step of
+    law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional noise on the field.
+    `mode_index` (N,) are the numbers of the modes kept, counted from 1.
+    """
+
+    layout: Layout
+    decay_1_s: FloatArray
+    B: FloatArray
+    E: FloatArray
+    rows: Rows
+    moving: tuple[MovingSource, ...]
+    uniform: FloatArray
+    prior_P: FloatArray
+    noise_R_K2: FloatArray
+    estimated: BoolArray
+    random_walk_W2_s: FloatArray
+    heat_decay_1_s: FloatArray
+    law_uncertainty: FloatArray
+    initial_sigma_W: FloatArray
+    field_noise_Q: FloatArray
+    mode_index: tuple[int, ...]
+    source_names: tuple[str, ...]
+    known_names: tuple[str, ...]
+
+    @property
+    def modes(self) -> int:
+        """How many modes are kept; the states after them are the sources' lags."""
+        return len(self.mode_index)

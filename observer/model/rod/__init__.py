@@ -1,0 +1,1 @@
+"""The screw as a one-dimensional rod in eigenmodes."""

@@ -1,0 +1,213 @@
+"""From a configuration to the plant: the one place where modes, sources, ends and outputs meet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from observer.config import Config, Source
+from observer.frames import FloatArray, Layout
+from observer.model.plant import MovingSource, Plant, Rows
+from observer.model.prior import smooth_field_covariance
+from observer.model.rod.modes import Modes, solve_modes
+from observer.model.rod.moving import TABLE_POINTS, NutTable
+from observer.model.rod.rows import Places, modal_rows, remainder_rows
+from observer.model.rod.screw import Rod, rod_of
+from observer.model.rod.sources import design_stretches, mean_stretch, nut_stretch
+from observer.model.rod.static import Stretch, ambient_field, end_field, source_field
+from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input
+
+MOST_MODES = 400
+DEFAULT_GRID_POINTS = 21
+
+
+@dataclass(frozen=True, slots=True)
+class KnownInput:
+    """An input that is measured or configured: ambient, a prescribed end, the thermal error's reference.
+
+    `modal` (N,) is its input to the modes, `steady(x)` its steady field per unit.
+    """
+
+    name: str
+    modal: FloatArray
+    steady: Callable[[FloatArray], FloatArray]
+
+
+def build_plant(config: Config) -> Plant:
+    """Return the plant of a configuration."""
+    rod = rod_of(config)
+    candidates = solve_modes(rod, MOST_MODES + 1)
+    kept = keep_modes(config, candidates)
+    modes = candidates.take(kept)
+    lag_decay_1_s = _first_dropped(candidates, kept)
+    places = _places(config)
+    known = _known_inputs(modes)
+
+    N, m = len(modes), len(config.source)
+    stretches = [mean_stretch(s, config.screw) for s in config.source]
+    B = np.zeros((N + m, m))
+    B[:N] = np.column_stack([modal_input(modes, s) for s in stretches])
+    B[N:] = np.diag(np.full(m, lag_decay_1_s))
+    lag_rows = np.column_stack([_lag_row(config, modes, places, s) for s in stretches])
+    C = np.hstack([modal_rows(modes, places), lag_rows])
+    E = np.vstack([np.column_stack([k.modal for k in known]), np.zeros((m, len(known)))])
+    smooth = _padded(smooth_field_covariance(modes), N + m)
+    free = [s for s in config.source if s.estimate]
+    return Plant(
+        layout=_layout(config, places),
+        decay_1_s=np.concatenate([modes.decay_1_s, np.full(m, lag_decay_1_s)]),
+        B=B,
+        E=E,
+        rows=Rows(
+            C=C,
+            F=_known_rows(modes, places, known),
+            sensors=len(config.sensor),
+            grid=len(places.grid_m),
+        ),
+        moving=_moving_sources(config, modes, places, lag_decay_1_s, B, C),
+        uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
+        prior_P=config.estimator.initial_sigma_K**2 * smooth,
+        noise_R_K2=np.array([s.noise_K**2 for s in config.sensor]),
+        estimated=np.array([s.estimate for s in config.source]),
+        random_walk_W2_s=np.array([s.random_walk_W_sqrt_s**2 for s in free]),
+        heat_decay_1_s=np.array([1 / s.time_constant_s if s.time_constant_s else 0.0 for s in free]),
+        law_uncertainty=np.array([s.law_uncertainty for s in free]),
+        initial_sigma_W=np.array([s.initial_sigma_W for s in free]),
+        field_noise_Q=config.estimator.field_noise_K_sqrt_s**2 * smooth,
+        mode_index=tuple(i + 1 for i in kept),
+        source_names=tuple(s.name for s in config.source),
+        known_names=tuple(k.name for k in known),
+    )
+
+
+def keep_modes(config: Config, candidates: Modes) -> list[int]:
+    """Which modes (from 0) the configuration keeps: enough for every source's footprint.
+
+    With the tail criterion, also enough that the first dropped mode settles within `settle_s`.
+    """
+    settings = config.model
+    if settings.modes is not None:
+        return list(range(settings.modes))
+    stretches = [s for source in config.source for s in design_stretches(source, config.screw)]
+    if settings.criterion == "kim":
+        return sorted(set().union(*(keep_by_ratio(candidates, s, settings.truncation) for s in stretches)))
+    by_tail = max(len(keep_by_tail(candidates, s, settings.truncation)) for s in stretches)
+    settled = np.flatnonzero(candidates.decay_1_s * settings.settle_s >= 1.0)
+    by_time = int(settled[0]) if len(settled) else MOST_MODES
+    return list(range(min(max(by_tail, by_time, 1), MOST_MODES)))
+
+
+def grid_of(config: Config) -> FloatArray:
+    """Positions in m at which the field is reported."""
+    if config.output.positions_m is not None:
+        return np.array(config.output.positions_m)
+    return np.linspace(0.0, config.screw.length_m, DEFAULT_GRID_POINTS)
+
+
+def _places(config: Config) -> Places:
+    return Places(
+        np.array([s.position_m for s in config.sensor]), grid_of(config), config.screw.expansion_1_K
+    )
+
+
+def _layout(config: Config, places: Places) -> Layout:
+    return Layout(
+        sources=tuple(s.name for s in config.source if s.estimate),
+        position_m=places.grid_m,
+        sensors=tuple(s.name for s in config.sensor),
+        has_error=places.expansion_1_K is not None,
+    )
+
+
+def _first_dropped(candidates: Modes, kept: list[int]) -> float:
+    """Decay rate of the slowest dropped mode."""
+    dropped = sorted(set(range(len(candidates))) - set(kept))
+    return float(candidates.decay_1_s[dropped[0]])
+
+
+def _lag_row(config: Config, modes: Modes, places: Places, stretch: Stretch) -> FloatArray:
+    """Output column (R,) of a source's lag: what the kept modes leave of its steady field."""
+    if not config.model.static_correction:
+        return np.zeros(len(modal_rows(modes, places)))
+    steady = partial(source_field, modes.rod, stretch)
+    return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch)
+
+
+def _known_inputs(modes: Modes) -> list[KnownInput]:
+    """Ambient, prescribed ends and the reference of the thermal error, in this order.
+
+    The temperature itself is expanded in modes, so an end's temperature enters through the slope of the
+    modes there (Green's identity) and no derivative of a measured temperature is needed.
+    """
+    rod = modes.rod
+    film = rod.fin_1_m**2 * modes.integral(0.0, rod.length_m)[0]
+    for end, x_m in ((rod.left, 0.0), (rod.right, rod.length_m)):
+        if not end.prescribed:
+            film = film + end.biot_1_m * modes.theta(x_m)[0]
+    known = [KnownInput("ambient", film, partial(ambient_field, rod))]
+    if rod.left.prescribed:
+        known.append(KnownInput("left", modes.slope(0.0), partial(end_field, rod, "left")))
+    if rod.right.prescribed:
+        known.append(KnownInput("right", -modes.slope(rod.length_m), partial(end_field, rod, "right")))
+    known.append(KnownInput("reference", np.zeros(len(modes)), np.zeros_like))
+    return known
+
+
+def _known_rows(modes: Modes, places: Places, known: list[KnownInput]) -> FloatArray:
+    """Output columns (R, p) of the known inputs: the dropped modes' share, and the error's reference."""
+    safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, math.inf)
+    columns = [remainder_rows(modes, places, k.steady, k.modal / safe) for k in known[:-1]]
+    reference = np.zeros(len(modal_rows(modes, places)))
+    if places.expansion_1_K is not None:
+        reference[-len(places.grid_m) :] = -places.um_per_K_m * places.grid_m
+    columns.append(reference)
+    return np.column_stack(columns)
+
+
+def _moving_sources(
+    config: Config, modes: Modes, places: Places, lag_decay_1_s: float, B: FloatArray, C: FloatArray
+) -> tuple[MovingSource, ...]:
+    """Tables of the sources that follow a position channel."""
+    found = []
+    for index, source in enumerate(config.source):
+        if source.shape != "nut" or source.position_channel is None:
+            continue
+        lag = len(modes) + index
+        table = NutTable(
+            mu_1_m=modes.mu_1_m,
+            phase=modes.phase,
+            scale=modes.scale,
+            conductance_W_m=modes.rod.conductance_W_m,
+            nut_m=source.length_m or 0.0,
+            screw_m=modes.rod.length_m,
+            stroke_m=_stroke_m(source, modes.rod),
+            lag=lag,
+            lag_decay_1_s=lag_decay_1_s,
+            table_C=_nut_rows(config, modes, places, source.length_m or 0.0),
+            mean_B=B[:, index].copy(),
+            mean_C=C[:, lag].copy(),
+        )
+        found.append(MovingSource(index, source.position_channel, table))
+    return tuple(found)
+
+
+def _stroke_m(source: Source, rod: Rod) -> float:
+    low, high = source.stroke_m or (0.0, rod.length_m)
+    return high - low
+
+
+def _nut_rows(config: Config, modes: Modes, places: Places, nut_m: float) -> FloatArray:
+    """The lag's output column with the nut at evenly spaced places, (P, R)."""
+    L = modes.rod.length_m
+    centres = np.linspace(0.0, L, TABLE_POINTS)
+    return np.array([_lag_row(config, modes, places, nut_stretch(float(x), nut_m, L)) for x in centres])
+
+
+def _padded(matrix: FloatArray, size: int) -> FloatArray:
+    out = np.zeros((size, size))
+    out[: len(matrix), : len(matrix)] = matrix
+    return out

@@ -1,0 +1,90 @@
+"""Eigenmodes of the rod for every pairing of prescribed, insulated and convective ends.
+
+One family covers all nine pairings: θ_n(x) = c_n cos(μ_n x − δ_n), where tan δ_n = H/μ_n with H = h_end/k
+of the left end (δ = 0 insulated, π/2 prescribed). The right end asks μ L − δ_left(μ) − δ_right(μ) = n π, n
+= 0, 1, …: a function that grows with μ and has exactly one root in [n π/L, (n + 1) π/L]. (Kim 2001, eq. 6;
+Carslaw & Jaeger 1959, §2.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.frames import FloatArray
+from observer.model.rod.screw import End, Rod
+
+
+@dataclass(frozen=True, slots=True)
+class Modes:
+    """The eigenmodes 1 … N of a rod, normalised so that ∫ θ_n θ_m dx / α = δ_nm (Kim 2001, eq. 7).
+
+    Shapes (N,): `mu_1_m` wave numbers, `phase` δ_n, `scale` c_n in √(m/s), `decay_1_s` Λ_n = α (μ_n² + m²).
+    """
+
+    rod: Rod
+    mu_1_m: FloatArray
+    phase: FloatArray
+    scale: FloatArray
+    decay_1_s: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.mu_1_m)
+
+    def take(self, index: FloatArray | list[int]) -> Modes:
+        """Return only the modes at `index` (counted from 0)."""
+        i = np.asarray(index, dtype=int)
+        return Modes(self.rod, self.mu_1_m[i], self.phase[i], self.scale[i], self.decay_1_s[i])
+
+    def theta(self, x_m: FloatArray | float) -> FloatArray:
+        """θ_n at positions (k,) as (k, N)."""
+        x = np.atleast_1d(np.asarray(x_m, dtype=float))[:, None]
+        return np.asarray(self.scale * np.cos(self.mu_1_m * x - self.phase))
+
+    def slope(self, x_m: float) -> FloatArray:
+        """dθ_n/dx at one position, (N,)."""
+        return np.asarray(-self.scale * self.mu_1_m * np.sin(self.mu_1_m * x_m - self.phase))
+
+    def integral(self, a_m: FloatArray | float, b_m: FloatArray | float) -> FloatArray:
+        """∫ θ_n dx from a to b, both (k,), as (k, N); exact, without cancellation for short stretches."""
+        a = np.atleast_1d(np.asarray(a_m, dtype=float))[:, None]
+        b = np.atleast_1d(np.asarray(b_m, dtype=float))[:, None]
+        middle, half = (a + b) / 2, (b - a) / 2
+        mean = np.cos(self.mu_1_m * middle - self.phase) * np.sinc(self.mu_1_m * half / np.pi)
+        return np.asarray(2 * half * self.scale * mean)
+
+
+def solve_modes(rod: Rod, count: int) -> Modes:
+    """Return the first `count` modes of a rod, slowest first."""
+    n = np.arange(count, dtype=float)
+    mu = _wave_numbers(rod, n)
+    phase = _end_phase(rod.left, mu)
+    length, alpha = rod.length_m, rod.diffusivity_m2_s
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ripple = (np.sin(2 * (mu * length - phase)) + np.sin(2 * phase)) / (4 * mu)
+    norm2 = np.where(mu > 0, length / 2 + np.where(mu > 0, ripple, 0.0), length)
+    return Modes(rod, mu, phase, np.sqrt(alpha / norm2), alpha * (mu**2 + rod.fin_1_m**2))
+
+
+def _wave_numbers(rod: Rod, n: FloatArray) -> FloatArray:
+    """μ_n: closed form where both ends are prescribed or insulated, else one bracketed root per interval."""
+    plain = all(end.prescribed or end.insulated for end in (rod.left, rod.right))
+    if plain:
+        shift = 0.5 * (rod.left.prescribed + rod.right.prescribed)
+        return np.asarray((n + shift) * np.pi / rod.length_m)
+    from scipy.optimize.elementwise import find_root  # noqa: PLC0415  (start-up: only convective ends need it)
+
+    def mismatch(mu: FloatArray, n: FloatArray) -> FloatArray:
+        return mu * rod.length_m - _end_phase(rod.left, mu) - _end_phase(rod.right, mu) - n * np.pi
+
+    tiny = 1e-12 / rod.length_m
+    bracket = (np.maximum(n * np.pi / rod.length_m, tiny), (n + 1) * np.pi / rod.length_m)
+    return np.asarray(find_root(mismatch, bracket, args=(n,), tolerances={"xrtol": 4e-16}).x)
+
+
+def _end_phase(end: End, mu_1_m: FloatArray) -> FloatArray:
+    """δ(μ) of one end, from 0 (insulated) to π/2 (prescribed)."""
+    if end.prescribed:
+        return np.full_like(mu_1_m, np.pi / 2)
+    return np.arctan2(np.full_like(mu_1_m, end.biot_1_m), mu_1_m)

@@ -1,0 +1,161 @@
+"""A nut that moves: its input and output columns, averaged over the path inside a step.
+
+A nut crosses its stroke in about a second. Where its position is sampled at least four times a traverse,
+the heat is spread along the path between the samples. Where it is sampled more coarsely, straight lines
+between the samples would cut off the reversals (and read 20–36 % too little heat); there the footprint at
+the sampled points alone, averaged over about 20 s, is the better account: short against diffusion between
+sensors, long against a traverse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.frames import FloatArray
+
+MEMORY_S = 10.0
+"""Time constant of the averaged footprint: an exponential memory with the mean age of a 20 s window."""
+SAMPLES_PER_TRAVERSE = 4.0
+TABLE_POINTS = 129
+
+
+@dataclass(frozen=True, slots=True)
+class NutTable:
+    """Everything the compiled averaging needs of one moving source.
+
+    Shapes: `mu_1_m`, `phase`, `scale` (N,) of the kept modes; `table_C` (P, R), the output column of the
+    source's lag with the nut at P evenly spaced centres from 0 to `screw_m`; `mean_B` (n_x,), `mean_C` (R,)
+    the columns of the nut spread over its stroke, used before the first position is known.
+    """
+
+    mu_1_m: FloatArray
+    phase: FloatArray
+    scale: FloatArray
+    conductance_W_m: float
+    nut_m: float
+    screw_m: float
+    stroke_m: float
+    lag: int
+    lag_decay_1_s: float
+    table_C: FloatArray
+    mean_B: FloatArray
+    mean_C: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class NutState:
+    """What is remembered of a nut between steps: last sample, recent largest jump, averaged columns."""
+
+    time_s: float
+    position_m: float
+    reach_m: float
+    B: FloatArray
+    C: FloatArray
+
+
+def start(table: NutTable) -> NutState:
+    """Return the state before the first position is known."""
+    return NutState(np.nan, np.nan, 0.0, table.mean_B.copy(), table.mean_C.copy())
+
+
+def columns(
+    table: NutTable,
+    state: NutState,
+    dt_s: FloatArray,
+    path: tuple[FloatArray, FloatArray, NDArray[np.int64]],
+) -> tuple[NutState, FloatArray, FloatArray]:
+    """Average the nut's columns over K steps.
+
+    `path` is the samples' time, position and offset (K+1,) as in `FrameBlock`. Returns the state after the
+    last step, the input columns (K, n_x) and the output columns of the source's lag (K, R).
+    """
+    scalars = np.array([state.time_s, state.position_m, state.reach_m])
+    B, C = state.B.copy(), state.C.copy()
+    out_B, out_C = np.empty((len(dt_s), len(B))), np.empty((len(dt_s), len(C)))
+    _average(
+        scalars, B, C, dt_s, *path, out_B, out_C, table.mu_1_m, table.phase, table.scale, table.conductance_W_m,
+        table.nut_m, table.screw_m, table.stroke_m, table.lag, table.lag_decay_1_s, table.table_C,
+    )  # fmt: skip
+    return NutState(float(scalars[0]), float(scalars[1]), float(scalars[2]), B, C), out_B, out_C
+
+
+@numba.njit(cache=True)
+def _average(  # type: ignore[no-untyped-def]
+    scalars, B, C, dt_s, sample_s, sample_m, offset, out_B, out_C,
+    mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C,
+):  # fmt: skip
+    """Advance the averaged columns B, C through K steps; `scalars` is [last time, last position, reach]."""
+    step_B, step_C = np.empty_like(B), np.empty_like(C)
+    for k in range(len(dt_s)):
+        step_B[:] = 0.0
+        step_C[:] = 0.0
+        reach = scalars[2] * np.exp(-dt_s[k] / (2 * MEMORY_S))
+        previous = scalars[1]
+        for i in range(offset[k], offset[k + 1]):
+            if not np.isnan(previous):
+                reach = max(reach, abs(sample_m[i] - previous))
+            previous = sample_m[i]
+        along_path = reach * SAMPLES_PER_TRAVERSE <= stroke_m
+        weight = 0.0
+        for i in range(offset[k], offset[k + 1]):
+            share, a_m, b_m = 1.0, sample_m[i], sample_m[i]
+            if along_path and not np.isnan(scalars[1]):
+                share, a_m = sample_s[i] - scalars[0], scalars[1]
+            weight += share
+            points = 1 + int(abs(b_m - a_m) / (nut_m / 4))
+            for j in range(points):
+                centre = a_m + (b_m - a_m) * (j + 0.5) / points
+                _add(step_B, step_C, share / points, centre, mu, phase, scale, kA, nut_m, screw_m, table_C)
+            scalars[0], scalars[1] = sample_s[i], sample_m[i]
+        scalars[2] = reach
+        forget = 1.0 if along_path else 1.0 - np.exp(-dt_s[k] / MEMORY_S)
+        if weight > 0.0:
+            for n in range(len(mu)):
+                B[n] += forget * (step_B[n] / weight - B[n])
+            for r in range(len(C)):
+                C[r] += forget * (step_C[r] / weight - C[r])
+        B[lag] = lag_decay
+        out_B[k, :] = B
+        out_C[k, :] = C
+
+
+@numba.njit(cache=True)
+def _add(B, C, share, centre_m, mu, phase, scale, kA, nut_m, screw_m, table_C):  # type: ignore[no-untyped-def]
+    """Add `share` of the columns with the nut at one place."""
+    centre = min(max(centre_m, 0.0), screw_m)
+    a, b = max(centre - nut_m / 2, 0.0), min(centre + nut_m / 2, screw_m)
+    middle, half = (a + b) / 2, (b - a) / 2
+    for n in range(len(mu)):
+        reach = mu[n] * half
+        mean = np.sin(reach) / reach if reach > 1e-8 else 1.0
+        B[n] += share * scale[n] * np.cos(mu[n] * middle - phase[n]) * mean / kA
+    place = centre / screw_m * (len(table_C) - 1)
+    low = min(int(place), len(table_C) - 2)
+    right = place - low
+    for r in range(len(C)):
+        C[r] += share * ((1.0 - right) * table_C[low, r] + right * table_C[low + 1, r])
+
+
+PathRegime = Literal["path", "points", "undetermined"]
+
+
+def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
+    """Say how well samples tell a nut's path.
+
+    "path": at least four samples a traverse; "points": fewer, but they cover the stroke; "undetermined":
+    fewer, and in step with the motion, so that only a few places are ever seen and the footprint is not in
+    the log.
+    """
+    position = position_m[np.isfinite(position_m)]
+    jumps = np.abs(np.diff(position))
+    moving = jumps > 1e-6 * stroke_m
+    if not moving.any() or float(np.quantile(jumps[moving], 0.9)) * SAMPLES_PER_TRAVERSE <= stroke_m:
+        return "path"
+    seen = position[1:][moving]
+    bins = np.histogram(seen, bins=20, range=(float(seen.min()), float(seen.max()) + 1e-12))[0]
+    return "points" if np.count_nonzero(bins > 0.002 * len(seen)) >= 12 else "undetermined"

@@ -1,0 +1,83 @@
+"""Output rows: temperature at a place, thermal error at a place, and what the dropped modes add to both.
+
+For every input the steady field is known in closed form. What the kept modes leave of it is the static
+correction: the output column of the input's lag (heats) or of the input itself (ambient, prescribed ends).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.frames import FloatArray
+from observer.model.rod.modes import Modes
+from observer.model.rod.static import Stretch, quadrature
+
+UM_PER_M = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where the output rows stand: sensors (s,), grid (g,), and the expansion coefficient of the error's
+    rows.
+    """
+
+    sensor_m: FloatArray
+    grid_m: FloatArray
+    expansion_1_K: float | None
+
+    @property
+    def temperature_m(self) -> FloatArray:
+        """Places of the rows that are temperatures: sensors, then grid."""
+        return np.concatenate([self.sensor_m, self.grid_m])
+
+    @property
+    def um_per_K_m(self) -> float:
+        """Micrometres of growth per kelvin and metre."""
+        return (self.expansion_1_K or 0.0) * UM_PER_M
+
+
+def modal_rows(modes: Modes, places: Places) -> FloatArray:
+    """Rows of the modal amplitudes, (R, N): θ_n(x), then α_T ∫_0^x θ_n dx of the free screw (Li 2021: E =
+    α_T ∫(T − T_A)).
+    """
+    temperature = modes.theta(places.temperature_m)
+    if places.expansion_1_K is None:
+        return temperature
+    growth = places.um_per_K_m * modes.integral(np.zeros_like(places.grid_m), places.grid_m)
+    return np.vstack([temperature, growth])
+
+
+def remainder_rows(
+    modes: Modes,
+    places: Places,
+    steady: Callable[[FloatArray], FloatArray],
+    amplitude: FloatArray,
+    kinks: Stretch | None = None,
+) -> FloatArray:
+    """What the kept modes leave of one input's steady field, (R,).
+
+    `steady(x)` is the closed form per unit of the input, `amplitude` (N,) the kept modes' steady share
+    b_n/Λ_n.
+    """
+    kept = modal_rows(modes, places) @ amplitude
+    whole = steady(places.temperature_m)
+    if places.expansion_1_K is not None:
+        whole = np.concatenate(
+            [whole, places.um_per_K_m * _running_integral(modes, places.grid_m, steady, kinks)]
+        )
+    return np.asarray(whole - kept)
+
+
+def _running_integral(
+    modes: Modes, grid_m: FloatArray, steady: Callable[[FloatArray], FloatArray], kinks: Stretch | None
+) -> FloatArray:
+    """∫_0^x of a steady field at each grid point, by Gauss panels that break at the grid and at the field's
+    kinks.
+    """
+    breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ())]
+    nodes, weights = quadrature(modes.rod, breaks)
+    running = np.concatenate([[0.0], np.cumsum(steady(nodes) * weights)])
+    return np.asarray(running[np.searchsorted(nodes, grid_m)])
