@@ -1,0 +1,29 @@
+"""Estimators: designed once from a plant, then a pure step over blocks of inputs."""
+
+from __future__ import annotations
+
+from observer.config import EstimatorSettings
+from observer.estimators.protocol import Estimator
+from observer.model.plant import Plant
+
+
+def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:
+    """Return the estimator the settings ask for; what it does not need is not imported.
+
+    Raises `UserError` where no gain to be trusted exists for this plant.
+    """
+    if settings.kind == "luenberger":
+        from observer.estimators.luenberger import LuenbergerEstimator  # noqa: PLC0415
+
+        return LuenbergerEstimator(plant, settings)
+    if settings.engine == "constant":
+        from observer.estimators.constant_gain import ConstantGainEstimator  # noqa: PLC0415
+
+        return ConstantGainEstimator(plant, settings)
+    if settings.engine == "filterpy":
+        from observer.estimators.filterpy_engine import FilterpyEstimator  # noqa: PLC0415
+
+        return FilterpyEstimator(plant, settings)
+    from observer.estimators.kalman import KalmanEstimator  # noqa: PLC0415
+
+    return KalmanEstimator(plant, settings)

@@ -14,7 +14,8 @@ class EstimatorState:
 
     Shapes, with n = n_x + m_e (plant states, then the estimated heats' deviations from their laws):
     `x_hat` (n,), `P` (n, n). `started` is false until the first usable measurement. `suspect` (s,) counts
-    the steps for which each sensor has been refused in a row.
+    the steps for which each sensor has been refused in a row; `silent` counts the steps in a row in which no
+    sensor was good.
     """
 
     x_hat: FloatArray
@@ -22,6 +23,7 @@ class EstimatorState:
     started: bool
     suspect: FloatArray
     time_s: float
+    silent: int = 0
 
 
 class Estimator(Protocol):

@@ -1,8 +1,9 @@
 """One exact step of the plant over a time dt.
 
-The plant is diagonal, each estimated heat deviates from its law by δ_j with dδ_j = -g_j δ_j dt + dw_j, and laws
-and known inputs are held or ramp over the step. Everything then has a closed form, except the covariance that the
-random walk leaves in the states, which is a sum of outer products (quadrature) so that it can never be indefinite.
+The plant is diagonal, each estimated heat deviates from its law by δ_j with dδ_j = -g_j δ_j dt + dw_j, and
+laws and known inputs are held or ramp over the step. Everything then has a closed form, except the covariance
+that the random walk leaves in the states, which is a sum of outer products (quadrature) so that it can never
+be indefinite.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from numba import njit
 from observer.frames import FloatArray
 from observer.model.plant import Plant
 
-# Gauss-Legendre on [0, 1]; the weights are positive, so the noise is positive semidefinite to the last bit of rounding.
-_NODES, _WEIGHTS = (lambda x, w: (0.5 * (x + 1.0), 0.5 * w))(*np.polynomial.legendre.leggauss(16))
-_TIME_QUANTUM_S = 1e-6
+# Gauss-Legendre on [0, 1]; the weights are positive, so the noise is positive semidefinite to the last bit of
+# rounding.
+_NODES = 0.5 * (np.polynomial.legendre.leggauss(16)[0] + 1.0)
+_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(16)[1]
+_TICKS_PER_S = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +29,8 @@ class StepMatrices:
 
     `decay` (n_x,) e_i = exp(-λ_i dt); `hold` (n_x,) the response to an input of 1 held over the step, s;
     `ramp` (n_x,) the response to an input that rises from 0 to 1 over the step, s; `heat_decay` (m_e,)
-    γ_j = exp(-g_j dt); `couple` (m_e, n_x) the response to δ_j = 1 at the start, s; and, for input columns of 1, the
-    random walk's covariance `walk_xx` (m_e, n_x, n_x), `walk_dx` (m_e, n_x), `walk_dd` (m_e,).
+    γ_j = exp(-g_j dt); `couple` (m_e, n_x) the response to δ_j = 1 at the start, s; and, for input columns of
+    1, the random walk's covariance `walk_xx` (m_e, n_x, n_x), `walk_dx` (m_e, n_x), `walk_dd` (m_e,).
     """
 
     dt_s: float
@@ -43,7 +46,7 @@ class StepMatrices:
 
 def quantise(dt_s: FloatArray) -> FloatArray:
     """Steps to the whole microsecond: epoch seconds in double precision carry no more (2.4e-7 s)."""
-    return np.rint(dt_s / _TIME_QUANTUM_S) * _TIME_QUANTUM_S
+    return np.rint(dt_s * _TICKS_PER_S) / _TICKS_PER_S
 
 
 def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:
@@ -81,7 +84,7 @@ def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]
 
 
 def fixed_noise(plant: Plant, step: StepMatrices, which: np.typing.NDArray[np.bool_]) -> FloatArray:
-    """Covariance (n_x, n_x) left by the field's own noise and the random walks of the heats `which` (m_e,)."""
+    """Covariance (n_x, n_x) left by the field's own noise and the walks of heats `which` (m_e,)."""
     Q = plant.field_noise_Q * step.dt_s
     columns = plant.B[:, plant.estimated].T
     for j in np.flatnonzero(which):
@@ -89,14 +92,7 @@ def fixed_noise(plant: Plant, step: StepMatrices, which: np.typing.NDArray[np.bo
     return Q
 
 
-def known_response(
-    plant: Plant, step: StepMatrices, law_W: FloatArray, z: tuple[FloatArray, FloatArray]
-) -> FloatArray:
-    """What laws (m,) held over the step and known inputs ramping from z[0] to z[1] (p,) add to x (n_x,)."""
-    return step.hold * (plant.B @ law_W + plant.E @ z[0]) + step.ramp * (plant.E @ (z[1] - z[0]))
-
-
-@njit(cache=True, error_model="numpy")  # type: ignore[misc]
+@njit(cache=True, error_model="numpy")
 def _hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate s) ds, safe for rate → 0."""
     if rate_1_s == 0.0:
@@ -104,23 +100,25 @@ def _hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     return -np.expm1(-rate_1_s * dt_s) / rate_1_s
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc]
+@njit(cache=True, error_model="numpy")
 def _ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
-    """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u² with u = rate dt; a series where that cancels."""
+    """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u² with u = rate dt; a series where that
+    cancels.
+    """
     u = rate_1_s * dt_s
     if u < 1e-2:
         return dt_s * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0 - u * (1.0 / 120.0 - u / 720.0))))
     return dt_s * (u + np.expm1(-u)) / (u * u)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc]
+@njit(cache=True, error_model="numpy")
 def _chain(rate_1_s, heat_rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate (dt-s)) exp(-heat_rate s) ds, safe where both rates meet."""
     slow = min(rate_1_s, heat_rate_1_s)
     return np.exp(-slow * dt_s) * _hold(abs(rate_1_s - heat_rate_1_s), dt_s)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc]
+@njit(cache=True, error_model="numpy")
 def _step(rate, heat_rate, intensity, dt_s):  # type: ignore[no-untyped-def]
     n_x, m_e = len(rate), len(heat_rate)
     decay, hold, ramp = np.empty(n_x), np.empty(n_x), np.empty(n_x)

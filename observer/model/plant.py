@@ -69,7 +69,8 @@ class Plant:
     `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,), `initial_sigma_W` (m_e,) the
     estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random walk, and a step of
     law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional noise on the field.
-    `mode_index` (N,) are the numbers of the modes kept, counted from 1.
+    `mode_index` (N,) are the numbers of the modes kept, counted from 1; `diffusion_rate_1_s` is α/L²,
+    one over the unit of dimensionless time.
     """
 
     layout: Layout
@@ -90,6 +91,7 @@ class Plant:
     mode_index: tuple[int, ...]
     source_names: tuple[str, ...]
     known_names: tuple[str, ...]
+    diffusion_rate_1_s: float | None = None
 
     @property
     def modes(self) -> int:

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from observer.frames import FloatArray, Inputs
-from observer.model.discretise import weights
+from observer.model.discretise import _hold, _ramp
 from observer.model.plant import Plant
 
 
@@ -26,8 +26,32 @@ def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> Simulatio
     return SimulationState(x)
 
 
+def start_from_sensors(
+    plant: Plant, y_degC: FloatArray, noise_R_K2: FloatArray, law_W: FloatArray, z: FloatArray
+) -> SimulationState:
+    """Return the most probable state of a screw whose sensors read `y_degC`, its lags settled at the heats.
+
+    x = x̄ + P Cᵀ (C P Cᵀ + R)⁻¹ (y − C x̄ − F z), with x̄ the screw at the sensors' mean and P the prior of a
+    smooth unknown field, widened where the sensors spread further than the prior expects (Rasmussen &
+    Williams 2006, eq. 2.25).
+
+    Takes `y_degC`, `noise_R_K2` (s,), a sensor without a value as NaN; `law_W` (m,); `z` (p,). Raises
+    `ValueError` where no sensor has a value.
+    """
+    seen = np.flatnonzero(np.isfinite(y_degC))
+    if len(seen) == 0:
+        raise ValueError("no sensor has a value to start from")
+    C, y = plant.rows.C[seen], y_degC[seen]
+    x = start(plant, float(np.mean(y)), law_W).x
+    PC = plant.prior_P @ C.T
+    prior_S = C @ PC
+    widen = max(1.0, float(np.ptp(y) ** 2 / np.max(np.diag(prior_S))))
+    gain = np.linalg.solve(widen * prior_S + np.diag(noise_R_K2[seen]), widen * PC.T).T
+    return SimulationState(x + gain @ (y - C @ x - plant.rows.F[seen] @ z))
+
+
 def simulate(plant: Plant, state: SimulationState, inputs: Inputs) -> tuple[SimulationState, FloatArray]:
-    """Return the state after K steps and the output rows (K, R) at their ends (°C, the error's rows in µm)."""
+    """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm."""
     x = state.x.copy()
     rows = np.empty((len(inputs), len(plant.rows.C)))
     moving = np.array([s.index for s in plant.moving], dtype=np.int64)
@@ -51,7 +75,8 @@ def _run(  # type: ignore[no-untyped-def]
         dt = dt_s[k]
         if dt != dt_known:
             for i in range(n_x):
-                keep[i], hold[i], ramp[i] = weights(decay[i], dt)
+                keep[i] = np.exp(-decay[i] * dt)
+                hold[i], ramp[i] = _hold(decay[i], dt), _ramp(decay[i], dt)
             dt_known = dt
         for i in range(len(moving)):
             B[:, moving[i]] = moving_B[k, i]

@@ -1,0 +1,1 @@
+"""Estimates to subscribers: what a message holds, and how it goes out and comes in."""

@@ -1,0 +1,1 @@
+"""The daemon: readings to frames, frames to estimates, live and replayed."""

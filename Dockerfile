@@ -1,0 +1,40 @@
+# syntax of Docker, Podman and Buildah alike. Build: docker build -t ballscrew-observer .
+# Run:   docker run --read-only --tmpfs /tmp --cap-drop ALL -v ./config:/config:ro -v observer-log:/var/lib/observer \
+#            --device /dev/ttyUSB0 -p 127.0.0.1:7447:7447 ballscrew-observer
+# Another base with Python >= 3.11 as python3: --build-arg BASE=…
+ARG BASE=python:3.11-slim-bookworm
+
+FROM ${BASE} AS build
+WORKDIR /src
+COPY requirements.lock requirements-build.lock ./
+RUN python3 -m venv /opt/build
+RUN /opt/build/bin/pip install --no-cache-dir --require-hashes -r requirements-build.lock
+RUN python3 -m venv --without-pip /opt/observer
+RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir --require-hashes -r requirements.lock
+COPY pyproject.toml README.md LICENSE ./
+COPY observer observer
+COPY drivers drivers
+RUN /opt/build/bin/pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /opt/build/dist .
+RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir --no-deps /opt/build/dist/*.whl
+# The libraries' own tests are a tenth of the image.
+RUN find /opt/observer/lib -type d -name tests -prune -exec rm -r {} +
+
+FROM ${BASE}
+COPY --from=build /opt/observer /opt/observer
+# The only places that are written: the compiled kernels and the recordings. Everything else may be read-only.
+RUN mkdir -p /var/cache/observer /var/lib/observer /config
+ENV PATH=/opt/observer/bin:/usr/local/bin:/usr/bin:/bin \
+    PYTHONDONTWRITEBYTECODE=1 \
+    PYTHONUNBUFFERED=1 \
+    OPENBLAS_NUM_THREADS=1 \
+    NUMBA_CACHE_DIR=/var/cache/observer \
+    MPLCONFIGDIR=/tmp
+COPY config /config
+RUN chown 10001:10001 /var/cache/observer /var/lib/observer
+USER 10001:10001
+VOLUME ["/var/cache/observer", "/var/lib/observer"]
+EXPOSE 7447
+STOPSIGNAL SIGTERM
+HEALTHCHECK --interval=10s --timeout=5s --start-period=30s CMD ["observer", "health"]
+ENTRYPOINT ["observer"]
+CMD ["run", "--config", "/config/observer.toml"]

@@ -1,0 +1,87 @@
+# One task runner, the same names for people and for CI. Needs: make, and Python >= 3.11 as `python3`
+# (or `make PYTHON=python3.12 …`).
+#
+# Everything runs in one environment, .venv, made from requirements-dev.lock. The demo alone could do with
+# requirements.lock, but whoever runs the demo runs the tests next, and one environment cannot disagree
+# with itself.
+
+PYTHON ?= python3
+UV_VERSION := 0.13.8
+VENV := .venv
+READY := $(VENV)/.ready
+BIN := $(VENV)/bin
+ARGS ?=
+
+# One BLAS thread beats two at these matrix sizes, and leaves the second core to the tests beside it.
+export OPENBLAS_NUM_THREADS ?= 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+CODE := observer drivers tests benchmarks docs
+COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate \
+	--no-emit-index-url --generate-hashes
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help env demo test unit system lint format bench figures container-check lock clean
+
+help:  ## list these targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(READY)  ## the whole chain on a simulated machine with a live view; ARGS="--seconds 20" ends it
+	$(BIN)/observer demo $(ARGS)
+
+test: lint unit system  ## everything CI checks: lint, then all tests
+	@echo "make test: all passed"
+
+lint: $(READY)  ## ruff, formatting, types, import contracts
+	$(BIN)/ruff check $(CODE)
+	$(BIN)/ruff format --check $(CODE)
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes to pytest
+	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark $(ARGS)
+
+system: $(READY)  ## tests with real processes, servers and routers, one at a time; ARGS goes to pytest
+	$(BIN)/python -m pytest -m system -p no:benchmark $(ARGS)
+
+bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
+	$(BIN)/python -m benchmarks $(ARGS)
+
+figures: $(READY)  ## draw the figures of docs/ again
+	for script in docs/figures/[a-z]*.py; do $(BIN)/python $$script || exit 1; done
+
+container-check: $(READY)  ## the Dockerfile's steps without a container engine, as an unprivileged user
+	$(BIN)/python -m pytest tests/packaging/test_dockerfile_steps.py -m slow -s -p no:benchmark $(ARGS)
+
+format: $(READY)  ## format the code and mend what ruff can mend
+	$(BIN)/ruff format $(CODE)
+	$(BIN)/ruff check --fix $(CODE)
+
+env: $(READY)  ## make or renew the environment only
+
+# The environment is remade from nothing when a lock changes, so that a dropped package does not linger.
+$(VENV)/.locked: requirements-dev.lock requirements-build.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "$(PYTHON) is missing or older than 3.11; install one or name it: make PYTHON=python3.12 …" >&2; exit 2; }
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-build.lock -r requirements-dev.lock
+	@touch $@
+
+$(READY): $(VENV)/.locked pyproject.toml
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+lock: build/uv/bin/uv  ## write the lock files again; ARGS=--upgrade takes the newest versions
+	$(COMPILE) $(ARGS) pyproject.toml --output-file requirements.lock
+	$(COMPILE) $(ARGS) pyproject.toml --group dev --output-file requirements-dev.lock
+	$(COMPILE) $(ARGS) --group build --output-file requirements-build.lock
+
+build/uv/bin/uv:
+	$(PYTHON) -m venv build/uv
+	build/uv/bin/python -m pip install --quiet uv==$(UV_VERSION)
+
+clean:  ## remove the environment and everything made
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks \
+		.import_linter_cache
+	find $(CODE) -name __pycache__ -type d -prune -exec rm -rf {} +

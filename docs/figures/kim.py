@@ -1,0 +1,208 @@
+"""Draw the figures of docs/explanation/kims-figures.md: `make figures`.
+
+The example of section 4 is a rod with both ends held at their temperature, one source at a_H = 0.1 L and one
+sensor at b_T = 0.43 L. It is dimensionless: L = α = kA = 1, so times are τ = α t/L².
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from observer import config
+from observer.estimators import build_estimator
+from observer.estimators.kim import kim_gains, kim_gains_printed, kim_poles
+from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
+from observer.model import simulate
+from observer.model.heat.law import heat_law
+from observer.model.plant import Plant
+from observer.model.rod.build import build_plant
+from observer.model.rod.modes import Modes, solve_modes
+from observer.model.rod.screw import End, Rod
+from observer.model.rod.static import Stretch, source_field
+from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input
+
+HERE = Path(__file__).parent
+BETA = 0.9995
+SOURCE, SENSOR = 0.1, 0.43
+ROD = Rod(1.0, 1.0, 1.0, 0.0, End(math.inf), End(math.inf))
+
+
+def new_figure(columns: int, height: float = 3.4) -> tuple[Figure, list]:
+    """An empty figure with `columns` axes side by side."""
+    figure = Figure(figsize=(4.6 * columns, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, list(np.atleast_1d(figure.subplots(1, columns)))
+
+
+def save(figure: Figure, name: str) -> None:
+    """Write a PNG beside this file, the same bytes for the same picture."""
+    figure.savefig(HERE / name, dpi=110, metadata={"Software": None})
+
+
+def modes_kept(place: float, rule: str = "kim") -> list[int]:
+    """Numbers (from 1) of the modes kept for a source at `place`, by Kim's ratio or by the tail."""
+    keep = {"kim": keep_by_ratio, "tail": keep_by_tail}[rule]
+    return [i + 1 for i in keep(solve_modes(ROD, 60), Stretch(place, place), BETA)]
+
+
+def field_after_step(modes: Modes, place: float, x: FloatArray, tau: float) -> FloatArray:
+    """Rise (k,) at time τ after a source of 1 was switched on, by the given modes alone (Kim, eq. 14)."""
+    amplitude = contributions(modes, Stretch(place, place)) * -np.expm1(-modes.decay_1_s * tau)
+    return modes.theta(x) @ amplitude
+
+
+def draw_truncation() -> None:
+    """Kim's figures 3 and 4, and what his criterion keeps."""
+    figure, (ratio, field) = new_figure(2)
+    modes = solve_modes(ROD, 400)
+    for place in (0.05, 0.1, 0.35, 0.5):
+        share = contributions(modes, Stretch(place, place))
+        present = np.flatnonzero(np.abs(share) > 1e-9 * np.abs(share).max())[
+            :14
+        ]  # modes with a node are left out
+        s = np.sqrt(np.cumsum(share[present] ** 2))
+        label = f"$a_H$ = {place} L: {len(modes_kept(place))} modes"
+        ratio.semilogy(present[:-1] + 1, 1 - s[:-1] / s[1:], ".-", lw=0.8, label=label)
+    ratio.axhline(1 - BETA, color="k", ls=":", lw=1)
+    ratio.set(
+        xlabel="N",
+        ylabel=r"1 − $s_N/s_{N+1}$",
+        xlim=(0.5, 16),
+        ylim=(1e-5, 1),
+        title=f"Kim's ratio, β = {BETA}",
+    )
+    ratio.legend(fontsize=8)
+    x = np.linspace(0, 1, 401)
+    few = modes.take(np.arange(7))
+    for tau in (0.005, 0.02, 0.1, 1.0):
+        exact = field_after_step(modes, SOURCE, x, tau)
+        line = field.plot(x, exact, lw=1, label=f"τ = {tau}")[0]
+        field.plot(x[::20], field_after_step(few, SOURCE, x[::20], tau), "o", ms=3, color=line.get_color())
+    field.plot(x, source_field(ROD, Stretch(SOURCE, SOURCE), x), "k:", lw=1, label="steady, closed form")
+    field.set(xlabel="x/L", ylabel="rise per q/(kA/L)", title="lines 400 modes, dots the 7 kept")
+    field.legend(fontsize=8)
+    save(figure, "kim-truncation.png")
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """The gains of Kim's example by both formulas, and where the poles really are."""
+
+    printed: FloatArray
+    closed: FloatArray
+    requested: FloatArray
+    reached: FloatArray
+
+
+def example_gains() -> Gains:
+    """Seven modes, one sensor, one heat, poles by rule (27)."""
+    modes = solve_modes(ROD, 7)
+    B, C = modal_input(modes, Stretch(SOURCE, SOURCE)), modes.theta(SENSOR)[0]
+    poles = kim_poles(modes.decay_1_s, 1.0)
+    L, k = kim_gains(modes.decay_1_s, B, C, poles)
+    L_printed, k_printed = kim_gains_printed(modes.decay_1_s, B, C, poles)
+    closed_loop = np.zeros((8, 8))
+    closed_loop[:7, :7] = -np.diag(modes.decay_1_s) - np.outer(L, C)
+    closed_loop[:7, 7] = B
+    closed_loop[7, :7] = -k * C
+    return Gains(np.append(L_printed, k_printed), np.append(L, k), poles, np.linalg.eigvals(closed_loop))
+
+
+def draw_gains() -> None:
+    """The gains by both formulas, and the eigenvalues they lead to in double precision."""
+    gains = example_gains()
+    figure, (sizes, plane) = new_figure(2)
+    names = [f"$L_{i}$" for i in range(1, 8)] + ["$k$"]
+    sizes.semilogy(names, np.abs(gains.closed), "o", mfc="none", ms=9, label="closed form")
+    sizes.semilogy(names, np.abs(gains.printed), "x", label="printed formula (25)")
+    sizes.set(title="size of the gains", ylabel="dimensionless")
+    sizes.legend(fontsize=8)
+    plane.plot(gains.requested, np.zeros(8), "o", mfc="none", ms=9, label="requested, rule (27)")
+    plane.plot(gains.reached.real, gains.reached.imag, "x", label="recomputed in double precision")
+    plane.set(title="poles, in units of α/L²", xlabel="real part", ylabel="imaginary part")
+    plane.legend(fontsize=8)
+    save(figure, "kim-gains.png")
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run of the observer on the ball screw: true heats (m,), true field (K, g), and what was estimated."""
+
+    heat_W: FloatArray
+    field_degC: FloatArray
+    plant: Plant
+    estimate: EstimateBlock
+
+
+def ball_screw_run(steps: int = 60) -> Run:
+    """The screw of table 1 from rest at 500 rpm; the observer knows no heat law and starts from 0 W."""
+    settings = config.load(HERE.parents[1] / "config" / "kim-screw.toml")
+    plant = build_plant(settings)
+    speed_rpm = np.array([500.0])
+    heat_W = np.concatenate([heat_law(source)(speed_rpm) for source in settings.source])
+    blind = _inputs(plant, settings.estimator.period_s, steps, 20.0)
+    still = simulate.start(plant, 20.0, np.zeros(len(heat_W)))
+    _, rows = simulate.simulate(plant, still, replace(blind, law_W=np.tile(heat_W, (steps, 1))))
+    seen = replace(blind, y_degC=rows[:, plant.rows.sensor_slice], usable=np.ones_like(blind.usable))
+    estimator = build_estimator(plant, settings.estimator)
+    _, estimate = estimator.run(estimator.initial(), seen)
+    return Run(heat_W, rows[:, plant.rows.field_slice], plant, estimate)
+
+
+def _inputs(plant: Plant, period_s: float, steps: int, ambient_degC: float) -> Inputs:
+    """Inputs without heats and without measurements."""
+    n_x, m, s = len(plant.decay_1_s), len(plant.source_names), plant.rows.sensors
+    z = np.full((steps, len(plant.known_names)), ambient_degC)
+    return Inputs(
+        time_s=period_s * np.arange(steps),
+        dt_s=period_s * (np.arange(steps) > 0),
+        y_degC=np.full((steps, s), np.nan),
+        usable=np.zeros((steps, s), dtype=np.bool_),
+        quality=np.full((steps, s), int(Quality.GOOD), dtype=np.int8),
+        law_W=np.zeros((steps, m)),
+        law_jump_W=np.zeros((steps, m)),
+        z_start=z,
+        z_end=z,
+        moving_B=np.zeros((steps, 0, n_x)),
+        moving_C=np.zeros((steps, 0, len(plant.rows.C))),
+        degraded=np.zeros(steps, dtype=np.bool_),
+    )
+
+
+def draw_ball_screw() -> None:
+    """Kim's figures 8 to 10: heats and field of the ball screw, estimated."""
+    run = ball_screw_run()
+    figure, (heats, field) = new_figure(2)
+    step = np.arange(len(run.estimate))
+    for j, name in enumerate(run.plant.layout.sources):
+        line = heats.plot(step, run.estimate.heat_W[:, j], ".-", ms=4, lw=0.8, label=name.replace("_", " "))[
+            0
+        ]
+        heats.axhline(run.heat_W[j], color=line.get_color(), ls=":", lw=1)
+    heats.axvline(20, color="0.8", lw=1)
+    heats.set(xlabel="step of 20 s", ylabel="heat, W", title="estimated heats, dotted: true")
+    heats.legend(fontsize=8)
+    x_mm = 1000 * run.plant.layout.position_m
+    for k in (5, 10, 20, 59):
+        line = field.plot(x_mm, run.field_degC[k], lw=1, label=f"step {k}")[0]
+        field.plot(x_mm, run.estimate.field_degC[k], "o", ms=3, color=line.get_color())
+    field.set(xlabel="position, mm", ylabel="temperature, °C", title="lines true, dots estimated")
+    field.legend(fontsize=8)
+    save(figure, "kim-ball-screw.png")
+
+
+def main() -> None:
+    """Draw all figures."""
+    draw_truncation()
+    draw_gains()
+    draw_ball_screw()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,198 @@
+"""CAN: a live bus that is reopened for ever, and recordings that go through the same decoding."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+
+from drivers.dbc import Decoded, load_decoder
+from drivers.protocol import Clock, Deliver, DriverStatus, faulty
+from drivers.recording import messages_of
+from drivers.settings import CanopenSettings, CanSettings
+from observer.frames import Reading
+
+# What python-can logs about a lost bus is told by the exceptions below and counted in the status.
+logging.getLogger("can").setLevel(logging.CRITICAL)
+
+RETRY_S = 0.25
+RECEIVE_TIMEOUT_S = 0.1  # how soon the receiving thread sees that it is to end
+MAX_PENDING = 10_000  # frames that may wait for a busy event loop
+
+# What a bus can die of: its own errors, the file below it, and frames that are not frames.
+BUS_ERRORS = (can.CanError, OSError)
+Take = Callable[[can.Message | None], None]  # None: something arrived that is no frame
+Pump = Callable[[can.BusABC, Take, threading.Event], None]
+
+
+def receive(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
+    """Take every frame off the bus, without ever sending one, until told to stop."""
+    while not stop.is_set():
+        receive_once(bus, take, RECEIVE_TIMEOUT_S)
+
+
+def receive_once(bus: can.BusABC, take: Take, timeout_s: float) -> None:
+    """Wait for a frame and take it."""
+    try:
+        frame = bus.recv(timeout_s)
+    except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one starts afresh
+        take(None)
+        return
+    if frame is not None:
+        take(frame)
+
+
+class BusDriver:
+    """Channels that arrive on a CAN bus.
+
+    python-can blocks, so a thread receives and hands frames over to the event loop. `decode` turns a frame
+    into values and faults, `pump` moves frames from the bus. Channels that are overdue become faulty
+    readings each period.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: CanSettings | CanopenSettings,
+        channels: tuple[str, ...],
+        decode: Callable[[can.Message], Decoded | None],
+        pump: Pump = receive,
+    ) -> None:
+        self.name = name
+        self.channels = channels
+        self.period_s = settings.period_s
+        self.status = DriverStatus()
+        self._settings = settings
+        self._decode = decode
+        self._pump = pump
+        self._pending = 0
+        self._heard_s: dict[str, float] = {}
+        self._opened_before = False
+
+    async def run(self, deliver: Deliver, now: Clock) -> None:
+        """Deliver a reading for every frame of interest, and faults for what is overdue, until cancelled."""
+        loop = asyncio.get_running_loop()
+        stop, ended = threading.Event(), asyncio.Event()
+        start_s = loop.time()
+        self._heard_s = dict.fromkeys(self.channels, start_s)
+
+        def post(call: Callable[..., None], *arguments: Any) -> None:
+            try:
+                loop.call_soon_threadsafe(call, *arguments)
+            except RuntimeError:  # the event loop is gone, and with it everyone who would listen
+                stop.set()
+
+        def take(frame: can.Message | None) -> None:
+            if frame is None:
+                post(self._failed, "a garbled frame", True)
+            elif self._pending >= MAX_PENDING:
+                post(self._dropped)
+            else:
+                self._pending += 1
+                post(self._arrived, frame, now(), deliver)
+
+        def live() -> None:
+            try:
+                self._keep_open(take, post, stop)
+            finally:
+                post(ended.set)
+
+        threading.Thread(target=live, name=f"can {self.name}", daemon=True).start()
+        try:
+            await self._watch(deliver, now, ended)
+        finally:
+            stop.set()
+            # A driver that hangs while it opens its device must not hold up the end of the program.
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(ended.wait(), timeout=0.25)
+
+    def _keep_open(self, take: Take, post: Callable[..., None], stop: threading.Event) -> None:
+        """Open the bus, pump it, and start again when it is lost; runs in the driver's thread."""
+        while not stop.is_set():
+            try:
+                with open_bus(self._settings) as bus:
+                    post(self._opened)
+                    self._pump(bus, take, stop)
+            except (*BUS_ERRORS, ValueError, TypeError) as error:
+                post(self._failed, str(error), False)
+                stop.wait(RETRY_S)
+
+    async def _watch(self, deliver: Deliver, now: Clock, ended: asyncio.Event) -> None:
+        """Each period, say of every overdue channel that it is."""
+        loop = asyncio.get_running_loop()
+        while not ended.is_set():
+            await asyncio.sleep(self.period_s)
+            limit_s = loop.time() - self._settings.silence_s
+            overdue = [name for name, heard_s in self._heard_s.items() if heard_s < limit_s]
+            if overdue:
+                deliver(faulty(overdue, "silent" if self.status.connected else "disconnected", now()))
+        raise RuntimeError(f"driver {self.name}: its thread ended unexpectedly; see the error above")
+
+    def _arrived(self, frame: can.Message, time_s: float, deliver: Deliver) -> None:
+        """Decode a frame and deliver its channels."""
+        self._pending -= 1
+        decoded = self._decode(frame)
+        if decoded is None or not decoded[0]:
+            return
+        values, faults = decoded
+        heard_s = asyncio.get_running_loop().time()
+        self._heard_s.update(dict.fromkeys(values, heard_s))
+        if "short_frame" in faults.values():
+            self._failed(f"short frame {frame.arbitration_id:#x}", True)
+        deliver(Reading(time_s, values, faults))
+
+    def _opened(self) -> None:
+        reconnects = self.status.reconnects + self._opened_before
+        self._opened_before = True
+        self.status = dataclasses.replace(self.status, connected=True, reconnects=reconnects)
+
+    def _failed(self, error: str, connected: bool) -> None:
+        self.status = dataclasses.replace(
+            self.status, connected=connected, errors=self.status.errors + 1, last_error=error
+        )
+
+    def _dropped(self) -> None:
+        self.status = dataclasses.replace(self.status, drops=self.status.drops + 1)
+
+
+def open_bus(settings: CanSettings | CanopenSettings) -> can.BusABC:
+    """Open the bus of these settings, listening only where the interface knows how.
+
+    Raises one of `BUS_ERRORS`, or `ValueError` or `TypeError` for settings the interface refuses.
+    """
+    options: dict[str, Any] = {}
+    listens = settings.kind == "can" or settings.mode == "tpdo"
+    if settings.interface == "slcan":
+        # No two seconds of sleep, whose frames would then pass for new, and a read that waits, not spins.
+        options = {"sleep_after_open": 0.0, "timeout": RECEIVE_TIMEOUT_S / 2, "listen_only": listens}
+    elif settings.interface == "pcan" and listens:
+        options = {"state": can.BusState.PASSIVE}
+    if settings.bitrate is not None:
+        options["bitrate"] = settings.bitrate
+    options |= settings.options
+    return can.Bus(channel=settings.channel, interface=settings.interface, **options)
+
+
+def open_can(name: str, settings: CanSettings) -> BusDriver:
+    """The driver of signals that a DBC file describes; raises `UserError` for a file it cannot use."""
+    return BusDriver(name, settings, tuple(settings.channels), load_decoder(settings, name))
+
+
+def readings_of(recording: Path, settings: CanSettings, driver: str = "can") -> Iterator[Reading]:
+    """Replay a CAN recording through the decoding of the live bus, with the recording's own times.
+
+    Raises `UserError` when the recording cannot be read or was cut off; what came before the cut has been
+    given by then.
+    """
+    decode = load_decoder(settings, driver)
+    for frame in messages_of(recording):
+        decoded = decode(frame)
+        if decoded is not None and decoded[0]:
+            yield Reading(frame.timestamp, *decoded)

@@ -1,0 +1,104 @@
+"""The nut's position from a CANopen DS-402 drive: object 0x6064, listened to or asked for.
+
+Two ways: the drive's own transmit process data (nothing is sent), or an SDO upload each period. An upload is
+a read; no download, no network management and no SYNC is ever sent.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from collections.abc import Callable
+
+import can
+
+from drivers.can import RECEIVE_TIMEOUT_S, BusDriver, Pump, Take, receive_once
+from drivers.dbc import Decoded
+from drivers.settings import CanopenSettings
+
+POSITION_ACTUAL_VALUE = 0x6064
+TPDO_1 = 0x180
+SDO_REPLY = 0x580
+SDO_REQUEST = 0x600
+_INT32 = struct.Struct("<i")
+_SDO = struct.Struct("<BHBi")
+_UPLOAD_REQUEST = 0x40  # initiate upload (CiA 301, 7.2.4.3.6)
+_UPLOADED_FOUR_BYTES = 0x43  # its expedited answer, size indicated, four bytes
+_ABORTED = 0x80
+
+
+def open_canopen(name: str, settings: CanopenSettings) -> BusDriver:
+    """The driver of a drive's position."""
+    channels = (settings.position_channel,)
+    if settings.mode == "tpdo":
+        return BusDriver(name, settings, channels, tpdo_decoder(settings))
+    return BusDriver(name, settings, channels, sdo_decoder(settings), sdo_pump(settings))
+
+
+def position_m(counts: int, settings: CanopenSettings) -> float:
+    """Position in metres from drive units."""
+    return counts / settings.counts_per_m + settings.offset_m
+
+
+def tpdo_decoder(settings: CanopenSettings) -> Callable[[can.Message], Decoded | None]:
+    """A decoder of the process data message that carries the position."""
+    identifier = settings.cob_id if settings.cob_id is not None else TPDO_1 + settings.node_id
+    first = settings.position_byte
+
+    def decode(frame: can.Message) -> Decoded | None:
+        if frame.arbitration_id != identifier or not _is_data(frame):
+            return None
+        if len(frame.data) < first + _INT32.size:
+            return _fault(settings, "short_frame")
+        (counts,) = _INT32.unpack_from(frame.data, first)
+        return {settings.position_channel: position_m(counts, settings)}, {}
+
+    return decode
+
+
+def sdo_decoder(settings: CanopenSettings) -> Callable[[can.Message], Decoded | None]:
+    """A decoder of the drive's answers to our uploads."""
+
+    def decode(frame: can.Message) -> Decoded | None:
+        if frame.arbitration_id != SDO_REPLY + settings.node_id or not _is_data(frame):
+            return None
+        if len(frame.data) != _SDO.size:
+            return _fault(settings, "short_frame")
+        command, index, subindex, counts = _SDO.unpack(frame.data)
+        if (index, subindex) != (POSITION_ACTUAL_VALUE, 0):
+            return None
+        if command == _ABORTED:
+            return _fault(settings, f"sdo_abort_{counts & 0xFFFFFFFF:08x}")
+        if command != _UPLOADED_FOUR_BYTES:
+            return _fault(settings, "bad_reply")
+        return {settings.position_channel: position_m(counts, settings)}, {}
+
+    return decode
+
+
+def sdo_pump(settings: CanopenSettings) -> Pump:
+    """A pump that asks for the position each period and hands on every frame in between."""
+    request = can.Message(
+        arbitration_id=SDO_REQUEST + settings.node_id,
+        data=_SDO.pack(_UPLOAD_REQUEST, POSITION_ACTUAL_VALUE, 0, 0),
+        is_extended_id=False,
+    )
+
+    def pump(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
+        next_s = time.monotonic()
+        while not stop.is_set():
+            bus.send(request, timeout=RECEIVE_TIMEOUT_S)
+            next_s = max(next_s + settings.period_s, time.monotonic())
+            while not stop.is_set() and (wait_s := next_s - time.monotonic()) > 0:
+                receive_once(bus, take, min(wait_s, RECEIVE_TIMEOUT_S))
+
+    return pump
+
+
+def _is_data(frame: can.Message) -> bool:
+    return not (frame.is_error_frame or frame.is_remote_frame or frame.is_extended_id or frame.is_fd)
+
+
+def _fault(settings: CanopenSettings, fault: str) -> Decoded:
+    return {settings.position_channel: float("nan")}, {settings.position_channel: fault}

@@ -1,0 +1,122 @@
+"""CAN frames to channel values by a DBC file; pure once the file is loaded.
+
+cantools decodes bits but lets every number pass; here the file's own minimum and maximum hold, and a status
+signal can declare a value bad.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cantools
+from cantools.errors import Error as CantoolsError
+
+from drivers.devices import DBC_OF, can_input
+from drivers.settings import CanChannel, CanSettings
+from observer.errors import UserError
+
+if TYPE_CHECKING:
+    import can
+
+Decoded = tuple[dict[str, float], dict[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class DbcDecoder:
+    """The channels of each message, by CAN identifier and whether it is an extended one."""
+
+    messages: dict[tuple[int, bool], tuple[Any, tuple[tuple[str, CanChannel], ...]]]
+
+    def __call__(self, frame: can.Message) -> Decoded | None:
+        """Values and faults of the channels in a frame; None when it holds none."""
+        if frame.is_error_frame or frame.is_remote_frame:
+            return None
+        found = self.messages.get((frame.arbitration_id, frame.is_extended_id))
+        if found is None or found[0].is_fd != frame.is_fd:
+            return None
+        message, channels = found
+        values = {name: math.nan for name, _ in channels}
+        if len(frame.data) < message.length:
+            return values, dict.fromkeys(values, "short_frame")
+        raw = message.decode(bytes(frame.data), decode_choices=False, scaling=False)
+        faults: dict[str, str] = {}
+        for name, channel in channels:
+            if channel.signal not in raw:  # another branch of a multiplexed message
+                del values[name]
+                continue
+            value, fault = _judge(raw, channel, message.get_signal_by_name(channel.signal))
+            values[name] = value
+            if fault is not None:
+                faults[name] = fault
+        return values, faults
+
+
+def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[float, str | None]:
+    """The value of one channel and its fault: the status signal first, then the file's own limits."""
+    if channel.fault_signal is not None:
+        status = int(raw.get(channel.fault_signal, 0))
+        fault = channel.fault_values.get(status)
+        if fault is not None:
+            return math.nan, fault
+        if status and not channel.fault_values:
+            return math.nan, f"status_{status}"
+    physical = float(signal.raw_to_scaled(raw[channel.signal], decode_choices=False))
+    if not math.isfinite(physical):
+        return math.nan, "not_a_number"
+    low, high = signal.minimum, signal.maximum
+    if (low is not None and physical < low) or (high is not None and physical > high):
+        return math.nan, "out_of_range"
+    return channel.scale * physical + channel.offset, None
+
+
+def load_decoder(settings: CanSettings, driver: str) -> DbcDecoder:
+    """Read the DBC file of a driver's settings and look every channel up in it.
+
+    Raises `UserError` when the file cannot be used or does not have a message or signal.
+    """
+    path = DBC_OF[settings.device] if settings.device else find(settings.dbc or Path())
+    database = _load(path)
+    channels = {
+        name: can_input(settings.device or "", place) if isinstance(place, int) else place
+        for name, place in settings.channels.items()
+    }
+    grouped: dict[str, list[tuple[str, CanChannel]]] = defaultdict(list)
+    for name, channel in channels.items():
+        _check(database, channel, f"{path}: channel {name} of drivers.{driver}")
+        grouped[channel.message].append((name, channel))
+    messages = {}
+    for message_name, entries in grouped.items():
+        message = database.get_message_by_name(message_name)
+        messages[message.frame_id, message.is_extended_frame] = (message, tuple(entries))
+    return DbcDecoder(messages)
+
+
+def find(path: Path) -> Path:
+    """A DBC file as given, or, where that does not exist, one that comes with the drivers."""
+    bundled = Path(__file__).parent.parent / path
+    return bundled if not path.exists() and bundled.exists() else path
+
+
+def _load(path: Path) -> Any:
+    try:
+        return cantools.database.load_file(path, database_format="dbc")
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); give the path of a DBC file") from None
+    except (CantoolsError, UnicodeDecodeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else "unreadable"
+        raise UserError(f"{path}: not a valid DBC file ({reason}); export it again") from None
+
+
+def _check(database: Any, channel: CanChannel, place: str) -> None:
+    """Refuse a message or signal that the file does not have."""
+    names = [message.name for message in database.messages]
+    if channel.message not in names:
+        raise UserError(f'{place}: no message "{channel.message}"; the file has {", ".join(names)}')
+    signals = [signal.name for signal in database.get_message_by_name(channel.message).signals]
+    for signal in (channel.signal, channel.fault_signal):
+        if signal is not None and signal not in signals:
+            raise UserError(f'{place}: no signal "{signal}"; the message has {", ".join(signals)}')

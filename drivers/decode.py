@@ -1,0 +1,101 @@
+"""Registers to numbers and back; pure.
+
+Words are unsigned 16-bit integers in the order of their addresses. A value that the device itself marks as
+bad decodes to NaN with a reason, whatever plausible number stands in its register.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.settings import WORDS, ModbusChannel
+
+_FORMAT = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
+MAX_REGISTERS = 125  # of one read request (Modbus Application Protocol 1.1b3, 6.3)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Contiguous registers that one request reads."""
+
+    function: str
+    first: int
+    count: int
+
+
+def raw_of(words: Sequence[int], kind: str, word_order: str = "big") -> float:
+    """The number in the words of one value, before scaling."""
+    ordered = words if word_order == "big" else words[::-1]
+    number: float = struct.unpack(_FORMAT[kind], struct.pack(f">{len(ordered)}H", *ordered))[0]
+    return number
+
+
+def words_of(raw: float, kind: str, word_order: str = "big") -> tuple[int, ...]:
+    """The words that hold a number: the inverse of `raw_of`.
+
+    Raises `struct.error` when an integer type cannot hold the number.
+    """
+    packed = struct.pack(_FORMAT[kind], raw if kind == "float32" else int(raw))
+    words = struct.unpack(f">{len(packed) // 2}H", packed)
+    return words if word_order == "big" else words[::-1]
+
+
+def decode(words: Mapping[int, int], channel: ModbusChannel) -> tuple[float, str | None]:
+    """The value of a channel and its fault, from the registers by address.
+
+    value = scale · raw + offset. The status word is judged first, because a module may clamp a value that
+    is out of its range to one that looks right; then codes that stand for faults; then the limits.
+    """
+    if channel.status_register is not None:
+        status = words[channel.status_register]
+        for bits, fault in channel.status_faults.items():
+            if status & bits == bits:
+                return math.nan, fault
+    own = [words[channel.register_ + i] for i in range(WORDS[channel.type])]
+    code = 0
+    for word in own if channel.word_order == "big" else own[::-1]:
+        code = code << 16 | word
+    if code in channel.fault_codes:
+        return math.nan, channel.fault_codes[code]
+    value = channel.scale * raw_of(own, channel.type, channel.word_order) + channel.offset
+    if not math.isfinite(value):
+        return math.nan, "not_a_number"
+    if not (channel.low is None or value >= channel.low) or not (
+        channel.high is None or value <= channel.high
+    ):
+        return math.nan, "out_of_range"
+    return value, None
+
+
+def encode(value: float, channel: ModbusChannel) -> dict[int, int]:
+    """The registers by address that hold a value at the channel's resolution: the inverse of `decode`."""
+    raw = (value - channel.offset) / channel.scale
+    words = words_of(raw if channel.type == "float32" else round(raw), channel.type, channel.word_order)
+    return {channel.register_ + i: word for i, word in enumerate(words)}
+
+
+def spans(channel: ModbusChannel) -> list[Block]:
+    """The registers a channel needs; each span is read in one request, so no value is torn."""
+    needed = [Block(channel.function, channel.register_, WORDS[channel.type])]
+    if channel.status_register is not None:
+        needed.append(Block(channel.function, channel.status_register, 1))
+    return needed
+
+
+def read_plan(channels: Sequence[ModbusChannel]) -> tuple[Block, ...]:
+    """The fewest requests that read these channels without touching a register nobody asked for."""
+    needed = {span for channel in channels for span in spans(channel)}
+    plan: list[Block] = []
+    for span in sorted(needed, key=lambda b: (b.function, b.first, b.count)):
+        end = span.first + span.count
+        if plan and plan[-1].function == span.function and span.first <= plan[-1].first + plan[-1].count:
+            first = plan[-1].first
+            count = max(end, first + plan[-1].count) - first
+            if count <= MAX_REGISTERS:
+                plan[-1] = Block(span.function, first, count)
+                continue
+        plan.append(span)
+    return tuple(plan)

@@ -1,0 +1,51 @@
+"""A recorded log played as if it were live."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import math
+
+import numpy as np
+
+from drivers.protocol import Clock, Deliver, DriverStatus, faulty
+from drivers.settings import PlayerSettings
+from observer.errors import LogError
+from observer.frames import Reading
+from observer.logs import read_log
+
+
+class Player:
+    """Plays the rows of a log in the rhythm of their own times; after the last row every channel is faulty.
+
+    Rows are due by the injected clock, so a clock that runs faster plays faster.
+    """
+
+    def __init__(self, name: str, settings: PlayerSettings) -> None:
+        log = read_log(settings.path)
+        self.name = name
+        self.channels = settings.channels if settings.channels is not None else log.channels
+        unknown = [channel for channel in self.channels if channel not in log.channels]
+        if unknown:
+            raise LogError(
+                f'{settings.path}: no column "{unknown[0]}"; the log has {", ".join(log.channels)}'
+            )
+        self._due_s = (log.time_s - log.time_s[:1]) / settings.speed
+        self._values = log.values[:, [log.channels.index(channel) for channel in self.channels]]
+        self.period_s = float(np.median(np.diff(self._due_s))) if len(log) > 1 else 1.0
+        self.status = DriverStatus()
+
+    async def run(self, deliver: Deliver, now: Clock) -> None:
+        """Deliver each row when it is due, then faults each period, until cancelled."""
+        start_s = now()
+        self.status = dataclasses.replace(self.status, connected=True)
+        for due_s, row in zip(self._due_s.tolist(), self._values.tolist(), strict=True):
+            while (wait_s := start_s + due_s - now()) > 0:
+                await asyncio.sleep(wait_s)
+            values = dict(zip(self.channels, row, strict=True))
+            faults = {channel: "missing" for channel, value in values.items() if math.isnan(value)}
+            deliver(Reading(now(), values, faults))
+        self.status = dataclasses.replace(self.status, connected=False, last_error="the log has ended")
+        while True:
+            await asyncio.sleep(self.period_s)
+            deliver(faulty(self.channels, "end_of_log", now()))

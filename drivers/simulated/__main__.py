@@ -1,0 +1,150 @@
+"""`python -m drivers.simulated`: says where its wires are in one JSON line, then runs in real time.
+
+It ends on SIGTERM, SIGINT, or when its standard input is closed, so it never outlives who started it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+
+from pydantic import ValidationError
+
+from drivers.simulated.faults import Command, Faults
+from drivers.simulated.machine import Machine, heats, speed_rpm
+from drivers.simulated.truth import TruthPublisher
+from drivers.simulated.wires import AxisBus, PtyWire, ThermocoupleServer, icpdas_m7018, wago_750_458
+
+STEP_S = 0.02  # also the cycle of the CAN frame
+WARM_STEP_S = 0.1
+MAPS = {"wago_750_458": wago_750_458, "icpdas_m7018": icpdas_m7018}
+
+
+def arguments() -> argparse.Namespace:
+    """What the command line says."""
+    parser = argparse.ArgumentParser(prog="python -m drivers.simulated", description="A simulated machine.")
+    parser.add_argument("--port", type=int, default=0, help="Modbus TCP port on loopback; 0 takes a free one")
+    parser.add_argument("--map", choices=sorted(MAPS), default="wago_750_458", help="thermocouple module")
+    parser.add_argument("--seed", type=int, default=1, help="of the thermocouples' noise")
+    parser.add_argument("--period", type=float, default=0.1, help="s between new thermocouple values")
+    parser.add_argument("--warm-minutes", type=float, default=20.0, help="how long it has been running")
+    parser.add_argument("--zenoh", help="endpoint of a router to publish the truth to")
+    parser.add_argument("--key", default="ballscrew/demo/x/truth/heat", help="key of the truth")
+    return parser.parse_args()
+
+
+class Process:
+    """The machine and its wires."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self._machine = Machine(args.seed)
+        self._encode = MAPS[args.map]
+        self._steps_per_period = max(1, round(args.period / STEP_S))
+        self._faults = Faults()
+        self._last = self._machine.thermocouples_degC()
+        self._server = ThermocoupleServer(args.port, self._encode(self._last, self._faults))
+        self._truth = TruthPublisher(args.zenoh, args.key) if args.zenoh else None
+        self._sequence = 0
+        self._commands: asyncio.Queue[bytes | None] = asyncio.Queue()
+        for _ in range(round(60 * args.warm_minutes / WARM_STEP_S)):
+            self._machine.advance(WARM_STEP_S)
+
+    async def run(self) -> None:
+        """Run until told to stop."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._commands.put_nowait, None)
+        threading.Thread(target=self._read_stdin, args=(loop,), daemon=True).start()
+        self._sample()
+        await self._server.start()
+        wire = PtyWire()
+        axis = AxisBus(wire.devices[0])
+        places = {"modbus_port": self._server.port, "can_device": wire.devices[1], "pid": os.getpid()}
+        print(json.dumps(places), flush=True)
+        work = loop.create_task(self._work(axis))
+        listen = loop.create_task(self._listen())
+        await asyncio.wait({work, listen}, return_when=asyncio.FIRST_COMPLETED)
+        failed = work.done()
+        for task in (work, listen):
+            task.cancel()
+        await asyncio.gather(work, listen, return_exceptions=not failed)
+        if self._truth:
+            self._truth.close()
+        axis.close()
+        await wire.close()
+        await self._server.stop()
+
+    async def _work(self, axis: AxisBus) -> None:
+        """Advance the machine in real time and keep its wires fed."""
+        loop = asyncio.get_running_loop()
+        start_s = loop.time()
+        step = 0
+        while True:
+            self._machine.advance(STEP_S)
+            step += 1
+            if not self._faults.silence_can:
+                axis.send(self._machine.nut_position_m, speed_rpm(self._machine.time_s))
+            if step % self._steps_per_period == 0:
+                self._sample()
+                if self._truth:
+                    self._sequence += 1
+                    self._truth.put(heats(self._machine.time_s), self._sequence)
+            await asyncio.sleep(start_s + step * STEP_S - loop.time())
+
+    def _sample(self) -> None:
+        """Read the thermocouples into the registers; a stuck one keeps its last value."""
+        fresh = self._machine.thermocouples_degC()
+        fresh.update({name: self._last[name] for name in self._faults.stuck if name in fresh})
+        self._last = fresh
+        self._server.registers = self._encode(fresh, self._faults)
+
+    async def _listen(self) -> None:
+        """Obey commands until the input ends."""
+        while (line := await self._commands.get()) is not None:
+            if not line.strip():
+                continue
+            try:
+                self._faults = Command.model_validate_json(line).fault
+            except ValidationError as error:
+                print(f"command refused: {error}", file=sys.stderr, flush=True)
+                continue
+            self._server.exception = self._faults.exception
+            await self._server.set_listening(not self._faults.drop_modbus)
+            self._sample()
+            print(json.dumps({"faults": self._faults.model_dump(exclude_defaults=True)}), flush=True)
+
+    def _read_stdin(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Hand lines to the event loop; from the bare descriptor, as `sys.stdin` would hold up the exit."""
+        rest = b""
+        while True:
+            data = os.read(0, 4096)
+            *lines, rest = (rest + data).split(b"\n")
+            for line in [*lines, None] if not data else lines:
+                try:
+                    loop.call_soon_threadsafe(self._commands.put_nowait, line)
+                except RuntimeError:  # the loop has ended
+                    return
+            if not data:
+                return
+
+
+def main() -> None:
+    """Start the machine."""
+    logging.basicConfig(level=logging.CRITICAL)
+
+    args = arguments()
+
+    async def run() -> None:
+        await Process(args).run()
+
+    asyncio.run(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,171 @@
+"""The simulated machine's wires: a Modbus TCP server for its thermocouples and a CAN bus on a pty pair."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import select
+import tty
+from collections.abc import Mapping
+from pathlib import Path
+
+import can
+import cantools
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from drivers.simulated.faults import Faults
+
+HANG_UP_POLL_S = 0.05
+WAGO_OPEN, WAGO_OVER = 0x60, 0x42
+
+
+def wago_750_458(temperature_degC: Mapping[str, float], faults: Faults) -> list[int]:
+    """The module's registers: for each input a status word, then tenths of a degree."""
+    registers: list[int] = []
+    for name, value in temperature_degC.items():
+        status, tenths = 0, round(10 * value)
+        if name in faults.open:
+            status, tenths = WAGO_OPEN, 0x7FFF
+        elif name in faults.over_range:
+            status, tenths = WAGO_OVER, 13000
+        registers += [status, tenths & 0xFFFF]
+    return registers
+
+
+def icpdas_m7018(temperature_degC: Mapping[str, float], faults: Faults) -> list[int]:
+    """The module's registers: tenths of a degree; it knows the broken wire only."""
+    return [
+        0x7FFF if name in faults.open else round(10 * value) & 0xFFFF
+        for name, value in temperature_degC.items()
+    ]
+
+
+class ThermocoupleServer:
+    """A Modbus TCP server on loopback; it keeps the `port` it got when it is dropped and restored."""
+
+    def __init__(self, port: int, registers: list[int]) -> None:
+        self.port = port
+        self.registers = registers
+        self.exception: int | None = None
+        self._server: ModbusTcpServer | None = None
+
+    async def start(self) -> None:
+        """Begin to listen."""
+        block = SimData(0, values=list(self.registers), datatype=DataType.REGISTERS)
+        device = SimDevice(id=1, simdata=[block], action=self._answer)
+        self._server = ModbusTcpServer(device, address=("127.0.0.1", self.port))
+        await self._server.serve_forever(background=True)
+        self.port = self._server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]
+
+    async def stop(self) -> None:
+        """Close the port and every connection."""
+        if self._server is not None:
+            await self._server.shutdown()  # type: ignore[no-untyped-call]
+            self._server = None
+
+    async def set_listening(self, listening: bool) -> None:
+        """Drop the server, or bring it back on the same port."""
+        if listening and self._server is None:
+            await self.start()
+        elif not listening:
+            await self.stop()
+
+    async def _answer(
+        self,
+        _function: int,
+        _first: int,
+        _address: int,
+        _count: int,
+        current: list[int],
+        _written: list[int] | list[bool] | None,
+    ) -> ExcCodes | None:
+        """Called by pymodbus before each answer: put the latest values in, or refuse."""
+        if self.exception is not None:
+            return ExcCodes(self.exception)
+        current[: len(self.registers)] = self.registers
+        return None
+
+
+class PtyWire:
+    """Two pty pairs joined by their masters: bytes written to one device come out of the other.
+
+    Towards a device that nobody has open, bytes are dropped, as on a wire: whoever opens it later must not
+    be handed the past.
+    """
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._masters: list[int] = []
+        self.devices: list[str] = []
+        for _ in range(2):
+            master, slave = os.openpty()
+            tty.setraw(slave)
+            self.devices.append(os.ttyname(slave))
+            os.close(slave)  # from now on the master sees a hang-up until somebody opens the device
+            os.set_blocking(master, False)
+            self._masters.append(master)
+        self._watch = [self._loop.create_task(self._listen(i)) for i in range(2)]
+
+    async def _listen(self, end: int) -> None:
+        """Forward what arrives at one end while its device is open."""
+        master, other = self._masters[end], self._masters[1 - end]
+        while True:
+            if _hung_up(master):
+                await asyncio.sleep(HANG_UP_POLL_S)
+                continue
+            readable = asyncio.Event()
+            self._loop.add_reader(master, readable.set)
+            try:
+                await readable.wait()
+            finally:
+                self._loop.remove_reader(master)
+            with contextlib.suppress(OSError):  # hung up since, or the other end is full
+                data = os.read(master, 4096)
+                if not _hung_up(other):
+                    os.write(other, data)
+
+    async def close(self) -> None:
+        """Stop forwarding and remove both devices."""
+        for task in self._watch:
+            task.cancel()
+        await asyncio.gather(*self._watch, return_exceptions=True)
+        for master in self._masters:
+            os.close(master)
+
+
+def _hung_up(master: int) -> bool:
+    """Whether nobody has the device of this master open."""
+    poll = select.poll()
+    poll.register(master, 0)
+    return any(event & select.POLLHUP for _, event in poll.poll(0))
+
+
+class AxisBus:
+    """The axis controller on the CAN bus: sends its cyclic frame, described by `axis.dbc`."""
+
+    def __init__(self, device: str) -> None:
+        database = cantools.database.load_file(Path(__file__).parent / "axis.dbc")
+        self._message = database.get_message_by_name("AxisStatus")  # type: ignore[union-attr]
+        self._bus = can.Bus(interface="slcan", channel=device, sleep_after_open=0)
+        self._alive = 0
+
+    def send(self, nut_position_m: float, screw_speed_rpm: float) -> None:
+        """Send one status frame."""
+        self._alive = (self._alive + 1) % 256
+        signals = {
+            "NutPosition": nut_position_m,
+            "ScrewSpeed": screw_speed_rpm,
+            "AxisState": 2 if screw_speed_rpm else 1,
+            "AliveCounter": self._alive,
+        }
+        frame = can.Message(
+            arbitration_id=self._message.frame_id, data=self._message.encode(signals), is_extended_id=False
+        )
+        self._bus.send(frame, timeout=0.1)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.shutdown()

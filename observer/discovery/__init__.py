@@ -1,0 +1,1 @@
+"""From logs to a better configuration: what may be fitted, the fit, and writing it back."""

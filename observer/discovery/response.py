@@ -1,0 +1,120 @@
+"""The open-loop prediction as a sum: what the start and the known inputs do, plus each heat law's own share.
+
+The plant is linear in every source's heat, so the prediction for any strength of the laws is a weighted sum
+of responses that are simulated once for each value of the parameters that enter otherwise (the film, an
+end's contact, the screw's material).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from observer.config import Config, parse
+from observer.discovery.runs import Run
+from observer.frames import FloatArray, Inputs
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+from observer.model.rod.build import build_plant
+from observer.model.simulate import SimulationState, simulate, start_from_sensors
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """30 s means of the sensors' rows of one run: `base` (b, s) without heat, `unit` (m, b, s) for laws of
+    strength 1.
+    """
+
+    base: FloatArray
+    unit: FloatArray
+
+    def at(self, strength: FloatArray) -> FloatArray:
+        """Return the prediction (b, s) in °C for laws of the given strengths (m,)."""
+        return np.asarray(self.base + np.tensordot(strength, self.unit, axes=1))
+
+
+class Predictor:
+    """Predicts the 30 s means of several runs; what was simulated once is kept."""
+
+    def __init__(self, config: Config, runs: Sequence[Run]) -> None:
+        """Take the runs; the number of modes is that of the configuration given here, for good."""
+        self._runs = runs
+        self._modes = len(build_plant(config).mode_index)
+        self._kept: dict[str, list[Response]] = {}
+
+    def __call__(self, config: Config) -> list[FloatArray]:
+        """Return the prediction (b, s) of each run in °C."""
+        unit_config, strength = unit_laws(config)
+        lean = _lean(unit_config, self._modes)
+        key = lean.digest
+        if key not in self._kept:
+            self._kept[key] = [respond(lean, run) for run in self._runs]
+        return [response.at(strength) for response in self._kept[key]]
+
+
+def unit_laws(config: Config) -> tuple[Config, FloatArray]:
+    """Return the configuration with heat laws of strength 1, and the strengths (m,) it had."""
+    strength, sources = [], []
+    for source in config.source:
+        if source.torque_Nm is not None:
+            strength.append(source.scale * source.share * source.torque_Nm)
+            unit = {"scale": 1.0, "share": 1.0, "torque_Nm": 1.0}
+        elif source.heat_W_rpm is not None:
+            strength.append(source.scale * source.heat_W_rpm)
+            unit = {"scale": 1.0, "heat_W_rpm": 1.0}
+        else:
+            strength.append(source.scale)
+            unit = {"scale": 1.0}
+        sources.append(source.model_copy(update=unit))
+    return config.model_copy(update={"source": tuple(sources)}), np.array(strength)
+
+
+def respond(config: Config, run: Run) -> Response:
+    """Simulate one run: without heat, then each source alone."""
+    plant = build_plant(config)
+    drive = Drive(config, plant)
+    inputs = _sensor_rows(drive.run(drive.initial(), run.frames)[1], plant.rows.sensors)
+    plant = _sensor_plant(plant)
+    z = inputs.z_end[0]
+
+    def start_at(law_W: FloatArray) -> SimulationState:
+        return start_from_sensors(plant, run.start_degC, run.start_R_K2, law_W, z)
+
+    silent = np.zeros(len(config.source))
+    cold = start_at(silent)
+    quiet = replace(inputs, law_W=np.zeros_like(inputs.law_W))
+    base = run.means(simulate(plant, cold, quiet)[1])
+    no_z = replace(inputs, z_start=np.zeros_like(inputs.z_start), z_end=np.zeros_like(inputs.z_end))
+    unit = np.zeros((len(silent), *base.shape))
+    for j in range(len(silent)):
+        alone = np.arange(len(silent)) == j
+        if np.any(inputs.law_W[:, j]):
+            state = SimulationState(start_at(np.where(alone, inputs.law_W[0], 0.0)).x - cold.x)
+            unit[j] = run.means(simulate(plant, state, replace(no_z, law_W=inputs.law_W * alone))[1])
+    return Response(base, unit)
+
+
+def _lean(config: Config, modes: int) -> Config:
+    """The same screw with as few output rows as can be, and, where they are the first ones, a fixed number of
+    modes: one more or less from one value of the film to the next would be a step in the misfit.
+    """
+    length_m = config.screw.length_m
+    table = config.model_dump(exclude_unset=True)
+    table["output"] = {"positions_m": (0.0, length_m), "reference_degC": 0.0}
+    table["screw"].pop("expansion_1_K", None)
+    table.pop("drivers", None)
+    if config.model.criterion == "tail" and config.model.modes is None:
+        table["model"] = {**table.get("model", {}), "modes": modes}
+    return parse(table)
+
+
+def _sensor_plant(plant: Plant) -> Plant:
+    """The plant with the sensors' rows only."""
+    s = plant.rows.sensors
+    return replace(plant, rows=replace(plant.rows, C=plant.rows.C[:s], F=plant.rows.F[:s], grid=0))
+
+
+def _sensor_rows(inputs: Inputs, sensors: int) -> Inputs:
+    return replace(inputs, moving_C=np.ascontiguousarray(inputs.moving_C[:, :, :sensors]))

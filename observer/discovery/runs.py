@@ -1,0 +1,116 @@
+"""A log made ready for fitting: one run, its 30 s means, and what its screw started from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.config import Config
+from observer.errors import LogError
+from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs
+from observer.model.drive import Drive
+from observer.model.rod.build import build_plant
+
+BLOCK_S = 30.0
+START_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One run of a machine, with nothing in it that depends on the parameters.
+
+    `frames` from the first row on which every known input has a value; `first` (b,) the first row of each
+    block of 30 s; `usable` (K, s); `count` (b, s) how many values each mean has; `measured_degC` (b, s),
+    NaN without any; `start_degC`, `start_R_K2` (s,) the mean over the first 10 s, and its variance.
+    """
+
+    frames: FrameBlock
+    first: NDArray[np.int64]
+    usable: BoolArray
+    count: FloatArray
+    measured_degC: FloatArray
+    start_degC: FloatArray
+    start_R_K2: FloatArray
+
+    @property
+    def duration_s(self) -> float:
+        """How long the run lasts."""
+        return float(self.frames.time_s[-1] - self.frames.time_s[0])
+
+    def means(self, rows: FloatArray) -> FloatArray:
+        """Average rows (K, s) over each block's usable samples, (b, s); 0 where there is none."""
+        total = np.add.reduceat(np.where(self.usable, rows, 0.0), self.first, axis=0)
+        return np.asarray(total / np.maximum(self.count, 1.0))
+
+
+def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
+    """Return a run from the frames of a log; `name` is named in errors.
+
+    Raises `LogError` where an input or every sensor is without a value throughout.
+    """
+    frames = joined(blocks)
+    inputs = _inputs(config, frames)
+    known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
+    if len(known) == 0:
+        raise LogError(f"{name}: the ambient or a prescribed end has no value; add its channel to the log")
+    seen = np.flatnonzero(inputs.usable.any(axis=1))
+    if len(seen) == 0:
+        raise LogError(f"{name}: no sensor has a usable value; check the sensors' channels")
+    begin = int(max(known[0], seen[0]))
+    frames, usable, y_degC = tail(frames, begin), inputs.usable[begin:], inputs.y_degC[begin:]
+    block = np.floor((frames.time_s - frames.time_s[0]) / BLOCK_S).astype(np.int64)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    count = np.add.reduceat(usable, first, axis=0, dtype=float)
+    total = np.add.reduceat(np.where(usable, y_degC, 0.0), first, axis=0)
+    early = frames.time_s <= frames.time_s[0] + START_S
+    at_start = np.sum(usable[early], axis=0).astype(float)
+    noise_R_K2 = np.array([s.noise_K**2 for s in config.sensor])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return Run(
+            frames=frames,
+            first=first,
+            usable=usable,
+            count=count,
+            measured_degC=total / count,
+            start_degC=np.where(usable[early], y_degC[early], 0.0).sum(axis=0) / at_start,
+            start_R_K2=noise_R_K2 / at_start,
+        )
+
+
+def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
+    """Return consecutive blocks of frames as one."""
+    if len(blocks) == 1:
+        return blocks[0]
+    path = {}
+    for name in blocks[0].path:
+        parts = [b.path[name] for b in blocks]
+        ends = np.cumsum([0] + [len(p[0]) for p in parts])
+        offsets = [p[2][1:] + end for p, end in zip(parts, ends[:-1], strict=True)]
+        path[name] = (
+            np.concatenate([p[0] for p in parts]),
+            np.concatenate([p[1] for p in parts]),
+            np.concatenate([parts[0][2][:1], *offsets]),
+        )
+    arrays = {key: np.concatenate([getattr(b, key) for b in blocks]) for key in _ROWS}
+    return FrameBlock(channels=blocks[0].channels, path=path, **arrays)
+
+
+def tail(frames: FrameBlock, begin: int) -> FrameBlock:
+    """Return the frames from row `begin` on; its first step has no length."""
+    if begin == 0:
+        return frames
+    path = {name: (t, x, offset[begin:].copy()) for name, (t, x, offset) in frames.path.items()}
+    arrays = {key: getattr(frames, key)[begin:].copy() for key in _ROWS}
+    arrays["dt_s"][0] = 0.0
+    return FrameBlock(channels=frames.channels, path=path, **arrays)
+
+
+_ROWS = ("time_s", "dt_s", "values", "fresh", "quality", "age_s")
+
+
+def _inputs(config: Config, frames: FrameBlock) -> Inputs:
+    drive = Drive(config, build_plant(config))
+    return drive.run(drive.initial(), frames)[1]

@@ -1,0 +1,49 @@
+"""Write fitted values into the text of a configuration, everything else as its author left it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import tomlkit
+from tomlkit.items import AoT, Array
+
+from observer.errors import ConfigError
+
+DIGITS = 5
+
+
+def write_back(text: str, values: Mapping[str, float]) -> str:
+    """Return the text with the values of the given keys replaced or added.
+
+    Keys are dotted, a source going by its name. Comments, order and spacing stay. Values are rounded to five
+    digits, far below any interval. Raises `ConfigError` for a source that the text does not have.
+    """
+    document = tomlkit.parse(text)
+    for key, value in values.items():
+        table, last = _owner(document, key)
+        table[last] = rounded(value)
+    return tomlkit.dumps(document)
+
+
+def rounded(value: float) -> float:
+    """Return a value with five significant digits."""
+    if value == 0.0 or not math.isfinite(value):
+        return value
+    return round(value, DIGITS - 1 - math.floor(math.log10(abs(value))))
+
+
+def _owner(document: Any, key: str) -> tuple[Any, str]:
+    """The table that holds a key, made where it is not there yet, and the key's last part."""
+    head, *middle, last = key.split(".")
+    section = document.setdefault(head, tomlkit.table())
+    if isinstance(section, AoT | Array):
+        name = ".".join(middle)
+        for entry in section:
+            if entry["name"] == name:
+                return entry, last
+        raise ConfigError(f'{key}: the configuration has no {head} called "{name}"')
+    for part in middle:
+        section = section.setdefault(part, tomlkit.table())
+    return section, last

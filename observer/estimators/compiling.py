@@ -1,0 +1,33 @@
+"""Compilation for the kernels, with a cache on disk that cannot go stale.
+
+numba checks the file of the function it compiled, not the files of what it inlined nor of the records it
+takes: an update there would leave the old code in use. Here the cache's name carries a fingerprint of all
+sources involved.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import zlib
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from numba import njit
+
+# For what is called inside the loops: compiled into them, so nothing is cached apart. `rarely` is for what
+# runs once in a while and would only make the loops longer to compile.
+inlined = njit(error_model="numpy", forceinline=True)
+rarely = njit(error_model="numpy")
+
+
+def cached_loop(*modules: ModuleType) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a loop on first use, cached under the sources of its own module and of `modules`."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        sources = [inspect.getsource(module) for module in (sys.modules[function.__module__], *modules)]
+        function.__qualname__ += f"-{zlib.crc32(chr(0).join(sources).encode()):08x}"
+        return njit(cache=True, error_model="numpy")(function)
+
+    return decorate

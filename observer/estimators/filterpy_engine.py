@@ -1,0 +1,123 @@
+"""The same Kalman filter on filterpy's dense matrices: the engine "filterpy", and the compiled engine's
+oracle.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from observer.config import EstimatorSettings
+from observer.estimators import kernels, packing
+from observer.estimators.protocol import EstimatorState
+from observer.estimators.steps import StepCache, chunks
+from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
+from observer.model.discretise import StepMatrices, quantise, step_matrices
+from observer.model.plant import Plant
+
+
+class FilterpyEstimator:
+    """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections, Joseph form, the same gate and
+    rules.
+    """
+
+    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
+        """Bring the plant into the shared rules' form, once."""
+        self._plant = plant
+        self._gate_sigma = float(settings.gate_sigma)
+        self._arrays = packing.pack_plant(plant)
+        self._work = packing.scratch(self._arrays)
+        self._steps: dict[float, StepMatrices] = {}
+
+    @property
+    def layout(self) -> Layout:
+        """What the columns of the estimates are."""
+        return self._plant.layout
+
+    def initial(self) -> EstimatorState:
+        """Return the state before the first measurement."""
+        return packing.initial_state(self._plant)
+
+    def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
+        """Take K steps."""
+        from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (slow to import)
+
+        running = packing.thaw(state)
+        results = packing.empty_results(self._plant, len(inputs))
+        dt_s = quantise(inputs.dt_s).tolist()
+        kf = KalmanFilter(dim_x=len(running.x), dim_z=max(self._plant.rows.sensors, 1))
+        for part, _, u, _ in chunks(StepCache(self._plant), inputs):
+            out = packing.cut(results, part)
+            for k in range(len(u.step)):
+                kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
+                self._step(kf, u, k, self._matrices(dt_s[part.start + k]), running, out)
+        time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
+        return packing.freeze(running, time_s), packing.to_block(self._plant, inputs.time_s, results)
+
+    def _matrices(self, dt_s: float) -> StepMatrices:
+        if dt_s not in self._steps:
+            self._steps[dt_s] = step_matrices(self._plant, dt_s)
+        return self._steps[dt_s]
+
+    def _step(
+        self,
+        kf: Any,
+        u: packing.InputArrays,
+        k: int,
+        step: StepMatrices,
+        running: packing.Running,
+        out: packing.Results,
+    ) -> None:
+        plant, s = self._plant, self._plant.rows.sensors
+        usable = u.usable[k] & np.isfinite(u.y[k])
+        ready = bool(kernels.step_is_finite(u, k))
+        if not ready or not (running.flags[0] or usable.any()):
+            kernels.judge(u, k, usable, usable, running, out)
+            return
+        B, C = plant.B.T.copy(), plant.rows.C.copy()
+        kernels.move_columns(self._arrays, u, k, B, C)
+        if running.flags[0]:
+            self._predict(kf, u, k, step, B)
+        else:
+            kernels.start(self._arrays, C, u, k, usable, running.x, running.P)
+            running.flags[0] = 1
+            kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
+        H = np.hstack([C[:s], np.zeros((s, len(running.x) - C.shape[1]))])
+        y = u.y[k] - plant.rows.F[:s] @ u.z_end[k]
+        nu = y - H @ kf.x[:, 0]
+        S = np.diag(H @ kf.P @ H.T) + plant.noise_R_K2
+        out.innovation[k, usable] = nu[usable]
+        accepted = np.zeros(s, dtype=np.bool_)
+        if kernels.gate(nu, S, usable, running.suspect, self._gate_sigma, accepted):
+            kernels.inflate(self._arrays, kf.P)
+        if accepted.any():
+            kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
+        running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P
+        out.quality[k] = kernels.judge(u, k, usable, accepted, running, out)
+        known = kernels.write_values(self._arrays, C, u, k, running.x, out)
+        known = (
+            kernels.write_sigmas(C, s, running.P, out.heat_sigma, out.field_sigma, k, self._work) and known
+        )
+        if not known:
+            kernels.invalidate(out, k)
+
+    def _predict(self, kf: Any, u: packing.InputArrays, k: int, step: StepMatrices, B: FloatArray) -> None:
+        """Predict with the dense Ad and Qd of this step's columns."""
+        plant = self._plant
+        columns = B[plant.estimated]
+        m_e, n_x = columns.shape
+        Ad = np.diag(np.concatenate([step.decay, step.heat_decay]))
+        Ad[:n_x, n_x:] = (columns * step.couple).T
+        Qd = np.zeros_like(Ad)
+        Qd[:n_x, :n_x] = plant.field_noise_Q * step.dt_s
+        Qd[:n_x, :n_x] += np.einsum("ja,jb,jab->ab", columns, columns, step.walk_xx)
+        Qd[n_x:, :n_x] = columns * step.walk_dx
+        Qd[:n_x, n_x:] = Qd[n_x:, :n_x].T
+        Qd[n_x:, n_x:] = np.diag(step.walk_dd)
+        jump = plant.law_uncertainty * u.jump[k, plant.estimated]
+        kf.P[n_x:, n_x:] += np.diag(jump**2)
+        held = B.T @ u.law[k] + plant.E @ u.z_start[k]
+        known = step.hold * held + step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
+        known = np.concatenate([known, np.zeros(m_e)])[:, None]
+        kf.predict(u=known, B=np.eye(n_x + m_e), F=Ad, Q=Qd)

@@ -1,0 +1,281 @@
+"""The compiled loop of an observer with fixed gains: one gain per set of sensors and length of step.
+
+x⁺ = x_pred + K (y - C x_pred). While the covariance is that of the steady state it is neither propagated nor
+reported anew, which makes the step many times cheaper. As soon as a sensor is lost, a step has another length
+or a law jumps, it is propagated with the gain in use (Joseph form for an arbitrary K), so σ stays honest.
+"""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+# The loop is one compiled function, so that K steps cost one call.
+# ruff: noqa: PLR0915
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.estimators import kernels, packing, steps
+from observer.estimators.compiling import cached_loop, inlined
+from observer.estimators.kernels import (
+    GOOD,
+    compare,
+    covariance_with_sensors,
+    find_usable,
+    gate,
+    inflate,
+    invalidate,
+    joseph_update,
+    judge,
+    mirror,
+    move_columns,
+    predict_covariance,
+    predict_state,
+    residual,
+    skip,
+    start,
+    step_is_finite,
+    symmetrise,
+    write_sigmas,
+    write_values,
+)
+from observer.frames import FloatArray
+
+DONE = -1
+PREDICTED, STARTED = 1, 2
+# Within these of its steady value a covariance counts as settled: 1 % of σ; a law's jump of 0.05 % of σ².
+_SETTLED = 0.02
+_QUIET_JUMP = 1e-3
+
+
+class GainTable(NamedTuple):
+    """Gains known so far: `key` (G,) = rung 2^s + sensors as bits, `K` (G, n, s), zero columns for absent
+    sensors.
+
+    With `steady` (G,): the covariance `P` (G, n, n) after a correction, the innovations' variances `S` (G,
+    s), `heat_sigma` (G, m_e), `field_sigma` (G, R-s) that go with it.
+    """
+
+    key: NDArray[np.int64]
+    K: FloatArray
+    steady: NDArray[np.bool_]
+    P: FloatArray
+    S: FloatArray
+    heat_sigma: FloatArray
+    field_sigma: FloatArray
+
+
+class Rungs(NamedTuple):
+    """For each step length of a table: which rung's gains it uses, and whether that rung has exactly its
+    length.
+    """
+
+    rung: NDArray[np.int64]
+    exact: NDArray[np.bool_]
+
+
+@inlined
+def find_gain(gains, key):
+    """Index of a key, or -1."""
+    for i in range(len(gains.key)):
+        if gains.key[i] == key:
+            return i
+    return -1
+
+
+@inlined
+def find_settled(gains, P):
+    """The gain whose steady covariance P is, to the last bit, or -1."""
+    n = P.shape[0]
+    for i in range(len(gains.key)):
+        same = gains.steady[i]
+        for a in range(n):
+            for b in range(n):
+                same = same and gains.P[i, a, b] == P[a, b]
+        if same:
+            return i
+    return -1
+
+
+@inlined
+def near(P, goal):
+    """Whether every variance is within the tolerance of its steady value."""
+    far = 0
+    for a in range(P.shape[0]):
+        if abs(P[a, a] - goal[a, a]) > _SETTLED * goal[a, a]:
+            far += 1
+    return far == 0
+
+
+@inlined
+def correct_covariance(R_K2, C, accepted, K, g, P):
+    """P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ for any K, with g_i = P c_i; absent sensors take no part."""
+    (n, width), n_x = P.shape, C.shape[1]
+    A = P.copy()
+    for i in range(len(accepted)):
+        if accepted[i]:
+            for a in range(n):
+                gain = K[a, i]
+                for b in range(width):
+                    A[a, b] -= gain * g[i, b]
+    P[:] = A
+    for i in range(len(accepted)):
+        if accepted[i]:
+            for a in range(n):
+                rest = R_K2[i] * K[a, i]
+                for b in range(n_x):
+                    rest -= A[a, b] * C[i, b]
+                for b in range(n):
+                    P[a, b] += rest * K[b, i]
+    symmetrise(P)
+
+
+@inlined
+def key_of(u, k, usable, accepted, suspect, rung):
+    """Key of the gain for the sensors that are good, and whether all of them correct at step k.
+
+    A good sensor that only has no new sample at this tick counts as present: its gain waits for its next
+    sample.
+    """
+    s = len(usable)
+    alive, complete = 0, True
+    for i in range(s):
+        if u.quality[k, i] == GOOD and suspect[i] == 0.0:
+            alive += 1 << i
+            complete = complete and accepted[i]
+    return (rung << s) + alive, complete
+
+
+@inlined
+def correct_state(K, chosen, accepted, nu, x):
+    """Add K ν of the accepted sensors to x."""
+    for i in range(len(accepted)):
+        if accepted[i]:
+            for a in range(len(x)):
+                x[a] += K[chosen, a, i] * nu[i]
+
+
+@inlined
+def is_regular(p, rungs, u, k, usable, state, gains, settled):
+    """Whether step k leaves the covariance where it is: exact length, no jump σ would notice, all its sensors
+    there.
+    """
+    s, n_x = len(usable), len(p.uniform)
+    rung = rungs.rung[u.step[k]]
+    regular = rungs.exact[u.step[k]] and step_is_finite(u, k)
+    for i in range(s):
+        present = (gains.key[settled] >> i) & 1 == 1
+        good = u.quality[k, i] == GOOD and state.suspect[i] == 0.0
+        regular = regular and present == good and present == usable[i]
+    for j in range(len(p.source)):
+        jump = p.law_uncertainty[j] * u.jump[k, p.source[j]]
+        regular = regular and jump * jump <= _QUIET_JUMP * gains.P[settled, n_x + j, n_x + j]
+    return regular and gains.key[settled] >> s == rung
+
+
+@inlined
+def cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work):
+    """Take regular steps from k on, with the steady gain and its σ; return the first step that is not
+    regular.
+
+    A step is only committed to once its innovations have passed the gate.
+    """
+    s, n_x, n = u.y.shape[1], len(p.uniform), len(state.x)
+    x, nu, usable = work.K, work.nu, work.usable
+    while k < len(u.step):
+        find_usable(u, k, usable)
+        if not is_regular(p, rungs, u, k, usable, state, gains, settled):
+            return k
+        move_columns(p, u, k, work.B, work.C)
+        for a in range(n):
+            x[a] = state.x[a]
+        predict_state(p, t, u.step[k], u, k, work.B, x, work)
+        for i in range(s):
+            if usable[i]:
+                nu[i] = residual(p, work.C, u, k, i, x)
+                if nu[i] * nu[i] > gate_sigma * gate_sigma * gains.S[settled, i]:
+                    return k
+                out.innovation[k, i] = nu[i]
+        correct_state(gains.K, settled, usable, nu, x)
+        for a in range(n):
+            state.x[a] = x[a]
+        out.quality[k] = judge(u, k, usable, usable, state, out)
+        if not write_values(p, work.C, u, k, x, out):
+            invalidate(out, k)
+        for j in range(n - n_x):
+            out.heat_sigma[k, j] = gains.heat_sigma[settled, j]
+        for r in range(out.field_sigma.shape[1]):
+            out.field_sigma[k, r] = gains.field_sigma[settled, r]
+        k += 1
+    return k
+
+
+@cached_loop(kernels, packing, steps)
+def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work):
+    """Run the observer over the steps of `u` from `first` on, changing `state` and filling `out`.
+
+    Returns (k, key, resumed). Where a gain is not in the table it stops before that step's correction and
+    names it; called again from there with the `resumed` it returned, it goes on. `optimal`: until the
+    covariance has settled, correct by the Kalman gain of the moment instead of the one in the table.
+    """
+    s = u.y.shape[1]
+    x, P, B, C = state.x, state.P, work.B, work.C
+    nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
+    suspect = np.empty(s)
+    settled = find_settled(gains, P) if resumed == 0 else -1
+    k = first
+    while k < len(u.step):
+        if settled >= 0:
+            k = cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work)
+            settled = -1
+            continue
+        present = find_usable(u, k, usable)
+        if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
+            skip(u, k, usable, state, out)
+            k += 1
+            continue
+        d = u.step[k]
+        started = resumed == STARTED
+        move_columns(p, u, k, B, C)
+        if resumed == 0 and state.flags[0] == 0:
+            start(p, C, u, k, usable, x, P)
+            started = True
+            state.flags[0] = 1
+        elif resumed == 0:
+            predict_state(p, t, d, u, k, B, x, work)
+            predict_covariance(p, t, d, u, k, B, P, work)
+        resumed = 0
+        covariance_with_sensors(C, P, s, g)
+        compare(p, C, u, k, usable, g, x, nu, S)
+        for i in range(s):
+            suspect[i] = state.suspect[i]
+            out.innovation[k, i] = nu[i] if usable[i] else np.nan
+        released = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
+        correcting = accepted.any()
+        key, complete = key_of(u, k, usable, accepted, state.suspect, rungs.rung[d])
+        chosen = find_gain(gains, key)
+        if chosen < 0 and correcting:
+            state.suspect[:] = suspect
+            return k, key, STARTED if started else PREDICTED
+        if released:
+            inflate(p, P)
+            covariance_with_sensors(C, P, s, g)
+            compare(p, C, u, k, usable, g, x, nu, S)
+        if correcting and (optimal or started or released):
+            joseph_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
+        elif correcting:
+            correct_state(gains.K, chosen, accepted, nu, x)
+            correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P)
+        if correcting and complete and rungs.exact[d] and gains.steady[chosen] and near(P, gains.P[chosen]):
+            P[:] = gains.P[chosen]
+            settled = chosen
+        out.quality[k] = judge(u, k, usable, accepted, state, out)
+        known = write_values(p, C, u, k, x, out)
+        known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
+        if not known:
+            invalidate(out, k)
+        k += 1
+    mirror(P)
+    return len(u.step), DONE, 0

@@ -1,0 +1,62 @@
+"""The Kalman filter with the heats as random walks or first-order Markov processes; compiled engine."""
+
+from __future__ import annotations
+
+from observer.config import EstimatorSettings
+from observer.estimators import kernels, packing
+from observer.estimators.protocol import EstimatorState
+from observer.estimators.steps import StepCache, StepTable, chunks
+from observer.frames import EstimateBlock, Inputs, Layout
+from observer.model.plant import Plant
+
+
+class KalmanEstimator:
+    """Time-varying Kalman filter of the augmented state [x | δ]; the heat of a source is its law + δ.
+
+    x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd, then one scalar correction in Joseph form for each sensor
+    that is present and passes the gate. Source: Kalman (1960); Bucy and Joseph (1968).
+    """
+
+    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
+        """Bring the plant into the kernels' form and compile them, once."""
+        self._plant = plant
+        self._gate_sigma = float(settings.gate_sigma)
+        self._arrays = packing.pack_plant(plant)
+        self._steps = StepCache(plant)
+        self._run(
+            packing.no_inputs(self._arrays),
+            self._steps.table([settings.period_s]),
+            packing.thaw(self.initial()),
+            packing.empty_results(plant, 0),
+            packing.scratch(self._arrays),
+        )
+
+    @property
+    def layout(self) -> Layout:
+        """What the columns of the estimates are."""
+        return self._plant.layout
+
+    def initial(self) -> EstimatorState:
+        """Return the state before the first measurement."""
+        return packing.initial_state(self._plant)
+
+    def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
+        """Take K steps; a run of K is, to the last bit, K runs of one."""
+        running = packing.thaw(state)
+        results = packing.empty_results(self._plant, len(inputs))
+        work = packing.scratch(self._arrays)
+        for part, _, arrays, table in chunks(self._steps, inputs):
+            out = packing.cut(results, part)
+            self._run(arrays, table, running, out, work)
+        time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
+        return packing.freeze(running, time_s), packing.to_block(self._plant, inputs.time_s, results)
+
+    def _run(
+        self,
+        arrays: packing.InputArrays,
+        table: StepTable,
+        running: packing.Running,
+        out: packing.Results,
+        work: packing.Work,
+    ) -> None:
+        kernels.run_kalman(self._arrays, table, arrays, running, self._gate_sigma, out, work)

@@ -1,0 +1,267 @@
+"""What the compiled kernels take: a plant, steps and inputs as plain contiguous arrays."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.estimators.protocol import EstimatorState
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, QualityArray
+from observer.model.plant import Plant
+
+IntArray = NDArray[np.int64]
+# Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it.
+_REGISTER = 16
+
+
+class PlantArrays(NamedTuple):
+    """A plant for the kernels; input columns are stored as rows, which the inner loops walk.
+
+    `B` (m, n_x), `E` (p, n_x), `C` (R, n_x), `F` (R, p), `R_K2` (s,), `uniform` (n_x,), `prior_P` (n_x, n_x),
+    `initial_W2`, `law_uncertainty` (m_e,); `source` (m_e,) the source of each estimated heat; `moving` (M,)
+    the source of each moving column and `moving_heat` (M,) its estimated heat, -1 if it is not estimated.
+    """
+
+    modes: int
+    B: FloatArray
+    E: FloatArray
+    C: FloatArray
+    F: FloatArray
+    R_K2: FloatArray
+    uniform: FloatArray
+    prior_P: FloatArray
+    initial_W2: FloatArray
+    law_uncertainty: FloatArray
+    source: IntArray
+    moving: IntArray
+    moving_heat: IntArray
+
+
+class InputArrays(NamedTuple):
+    """The K steps of `Inputs`; `step` (K,) points into the table of steps."""
+
+    step: IntArray
+    y: FloatArray
+    usable: NDArray[np.bool_]
+    quality: QualityArray
+    law: FloatArray
+    jump: FloatArray
+    z_start: FloatArray
+    z_end: FloatArray
+    moving_B: FloatArray
+    moving_C: FloatArray
+    degraded: NDArray[np.bool_]
+
+
+class Running(NamedTuple):
+    """The state while it runs, changed in place: `P` (n, padded width), `flags` [started, silent]."""
+
+    x: FloatArray
+    P: FloatArray
+    suspect: FloatArray
+    flags: IntArray
+
+
+class Work(NamedTuple):
+    """Scratch of the kernels: `B`, `C` with the moving columns in place, and the arrays of one step."""
+
+    B: FloatArray
+    C: FloatArray
+    forced: FloatArray
+    ramped: FloatArray
+    G: FloatArray
+    S: FloatArray
+    M: FloatArray
+    K: FloatArray
+    Ac: FloatArray
+    row: FloatArray
+    g: FloatArray
+    nu: FloatArray
+    S_nu: FloatArray
+    usable: NDArray[np.bool_]
+    accepted: NDArray[np.bool_]
+
+
+class Results(NamedTuple):
+    """Where the kernels write; `field` holds the field's rows and then the error's."""
+
+    heat: FloatArray
+    heat_sigma: FloatArray
+    field: FloatArray
+    field_sigma: FloatArray
+    innovation: FloatArray
+    sensor_quality: QualityArray
+    quality: QualityArray
+    log_likelihood: FloatArray
+
+
+def padded_width(columns: int) -> int:
+    """Return the width of an array's rows in memory that the inner loops run over."""
+    return -(-columns // _REGISTER) * _REGISTER
+
+
+def pad_rows(array: FloatArray, width: int) -> FloatArray:
+    """Return the array with its last axis padded with zeros to a width."""
+    return np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, width - array.shape[-1])])
+
+
+def contiguous(array: Any, dtype: Any = np.float64) -> Any:
+    """Bring an array into the one layout the kernels are compiled for."""
+    return np.require(array, dtype, ["C", "W"])
+
+
+def pack_plant(plant: Plant) -> PlantArrays:
+    """Bring a plant into the kernels' form."""
+    source = np.flatnonzero(plant.estimated)
+    heat_of = {int(j): i for i, j in enumerate(source)}
+    return PlantArrays(
+        plant.modes,
+        contiguous(plant.B.T),
+        contiguous(plant.E.T),
+        contiguous(plant.rows.C),
+        contiguous(plant.rows.F),
+        contiguous(plant.noise_R_K2),
+        contiguous(plant.uniform),
+        contiguous(plant.prior_P),
+        contiguous(plant.initial_sigma_W**2),
+        contiguous(plant.law_uncertainty),
+        contiguous(source, np.int64),
+        contiguous([s.index for s in plant.moving], np.int64),
+        contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),
+    )
+
+
+def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
+    """Bring the steps `part` of a block into the kernels' form; `step` points into their table."""
+    return InputArrays(
+        contiguous(step, np.int64),
+        contiguous(inputs.y_degC[part]),
+        contiguous(inputs.usable[part], np.bool_),
+        contiguous(inputs.quality[part], np.int8),
+        contiguous(inputs.law_W[part]),
+        contiguous(inputs.law_jump_W[part]),
+        contiguous(inputs.z_start[part]),
+        contiguous(inputs.z_end[part]),
+        contiguous(inputs.moving_B[part]),
+        contiguous(inputs.moving_C[part]),
+        contiguous(inputs.degraded[part], np.bool_),
+    )
+
+
+def no_inputs(arrays: PlantArrays) -> InputArrays:
+    """Return inputs of no steps; running them makes a kernel compile before the first real step is due."""
+    (m, n_x), p, s, M, R = arrays.B.shape, len(arrays.E), len(arrays.R_K2), len(arrays.moving), len(arrays.C)
+    return InputArrays(
+        step=np.zeros(0, dtype=np.int64),
+        y=np.zeros((0, s)),
+        usable=np.zeros((0, s), dtype=np.bool_),
+        quality=np.zeros((0, s), dtype=np.int8),
+        law=np.zeros((0, m)),
+        jump=np.zeros((0, m)),
+        z_start=np.zeros((0, p)),
+        z_end=np.zeros((0, p)),
+        moving_B=np.zeros((0, M, n_x)),
+        moving_C=np.zeros((0, M, R)),
+        degraded=np.zeros(0, dtype=np.bool_),
+    )
+
+
+def initial_state(plant: Plant) -> EstimatorState:
+    """Return the state before the first usable measurement."""
+    n = len(plant.decay_1_s) + int(plant.estimated.sum())
+    return EstimatorState(np.zeros(n), np.zeros((n, n)), False, np.zeros(plant.rows.sensors), float("nan"))
+
+
+def thaw(state: EstimatorState) -> Running:
+    """Copy a state into arrays that may change."""
+    flags = np.array([int(state.started), state.silent], dtype=np.int64)
+    return Running(
+        np.array(state.x_hat, order="C"),
+        pad_rows(state.P, padded_width(len(state.P))),
+        np.array(state.suspect, dtype=float),
+        flags,
+    )
+
+
+def scratch(arrays: PlantArrays) -> Work:
+    """Allocate the kernels' scratch."""
+    n_x, m_e, s = arrays.B.shape[1], len(arrays.source), len(arrays.R_K2)
+    width = padded_width(n_x + m_e)
+    return Work(
+        B=arrays.B.copy(),
+        C=arrays.C.copy(),
+        forced=np.zeros(n_x),
+        ramped=np.zeros(n_x),
+        G=np.zeros((m_e, width)),
+        S=np.zeros((m_e, width)),
+        M=np.zeros((m_e, width)),
+        K=np.zeros(width),
+        Ac=np.zeros(width),
+        row=np.zeros(width),
+        g=np.zeros((s, width)),
+        nu=np.zeros(s),
+        S_nu=np.zeros(s),
+        usable=np.zeros(s, dtype=np.bool_),
+        accepted=np.zeros(s, dtype=np.bool_),
+    )
+
+
+def freeze(running: Running, time_s: float) -> EstimatorState:
+    """Turn the arrays back into a state."""
+    P = running.P[:, : len(running.x)].copy()
+    return EstimatorState(
+        running.x, P, bool(running.flags[0]), running.suspect, time_s, int(running.flags[1])
+    )
+
+
+def empty_results(plant: Plant, steps: int) -> Results:
+    """Allocate results for that many steps: nothing known, quality invalid."""
+    m_e, s = int(plant.estimated.sum()), plant.rows.sensors
+    wide = len(plant.rows.C) - s
+
+    def nans(width: int) -> FloatArray:
+        return np.full((steps, width), np.nan)
+
+    return Results(
+        nans(m_e),
+        nans(m_e),
+        nans(wide),
+        nans(wide),
+        nans(s),
+        np.zeros((steps, s), dtype=np.int8),
+        np.full(steps, int(EstimateQuality.INVALID), dtype=np.int8),
+        np.zeros(steps),
+    )
+
+
+def cut(results: Results, part: slice) -> Results:
+    """Return the part of the results that belongs to some steps, as views."""
+    return Results(
+        results.heat[part],
+        results.heat_sigma[part],
+        results.field[part],
+        results.field_sigma[part],
+        results.innovation[part],
+        results.sensor_quality[part],
+        results.quality[part],
+        results.log_likelihood[part],
+    )
+
+
+def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBlock:
+    """Give the results their names."""
+    g = plant.rows.grid
+    return EstimateBlock(
+        time_s=time_s,
+        heat_W=results.heat,
+        heat_sigma_W=results.heat_sigma,
+        field_degC=results.field[:, :g],
+        field_sigma_K=results.field_sigma[:, :g],
+        error_um=results.field[:, g:],
+        error_sigma_um=results.field_sigma[:, g:],
+        innovation_K=results.innovation,
+        sensor_quality=results.sensor_quality,
+        quality=results.quality,
+    )

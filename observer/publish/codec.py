@@ -1,0 +1,150 @@
+"""What the messages hold: an estimate as CBOR for programs and as JSON for people.
+
+CBOR carries everything a step returns; its arrays are float32, typed by RFC 8746 (tag 85, little-endian).
+JSON has no NaN, so a value that is not known is null.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import cbor2
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.config import Config
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
+
+ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
+ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
+JSON_ENCODING = "application/json"
+_FLOAT32_LE = 85
+_DIGITS = 6
+_QUALITY = [quality.label for quality in EstimateQuality]
+_SENSOR_QUALITY = [quality.label for quality in Quality]
+_JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
+
+
+def _typed(array: FloatArray) -> cbor2.CBORTag:
+    return cbor2.CBORTag(_FLOAT32_LE, array.astype("<f4").tobytes())
+
+
+class EstimateEncoder:
+    """Encodes single estimates of one layout; `k` is the step in the block."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._sources = list(layout.sources)
+        self._sensors = list(layout.sensors)
+        self._position = _typed(layout.position_m)
+        self._position_m = _rounded(layout.position_m)
+
+    def cbor(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
+        """Everything a step returns; `decode_estimate` is its inverse up to float32."""
+        message = {
+            "time_s": float(block.time_s[k]),
+            "sequence": sequence,
+            "quality": _QUALITY[block.quality[k]],
+            "sources": self._sources,
+            "heat_W": _typed(block.heat_W[k]),
+            "heat_sigma_W": _typed(block.heat_sigma_W[k]),
+            "position_m": self._position,
+            "field_degC": _typed(block.field_degC[k]),
+            "field_sigma_K": _typed(block.field_sigma_K[k]),
+            "error_um": _typed(block.error_um[k]),
+            "error_sigma_um": _typed(block.error_sigma_um[k]),
+            "sensors": self._sensors,
+            "innovation_K": _typed(block.innovation_K[k]),
+            "sensor_quality": [_SENSOR_QUALITY[q] for q in block.sensor_quality[k].tolist()],
+        }
+        return cbor2.dumps(message)
+
+    def heat(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
+        """The `heat` document."""
+        pairs = zip(_rounded(block.heat_W[k]), _rounded(block.heat_sigma_W[k]), strict=True)
+        sources = [{"heat_W": heat_W, "sigma_W": sigma_W} for heat_W, sigma_W in pairs]
+        return self._json(block, k, sequence, {"sources": dict(zip(self._sources, sources, strict=True))})
+
+    def field(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
+        """The `field` document."""
+        body = {
+            "position_m": self._position_m,
+            "temperature_degC": _rounded(block.field_degC[k]),
+            "sigma_K": _rounded(block.field_sigma_K[k]),
+        }
+        return self._json(block, k, sequence, body)
+
+    def error(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
+        """The `error` document."""
+        body = {
+            "position_m": self._position_m,
+            "error_um": _rounded(block.error_um[k]),
+            "sigma_um": _rounded(block.error_sigma_um[k]),
+        }
+        return self._json(block, k, sequence, body)
+
+    def _json(self, block: EstimateBlock, k: int, sequence: int, body: dict[str, Any]) -> bytes:
+        quality = _QUALITY[block.quality[k]]
+        return to_json({"time_s": float(block.time_s[k]), "sequence": sequence, **body, "quality": quality})
+
+
+def _rounded(array: FloatArray) -> list[float | None]:
+    numbers: list[float | None] = np.round(array, _DIGITS).tolist()
+    if np.isfinite(array).all():
+        return numbers
+    return [x if x is not None and math.isfinite(x) else None for x in numbers]
+
+
+def to_json(document: Any) -> bytes:
+    """A document as JSON; raises `ValueError` on NaN, which JSON does not know."""
+    return _JSON.encode(document).encode()
+
+
+def config_json(config: Config) -> str:
+    """The configuration in force and its hash, as the `config` queryable answers."""
+    return json.dumps({"hash": config.digest, "config": config.model_dump(mode="json", by_alias=True)})
+
+
+def array_of(messages: Sequence[bytes]) -> bytes:
+    """Encoded estimates as one CBOR array, without decoding them."""
+    return cbor2.dumps([None] * len(messages))[: -len(messages) or None] + b"".join(messages)
+
+
+def decode_estimate(data: bytes) -> dict[str, Any]:
+    """An estimate from its CBOR; typed arrays become float32 arrays.
+
+    Raises `ValueError` where the bytes are not exactly one estimate.
+    """
+    estimate = _decode(data)
+    if not isinstance(estimate, dict) or "time_s" not in estimate or "sequence" not in estimate:
+        raise ValueError("not an estimate: a map with time_s and sequence is expected")
+    return estimate
+
+
+def decode_estimates(data: bytes) -> list[dict[str, Any]]:
+    """Several estimates, as the queryable answers `?last=N`; raises `ValueError` like `decode_estimate`."""
+    estimates = _decode(data)
+    if not isinstance(estimates, list):
+        raise ValueError("not a list of estimates")
+    return estimates
+
+
+def _decode(data: bytes) -> Any:
+    stream = io.BytesIO(data)
+    try:
+        message = cbor2.load(stream, tag_hook=_array)
+    except (cbor2.CBORDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"cannot be decoded as CBOR: {error.__cause__ or error}") from None
+    if stream.tell() != len(data):
+        raise ValueError(f"{len(data) - stream.tell()} bytes follow the message")
+    return message
+
+
+def _array(tag: cbor2.CBORTag, *_: Any) -> NDArray[np.float32]:
+    if tag.tag != _FLOAT32_LE or not isinstance(tag.value, bytes) or len(tag.value) % 4:
+        raise ValueError(f"not a float32 array: CBOR tag {tag.tag}")
+    return np.frombuffer(tag.value, "<f4")

@@ -1,0 +1,1 @@
+"""Pictures of what was estimated or predicted."""

@@ -1,0 +1,157 @@
+"""What the service says of itself: one state, the reasons for it, and the counts behind them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from drivers.protocol import DriverStatus
+from observer.frames import EstimateQuality, FrameBlock, Quality
+from observer.publish.zenoh import PublishStatus
+from observer.service.record import RecordStatus
+
+_CLOCK_STEP_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelHealth:
+    """One channel: its quality, the age of its last usable value (None before the first), its fault."""
+
+    quality: str
+    age_s: float | None
+    fault: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class DriverHealth:
+    """One driver: whether it is connected, and counts since the start."""
+
+    connected: bool
+    samples: int
+    drops: int
+    errors: int
+    reconnects: int
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that a health report is made of, gathered at one moment.
+
+    `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
+    valid estimate has been there; `failure` is what the last cycle failed with.
+    """
+
+    time_s: float
+    frame: FrameBlock | None
+    faults: Mapping[str, str]
+    estimate: EstimateQuality | None
+    had_estimate: bool
+    failure: str | None
+    cycles: int
+    overruns: int
+    drivers: Mapping[str, tuple[DriverStatus, int]]
+    record: RecordStatus | None
+    publish: PublishStatus
+    clock_offset_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """How the service fares.
+
+    `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `reasons` are sentences for people.
+    """
+
+    time_s: float
+    state: str
+    reasons: tuple[str, ...]
+    channels: Mapping[str, ChannelHealth]
+    drivers: Mapping[str, DriverHealth]
+    cycles: int
+    overruns: int
+    published: int
+    publish_drops: int
+    publish_reconnects: int
+    recorded: int
+    record_drops: int
+    recording: str | None
+    clock_offset_s: float
+
+    @property
+    def essence(self) -> tuple[Any, ...]:
+        """What makes a report worth sending at once when it changes: everything but ages and counts."""
+        return self.state, self.reasons, tuple((n, c.quality) for n, c in self.channels.items())
+
+    def document(self) -> dict[str, Any]:
+        """The report as it is published."""
+        return asdict(self)
+
+
+def assess(facts: Facts) -> Health:
+    """Judge the facts."""
+    reasons = tuple(_reasons(facts))
+    record = facts.record or RecordStatus()
+    return Health(
+        time_s=facts.time_s,
+        state=_state(facts, bool(reasons)),
+        reasons=reasons,
+        channels=_channels(facts),
+        drivers={
+            name: DriverHealth(s.connected, samples, s.drops, s.errors, s.reconnects)
+            for name, (s, samples) in facts.drivers.items()
+        },
+        cycles=facts.cycles,
+        overruns=facts.overruns,
+        published=facts.publish.published,
+        publish_drops=facts.publish.dropped,
+        publish_reconnects=facts.publish.reconnects,
+        recorded=record.rows_written,
+        record_drops=record.rows_dropped,
+        recording=str(record.path) if record.path else None,
+        clock_offset_s=round(facts.clock_offset_s, 3),
+    )
+
+
+def _state(facts: Facts, has_reasons: bool) -> str:
+    if facts.failure:
+        return EstimateQuality.INVALID.label
+    if facts.estimate is None or (facts.estimate == EstimateQuality.INVALID and not facts.had_estimate):
+        return "starting"
+    if facts.estimate == EstimateQuality.GOOD and has_reasons:
+        return EstimateQuality.DEGRADED.label
+    return facts.estimate.label
+
+
+def _channels(facts: Facts) -> dict[str, ChannelHealth]:
+    if facts.frame is None:
+        return {}
+    frame = facts.frame
+    return {
+        name: ChannelHealth(
+            Quality(frame.quality[-1, j]).label,
+            round(float(frame.age_s[-1, j]), 3) if math.isfinite(frame.age_s[-1, j]) else None,
+            facts.faults.get(name),
+        )
+        for j, name in enumerate(frame.channels)
+    }
+
+
+def _reasons(facts: Facts) -> Iterator[str]:
+    if facts.failure:
+        yield f"the estimator's step failed: {facts.failure}"
+    for name, channel in _channels(facts).items():
+        if channel.quality != Quality.GOOD.label:
+            yield f"channel {name} is {channel.quality}" + (f" ({channel.fault})" if channel.fault else "")
+    for name, (status, _) in facts.drivers.items():
+        if not status.connected:
+            why = f": {status.last_error}" if status.last_error else ""
+            yield f"driver {name} is not connected{why}"
+    if facts.record and facts.record.reason:
+        yield f"recording: {facts.record.reason}"
+    if facts.publish.reason:
+        yield f"publishing: {facts.publish.reason}"
+    if abs(facts.clock_offset_s) > _CLOCK_STEP_S:
+        step = f"{facts.clock_offset_s:+.1f} s"
+        yield f"the computer's clock stepped by {step}; times go on from the service's start"

@@ -1,0 +1,245 @@
+"""The daemon's loop: readings in as they come, and at each tick frame → estimate → subscribers → recording.
+
+The loop knows neither buses nor networks nor the model: drivers, clock, drive, estimator, publisher and
+recorder are handed in. Nothing in it waits for anything but the next tick.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import structlog
+
+from drivers.protocol import Driver
+from observer.estimators.protocol import Estimator
+from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
+from observer.publish.codec import to_json
+from observer.publish.zenoh import PublishStatus
+from observer.service.align import Aligner, AlignPlan
+from observer.service.health import Facts, Health, assess
+from observer.service.pipeline import Drive, Pipeline
+from observer.service.record import Recorder
+from observer.service.shutdown import StopSignals
+
+HEALTH_PERIOD_S = 5.0
+_LOOK_S = 0.5
+_RESTART_S = 1.0
+_DRIVERS_END_S = 0.3
+_RECORDER_END_S = 0.4
+_PUBLISHER_END_S = 0.7
+
+log = structlog.get_logger()
+
+
+class Clock(Protocol):
+    """What the loop knows of time."""
+
+    def now(self) -> float:
+        """Seconds since the epoch, ever increasing."""
+
+    def offset_s(self) -> float:
+        """How far the computer's clock is ahead."""
+
+    async def sleep_until(self, time_s: float) -> None:
+        """Wait until a time."""
+
+
+class Publisher(Protocol):
+    """Where estimates go; no method waits for a network."""
+
+    @property
+    def status(self) -> PublishStatus:
+        """How publishing stands."""
+
+    def start(self) -> None:
+        """Begin to open the session."""
+
+    def publish(self, block: EstimateBlock, sequence: int) -> None:
+        """Publish a block of one estimate."""
+
+    def health(self, document: bytes) -> None:
+        """Publish a health document."""
+
+    def close(self, timeout_s: float) -> bool:
+        """End the session."""
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """The parts of a service. `notify` tells the service manager (`sd_notify`)."""
+
+    drivers: tuple[Driver, ...]
+    plan: AlignPlan
+    drive: Drive[Any]
+    estimator: Estimator
+    publisher: Publisher
+    recorder: Recorder | None
+    clock: Clock
+    notify: Callable[[str], object]
+
+
+def run(service: Service, seconds: float | None = None) -> None:
+    """Run a service until SIGTERM, SIGINT or for `seconds`; to be called from the main thread.
+
+    After a signal the process is left by force, with the recording written, where the parts do not end in
+    time. The caller should then `leave`, because a library's threads may hang at the interpreter's exit.
+    """
+
+    def flush() -> None:
+        if service.recorder is not None:
+            service.recorder.close(0.1)
+
+    with StopSignals(flush) as signals:
+        asyncio.run(_until_stopped(service, seconds, signals))
+
+
+async def _until_stopped(service: Service, seconds: float | None, signals: StopSignals) -> None:
+    loop = asyncio.get_running_loop()
+    task = asyncio.ensure_future(serve(service))
+
+    def stop() -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended by itself
+            loop.call_soon_threadsafe(task.cancel)
+
+    signals.when_heard(stop)
+    if seconds is not None:
+        loop.call_later(seconds, stop)
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+async def serve(service: Service) -> None:
+    """Serve until cancelled, then end every part within 1.4 s."""
+    cycles = _Cycles(service)
+    service.publisher.start()
+    drivers = [asyncio.ensure_future(cycles.listen(driver)) for driver in service.drivers]
+    try:
+        positions = tuple(service.plan.channels[j] for j in service.plan.positions)
+        await asyncio.to_thread(cycles.pipeline.warm_up, service.plan.channels, positions)
+        await cycles.tick_for_ever()
+    finally:
+        for task in drivers:
+            task.cancel()
+        if drivers:
+            await asyncio.wait(drivers, timeout=_DRIVERS_END_S)
+        if service.recorder is not None and not service.recorder.close(_RECORDER_END_S):
+            log.error("recording not complete", reason=service.recorder.status.reason)
+        if not service.publisher.close(_PUBLISHER_END_S):
+            log.warning("zenoh did not close in time; its peer does not answer")
+        log.info("stopped", cycles=cycles.count, overruns=cycles.overruns)
+
+
+class _Cycles:
+    """What changes while a service runs."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._aligner = Aligner(service.plan)
+        self.pipeline = Pipeline(service.drive, service.estimator)
+        self.count = 0
+        self.overruns = 0
+        self._samples = {driver.name: 0 for driver in service.drivers}
+        self._newest_s = {driver.name: -math.inf for driver in service.drivers}
+        self._frame: FrameBlock | None = None
+        self._estimate: EstimateQuality | None = None
+        self._had_estimate = False
+        self._failure: str | None = None
+        self._health: Health | None = None
+        self._sent_s = self._looked_s = -math.inf
+
+    async def listen(self, driver: Driver) -> None:
+        """Run a driver to its end, which only a player has; one that fails is started again."""
+        while True:
+            try:
+                await driver.run(lambda reading: self._take(driver.name, reading), self._service.clock.now)
+                return
+            except Exception as error:  # one driver's defect must not end the others
+                log.error("driver failed", driver=driver.name, error=repr(error), exc_info=True)
+            await asyncio.sleep(_RESTART_S)
+
+    def _take(self, name: str, reading: Reading) -> None:
+        """Take a reading: none from the future, and one that goes back in time counts as a fault."""
+        now_s = self._service.clock.now()
+        time_s = reading.time_s if reading.time_s <= now_s else now_s
+        if time_s < self._newest_s[name]:
+            faults = dict.fromkeys(reading.values, "time_backwards")
+            reading = Reading(now_s, dict.fromkeys(reading.values, math.nan), faults)
+        else:
+            self._newest_s[name] = time_s
+            reading = Reading(time_s, reading.values, reading.faults)
+        self._samples[name] += 1
+        used = self._aligner.ingest(reading)
+        if self._service.recorder is not None:
+            self._service.recorder.reading(used)
+
+    async def tick_for_ever(self) -> None:
+        """Tick at the whole multiples of the period; one that is missed is counted and left out."""
+        clock, period_s = self._service.clock, self._service.plan.period_s
+        number = math.floor(clock.now() / period_s) + 1
+        while True:
+            await clock.sleep_until(number * period_s)
+            self._tick(number * period_s)
+            due = math.floor(clock.now() / period_s)
+            self.overruns += max(0, due - number)
+            number = max(due, number) + 1
+
+    def _tick(self, time_s: float) -> None:
+        frame = self._aligner.tick(time_s)
+        if self._service.recorder is not None:
+            self._service.recorder.tick(float(frame.time_s[0]))
+        changed = self._frame is None or bool((frame.quality != self._frame.quality).any())
+        self._frame = frame
+        changed |= self._estimate_of(frame)
+        now_s = self._service.clock.now()
+        if changed or now_s - self._looked_s >= _LOOK_S:
+            self._looked_s = now_s
+            self._report(now_s)
+
+    def _estimate_of(self, frame: FrameBlock) -> bool:
+        """Step and publish; says whether the estimate's quality has changed."""
+        try:
+            estimate = self.pipeline.step(frame)
+        except Exception as error:  # reported as invalid; the watchdog is not pinged
+            changed = self._failure is None
+            self._failure = f"{type(error).__name__}: {error}"
+            if changed:
+                log.error("step failed", exc_info=True)
+            return changed
+        self._service.publisher.publish(estimate, self.count)
+        self.count += 1
+        self._service.notify("READY=1\nWATCHDOG=1" if self.count == 1 else "WATCHDOG=1")
+        before, self._estimate = self._estimate, EstimateQuality(estimate.quality[0])
+        self._had_estimate |= self._estimate != EstimateQuality.INVALID
+        self._failure = None
+        return before != self._estimate
+
+    def _report(self, now_s: float) -> None:
+        """Publish the health when it has changed or five seconds have passed."""
+        service = self._service
+        health = assess(
+            Facts(
+                now_s,
+                self._frame,
+                self._aligner.faults,
+                self._estimate,
+                self._had_estimate,
+                self._failure,
+                self.count,
+                self.overruns,
+                {driver.name: (driver.status, self._samples[driver.name]) for driver in service.drivers},
+                service.recorder.status if service.recorder else None,
+                service.publisher.status,
+                service.clock.offset_s(),
+            )
+        )
+        changed = self._health is None or health.essence != self._health.essence
+        if changed:
+            log.info("health", state=health.state, reasons=health.reasons)
+        if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
+            self._health, self._sent_s = health, now_s
+            service.publisher.health(to_json(health.document()))

@@ -1,0 +1,56 @@
+"""Frames in, estimates out: the one path that the live service and a replay share."""
+
+from __future__ import annotations
+
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from observer.estimators.protocol import Estimator
+from observer.frames import EstimateBlock, FrameBlock, Inputs, Quality
+
+DriveState = TypeVar("DriveState")
+
+
+class Drive(Protocol[DriveState]):
+    """Turns frames into what drives the plant; holds no state of its own."""
+
+    def initial(self) -> DriveState:
+        """Give the state before the first frame."""
+
+    def run(self, state: DriveState, frames: FrameBlock) -> tuple[DriveState, Inputs]:
+        """K steps; a run of K is, to the last bit, K runs of one."""
+
+
+class Pipeline(Generic[DriveState]):
+    """Keeps the states of a drive and an estimator from block to block."""
+
+    def __init__(self, drive: Drive[DriveState], estimator: Estimator) -> None:
+        self._drive = drive
+        self._estimator = estimator
+        self._drive_state = drive.initial()
+        self._estimator_state = estimator.initial()
+
+    def step(self, frames: FrameBlock) -> EstimateBlock:
+        """The estimates of the next frames; an exception leaves the states as they were."""
+        drive_state, inputs = self._drive.run(self._drive_state, frames)
+        self._estimator_state, estimates = self._estimator.run(self._estimator_state, inputs)
+        self._drive_state = drive_state
+        return estimates
+
+    def warm_up(self, channels: tuple[str, ...], positions: tuple[str, ...]) -> None:
+        """Have everything compiled and loaded, by a step without measurements that is then forgotten."""
+        shape = (1, len(channels))
+        nothing = np.zeros(0), np.zeros(0), np.zeros(2, np.int64)
+        frame = FrameBlock(
+            channels,
+            np.zeros(1),
+            np.zeros(1),
+            np.full(shape, np.nan),
+            np.zeros(shape, np.bool_),
+            np.full(shape, int(Quality.MISSING), np.int8),
+            np.full(shape, np.inf),
+            dict.fromkeys(positions, nothing),
+        )
+        _, inputs = self._drive.run(self._drive.initial(), frame)
+        self._estimator.run(self._estimator.initial(), inputs)

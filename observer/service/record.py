@@ -1,0 +1,202 @@
+"""The lossless recording: one row per reading and one per tick, in the order in which they were used.
+
+A thread of its own writes, so a slow or full disk never holds up the loop. Rows wait in memory while the disk
+refuses them; beyond a bound they are dropped and counted.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from urllib.parse import quote
+
+from observer.frames import Reading
+from observer.logs import FLAGS, STEP, TIME
+from observer.service.align import MISSING_FAULT
+
+_CAPACITY_ROWS = 100_000
+_BATCH_S = 0.2
+_RETRY_S = 1.0
+_PLAIN = "()[]/:+ "
+
+
+@dataclass(frozen=True, slots=True)
+class RecordStatus:
+    """What became of the rows so far; `reason` says in one sentence what is wrong, None if nothing is."""
+
+    path: Path | None = None
+    rows_written: int = 0
+    rows_dropped: int = 0
+    reason: str | None = None
+
+
+class Recorder:
+    """Writes readings and ticks to CSV files named by machine, axis and UTC start.
+
+    A file is complete by itself: when it has grown to `rotate_bytes` the next tick is its last row. All rows
+    are handed to the system at least every 0.2 s and to the disk at least every `sync_s`.
+    """
+
+    def __init__(
+        self, directory: Path, name: str, channels: Sequence[str], rotate_bytes: float, sync_s: float
+    ) -> None:
+        self._directory = directory
+        self._name = name
+        self._channels = tuple(channels)
+        self._rotate_bytes = rotate_bytes
+        self._sync_s = sync_s
+        self._queue: deque[tuple[bytes, bool]] = deque()
+        self._held: list[tuple[bytes, bool]] = []  # taken from the queue, not yet written
+        self._dropped = 0
+        self._file = _Part()
+        self._written = 0
+        self._reason: str | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def status(self) -> RecordStatus:
+        """How the recording stands."""
+        return RecordStatus(self._file.path, self._written, self._dropped, self._reason)
+
+    def reading(self, reading: Reading) -> None:
+        """Record a reading as the aligner uses it."""
+        self._put(row_of_reading(reading, self._channels), False)
+
+    def tick(self, time_s: float) -> None:
+        """Record a tick of the estimator."""
+        self._put(f"{time_s!r},{',' * len(self._channels)}1,\n".encode(), True)
+
+    def close(self, timeout_s: float = 1.0) -> bool:
+        """Write what is left and end; says whether all of it reached the disk in that time."""
+        self._closing.set()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive() and not self._queue and not self._held
+
+    def _put(self, row: bytes, is_tick: bool) -> None:
+        if len(self._queue) + len(self._held) >= _CAPACITY_ROWS:
+            self._dropped += 1
+        else:
+            self._queue.append((row, is_tick))
+
+    def _run(self) -> None:
+        synced_s = time.monotonic()
+        while True:
+            closing = self._closing.wait(_BATCH_S if self._reason is None else _RETRY_S)
+            try:
+                self._drain()
+                if closing or time.monotonic() - synced_s >= self._sync_s:
+                    self._file.sync()
+                    synced_s = time.monotonic()
+                self._reason = None
+            except OSError as error:
+                place = self._file.path or self._directory
+                self._reason = f"{place}: cannot be written ({error.strerror}); free space or mend the place"
+            if closing:
+                self._file.close()
+                return
+
+    def _drain(self) -> None:
+        """Write the rows that wait, a file at a time; a row leaves the queue once the system has it."""
+        for _ in range(len(self._queue)):
+            self._held.append(self._queue.popleft())
+        if self._held and self._file.is_gone:
+            self._file.close()
+        while self._held:
+            if self._file.path is None:
+                self._file.open(self._directory, self._name, header(self._channels))
+            count, size, full = 0, self._file.size, False
+            while count < len(self._held) and not full:
+                row, is_tick = self._held[count]
+                count, size = count + 1, size + len(row)
+                full = is_tick and size >= self._rotate_bytes
+            self._file.write(b"".join(row for row, _ in self._held[:count]))
+            self._written += count
+            del self._held[:count]
+            if full:
+                self._file.sync()
+                self._file.close()
+
+
+class _Part:
+    """One file of a recording, written straight to the system; a refused write leaves no part of a row."""
+
+    def __init__(self) -> None:
+        self.path: Path | None = None
+        self.size = 0
+        self._fd = -1
+
+    def open(self, directory: Path, name: str, first: bytes) -> None:
+        directory.mkdir(parents=True, exist_ok=True)
+        stamp = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+        for number in range(1, 1000):
+            part = f"-{number}" if number > 1 else ""
+            path = directory / f"{name}-{stamp}{part}.csv"
+            try:
+                self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            except FileExistsError:
+                continue
+            break
+        self.path, self.size = path, 0
+        try:
+            self.write(first)
+        except OSError:
+            self.close()
+            path.unlink(missing_ok=True)
+            raise
+
+    def write(self, data: bytes) -> None:
+        """Write all of it or, as far as the file can be cut back, nothing."""
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[os.pwrite(self._fd, rest, self.size + len(data) - len(rest)) :]
+        except OSError:
+            os.ftruncate(self._fd, self.size)
+            raise
+        self.size += len(data)
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether somebody has deleted the file, so that what goes into it would be lost."""
+        return self.path is not None and os.fstat(self._fd).st_nlink == 0
+
+    def sync(self) -> None:
+        if self.path is not None:
+            os.fsync(self._fd)
+
+    def close(self) -> None:
+        if self.path is not None:
+            os.close(self._fd)
+            self.path = None
+
+
+def header(channels: Sequence[str]) -> bytes:
+    """The first line of a recording."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow([TIME, *channels, STEP, FLAGS])
+    return line.getvalue().encode()
+
+
+def row_of_reading(reading: Reading, channels: Sequence[str]) -> bytes:
+    """A reading as a row: the shortest decimals that read back to the same bits, faults by channel."""
+    cells = [repr(reading.time_s)]
+    flags = []
+    for name in channels:
+        value = reading.values.get(name)
+        known = value is not None and not math.isnan(value)
+        cells.append(repr(value) if known else "")
+        fault = reading.faults.get(name) or (MISSING_FAULT if value is not None and not known else None)
+        if fault:
+            flags.append(f"{quote(name, safe=_PLAIN)}={quote(fault, safe=_PLAIN)}")
+    return f"{','.join(cells)},,{';'.join(flags)}\n".encode()

@@ -1,0 +1,143 @@
+"""A recorded log through the live path: its frames, the same drive and estimator, results as files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.errors import LogError
+from observer.estimators.protocol import Estimator
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
+from observer.log_writer import Column, TableWriter
+from observer.logs import TIME, Log
+from observer.service.align import AlignPlan, frames_of_log
+from observer.service.pipeline import Drive, Pipeline
+
+Progress = Callable[[int, int], None]
+_SENSOR_LABELS = np.array([quality.label for quality in Quality])
+
+
+def estimates_of(
+    log: Log, plan: AlignPlan, drive: Drive[Any], estimator: Estimator, progress: Progress
+) -> Iterator[EstimateBlock]:
+    """The estimates of a log in blocks; `progress` is told the rows done and their total."""
+    pipeline = Pipeline(drive, estimator)
+    total = len(log) if log.step is None else int(log.step.sum())
+    done = 0
+    for frames in frames_of_log(log, plan):
+        yield pipeline.step(frames)
+        done += len(frames)
+        progress(done, total)
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A replay in numbers; the same for the same log and configuration."""
+
+    log: str
+    config: str
+    rows: int
+    duration_s: float
+    quality: dict[str, int]
+    heat_mean_W: dict[str, float | None]
+    sensors: dict[str, dict[str, Any]]
+
+
+class Tally:
+    """Adds up blocks of estimates into a summary."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        sensors, sources = len(layout.sensors), len(layout.sources)
+        self._times: list[float] = []
+        self._rows = 0
+        self._quality = np.zeros(len(EstimateQuality), np.int64)
+        self._sensor_quality = np.zeros((sensors, len(Quality)), np.int64)
+        self._heat, self._heat_count = np.zeros(sources), np.zeros(sources)
+        self._count, self._sum, self._squares = np.zeros(sensors), np.zeros(sensors), np.zeros(sensors)
+
+    def add(self, block: EstimateBlock) -> None:
+        """Count a block in."""
+        self._rows += len(block)
+        self._times = [*self._times[:1], *block.time_s[[0, -1]].tolist()]
+        self._quality += np.bincount(block.quality, minlength=len(EstimateQuality))
+        for j, codes in enumerate(block.sensor_quality.T):
+            self._sensor_quality[j] += np.bincount(codes, minlength=len(Quality))
+        self._heat += np.nansum(block.heat_W, axis=0)
+        self._heat_count += np.isfinite(block.heat_W).sum(axis=0)
+        self._count += np.isfinite(block.innovation_K).sum(axis=0)
+        self._sum += np.nansum(block.innovation_K, axis=0)
+        self._squares += np.nansum(block.innovation_K**2, axis=0)
+
+    def summary(self, log: Log, digest: str) -> Summary:
+        """All that was counted."""
+        bias_K, rms_K = _mean(self._sum, self._count), _mean(self._squares, self._count)
+        sensors = {
+            name: {
+                "innovation_rms_K": None if square is None else square**0.5,
+                "innovation_bias_K": bias,
+                "quality": {q.label: int(n) for q, n in zip(Quality, counts, strict=True)},
+            }
+            for name, square, bias, counts in zip(
+                self._layout.sensors, rms_K, bias_K, self._sensor_quality, strict=True
+            )
+        }
+        return Summary(
+            log.path.name,
+            digest,
+            self._rows,
+            self._times[-1] - self._times[0] if self._times else 0.0,
+            {q.label: int(n) for q, n in zip(EstimateQuality, self._quality, strict=True)},
+            dict(zip(self._layout.sources, _mean(self._heat, self._heat_count), strict=True)),
+            sensors,
+        )
+
+
+def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
+    return [float(t / n) if n else None for t, n in zip(total, count, strict=True)]
+
+
+def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
+    """The columns of `estimates.csv` for a block."""
+    columns: dict[str, Column] = {TIME: block.time_s}
+    for j, name in enumerate(layout.sources):
+        columns[f"heat_{name}_W"] = block.heat_W[:, j]
+        columns[f"heat_{name}_sigma_W"] = block.heat_sigma_W[:, j]
+    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
+    for j, mm in enumerate(places):
+        columns[f"field_{mm}_degC"] = block.field_degC[:, j]
+        columns[f"field_{mm}_sigma_K"] = block.field_sigma_K[:, j]
+    if layout.has_error:
+        for j, mm in enumerate(places):
+            columns[f"error_{mm}_um"] = block.error_um[:, j]
+            columns[f"error_{mm}_sigma_um"] = block.error_sigma_um[:, j]
+    for j, name in enumerate(layout.sensors):
+        columns[f"innovation_{name}_K"] = block.innovation_K[:, j]
+        columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]
+    return columns
+
+
+def write_results(
+    output: Path, suffix: str, layout: Layout, blocks: Iterator[EstimateBlock], log: Log, digest: str
+) -> Summary:
+    """Write `estimates` + suffix and `summary.json` into `output`; both appear complete or not at all.
+
+    Raises `LogError` where they cannot be written, or when there is no estimate to write.
+    """
+    tally = Tally(layout)
+    with TableWriter(output / f"estimates{suffix}") as writer:
+        for block in blocks:
+            writer.write(result_columns(layout, block))
+            tally.add(block)
+        summary = tally.summary(log, digest)
+        if not summary.rows:
+            raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
+    part = output / ".summary.json.part"
+    part.write_text(json.dumps(asdict(summary), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    part.replace(output / "summary.json")
+    return summary

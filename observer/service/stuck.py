@@ -1,0 +1,53 @@
+"""A thermocouple that used to show noise and now repeats one value to the last bit no longer measures."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from observer.frames import FloatArray
+
+# What is remembered of a channel, by column.
+_LAST, _DELTA, _BEND, _BEND_BEFORE, _RUN, _LONGEST = range(6)
+_WIDTH: Final = 6
+_MEMORY_SAMPLES: Final = 64.0
+_REPEATS: Final = 60.0  # this many equal samples in a row are not noise any more …
+_PATIENCE: Final = 3.0  # … unless the channel is known for long repeats: a coarse converter in steady heat
+_LONGEST_KNOWN: Final = 200.0
+_NOISE_SEEN: Final = 0.35  # of noise_K; white noise bends by 1.95 noise_K a sample, a smooth ramp by nothing
+
+
+def no_memory(channels: int) -> FloatArray:
+    """Memory of channels that have delivered nothing yet, (channels, 6)."""
+    memory = np.zeros((channels, _WIDTH))
+    memory[:, _LAST] = np.nan
+    return memory
+
+
+@njit(cache=True)
+def is_stuck(memory: FloatArray, value: float, noise_K: float) -> bool:
+    """Whether a channel is stuck, given one more usable value; `memory` (6,) is updated.
+
+    Noise is judged by the running mean of |Δ_k - Δ_{k-1}|, the bend of the last three samples, because it
+    is nothing on the smooth curve of a noise-free log, however steep. A channel counts as stuck from the
+    60th repeat on (more if it has repeated for long before), until it changes. NaN as `noise_K` means that
+    the channel is no thermocouple.
+    """
+    last = memory[_LAST]
+    memory[_LAST] = value
+    if math.isnan(noise_K) or math.isnan(last):
+        return False
+    delta = value - last
+    memory[_BEND] += (abs(delta - memory[_DELTA]) - memory[_BEND]) / _MEMORY_SAMPLES
+    memory[_DELTA] = delta
+    if delta != 0.0:
+        memory[_LONGEST] = min(max(memory[_LONGEST], memory[_RUN]), _LONGEST_KNOWN)
+        memory[_RUN] = 0.0
+        memory[_BEND_BEFORE] = memory[_BEND]
+        return False
+    memory[_RUN] += 1.0
+    limit = max(_REPEATS, _PATIENCE * memory[_LONGEST])
+    return bool(memory[_RUN] >= limit and memory[_BEND_BEFORE] >= _NOISE_SEEN * noise_K)

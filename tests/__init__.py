@@ -1,0 +1,1 @@
+"""Tests of the Ballscrew Observer; they mirror the packages."""

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from observer.discovery.calibrate import Calibration, calibrate
+from observer.discovery.identifiability import describe
+from observer.discovery.parameters import FILM, replaced
+from observer.discovery.result import calibration_result
+from observer.errors import LogError
+from tests.discovery.cases import machine, made_log, rig
+
+TRUE = {FILM: 26.0, "source.heater.scale": 0.8, "source.bearing.l.scale": 1.3}
+
+
+@pytest.fixture(scope="module")
+def of_the_rig() -> Calibration:
+    config, blocks = rig()
+    return calibrate(config, [blocks])
+
+
+def test_the_film_of_the_rig_is_found(of_the_rig: Calibration) -> None:
+    # The rig's film is 13.91. A log tells the film only relative to ρc, which the rig's configuration has
+    # wrong by up to 2 %.
+    assert of_the_rig.values[FILM] == pytest.approx(13.91, rel=0.02)
+
+
+def test_the_gap_of_the_rig_falls_to_what_its_source_states(of_the_rig: Calibration) -> None:
+    # with the right parameters this run is left with 0.09 K rms, says where it comes from
+    assert of_the_rig.gap.before_rms_K > 1.0
+    assert of_the_rig.gap.after_rms_K < 0.095
+    assert set(of_the_rig.per_sensor) == {"t1", "t2", "t3", "t4", "t5"}
+    assert of_the_rig.obstacles == ()
+
+
+def test_the_result_is_plain_data_with_units(of_the_rig: Calibration) -> None:
+    result = calibration_result(of_the_rig, {"source.nut.random_walk_W_sqrt_s": 0.1})
+    film = result["calibrated"][FILM]
+    assert film["unit"] == "W/m2K"
+    assert film["before"] == 15.0
+    assert film["ci95"][0] < film["value"] < film["ci95"][1]
+    assert (
+        result["gap"]["per_sensor"]["t3"]["after_rms_K"] < result["gap"]["per_sensor"]["t3"]["before_rms_K"]
+    )
+
+
+def test_known_parameters_are_found_with_intervals_that_cover() -> None:
+    config = machine()
+    truth = replaced(config, TRUE)
+    hits, runs = 0, 12
+    for seed in range(runs):
+        found = calibrate(config, [[made_log(truth, seed)]])
+        for fitted in found.fitted:
+            hits += fitted.ci95[0] <= TRUE[fitted.key] <= fitted.ci95[1]
+            assert fitted.value == pytest.approx(TRUE[fitted.key], rel=0.01)
+    # 36 intervals of 95 %: fewer than 30 would be a chance of 1 in 500 were they independent
+    assert hits >= 30
+
+
+def test_two_runs_are_fitted_together_each_from_its_own_start() -> None:
+    config = machine()
+    truth = replaced(config, TRUE)
+    one = calibrate(config, [[made_log(truth, 1)]])
+    two = calibrate(config, [[made_log(truth, 1)], [made_log(truth, 2, heater_W=30.0)]])
+    for a, b in zip(one.fitted, two.fitted, strict=True):
+        assert b.ci95[1] - b.ci95[0] < a.ci95[1] - a.ci95[0]
+    assert two.config.surface.convection_W_m2K == two.values[FILM]
+
+
+def test_what_the_log_cannot_tell_keeps_its_value_and_has_a_reason() -> None:
+    config = machine()
+    truth = replaced(config, TRUE | {"source.bearing.l.scale": 1.0})
+    found = calibrate(config, [[made_log(truth, 3, speed_rpm=0.0)]])
+    assert set(found.values) == {FILM, "source.heater.scale"}
+    assert [describe(o) for o in found.obstacles] == [
+        "source.bearing.l.scale: n_rpm stays at 0 in these logs; add a run in which n_rpm is not 0."
+    ]
+    assert found.config.source[1].scale == 1.0
+
+
+def test_two_factors_of_one_law_cannot_be_told_apart() -> None:
+    free = [FILM, "source.bearing.l.heat_W_rpm", "source.bearing.l.scale", "source.heater.scale"]
+    config = machine(calibrate={"free": free})
+    found = calibrate(config, [[made_log(replaced(config, TRUE), 4)]])
+    [obstacle] = found.obstacles
+    assert obstacle.key == "source.bearing.l.scale"
+    assert "source.bearing.l.heat_W_rpm" in obstacle.reason
+    assert FILM not in obstacle.reason
+
+
+def test_film_heats_and_material_are_known_up_to_a_common_factor_only() -> None:
+    """Multiply k, ρc, film and heats by one number and no temperature changes."""
+    free = [FILM, "source.heater.scale", "source.bearing.l.scale", "screw.conductivity_W_mK"]
+    config = machine(calibrate={"free": [*free, "screw.specific_heat_J_kgK"]})
+    found = calibrate(config, [[made_log(config, 5)]])
+    [obstacle] = found.obstacles
+    assert obstacle.key == "screw.specific_heat_J_kgK"
+    assert all(key in obstacle.reason for key in free[:3])
+
+
+def test_a_short_log_is_refused() -> None:
+    config = machine()
+    with pytest.raises(LogError, match=r"lasts 118 s and a calibration needs 300 s"):
+        calibrate(config, [[made_log(config, 6, minutes=2.0)]])
+
+
+def test_a_log_in_which_nothing_happens_is_refused_with_what_it_lacks() -> None:
+    config = machine()
+    with pytest.raises(LogError) as refused:
+        calibrate(config, [[made_log(config, 7, heater_W=0.0, speed_rpm=0.0)]])
+    assert "add a run that warms the screw up" in str(refused.value)
+    assert "heater_W stays at 0" in str(refused.value)
+
+
+def test_missing_stretches_do_not_matter_much() -> None:
+    config = machine()
+    log = made_log(replaced(config, TRUE), 8)
+    gap = slice(800, 1500)
+    log.values[gap, 1] = np.nan
+    log.fresh[gap, 1] = False
+    log.quality[gap, 1] = 1
+    found = calibrate(config, [[log]])
+    for fitted in found.fitted:
+        assert fitted.value == pytest.approx(TRUE[fitted.key], rel=0.01)
+
+
+def test_a_log_without_a_usable_sensor_is_refused() -> None:
+    config = machine()
+    log = made_log(config, 9, minutes=10.0)
+    log.fresh[:, :3] = False
+    with pytest.raises(LogError, match="log 1: no sensor has a usable value"):
+        calibrate(config, [[log]])
+
+
+def test_progress_tells_evaluations_and_gap() -> None:
+    config = machine()
+    seen: list[tuple[int, float]] = []
+    calibrate(config, [[made_log(replaced(config, TRUE), 10)]], lambda n, gap_K: seen.append((n, gap_K)))
+    assert [n for n, _ in seen][:4] == [1, 2, 3, 4]
+    assert min(gap for _, gap in seen) < 0.1 * seen[0][1]
+
+
+def test_a_fit_that_runs_into_a_bound_says_so() -> None:
+    config = machine(calibrate={"free": [FILM, "source.heater.scale"]})
+    log = made_log(replaced(config, {FILM: 0.0}), 13)
+    log.values[:, 0] += np.linspace(0.0, 2.0, len(log))  # a screw that gains heat without losing any
+    log.values[:, 1] += np.linspace(0.0, 2.0, len(log))
+    log.values[:, 2] += np.linspace(0.0, 2.0, len(log))
+    found = calibrate(config, [[log]])
+    [doubt] = found.obstacles
+    assert describe(doubt).startswith(f"{FILM}: the fit runs into its bound of ")

@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from observer.discovery.parameters import replaced
+from observer.discovery.response import Predictor
+from observer.discovery.runs import joined, prepare
+from observer.model.drive import Drive
+from observer.model.rod.build import build_plant
+from observer.model.simulate import simulate, start_from_sensors
+from tests.discovery.cases import machine, made_log, rig
+
+CHANGED = {
+    "surface.convection_W_m2K": 12.0,
+    "source.nut.share": 0.7,
+    "source.left_bearing.scale": 1.3,
+    "source.right_bearing.heat_W_rpm": 0.002,
+}
+
+
+def test_the_sum_of_responses_is_the_simulation() -> None:
+    config, blocks = rig()
+    run = prepare(config, blocks, "log")
+    changed = replaced(config, CHANGED)
+    # the same number of modes in both: the predictor keeps that of the configuration it was made for
+    changed = changed.model_copy(
+        update={"model": changed.model.model_copy(update={"modes": len(build_plant(config).mode_index)})}
+    )
+    plant = build_plant(changed)
+    drive = Drive(changed, plant)
+    _, inputs = drive.run(drive.initial(), run.frames)
+    state = start_from_sensors(plant, run.start_degC, run.start_R_K2, inputs.law_W[0], inputs.z_end[0])
+    rows = simulate(plant, state, inputs)[1][:, plant.rows.sensor_slice]
+    [predicted] = Predictor(config, [run])(replaced(config, CHANGED))
+    # sums of the same numbers in another order: rounding of temperatures of 50 °C over 2e4 steps
+    np.testing.assert_allclose(predicted, run.means(rows), rtol=0, atol=1e-9)
+
+
+def test_blocks_of_frames_join_to_the_whole_log() -> None:
+    _, blocks = rig()
+    assert len(blocks) > 1
+    whole = joined(blocks)
+    samples_s, samples_m, offset = whole.path["nut_position_m"]
+    assert len(offset) == len(whole) + 1 == sum(map(len, blocks)) + 1
+    column = whole.channels.index("nut_position_m")
+    # one sample a row in this log, so the newest sample of each step is the row's own
+    np.testing.assert_array_equal(samples_s[offset[1:] - 1], whole.time_s)
+    np.testing.assert_array_equal(samples_m[offset[1:] - 1], whole.values[:, column])
+
+
+def test_means_leave_out_what_is_not_usable() -> None:
+    config = machine()
+    log = made_log(config, seed=1, minutes=10.0)
+    log.values[7:9, 0] = np.nan
+    log.values[9:13, 0] = 900.0
+    log.fresh[7:13, 0] = False
+    log.quality[7:13, 0] = [1, 1, 3, 3, 3, 3]
+    run = prepare(config, [log], "log")
+    used = [*range(7), 13, 14]  # a row every 2 s
+    assert run.count[0, 0] == len(used)
+    assert run.measured_degC[0, 0] == pytest.approx(np.mean(log.values[used, 0]), abs=1e-12)
+    rows = np.random.default_rng(1).normal(size=(len(log), 3))
+    assert run.means(rows)[0, 0] == pytest.approx(np.mean(rows[used, 0]), abs=1e-12)
+    assert run.means(rows)[1, 0] == pytest.approx(np.mean(rows[15:30, 0]), abs=1e-12)

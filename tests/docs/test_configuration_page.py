@@ -1,0 +1,83 @@
+"""The reference pages list exactly the keys of the configuration, with their defaults."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from pydantic import BaseModel
+
+from drivers import settings
+from observer import config
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
+CONFIGURATION = {
+    "`[machine]`": config.Machine,
+    "`[screw]`": config.Screw,
+    "`[surface]`": config.Surface,
+    "`[ambient]`": config.Ambient,
+    "`[boundary.left]`, `[boundary.right]`": config.Boundary,
+    "`[[source]]`": config.Source,
+    "`[[sensor]]`": config.Sensor,
+    "`[model]`": config.Model,
+    "`[estimator]`": config.EstimatorSettings,
+    "`[calibrate]`": config.Calibrate,
+    "`[output]`": config.Output,
+    "`[publish]`": config.Publish,
+    "`[record]`": config.Record,
+}
+DEVICES = {
+    "`modbus_tcp`": settings.ModbusTcpSettings,
+    "`modbus_rtu`": settings.ModbusRtuSettings,
+    "A Modbus channel": settings.ModbusChannel,
+    "`can`": settings.CanSettings,
+    "A CAN channel": settings.CanChannel,
+    "`canopen`": settings.CanopenSettings,
+    "`player`": settings.PlayerSettings,
+}
+CASES = [("configuration.md", t, m) for t, m in CONFIGURATION.items()]
+CASES += [("devices.md", t, m) for t, m in DEVICES.items()]
+
+
+def _documented(page: str, title: str) -> dict[str, str]:
+    """Key → default of the table under a heading."""
+    text = (REFERENCE / page).read_text(encoding="utf-8")
+    section = text.split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
+    return dict(re.findall(r"^\| `(\w+)` \| `?(.*?)`? \| .*\|$", section, flags=re.M))
+
+
+def _coded(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
+    for name, field in model.model_fields.items():
+        if field.is_required():
+            default = "required"
+        else:
+            value = field.get_default(call_default_factory=True)
+            default = "–" if value is None else json.dumps(value, default=str)
+        yield field.alias or name, default
+
+
+@pytest.mark.parametrize(
+    ("page", "title", "model"), CASES, ids=lambda v: str(v) if isinstance(v, str) else ""
+)
+def test_a_table_of_the_page_is_the_code(page: str, title: str, model: type[BaseModel]) -> None:
+    assert _documented(page, title) == dict(_coded(model))
+
+
+def test_every_section_of_a_configuration_has_its_table() -> None:
+    sections = set(config.Section.__subclasses__()) - {config.Config, config.Boundaries}
+    assert sections == set(CONFIGURATION.values())
+
+
+def test_every_kind_of_driver_has_its_table() -> None:
+    union, *_ = get_args(settings.DriverSettings)
+    assert set(get_args(union)) <= set(DEVICES.values())
+
+
+def test_every_ready_device_is_listed() -> None:
+    text = (REFERENCE / "devices.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| .* \| (\d+) \|$", text, flags=re.M))
+    assert {name: int(inputs) for name, inputs in rows.items()} == settings.DEVICE_INPUTS

@@ -1,0 +1,90 @@
+"""Links lead somewhere, TOML examples are valid, and every page can be found from the index."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel, TypeAdapter
+
+from drivers.settings import DriverSettings
+from observer import config
+from tests.docs.console import blocks
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [p for p in [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))] if p.exists()]
+SECTIONS: dict[str, type[BaseModel]] = {
+    name: field.annotation
+    for name, field in config.Config.model_fields.items()
+    if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
+}
+
+
+def _links(page: Path) -> list[str]:
+    """Targets of the page's relative links, without their anchors."""
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S)
+    targets = re.findall(r"\]\(([^)\s]+)\)", text)
+    return [t.split("#")[0] for t in targets if not t.startswith(("http", "mailto", "#"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_to_files(page: Path) -> None:
+    broken = [link for link in _links(page) if not (page.parent / link).exists()]
+    assert not broken
+
+
+def test_every_page_is_reached_from_the_index() -> None:
+    reached, waiting = set[Path](), [DOCS / "index.md"]
+    while waiting:
+        page = waiting.pop().resolve()
+        if page in reached or page.suffix != ".md":
+            continue
+        reached.add(page)
+        waiting += [page.parent / link for link in _links(page)]
+    lost = [str(p.relative_to(ROOT)) for p in PAGES if p.is_relative_to(DOCS) and p.resolve() not in reached]
+    assert not lost
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_toml_examples_are_valid(page: Path) -> None:
+    for line, language, body in blocks(page):
+        if language == "toml":
+            _check(tomllib.loads(body), f"{page.name}:{line}")
+
+
+def _check(table: dict[str, Any], place: str) -> None:
+    """A whole configuration, or some of its sections on their own."""
+    if "screw" in table:
+        config.parse(table, place)
+        return
+    for name, section in table.items():
+        if name == "drivers":
+            for settings in section.values():
+                TypeAdapter(DriverSettings).validate_python(settings)
+        elif name in ("source", "sensor"):
+            model = {"source": config.Source, "sensor": config.Sensor}[name]
+            for entry in section:
+                model.model_validate(entry)
+        else:
+            SECTIONS[name].model_validate(section)
+
+
+def test_files_named_in_the_path_of_a_reading_exist() -> None:
+    text = (DOCS / "path-of-a-reading.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:observer|drivers|tests|config|docs)/[\w./-]+\.\w+)`", text))
+    assert named, "the page names no files"
+    assert not [name for name in sorted(named) if not (ROOT / name).exists()]
+
+
+def test_decisions_are_numbered_without_gaps_and_have_their_parts() -> None:
+    records = sorted((DOCS / "decisions").glob("[0-9]*.md"))
+    assert [int(p.name[:4]) for p in records] == list(range(1, len(records) + 1))
+    for record in records:
+        text = record.read_text(encoding="utf-8")
+        assert text.startswith(f"# {record.name[:4]} "), record.name
+        for part in ("**Context.**", "**Decision.**", "**Consequences.**"):
+            assert part in text, f"{record.name} lacks {part}"

@@ -1,0 +1,152 @@
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.decode import MAX_REGISTERS, Block, decode, encode, raw_of, read_plan, spans, words_of
+from drivers.devices import modbus_input
+from drivers.settings import WORDS, ModbusChannel
+
+LIMITS = {
+    "int16": (-(2**15), 2**15 - 1),
+    "uint16": (0, 2**16 - 1),
+    "int32": (-(2**31), 2**31 - 1),
+    "uint32": (0, 2**32 - 1),
+}
+ORDERS = st.sampled_from(["big", "little"])
+
+
+@given(st.sampled_from(sorted(LIMITS)), ORDERS, st.data())
+def test_integers_survive_the_registers(kind, order, data):
+    number = data.draw(st.integers(*LIMITS[kind]))
+    words = words_of(number, kind, order)
+    assert len(words) == WORDS[kind]
+    assert all(0 <= word <= 0xFFFF for word in words)
+    assert raw_of(words, kind, order) == number
+
+
+@given(st.floats(width=32, allow_nan=False), ORDERS)
+def test_floats_survive_the_registers(number, order):
+    assert raw_of(words_of(number, "float32", order), "float32", order) == number
+
+
+@given(st.lists(st.integers(0, 0xFFFF), min_size=2, max_size=2), st.sampled_from(["int32", "uint32"]))
+def test_word_order_swaps_words_and_nothing_else(words, kind):
+    assert raw_of(words, kind, "little") == raw_of(words[::-1], kind, "big")
+
+
+def test_the_byte_order_is_that_of_the_wire():
+    assert raw_of([0x0001, 0x0002], "uint32") == 0x00010002
+    assert raw_of([0xFFFF], "int16") == -1
+    assert words_of(1.0, "float32") == (0x3F80, 0x0000)
+
+
+@given(st.floats(-200, 1300), st.sampled_from([0.1, 0.01, 0.0625, -0.5]), st.floats(-300, 300), ORDERS)
+def test_decode_undoes_encode_to_half_a_step(value, scale, offset, order):
+    channel = ModbusChannel(register=7, type="int32", word_order=order, scale=scale, offset=offset)
+    decoded, fault = decode(encode(value, channel), channel)
+    assert fault is None
+    # rounding to the register's step, and the float arithmetic of the scaling itself
+    assert abs(decoded - value) <= abs(scale) / 2 + 1e-9
+
+
+@given(st.floats(-3000, 3000))
+def test_a_value_too_large_for_its_type_is_not_encoded(value):
+    channel = ModbusChannel(register=0, scale=0.1)
+    if -3276.85 < value < 3276.75:
+        assert decode(encode(value, channel), channel)[0] == pytest.approx(value, abs=0.051)
+    with pytest.raises(struct.error):
+        encode(4000.0 + abs(value), channel)
+
+
+# What each module shows for a reading and for its faults, as its manual writes it (field by field in hex).
+SHOWN = [
+    ("icpdas_m7018", {0: 0x00FA}, 25.0, None),
+    ("icpdas_m7018", {0: 0xFF9C}, -10.0, None),
+    ("icpdas_m7018", {0: 0x7FFF}, None, "open_circuit"),
+    ("wago_750_458", {0: 0x00, 1: 0x03E8}, 100.0, None),
+    ("wago_750_458", {0: 0x00, 1: 0xF830}, -200.0, None),
+    ("wago_750_458", {0: 0x41, 1: 0xF830}, None, "under_range"),
+    ("wago_750_458", {0: 0x42, 1: 0x32C8}, None, "over_range"),
+    ("wago_750_458", {0: 0x60, 1: 0x7FFF}, None, "open_circuit"),
+    ("wago_750_458", {0: 0x00, 1: 0x7FFF}, None, "open_circuit"),
+    ("wago_750_458", {0: 0x00, 1: 0x8000}, None, "cold_junction"),
+    ("wago_750_458", {0: 0x80, 1: 0x03E8}, None, "register_communication"),
+    ("micro800_tc2", {0: 8000, 2: 0x0008}, 530.0, None),
+    ("micro800_tc2", {0: 1234, 2: 0x0000}, -146.6, None),
+    ("micro800_tc2", {0: 8000, 2: 0x0020}, None, "open_circuit"),
+    ("micro800_tc2", {0: 600, 2: 0x0040}, None, "under_range"),
+    ("micro800_tc2", {0: 16400, 2: 0x0080}, None, "over_range"),
+]
+
+
+@pytest.mark.parametrize(("device", "registers", "value", "fault"), SHOWN)
+def test_modules_are_read_as_their_manuals_say(device, registers, value, fault):
+    decoded = decode(registers, modbus_input(device, 0))
+    if fault is None:
+        assert decoded == (pytest.approx(value, abs=1e-9), None)
+    else:
+        assert math.isnan(decoded[0])
+        assert decoded[1] == fault
+
+
+def test_a_ready_map_can_begin_anywhere():
+    moved = modbus_input("wago_750_458", 1, first_register=100)
+    assert (moved.status_register, moved.register_) == (102, 103)
+
+
+@pytest.mark.parametrize(
+    ("channel", "registers", "fault"),
+    [
+        (ModbusChannel(register=0, type="float32"), {0: 0x7FC0, 1: 0}, "not_a_number"),
+        (ModbusChannel(register=0, type="float32"), {0: 0x7F80, 1: 0}, "not_a_number"),
+        (ModbusChannel(register=0, low=0, high=100), {0: 101}, "out_of_range"),
+        (ModbusChannel(register=0, low=0, high=100), {0: 0xFFFF}, "out_of_range"),
+        (ModbusChannel(register=0, low=0, high=100), {0: 100}, None),
+        (ModbusChannel(register=0, type="uint32", word_order="little", fault_codes={0xFFFF0001: "gone"}),
+         {0: 1, 1: 0xFFFF}, "gone"),
+    ],
+)  # fmt: skip
+def test_values_that_cannot_be_used_have_a_reason(channel, registers, fault):
+    value, found = decode(registers, channel)
+    assert found == fault
+    assert math.isnan(value) == (fault is not None)
+
+
+CHANNELS = st.builds(
+    lambda register, function, kind, status: ModbusChannel(
+        register=register,
+        function=function,
+        type=kind,
+        status_register=status,
+        status_faults={1: "bad"} if status is not None else {},
+    ),
+    st.integers(0, 400),
+    st.sampled_from(["holding", "input"]),
+    st.sampled_from(sorted(WORDS)),
+    st.none() | st.integers(0, 400),
+)
+
+
+@given(st.lists(CHANNELS, min_size=1, max_size=40))
+def test_a_plan_reads_what_is_needed_and_nothing_else(channels):
+    plan = read_plan(channels)
+    needed = {(s.function, s.first + i) for c in channels for s in spans(c) for i in range(s.count)}
+    read = [(b.function, b.first + i) for b in plan for i in range(b.count)]
+    assert set(read) == needed
+    assert all(block.count <= MAX_REGISTERS for block in plan)
+    for channel in channels:  # no value is torn apart
+        for span in spans(channel):
+            assert any(
+                b.function == span.function
+                and b.first <= span.first
+                and span.first + span.count <= b.first + b.count
+                for b in plan
+            )
+
+
+def test_neighbours_are_read_together():
+    module = [modbus_input("wago_750_458", number) for number in range(8)]
+    assert read_plan(module) == (Block("input", 0, 16),)

@@ -1,0 +1,165 @@
+"""Modbus RTU over a pty pair: a real serial client and server, and a line that delays replies."""
+
+import asyncio
+import contextlib
+import os
+import tty
+from contextlib import asynccontextmanager
+
+from pymodbus.server import ModbusSerialServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from drivers import modbus_link, open_driver
+from drivers.settings import ModbusRtuSettings
+from tests.drivers.harness import running
+
+TIMEOUT_S = 0.1
+QUIET_S = 0.3
+
+
+class Line:
+    """Two pty pairs joined by their masters; what the device sends is held back for `delay_s`."""
+
+    def __init__(self):
+        self.delay_s = 0.0
+        self.cut = False
+        self.masters = []
+        self.devices = []
+        for _ in range(2):
+            master, slave = os.openpty()
+            tty.setraw(slave)
+            os.set_blocking(master, False)
+            self.masters.append(master)
+            self.devices.append((slave, os.ttyname(slave)))
+        loop = asyncio.get_running_loop()
+        near, far = self.masters
+        loop.add_reader(near, self._forward, near, far, False)
+        loop.add_reader(far, self._forward, far, near, True)
+
+    @property
+    def client(self):
+        return self.devices[0][1]
+
+    @property
+    def server(self):
+        return self.devices[1][1]
+
+    def _forward(self, source, target, is_reply):
+        data = os.read(source, 4096)
+        if self.cut:
+            return
+        delay_s = self.delay_s if is_reply else 0.0
+        asyncio.get_running_loop().call_later(delay_s, self._write, target, data)
+
+    def _write(self, target, data):
+        with contextlib.suppress(OSError):  # closed while the bytes were under way
+            os.write(target, data)
+
+    def close(self):
+        masters, self.masters = self.masters, []  # closing twice is closing once
+        for master in masters:
+            asyncio.get_running_loop().remove_reader(master)
+            os.close(master)
+        for slave, _ in self.devices if masters else ():
+            os.close(slave)
+
+
+@asynccontextmanager
+async def rtu_device(registers):
+    line = Line()
+    block = SimData(0, values=registers, datatype=DataType.REGISTERS)
+    server = ModbusSerialServer(SimDevice(id=1, simdata=[block]), port=line.server, baudrate=19200)
+    await server.serve_forever(background=True)
+    try:
+        yield line
+    finally:
+        await server.shutdown()
+        line.close()
+
+
+def settings(line, count, **more):
+    channels = {f"r{i}_1": {"register": 3 * i} for i in range(count)}
+    return ModbusRtuSettings(
+        kind="modbus_rtu",
+        port=line.client,
+        channels=channels,
+        **({"period_s": 0.05, "timeout_s": TIMEOUT_S, "quiet_s": QUIET_S} | more),
+    )
+
+
+def wrong_values(readings):
+    """Each register holds its own address, so a reply that answers another request shows."""
+    return [
+        (name, value)
+        for reading in readings
+        for name, value in reading.values.items()
+        if name not in reading.faults and value != 3 * int(name[1])
+    ]
+
+
+async def replies_that_come_late(line, rtu):
+    """Delay some replies by more than the timeout, as a slow gateway does."""
+    for delay_s in (0.15, 0.02, 0.3, 0.15, 0.02, 0.35, 0.0):
+        line.delay_s = delay_s
+        await asyncio.sleep(0.5)
+    await rtu.until(lambda r: not r.faults)
+
+
+async def test_registers_arrive_over_the_serial_line():
+    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+        reading = await rtu.until(lambda r: not r.faults)
+        assert reading.values == {f"r{i}_1": 3.0 * i for i in range(5)}
+        assert rtu.driver.status.connected
+
+
+async def test_late_replies_never_yield_another_registers_value():
+    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+        await replies_that_come_late(line, rtu)
+        assert any("timeout" in r.faults.values() for r in rtu.readings)
+        assert sum(not r.faults for r in rtu.readings) > 5
+        assert wrong_values(rtu.readings) == []
+
+
+async def test_without_the_quiet_gap_late_replies_do_yield_wrong_values(monkeypatch):
+    """The hazard is real: this is what the test above protects against."""
+
+    async def at_once(_link):
+        return True
+
+    monkeypatch.setattr(modbus_link.ModbusLink, "settle", at_once)
+    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+        await replies_that_come_late(line, rtu)
+        assert wrong_values(rtu.readings) != []
+
+
+async def test_a_line_that_is_cut_is_flagged_each_period_and_comes_back():
+    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+        await rtu.good("r4_1")
+        line.cut = True
+        assert await rtu.fault("r4_1") == "timeout"
+        seen = len(rtu.readings)
+        await asyncio.sleep(0.5)
+        assert len(rtu.readings) - seen >= 5  # ten periods of 0.05 s
+        assert all(set(r.faults.values()) == {"timeout"} for r in rtu.readings[seen:])
+        assert not rtu.driver.status.connected
+        line.cut = False
+        await rtu.good("r4_1", timeout_s=1.0)
+        assert rtu.driver.status.reconnects == 1
+
+
+async def test_an_adapter_that_is_unplugged_is_looked_for_until_it_is_back(tmp_path):
+    """The device file goes and comes, as that of a USB adapter does."""
+    path = tmp_path / "ttyUSB0"
+    async with rtu_device(list(range(15))) as first:
+        path.symlink_to(first.client)
+        driver = open_driver("rtu", settings(first, 5).model_copy(update={"port": str(path)}))
+        async with running(driver) as rtu:
+            await rtu.good("r0_1")
+            path.unlink()
+            first.close()
+            await rtu.until(lambda r: set(r.faults.values()) == {"disconnected"})
+            async with rtu_device(list(range(15))) as second:
+                path.symlink_to(second.client)
+                await rtu.good("r0_1", timeout_s=1.0)
+                assert driver.status.reconnects == 1
+                assert wrong_values(rtu.readings) == []

@@ -1,0 +1,186 @@
+"""The simulated machine as a process, read over its own wires with the real drivers."""
+
+import asyncio
+import itertools
+import json
+import os
+import signal
+import sys
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+import zenoh
+
+from drivers import open_driver
+from drivers.settings import CanChannel, CanSettings, ModbusTcpSettings
+from drivers.simulated.machine import SENSORS
+from tests.drivers.harness import running
+
+pytestmark = pytest.mark.system
+
+
+class Machine:
+    """The running process and where its wires are."""
+
+    def __init__(self, process, places):
+        self.process = process
+        self.places = places
+
+    async def fault(self, **faults):
+        self.process.stdin.write(json.dumps({"fault": faults}).encode() + b"\n")
+        async with asyncio.timeout(5):
+            return json.loads(await self.process.stdout.readline())
+
+    def thermocouples(self, device="wago_750_458"):
+        settings = ModbusTcpSettings(
+            kind="modbus_tcp",
+            host="127.0.0.1",
+            port=self.places["modbus_port"],
+            device=device,
+            channels={name: number for number, name in enumerate(SENSORS)},
+            period_s=0.05,
+            timeout_s=0.5,
+        )
+        return open_driver("thermocouples", settings)
+
+    def axis(self):
+        channels = {
+            "nut_position_m": CanChannel(message="AxisStatus", signal="NutPosition"),
+            "screw_speed_rpm": CanChannel(message="AxisStatus", signal="ScrewSpeed"),
+        }
+        settings = CanSettings(
+            kind="can",
+            interface="slcan",
+            channel=self.places["can_device"],
+            dbc="drivers/simulated/axis.dbc",
+            channels=channels,
+            period_s=0.02,
+            timeout_s=0.3,
+        )
+        return open_driver("axis", settings)
+
+
+@asynccontextmanager
+async def machine(*options):
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "drivers.simulated",
+        "--warm-minutes",
+        "1",
+        *options,
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+    )
+    try:
+        async with asyncio.timeout(20):
+            places = json.loads(await process.stdout.readline())
+        yield Machine(process, places)
+    finally:
+        process.stdin.close()
+        async with asyncio.timeout(3):
+            assert await process.wait() == 0
+
+
+async def test_its_wires_carry_temperatures_position_and_speed():
+    async with machine() as plant, running(plant.thermocouples()) as tc, running(plant.axis()) as axis:
+        reading = await tc.until(lambda r: not r.faults)
+        # warm, and nowhere hotter than 35 W into this screw can make it within a minute
+        assert all(20.0 < value < 60.0 for value in reading.values.values())
+        first = await axis.until(lambda r: not r.faults)
+        assert first.values["screw_speed_rpm"] == pytest.approx(1500.0)
+        await asyncio.sleep(1.0)
+        good = [r for r in axis.readings if not r.faults]
+        assert len(good) > 25  # 50 frames a second, on a machine that may be busy
+        assert len({r.values["nut_position_m"] for r in good}) > 25
+
+
+async def test_its_faults_reach_the_drivers_as_faults():
+    async with machine() as plant, running(plant.thermocouples()) as tc, running(plant.axis()) as axis:
+        await tc.good("t3_degC")
+        await axis.good("nut_position_m")
+        assert await plant.fault(open="t3_degC", over_range="t4_degC") == {
+            "faults": {"open": ["t3_degC"], "over_range": ["t4_degC"]}
+        }
+        reading = await tc.until(lambda r: "t3_degC" in r.faults)
+        assert reading.faults == {"t3_degC": "open_circuit", "t4_degC": "over_range"}
+        await plant.fault(exception=4)
+        assert await tc.fault("t1_degC") == "exception_4"
+        await plant.fault(silence_can=True)
+        assert await axis.fault("nut_position_m") == "silent"
+        await plant.fault(drop_modbus=True)
+        await tc.until(lambda r: r.faults.get("t1_degC") == "disconnected")
+        await plant.fault()
+        await tc.good("t1_degC", timeout_s=1.0)
+        await axis.good("nut_position_m", timeout_s=1.0)
+        await plant.fault(stuck="t2_degC")
+        await tc.good("t2_degC")
+        await asyncio.sleep(0.5)
+        last = [r.values for r in tc.readings if not r.faults][-6:]
+        assert len({values["t2_degC"] for values in last}) == 1
+
+
+async def test_a_module_of_another_make():
+    async with machine("--map", "icpdas_m7018") as plant, running(plant.thermocouples("icpdas_m7018")) as tc:
+        assert 20.0 < await tc.good("t5_degC") < 60.0
+        await plant.fault(open="t5_degC")
+        assert await tc.fault("t5_degC") == "open_circuit"
+
+
+async def test_the_position_that_a_late_listener_hears_is_of_now():
+    async with machine() as plant:
+        await asyncio.sleep(1.0)  # fifty frames that nobody hears
+        async with running(plant.axis()) as axis:
+            await axis.good("nut_position_m")
+            await asyncio.sleep(0.4)
+        positions_m = [r.values["nut_position_m"] for r in axis.readings if not r.faults]
+        times_s = [r.time_s for r in axis.readings if not r.faults]
+        # 0.25 m/s for what was heard; the fifty frames would have added 0.25 m at once
+        travelled_m = sum(abs(b - a) for a, b in itertools.pairwise(positions_m))
+        assert travelled_m <= 0.25 * (times_s[-1] - times_s[0]) + 0.05
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+async def test_it_ends_on_signals(number):
+    async with machine() as plant:
+        os.kill(plant.process.pid, number)
+        async with asyncio.timeout(3):
+            assert await plant.process.wait() == 0
+
+
+async def test_a_command_it_does_not_know_is_refused_and_survived():
+    async with machine() as plant:
+        plant.process.stdin.write(b'{"fault": {"burn": true}}\nnonsense\n')
+        assert await plant.fault(open="t1_degC") == {"faults": {"open": ["t1_degC"]}}
+
+
+async def test_the_truth_is_published_once_there_is_a_router(unused_tcp_port):
+    endpoint = f"tcp/127.0.0.1:{unused_tcp_port}"
+    key = "ballscrew/test/x/truth/heat"
+    async with machine("--zenoh", endpoint, "--key", key) as plant:
+        await asyncio.sleep(0.5)  # it must not mind that there is no router yet
+        config = zenoh.Config()
+        config.insert_json5("mode", '"router"')
+        config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        with zenoh.open(config) as router:
+            ring = zenoh.handlers.RingChannel(1)
+            with router.declare_subscriber(key, ring) as subscriber:
+                sample = await asyncio.to_thread(_next, subscriber)
+        truth = json.loads(sample.payload.to_string())
+        assert set(truth) == {"time_s", "sequence", "sources", "quality"}
+        assert set(truth["sources"]) == {"nut", "left_bearing", "right_bearing"}
+        assert truth["sources"]["nut"]["heat_W"] > 20.0
+        assert truth["sources"]["nut"]["sigma_W"] == 0.0
+        assert truth["quality"] == "good"
+        assert plant.process.returncode is None
+
+
+def _next(subscriber):
+    deadline_s = time.monotonic() + 10.0
+    while time.monotonic() < deadline_s:
+        if (sample := subscriber.try_recv()) is not None:
+            return sample
+        time.sleep(0.02)
+    raise AssertionError("no truth arrived in ten seconds")

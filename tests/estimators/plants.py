@@ -1,0 +1,142 @@
+"""Small plants made by hand for the estimators' tests; the truth of their physics is tested elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from observer.frames import Inputs, Layout
+from observer.model.plant import MovingSource, Plant, Rows
+
+LENGTH_M, DIAMETER_M, CONDUCTIVITY_W_MK, RHO_C_J_M3K = 0.6, 0.03, 50.0, 7800.0 * 460.0
+ALPHA_M2_S = CONDUCTIVITY_W_MK / RHO_C_J_M3K
+AREA_M2 = np.pi * DIAMETER_M**2 / 4
+AMBIENT_DEGC = 20.0
+
+
+def theta(position_m, modes):
+    """Mode shapes of an insulated rod, (places, modes), normalised so that ∫θ²/α dx = 1."""
+    n = np.arange(modes)
+    shape = np.sqrt(2 * ALPHA_M2_S / LENGTH_M) * np.cos(
+        np.outer(np.atleast_1d(position_m), n * np.pi / LENGTH_M)
+    )
+    shape[:, 0] = np.sqrt(ALPHA_M2_S / LENGTH_M)
+    return shape
+
+
+def source_columns(index, at_m, modes, sources, lag_1_s, places_m):
+    """Input column (k, n_x) of a point source at `at_m` (k,) and output column (k, R) of its lag."""
+    at_m = np.atleast_1d(at_m)
+    B = np.zeros((len(at_m), modes + sources))
+    B[:, :modes] = theta(at_m, modes) / (CONDUCTIVITY_W_MK * AREA_M2)
+    B[:, modes + index] = lag_1_s
+    return B, 0.02 * np.exp(-np.abs(at_m[:, None] - places_m) / 0.02)
+
+
+def rod(
+    sensors_m=(0.05, 0.2, 0.42, 0.55),
+    sources_m=(0.0, 0.3, 0.6),
+    modes=8,
+    film_W_m2K=15.0,
+    moving=(),
+    estimated=None,
+    noise_K=0.05,
+    walk_W_sqrt_s=0.2,
+    heat_rate_1_s=0.0,
+    grid=5,
+    lag_gain=True,
+    law_uncertainty=0.2,
+    initial_sigma_W=30.0,
+    initial_sigma_K=2.0,
+):
+    """Insulated rod with point sources and surface loss; the lags carry an invented remainder."""
+    m, s = len(sources_m), len(sensors_m)
+    estimated = np.ones(m, dtype=bool) if estimated is None else np.array(estimated)
+    loss = film_W_m2K * np.pi * DIAMETER_M / (RHO_C_J_M3K * AREA_M2)
+    decay = ALPHA_M2_S * (np.arange(modes + 1) * np.pi / LENGTH_M) ** 2 + loss
+    lag = decay[modes]
+    position_m = np.linspace(0, LENGTH_M, grid)
+    places = np.concatenate([sensors_m, position_m])
+
+    B, C = np.zeros((modes + m, m)), np.zeros((len(places), modes + m))
+    C[:, :modes] = theta(places, modes)
+    for j, at_m in enumerate(sources_m):
+        column, remainder = source_columns(j, at_m, modes, m, lag, places)
+        B[:, j], C[:, modes + j] = column[0], remainder[0] * lag_gain
+
+    uniform = np.zeros(modes + m)
+    uniform[0] = np.sqrt(LENGTH_M / ALPHA_M2_S)
+    E = (loss * uniform)[:, None]
+    smooth = np.zeros((modes + m, modes + m))
+    smooth[:modes, :modes] = np.diag(LENGTH_M / ALPHA_M2_S / (1.0 + np.arange(modes) ** 2) ** 1.5)
+    m_e = int(estimated.sum())
+    names = tuple(f"q{j}" for j in range(m))
+    return Plant(
+        layout=Layout(
+            tuple(n for n, e in zip(names, estimated, strict=True) if e),
+            position_m,
+            tuple(f"t{i}" for i in range(s)),
+            False,
+        ),
+        decay_1_s=np.concatenate([decay[:modes], np.full(m, lag)]),
+        B=B,
+        E=E,
+        rows=Rows(C, np.full((len(places), 1), 0.0), s, grid),
+        moving=tuple(MovingSource(j, "nut_position_m", table=None) for j in moving),
+        uniform=uniform,
+        prior_P=initial_sigma_K**2 * smooth,
+        noise_R_K2=np.full(s, noise_K**2),
+        estimated=estimated,
+        random_walk_W2_s=np.full(m_e, walk_W_sqrt_s**2),
+        heat_decay_1_s=np.full(m_e, heat_rate_1_s),
+        law_uncertainty=np.full(m_e, law_uncertainty),
+        initial_sigma_W=np.full(m_e, initial_sigma_W),
+        field_noise_Q=np.zeros((modes + m, modes + m)),
+        mode_index=tuple(range(1, modes + 1)),
+        source_names=names,
+        known_names=("ambient",),
+        diffusion_rate_1_s=ALPHA_M2_S / LENGTH_M**2,
+    )
+
+
+def sensors_of(plant):
+    """Where the sensors are, read back from their rows (the first two modes give x)."""
+    c = plant.rows.C[: plant.rows.sensors]
+    return np.arccos(np.clip(c[:, 1] / c[:, 0] / np.sqrt(2), -1, 1)) * LENGTH_M / np.pi
+
+
+def inputs(plant, steps=200, seed=0, dt_s=0.5, missing=0.1, nut_m=None, uneven=False, law_steps=True):
+    """Plausible inputs: smooth noisy temperatures, laws with steps, a ramping ambient, some missing."""
+    rng = np.random.default_rng(seed)
+    s, m = plant.rows.sensors, plant.B.shape[1]
+    dt = np.full(steps, dt_s) if not uneven else rng.choice([0.1, 0.5, 0.7, 3.0], steps)
+    dt[0] = 0.0
+    time_s = 1000.0 + np.cumsum(dt)
+    y = (
+        AMBIENT_DEGC
+        + 0.5
+        + 0.01 * (time_s - 1000.0)[:, None] * (1 + np.arange(s)) / s
+        + rng.normal(0, 0.05, (steps, s))
+    )
+    usable = rng.random((steps, s)) >= missing
+    law = np.where((np.arange(steps) // 40 % 2 == 1)[:, None] & law_steps, 20.0 + np.arange(m), 0.0)
+    jump = np.diff(law, axis=0, prepend=law[:1])
+    z = (AMBIENT_DEGC + 0.001 * (time_s - 1000.0))[:, None]
+    nut_m = np.full(steps, 0.3) if nut_m is None else nut_m
+    n_x, R = len(plant.decay_1_s), len(plant.rows.C)
+    places_m = np.concatenate([sensors_of(plant), plant.layout.position_m])
+    lag_1_s = plant.decay_1_s[-1]
+    columns = [source_columns(n.index, nut_m, plant.modes, m, lag_1_s, places_m) for n in plant.moving]
+    return Inputs(
+        time_s=time_s,
+        dt_s=dt,
+        y_degC=np.where(usable, y, np.nan),
+        usable=usable,
+        quality=np.where(usable, 0, 1).astype(np.int8),
+        law_W=law,
+        law_jump_W=jump,
+        z_start=np.vstack([z[:1], z[:-1]]),
+        z_end=z,
+        moving_B=np.stack([c[0] for c in columns], axis=1) if columns else np.zeros((steps, 0, n_x)),
+        moving_C=np.stack([c[1] for c in columns], axis=1) if columns else np.zeros((steps, 0, R)),
+        degraded=np.zeros(steps, dtype=bool),
+    )

@@ -1,0 +1,129 @@
+"""The gate, its release, and what a sensor's and an estimate's quality say."""
+
+import numpy as np
+import pytest
+
+from observer.config import EstimatorSettings
+from observer.estimators import build_estimator
+from observer.frames import EstimateQuality, Quality
+from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
+
+ENGINES = [("kalman", "compiled"), ("kalman", "constant"), ("luenberger", "compiled")]
+
+
+def quiet(plant, steps=200, seed=0):
+    """Inputs of a rod at rest at the ambient's temperature, all sensors present."""
+    u = inputs(plant, steps=steps, seed=seed, missing=0.0, law_steps=False)
+    u.y_degC[:] = AMBIENT_DEGC + 0.05 * np.random.default_rng(seed).normal(size=u.y_degC.shape)
+    u.z_start[:] = u.z_end[:] = AMBIENT_DEGC
+    return u
+
+
+def run(plant, u, kind="kalman", engine="compiled"):
+    estimator = build_estimator(plant, EstimatorSettings(kind=kind, engine=engine, bandwidth_1_s=0.005))
+    return estimator.run(estimator.initial(), u)
+
+
+@pytest.mark.parametrize(("kind", "engine"), ENGINES)
+def test_a_single_sensor_among_several_stays_refused_while_it_disagrees(kind, engine):
+    plant = rod()
+    u = quiet(plant)
+    u.y_degC[100:150, 1] += 500.0
+    _, block = run(plant, u, kind, engine)
+    assert (block.sensor_quality[100:150, 1] == Quality.REJECTED).all()
+    assert (block.quality[100:150] == EstimateQuality.DEGRADED).all()
+    assert (block.innovation_K[100:150, 1] > 400).all()
+    assert (block.quality[150:] == EstimateQuality.GOOD).all()
+    # The field at that sensor stays where the others and the model put it.
+    assert np.abs(block.field_degC[100:150] - AMBIENT_DEGC).max() < 1.0
+
+
+@pytest.mark.parametrize(("kind", "engine"), ENGINES)
+def test_the_gate_cannot_lock_out_all_sensors(kind, engine):
+    """The whole screw is suddenly elsewhere: two steps are refused, the third is believed."""
+    plant = rod()
+    u = quiet(plant)
+    u.y_degC[100:] += 40.0
+    u.z_start[101:] += 40.0
+    u.z_end[100:] += 40.0
+    _, block = run(plant, u, kind, engine)
+    assert (block.sensor_quality[100:102] == Quality.REJECTED).all()
+    assert (block.sensor_quality[102:106] == Quality.GOOD).all()
+    if kind == "kalman":
+        assert np.abs(block.field_degC[110] - (AMBIENT_DEGC + 40.0)).max() < 3.0
+        # The field is believed to be elsewhere at once, so no heat is inferred beyond its uncertainty.
+        assert (np.abs(block.heat_W[-1]) < 4 * block.heat_sigma_W[-1]).all()
+
+
+def test_release_forgets_enough_to_follow_a_step_of_heat():
+    """300 W come from nowhere at one end: the estimate must reach them, whatever was refused on the way."""
+    plant = rod(walk_W_sqrt_s=0.05)
+    u = quiet(plant, steps=2400)
+    from tests.estimators.simulate import temperatures
+
+    u.y_degC[:] = temperatures(plant, u, lambda t: np.array([0.0, 0.0, 300.0 * (t > 100)]), seed=1)
+    _, block = run(plant, u)
+    assert abs(block.heat_W[-1, 2] - 300.0) < 15.0
+    assert (block.quality[-100:] == EstimateQuality.GOOD).all()
+
+
+def test_a_slow_sensor_is_neither_degraded_nor_stale_between_its_samples():
+    plant = rod()
+    u = quiet(plant)
+    u.usable[:, :] = False
+    u.usable[::10] = True
+    _, block = run(plant, u)
+    assert (block.quality == EstimateQuality.GOOD).all()
+    assert (block.sensor_quality == Quality.GOOD).all()
+    assert np.isnan(block.innovation_K[5]).all()
+
+
+def test_a_refused_slow_sensor_stays_marked_between_its_samples():
+    plant = rod()
+    u = quiet(plant)
+    u.usable[:, 1] = np.arange(200) % 10 == 0
+    u.y_degC[100:140, 1] = -150.0
+    _, block = run(plant, u)
+    assert (block.sensor_quality[100:140, 1] == Quality.REJECTED).all()
+    assert (block.sensor_quality[140:, 1] == Quality.GOOD).all()
+
+
+@pytest.mark.parametrize(("kind", "engine"), ENGINES)
+def test_without_any_good_sensor_the_estimate_is_stale_after_two_steps(kind, engine):
+    plant = rod()
+    u = quiet(plant)
+    u.usable[100:150] = False
+    u.quality[100:150] = Quality.MISSING
+    _, block = run(plant, u, kind, engine)
+    assert (block.quality[100:102] == EstimateQuality.DEGRADED).all()
+    assert (block.quality[102:150] == EstimateQuality.STALE).all()
+    assert (block.quality[150:] == EstimateQuality.GOOD).all()
+    assert (np.diff(block.heat_sigma_W[100:150], axis=0) > 0).all()
+
+
+def test_stale_channels_make_the_estimate_stale_at_once():
+    plant = rod()
+    u = quiet(plant)
+    u.usable[100:] = False
+    u.quality[100:] = Quality.STALE
+    _, block = run(plant, u)
+    assert (block.quality[100:] == EstimateQuality.STALE).all()
+
+
+def test_a_missing_input_degrades():
+    plant = rod()
+    u = quiet(plant)
+    u.degraded[50:60] = True
+    _, block = run(plant, u)
+    assert (block.quality[50:60] == EstimateQuality.DEGRADED).all()
+    assert block.quality[60] == EstimateQuality.GOOD
+
+
+def test_quality_only_gets_worse():
+    plant = rod()
+    u = quiet(plant)
+    u.quality[50:60, 0] = Quality.STALE
+    u.usable[50:60, 0] = False
+    _, block = run(plant, u)
+    assert (block.sensor_quality >= u.quality).all()
+    assert (block.sensor_quality[50:60, 0] == Quality.STALE).all()

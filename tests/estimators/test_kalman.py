@@ -1,0 +1,221 @@
+"""The compiled Kalman filter against a textbook filter, filterpy, and properties it must have."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from observer.config import EstimatorSettings
+from observer.estimators import build_estimator
+from observer.estimators.kalman import KalmanEstimator
+from observer.frames import EstimateQuality, Inputs, Quality
+from observer.model.discretise import augmented, quantise, step_matrices
+from observer.model.plant import Rows
+from tests.estimators.plants import inputs, rod
+
+FIELDS = ("heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "innovation_K")
+
+
+def run(plant, u, **settings_):
+    estimator = build_estimator(plant, EstimatorSettings(**settings_))
+    return estimator.run(estimator.initial(), u)
+
+
+def cut(u, part):
+    return Inputs(*(getattr(u, name)[part] for name in Inputs.__slots__))
+
+
+def nut_path(steps):
+    return 0.3 + 0.2 * np.sin(1.7 * np.arange(steps))
+
+
+def textbook(plant, u, x, P):
+    """Predict and update in the eight lines of any textbook, on dense matrices, from a given state after step
+    0.
+    """
+    n_x, C = len(plant.decay_1_s), plant.rows.C[: plant.rows.sensors]
+    H = np.hstack([C, np.zeros((len(C), len(x) - n_x))])
+    heats = []
+    for k in range(1, len(u)):
+        step = step_matrices(plant, float(quantise(u.dt_s[k])))
+        F, Q = augmented(plant, step)
+        known = step.hold * (plant.B @ u.law_W[k] + plant.E @ u.z_start[k])
+        known += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
+        P[n_x:, n_x:] += np.diag((plant.law_uncertainty * u.law_jump_W[k]) ** 2)
+        x, P = F @ x, F @ P @ F.T + Q
+        x[:n_x] += known
+        h = H[u.usable[k]]
+        S = h @ P @ h.T + np.diag(plant.noise_R_K2[u.usable[k]])
+        K = P @ h.T @ np.linalg.inv(S)
+        x = x + K @ (u.y_degC[k][u.usable[k]] - h @ x)
+        P = P - K @ S @ K.T
+        heats.append(u.law_W[k] + x[n_x:])
+    return x, P, np.array(heats)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("heat_rate", [0.0, 5e-3])
+def test_equals_the_textbook_filter(uneven, heat_rate):
+    plant = rod(heat_rate_1_s=heat_rate)
+    u = inputs(plant, steps=150, uneven=uneven)
+    estimator = KalmanEstimator(plant, EstimatorSettings(gate_sigma=1e9))
+    first, _ = estimator.run(estimator.initial(), cut(u, slice(0, 1)))
+    last, block = estimator.run(first, cut(u, slice(1, None)))
+    x, P, heats = textbook(plant, u, first.x_hat.copy(), first.P.copy())
+    # 1e-10 of the largest entry: the textbook's short form loses a few digits on the large entries of a modal
+    # P.
+    np.testing.assert_allclose(block.heat_W, heats, rtol=1e-10, atol=1e-10 * np.abs(heats).max())
+    np.testing.assert_allclose(last.x_hat, x, rtol=0, atol=1e-10 * np.abs(x).max())
+    np.testing.assert_allclose(last.P, P, rtol=0, atol=1e-10 * np.abs(first.P).max())
+
+
+@pytest.mark.parametrize("moving", [(), (1,)])
+@pytest.mark.parametrize("estimated", [None, (True, False, True)])
+def test_equals_filterpy(moving, estimated):
+    plant = rod(moving=moving, estimated=estimated)
+    u = inputs(plant, steps=300, nut_m=nut_path(300), uneven=True)
+    u.y_degC[100, 0] += 60.0  # refused by both
+    state, ours = run(plant, u)
+    other, theirs = run(plant, u, engine="filterpy")
+    for name in FIELDS:
+        a, b = getattr(ours, name), getattr(theirs, name)
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9, err_msg=name)
+    np.testing.assert_array_equal(ours.sensor_quality, theirs.sensor_quality)
+    np.testing.assert_array_equal(ours.quality, theirs.quality)
+    assert ours.sensor_quality[100, 0] == Quality.REJECTED or not u.usable[100, 0]
+    np.testing.assert_allclose(state.P, other.P, rtol=0, atol=1e-9 * np.abs(other.P).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "engine"), [("kalman", "compiled"), ("kalman", "constant"), ("luenberger", "compiled")]
+)
+@settings(max_examples=8, deadline=None)
+@given(cuts=st.lists(st.integers(1, 119), max_size=6, unique=True), seed=st.integers(0, 3))
+def test_a_block_is_its_steps_to_the_last_bit(kind, engine, cuts, seed):
+    plant = rod(moving=(1,) if seed % 2 else ())
+    u = inputs(plant, steps=120, seed=seed, nut_m=nut_path(120), uneven=seed >= 2)
+    estimator = build_estimator(plant, EstimatorSettings(kind=kind, engine=engine, bandwidth_1_s=0.005))
+    whole_state, whole = estimator.run(estimator.initial(), u)
+    # A fresh object, so that nothing remembered by the first can help.
+    estimator = build_estimator(plant, EstimatorSettings(kind=kind, engine=engine, bandwidth_1_s=0.005))
+    edges = [0, *sorted(cuts), 120] if cuts else list(range(121))
+    state, blocks = estimator.initial(), []
+    for a, b in itertools.pairwise(edges):
+        state, block = estimator.run(state, cut(u, slice(a, b)))
+        blocks.append(block)
+    for name in (*FIELDS, "sensor_quality", "quality"):
+        joined = np.concatenate([getattr(b, name) for b in blocks])
+        assert joined.tobytes() == getattr(whole, name).tobytes(), name
+    assert state.P.tobytes() == whole_state.P.tobytes()
+    assert state.x_hat.tobytes() == whole_state.x_hat.tobytes()
+    assert (state.silent, state.started) == (whole_state.silent, whole_state.started)
+
+
+def test_masking_a_sensor_is_deleting_its_row():
+    plant = rod()
+    u = inputs(plant, steps=100, missing=0.0)
+    u.usable[:, 2] = False
+    keep = [0, 1, 3]
+    rows = np.array([0, 1, 3, *range(4, len(plant.rows.C))])
+    fewer = replace(
+        plant,
+        rows=Rows(plant.rows.C[rows], plant.rows.F[rows], 3, plant.rows.grid),
+        noise_R_K2=plant.noise_R_K2[keep],
+        layout=replace(plant.layout, sensors=("t0", "t1", "t3")),
+    )
+    short = replace(u, y_degC=u.y_degC[:, keep], usable=u.usable[:, keep], quality=u.quality[:, keep])
+    masked, deleted = run(plant, u), run(fewer, short)
+    assert masked[1].heat_W.tobytes() == deleted[1].heat_W.tobytes()
+    assert masked[0].P.tobytes() == deleted[0].P.tobytes()
+    assert np.isnan(masked[1].innovation_K[:, 2]).all()
+
+
+def test_covariance_stays_positive_with_a_moving_nut_for_200_000_steps():
+    plant = rod(moving=(1,), modes=12, noise_K=0.01, grid=0)
+    estimator = KalmanEstimator(plant, EstimatorSettings())
+    steps, state = 5000, estimator.initial()
+    smallest = np.inf
+    for block in range(40):
+        u = inputs(plant, steps=steps, seed=block, nut_m=nut_path(steps), law_steps=False)
+        if block:
+            u.dt_s[0] = 0.5
+        state, _ = estimator.run(state, u)
+        scale = np.sqrt(np.diag(state.P))
+        assert (state.P == state.P.T).all()
+        smallest = min(smallest, np.linalg.eigvalsh(state.P / np.outer(scale, scale)).min())
+    # Correlations of 15 states: an eigenvalue of -1e-13 is rounding of the eigenvalue solver itself.
+    assert smallest > -1e-13
+
+
+def test_nan_never_enters_the_state():
+    plant = rod()
+    u = inputs(plant, steps=60, missing=0.0)
+    u.y_degC[10, 1] = np.nan
+    u.usable[10, 1] = True
+    u.law_W[20, 0] = np.nan
+    u.z_end[30, 0] = np.inf
+    state, block = run(plant, u)
+    assert np.isfinite(state.x_hat).all()
+    assert np.isfinite(state.P).all()
+    assert list(np.flatnonzero(block.quality == EstimateQuality.INVALID)) == [20, 30]
+    assert np.isnan(block.heat_W[20]).all()
+    assert np.isfinite(np.delete(block.heat_W, [20, 30], axis=0)).all()
+
+
+def test_nothing_is_claimed_before_the_first_measurement():
+    plant = rod()
+    u = inputs(plant, steps=20, missing=0.0)
+    u.usable[:7] = False
+    u.quality[:7] = Quality.MISSING
+    state, block = run(plant, u)
+    assert (block.quality[:7] == EstimateQuality.INVALID).all()
+    assert np.isnan(block.field_degC[:7]).all()
+    assert (block.quality[7:] == EstimateQuality.GOOD).all()
+    assert state.started
+
+
+def test_one_broken_sensor_at_the_start_does_not_set_the_level():
+    plant = rod()
+    u = inputs(plant, steps=5, missing=0.0)
+    u.y_degC[:, 3] = 900.0
+    _, block = run(plant, u)
+    # Between the three sound sensors the field is theirs, to within their spread and noise.
+    assert abs(block.field_degC[0, 1] - np.mean(u.y_degC[0, :3])) < 1.0
+    assert (block.sensor_quality[:, 3] == Quality.REJECTED).all()
+
+
+def test_heats_of_a_simulated_plant_are_within_their_intervals():
+    """Truth and model are the same here; coverage against an independent truth is tested elsewhere."""
+    plant = rod(law_uncertainty=0.0, initial_sigma_W=10.0, initial_sigma_K=1.0)
+    steps, inside, total = 300, 0, 0
+    step = step_matrices(plant, 0.5)
+    F, Q = augmented(plant, step)
+    scale = np.sqrt(np.maximum(np.diag(Q), 1e-300))
+    w, V = np.linalg.eigh(Q / np.outer(scale, scale))
+    root = scale[:, None] * V * np.sqrt(np.maximum(w, 0))
+    n_x = len(plant.decay_1_s)
+    prior = np.linalg.eigh(plant.prior_P)
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        u = inputs(plant, steps=steps, seed=seed, missing=0.1, law_steps=False)
+        x = np.zeros(len(F))
+        x[:n_x] = plant.uniform * 20.0 + prior[1] @ (np.sqrt(np.maximum(prior[0], 0)) * rng.normal(size=n_x))
+        x[n_x:] = plant.initial_sigma_W * rng.normal(size=3)
+        truth = np.empty((steps, 3))
+        for k in range(steps):
+            if k:
+                x = F @ x + root @ rng.normal(size=len(x))
+                x[:n_x] += step.hold * (plant.E @ u.z_start[k]) + step.ramp * (
+                    plant.E @ (u.z_end[k] - u.z_start[k])
+                )
+            truth[k] = x[n_x:]
+            u.y_degC[k] = plant.rows.C[:4] @ x[:n_x] + 0.05 * rng.normal(size=4)
+        _, block = run(plant, u)
+        hit = np.abs(block.heat_W[50::50] - truth[50::50]) < 1.96 * block.heat_sigma_W[50::50]
+        inside, total = inside + hit.sum(), total + hit.size
+    # 60 runs x 3 heats, nearly independent, at few moments: ± 4 standard errors of a proportion of 0.95 over
+    # 180.
+    assert abs(inside / total - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 180)

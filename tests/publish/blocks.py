@@ -1,0 +1,20 @@
+"""Estimates for the tests of publishing."""
+
+import numpy as np
+
+from observer.frames import EstimateBlock, Layout
+
+LAYOUT = Layout(("nut", "left_bearing"), np.array([0.0, 0.0125, 1 / 3]), ("t1", "t2"), True)
+
+
+def block(
+    time_s: float = 1.8e9, *, seed: int = 0, quality: int = 0, layout: Layout = LAYOUT
+) -> EstimateBlock:
+    rng = np.random.default_rng(seed)
+    m, g, s = len(layout.sources), len(layout.position_m), len(layout.sensors)
+    e = g if layout.has_error else 0
+    return EstimateBlock(
+        np.array([time_s]), rng.normal(50, 9, (1, m)), rng.uniform(1, 2, (1, m)), rng.normal(30, 3, (1, g)),
+        rng.uniform(0, 1, (1, g)), rng.normal(5, 1, (1, e)), rng.uniform(0, 1, (1, e)),
+        rng.normal(0, 0.1, (1, s)), np.zeros((1, s), np.int8), np.array([quality], np.int8),
+    )  # fmt: skip

@@ -1,0 +1,52 @@
+"""A Zenoh router in a process of its own, to be killed or frozen; it ends when its standard input closes."""
+
+import signal
+import socket
+import subprocess
+import sys
+from types import TracebackType
+
+SCRIPT = """
+import sys
+import zenoh
+from observer.publish.zenoh import session_config
+with zenoh.open(session_config("router", (), (sys.argv[1],))):
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+def free_port() -> int:
+    """A port of the loopback interface that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Router:
+    """A router as a context; `endpoint` is where it listens."""
+
+    def __init__(self, port: int | None = None) -> None:
+        self.port = port or free_port()
+        self.endpoint = f"tcp/127.0.0.1:{self.port}"
+
+    def __enter__(self) -> "Router":
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, self.endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        assert self._process.stdout.readline() == b"ready\n"
+        return self
+
+    def freeze(self) -> None:
+        self._process.send_signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        self._process.send_signal(signal.SIGCONT)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._process.kill()
+        self._process.wait(5)
+        self._process.stdin.close()
+        self._process.stdout.close()

@@ -1,0 +1,150 @@
+"""Messages hold what a step returns: decode after encode is the identity, and NaN never reaches JSON."""
+
+import json
+import math
+from dataclasses import replace
+
+import cbor2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from observer.frames import EstimateBlock, EstimateQuality, Layout, Quality
+from observer.publish.codec import (
+    EstimateEncoder,
+    array_of,
+    decode_estimate,
+    decode_estimates,
+    to_json,
+)
+from tests.publish.blocks import LAYOUT, block
+
+ARRAYS = (
+    "heat_W",
+    "heat_sigma_W",
+    "field_degC",
+    "field_sigma_K",
+    "error_um",
+    "error_sigma_um",
+    "innovation_K",
+)
+_names = st.lists(st.text("abcxyz_1", min_size=1, max_size=8), max_size=4, unique=True)
+
+
+@st.composite
+def _estimates(draw):
+    """A layout and a block of one to three estimates; every float32 there is, infinities and NaN included."""
+    sources, sensors = draw(_names), draw(_names)
+    k, g, has_error = draw(st.integers(1, 3)), draw(st.integers(0, 5)), draw(st.booleans())
+
+    def numbers(*shape):
+        return draw(hnp.arrays(np.float64, shape, elements=st.floats(width=32)))
+
+    e = g if has_error else 0
+    layout = Layout(tuple(sources), numbers(g), tuple(sensors), has_error)
+    return layout, EstimateBlock(
+        draw(hnp.arrays(np.float64, k, elements=st.floats(-1e12, 1e12))),
+        numbers(k, len(sources)), numbers(k, len(sources)), numbers(k, g), numbers(k, g), numbers(k, e),
+        numbers(k, e), numbers(k, len(sensors)),
+        draw(hnp.arrays(np.int8, (k, len(sensors)), elements=st.integers(0, 3))),
+        draw(hnp.arrays(np.int8, k, elements=st.integers(0, 3))),
+    )  # fmt: skip
+
+
+@given(_estimates(), st.integers(0, 2**53))
+@settings(deadline=None)
+def test_decode_is_the_inverse_of_encode(made, sequence):
+    layout, estimates = made
+    encoder = EstimateEncoder(layout)
+    for k in range(len(estimates)):
+        message = decode_estimate(encoder.cbor(estimates, k, sequence))
+        assert message["time_s"] == estimates.time_s[k]
+        assert message["sequence"] == sequence
+        assert message["quality"] == EstimateQuality(estimates.quality[k]).label
+        assert message["sources"] == list(layout.sources)
+        assert message["sensors"] == list(layout.sensors)
+        assert message["sensor_quality"] == [Quality(q).label for q in estimates.sensor_quality[k]]
+        np.testing.assert_array_equal(message["position_m"], layout.position_m)
+        for name in ARRAYS:
+            np.testing.assert_array_equal(message[name], getattr(estimates, name)[k])
+
+
+@given(_estimates())
+@settings(deadline=None)
+def test_json_is_strict_and_null_where_unknown(made):
+    layout, estimates = made
+    encoder = EstimateEncoder(layout)
+
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    for encode in (encoder.heat, encoder.field, encoder.error):
+        json.loads(encode(estimates, 0, 0), parse_constant=refuse)
+    heat = json.loads(encoder.heat(estimates, 0, 0))
+    for name, value in zip(layout.sources, estimates.heat_W[0], strict=True):
+        assert (heat["sources"][name]["heat_W"] is None) == (not math.isfinite(value))
+
+
+def test_documents_are_those_of_the_contract():
+    encoder, one = EstimateEncoder(LAYOUT), block(quality=1)
+    heat, field, error = (json.loads(e(one, 0, 3)) for e in (encoder.heat, encoder.field, encoder.error))
+    assert list(heat) == ["time_s", "sequence", "sources", "quality"]
+    assert list(heat["sources"]) == ["nut", "left_bearing"]
+    assert list(heat["sources"]["nut"]) == ["heat_W", "sigma_W"]
+    assert list(field) == ["time_s", "sequence", "position_m", "temperature_degC", "sigma_K", "quality"]
+    assert list(error) == ["time_s", "sequence", "position_m", "error_um", "sigma_um", "quality"]
+    assert (heat["time_s"], heat["sequence"], heat["quality"]) == (1.8e9, 3, "degraded")
+    # six decimals are kept
+    np.testing.assert_allclose(field["temperature_degC"], one.field_degC[0], rtol=0, atol=5.1e-7)
+
+
+def test_arrays_are_typed_as_rfc_8746_says():
+    raw = cbor2.loads(EstimateEncoder(LAYOUT).cbor(block(), 0, 0))
+    assert raw["field_degC"].tag == 85
+    assert raw["field_degC"].value == block().field_degC[0].astype("<f4").tobytes()
+
+
+@pytest.mark.parametrize("count", [0, 1, 23, 24, 300])
+def test_several_estimates_are_one_array(count):
+    messages = [EstimateEncoder(LAYOUT).cbor(block(float(i)), 0, i) for i in range(count)]
+    assert [m["sequence"] for m in decode_estimates(array_of(messages))] == list(range(count))
+
+
+ONE = EstimateEncoder(LAYOUT).cbor(block(), 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "cannot be decoded"),
+        (ONE[:-1], "cannot be decoded"),
+        (ONE + b"\0", "1 bytes follow"),
+        (cbor2.dumps([1]), "not an estimate"),
+        (cbor2.dumps({"time_s": 1, "sequence": 0, "x": cbor2.CBORTag(85, b"123")}), "float32"),
+        (cbor2.dumps({"time_s": 1, "sequence": 0, "x": cbor2.CBORTag(81, b"1234")}), "float32"),
+    ],
+)
+def test_other_bytes_are_refused(data, words):
+    with pytest.raises(ValueError, match=words):
+        decode_estimate(data)
+
+
+@given(st.binary(max_size=60))
+def test_noise_is_refused_or_is_an_estimate(data):
+    try:
+        decode_estimate(data)
+    except ValueError:
+        return
+
+
+def test_nan_in_a_document_is_refused():
+    with pytest.raises(ValueError, match="JSON"):
+        to_json({"x": math.nan})
+
+
+def test_a_layout_without_expansion_has_no_error():
+    layout = replace(LAYOUT, has_error=False)
+    message = decode_estimate(EstimateEncoder(layout).cbor(block(layout=layout), 0, 0))
+    assert len(message["error_um"]) == 0

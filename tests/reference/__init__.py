@@ -1,0 +1,1 @@
+"""The model and the estimators against the independent truth."""

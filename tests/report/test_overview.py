@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from observer.estimators.kalman import KalmanEstimator
+from observer.model.drive import Drive
+from observer.model.rod.build import build_plant
+from observer.model.simulate import simulate, start
+from observer.report.collect import Collector, EstimateSamples, SimulationCollector, SimulationSamples
+from observer.report.overview import write_overview, write_simulation_overview
+from observer.report.style import duration_text, elapsed
+from tests.discovery.cases import machine, made_log, rig
+
+# Tops and bottoms of the four panels, as shares of the height; loose enough for a legend that moves them.
+BANDS = ((0.08, 0.24), (0.31, 0.48), (0.56, 0.70), (0.76, 0.90))
+
+
+@pytest.fixture(scope="module")
+def samples() -> tuple[EstimateSamples, SimulationSamples]:
+    config, blocks = rig()
+    plant = build_plant(config)
+    drive, estimator = Drive(config, plant), KalmanEstimator(plant, config.estimator)
+    replayed, simulated = Collector(config), SimulationCollector(config)
+    driven, state, screw = drive.initial(), estimator.initial(), start(plant, 22.0, np.zeros(3))
+    for block in blocks:
+        driven, inputs = drive.run(driven, block)
+        state, estimates = estimator.run(state, inputs)
+        replayed.add(inputs, estimates)
+        screw, rows = simulate(plant, screw, inputs)
+        simulated.add(inputs, rows, plant.rows)
+    return replayed.samples(), simulated.samples()
+
+
+def _size(path: Path) -> tuple[int, int]:
+    header = path.read_bytes()[:24]
+    assert header.startswith(b"\x89PNG")
+    return struct.unpack(">II", header[16:24])
+
+
+def _pixels(path: Path) -> np.ndarray:
+    from matplotlib.image import imread
+
+    return (np.asarray(imread(path))[:, :, :3] * 255).round().astype(np.uint8)
+
+
+def _shown(pixels: np.ndarray, hex_colour: str) -> int:
+    wanted = np.array([int(hex_colour[i : i + 2], 16) for i in (1, 3, 5)], np.uint8)
+    return int(np.count_nonzero((pixels == wanted).all(axis=2)))
+
+
+def test_the_overview_of_a_replay_shows_all_its_panels(samples, tmp_path: Path) -> None:
+    config, _ = rig()
+    path = tmp_path / "overview.png"
+    write_overview(path, config, samples[0], "replay")
+    assert _size(path) == (1600, 1200)
+    pixels = _pixels(path)
+    for top, bottom in BANDS:
+        panel = pixels[int(1200 * top) : int(1200 * bottom), 120:1400]
+        assert len(np.unique(panel.reshape(-1, 3), axis=0)) > 20  # a blank panel has its frame and grid only
+    heats = pixels[: int(1200 * 0.26)]
+    for ink in ("#0072B2", "#D55E00", "#009E73"):  # nut and two bearings, in the panel and in its key
+        assert _shown(heats, ink) > 50
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_overview_of_a_simulation_shows_all_its_panels(samples, tmp_path: Path) -> None:
+    config, _ = rig()
+    path = tmp_path / "overview.png"
+    write_simulation_overview(path, config, samples[1], "simulation")
+    assert _size(path) == (1600, 1200)
+    pixels = _pixels(path)
+    for top, bottom in BANDS:
+        panel = pixels[int(1200 * top) : int(1200 * bottom), 120:1400]
+        assert len(np.unique(panel.reshape(-1, 3), axis=0)) > 20
+
+
+def test_a_long_log_is_drawn_from_few_samples(samples) -> None:
+    config, blocks = rig()
+    replayed = samples[0]
+    assert replayed.steps == sum(map(len, blocks)) > 10_000
+    assert len(replayed.time_s) <= 2000
+    layout = build_plant(config).layout
+    assert replayed.layout.sources == layout.sources
+    np.testing.assert_array_equal(replayed.layout.position_m, layout.position_m)
+
+
+def test_one_sensor_one_step_and_no_expansion_make_a_picture_too(tmp_path: Path) -> None:
+    config = machine(sensor=[{"name": "a", "channel": "a_degC", "position_m": 0.05}])
+    plant = build_plant(config)
+    drive, estimator = Drive(config, plant), KalmanEstimator(plant, config.estimator)
+    log = made_log(config, 1, minutes=0.03)
+    assert len(log) == 1
+    _, inputs = drive.run(drive.initial(), log)
+    _, estimates = estimator.run(estimator.initial(), inputs)
+    collector = Collector(config)
+    collector.add(inputs, estimates)
+    write_overview(tmp_path / "one.png", config, collector.samples(), "one step")
+    assert _size(tmp_path / "one.png") == (1600, 1200)
+
+
+def test_nothing_half_written_is_left(samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config, _ = rig()
+    broken = replace(samples[0], heat_sigma_W=samples[0].heat_sigma_W[:-1])
+    with pytest.raises(ValueError, match="broadcast"):
+        write_overview(tmp_path / "overview.png", config, broken, "broken")
+    assert list(tmp_path.iterdir()) == []
+
+    def full(_figure: Figure, part: Path, **_options: object) -> None:
+        part.write_bytes(b"half a picture")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    with pytest.raises(OSError, match="no space"):
+        write_overview(tmp_path / "overview.png", config, samples[0], "full disk")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(59.6, "60 s"), (3600.0, "1 h 00 min"), (900.0, "15 min")])
+def test_durations_read_well(seconds: float, text: str) -> None:
+    assert duration_text(seconds) == text
+
+
+def test_time_is_counted_from_the_start_in_a_unit_that_fits() -> None:
+    t, unit = elapsed(np.array([1.7e9, 1.7e9 + 7200.0, 1.7e9 + 36_000.0]))
+    assert unit == "h"
+    np.testing.assert_array_equal(t, [0.0, 2.0, 10.0])

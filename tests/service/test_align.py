@@ -1,0 +1,215 @@
+"""Readings become frames: what is fresh, what is old, what is refused."""
+
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from observer.frames import Quality, Reading
+from observer.logs import Log, read_log
+from observer.service.align import Aligner, AlignPlan, faults_of, frames_of_log
+from observer.service.stuck import is_stuck, no_memory
+from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams, write
+
+GOOD, MISSING, STALE, REJECTED = Quality.GOOD, Quality.MISSING, Quality.STALE, Quality.REJECTED
+
+
+def _t1(frame):
+    """Value, freshness and quality of the first channel."""
+    return float(frame.values[0, 0]), bool(frame.fresh[0, 0]), Quality(frame.quality[0, 0])
+
+
+def test_never_seen_is_missing():
+    value, fresh, quality = _t1(Aligner(plan()).tick(1.0))
+    assert math.isnan(value)
+    assert (fresh, quality) == (False, MISSING)
+
+
+def test_a_value_is_fresh_once():
+    aligner = Aligner(plan())
+    aligner.ingest(Reading(0.4, {"t1_degC": 20.0}))
+    aligner.ingest(Reading(0.45, {"t1_degC": 21.0}))
+    assert _t1(aligner.tick(0.5)) == (21.0, True, GOOD)
+    assert _t1(aligner.tick(1.0)) == (21.0, False, GOOD)
+
+
+@pytest.mark.parametrize(("expected_s", "limit_s"), [(0.5, 1.0), (3.0, 6.0), (0.02, 1.0)])
+def test_stale_beyond_two_periods_of_channel_or_tick(expected_s, limit_s):
+    aligner = Aligner(plan(expected_s=(expected_s, 0.5, 0.5)))
+    aligner.ingest(Reading(10.0, {"t1_degC": 20.0}))
+    assert _t1(aligner.tick(10.0 + limit_s))[2] == GOOD
+    frame = aligner.tick(10.001 + limit_s)
+    assert _t1(frame) == (20.0, False, STALE)
+    assert frame.age_s[0, 0] == pytest.approx(limit_s + 0.001)
+    aligner.ingest(Reading(20.0, {"t1_degC": 22.0}))
+    assert _t1(aligner.tick(20.0)) == (22.0, True, GOOD)
+
+
+def test_an_unknown_period_is_learned_and_an_outage_does_not_teach():
+    aligner = Aligner(plan(expected_s=(math.nan,) * 3))
+    for time_s in [0, 2, 4, 6, 60, 62]:
+        aligner.ingest(Reading(time_s, {"t1_degC": 20.0 + time_s}))
+    assert _t1(aligner.tick(65.9))[2] == GOOD
+    assert _t1(aligner.tick(66.1))[2] == STALE
+
+
+def test_a_fault_rejects_until_the_next_good_value():
+    aligner = Aligner(plan())
+    aligner.ingest(Reading(0.1, {"t1_degC": 20.0}))
+    aligner.ingest(Reading(0.2, {"t1_degC": math.nan}, {"t1_degC": "open_circuit"}))
+    assert _t1(aligner.tick(0.5)) == (20.0, False, REJECTED)
+    assert aligner.faults == {"t1_degC": "open_circuit"}
+    assert _t1(aligner.tick(9.0))[2] == REJECTED
+    aligner.ingest(Reading(9.1, {"t1_degC": 21.0}))
+    assert _t1(aligner.tick(9.5)) == (21.0, True, GOOD)
+    assert aligner.faults == {}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_no_number_without_a_fault_is_missing(value):
+    aligner = Aligner(plan())
+    aligner.ingest(Reading(0.1, {"t1_degC": 20.0}))
+    aligner.ingest(Reading(0.2, {"t1_degC": value}))
+    assert _t1(aligner.tick(0.5)) == (20.0, False, MISSING)
+
+
+def test_times_never_go_back():
+    aligner = Aligner(plan())
+    times = [aligner.ingest(Reading(t, {"t1_degC": 1.0})).time_s for t in (5.0, 3.0, 5.0, 6.0)]
+    tick_s = aligner.tick(5.5).time_s[0]
+    assert times[0] == 5.0
+    assert all(b > a for a, b in zip([*times, tick_s], [*times[1:], tick_s, math.inf], strict=False))
+    assert tick_s == math.nextafter(6.0, 7.0)
+
+
+def test_the_first_step_has_no_length():
+    aligner = Aligner(plan())
+    assert [aligner.tick(t).dt_s[0] for t in (3.0, 3.5, 4.5)] == [0.0, 0.5, 1.0]
+
+
+def test_a_fast_position_keeps_its_path():
+    aligner = Aligner(plan())
+    aligner.tick(0.0)
+    for k in range(1, 6):
+        aligner.ingest(Reading(0.1 * k, {"nut_position_m": 0.01 * k}))
+    aligner.ingest(Reading(0.55, {"nut_position_m": math.nan}, {"nut_position_m": "timeout"}))
+    times, values, offset = aligner.tick(0.6).path["nut_position_m"]
+    np.testing.assert_array_equal(values, [0.01 * k for k in range(1, 6)])
+    np.testing.assert_array_equal(times, [0.1 * k for k in range(1, 6)])
+    np.testing.assert_array_equal(offset, [0, 5])
+
+
+def test_each_row_of_a_plain_log_is_a_frame():
+    values = np.array([[20.0, np.nan, 0.1], [np.nan, 21.0, 0.2], [22.0, np.nan, np.nan]])
+    log = Log(Path("x.csv"), np.array([0.0, 1.0, 7.0]), CHANNELS, values)
+    (frames,) = frames_of_log(log, plan())
+    np.testing.assert_array_equal(frames.dt_s, [0, 1, 6])
+    np.testing.assert_array_equal(frames.quality[:, 0], [GOOD, MISSING, GOOD])
+    np.testing.assert_array_equal(frames.quality[:, 1], [MISSING, GOOD, MISSING])
+    np.testing.assert_array_equal(frames.fresh, np.isfinite(values))
+    np.testing.assert_array_equal(frames.values[:, 1], [np.nan, 21, 21])
+    np.testing.assert_array_equal(frames.path["nut_position_m"][2], [0, 1, 2, 2])
+
+
+def test_a_channel_the_log_lacks_is_missing():
+    log = Log(Path("x.csv"), np.array([0.0, 1.0]), ("t2_degC",), np.array([[1.0], [2.0]]))
+    (frames,) = frames_of_log(log, plan())
+    np.testing.assert_array_equal(frames.quality, [[MISSING, GOOD, MISSING]] * 2)
+
+
+@given(events=streams, block=st.integers(1, 7))
+@settings(deadline=None, max_examples=150)
+def test_a_recording_gives_the_frames_of_the_live_run_to_the_last_bit(events, block):
+    live, recording = play([*events, 0.5], Aligner(plan()))
+    with tempfile.TemporaryDirectory() as folder:
+        log = read_log(write(Path(folder), recording), CHANNELS)
+    replayed = list(frames_of_log(log, plan(), block))
+    assert all(len(frames) <= block for frames in replayed)
+    assert same_bits(joined(live), joined(replayed))
+
+
+@given(events=streams, block=st.integers(1, 7))
+@settings(deadline=None, max_examples=50)
+def test_so_does_a_recording_with_learned_periods(events, block):
+    unknown = plan(expected_s=(math.nan,) * 3)
+    live, recording = play([*events, 0.5], Aligner(unknown))
+    with tempfile.TemporaryDirectory() as folder:
+        log = read_log(write(Path(folder), recording), CHANNELS)
+    assert same_bits(joined(live), joined(list(frames_of_log(log, unknown, block))))
+
+
+def test_flags_are_read_back():
+    assert faults_of(None) == {}
+    assert faults_of("a=open_circuit;b%3D=x%3By") == {"a": "open_circuit", "b=": "x;y"}
+
+
+def _stuck_at(values, noise_K=0.05):
+    """The samples at which a series counts as stuck."""
+    memory = no_memory(1)[0]
+    return [k for k, value in enumerate(values) if is_stuck(memory, float(value), noise_K)]
+
+
+def test_a_noisy_sensor_that_freezes_is_stuck_until_it_changes():
+    noisy = 20 + np.random.default_rng(1).normal(0, 0.05, 300)
+    values = [*noisy, *([noisy[-1]] * 80), 20.1, *noisy]
+    assert _stuck_at(values) == list(range(359, 380))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.full(1000, 20.0),
+        np.concatenate([20 + 0.02 * np.arange(500), np.full(500, 30.0)]),
+        np.round(np.concatenate([40 - 20 * np.exp(-np.arange(3000) / 300), np.full(500, 40.0)]), 2),
+    ],
+    ids=["constant", "ramp then constant", "rounded heating curve"],
+)
+def test_a_log_without_noise_is_never_stuck(values):
+    assert _stuck_at(values) == []
+
+
+def test_a_coarse_converter_is_known_by_its_long_repeats():
+    """Noise far below the resolution repeats for long; after the first runs it is left in peace."""
+    rng = np.random.default_rng(2)
+    drift = 20 + 0.3 * np.sin(np.arange(40_000) / 3000)
+    values = np.round((drift + rng.normal(0, 0.02, 40_000)) * 10) / 10
+    assert len(_stuck_at(values)) < 0.4 * len(values)
+    assert _stuck_at(values, noise_K=math.nan) == []
+
+
+def test_a_stuck_sensor_is_rejected_live_and_named():
+    aligner = Aligner(plan(expected_s=(0.1, 0.1, 0.1)))
+    noisy = 20 + np.random.default_rng(3).normal(0, 0.05, 100)
+    frames = []
+    for k, value in enumerate([*noisy, *([20.0] * 70)]):
+        aligner.ingest(Reading(0.1 * k, {"t1_degC": value, "t2_degC": 20.0}))
+        frames.append(aligner.tick(0.1 * k))
+    assert _t1(frames[-1])[1:] == (False, REJECTED)
+    assert Quality(frames[-1].quality[0, 1]) == GOOD
+    assert aligner.faults == {"t1_degC": "stuck"}
+
+
+def test_the_plan_of_a_configuration():
+    from observer.config import parse
+
+    config = parse(
+        {
+            "screw": {"length_m": 1, "diameter_m": 0.036, "conductivity_W_mK": 50, "density_kg_m3": 7800,
+                      "specific_heat_J_kgK": 460},
+            "ambient": {"channel": "ambient_degC"},
+            "source": [{"name": "nut", "shape": "nut", "length_m": 0.08,
+                        "position_channel": "nut_position_m"}],
+            "sensor": [{"name": "t1", "channel": "t1_degC", "position_m": 0.1, "noise_K": 0.07}],
+            "drivers": {"amp": {"kind": "modbus_tcp", "host": "h", "device": "wago_750_458", "period_s": 0.2,
+                                "channels": {"t1_degC": 0}}},
+        }
+    )  # fmt: skip
+    made = AlignPlan.of(config)
+    assert made.channels == ("t1_degC", "nut_position_m", "ambient_degC")
+    assert made.positions == (1,)
+    np.testing.assert_array_equal(made.expected_s, [0.2, np.nan, np.nan])
+    np.testing.assert_array_equal(made.noise_K, [0.07, np.nan, np.nan])

@@ -1,0 +1,92 @@
+"""Health is a pure function of facts; each trouble is one sentence, and good means that there is none."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.protocol import DriverStatus
+from observer.frames import EstimateQuality, Quality, Reading
+from observer.publish.codec import to_json
+from observer.publish.zenoh import PublishStatus
+from observer.service.align import Aligner
+from observer.service.health import Facts, assess
+from observer.service.record import RecordStatus
+from tests.service.streams import CHANNELS, plan
+
+
+def _facts(**changes) -> Facts:
+    aligner = Aligner(plan())
+    aligner.ingest(Reading(10.0, dict.fromkeys(CHANNELS, 20.0)))
+    facts = Facts(
+        time_s=10.1,
+        frame=aligner.tick(10.1),
+        faults={},
+        estimate=EstimateQuality.GOOD,
+        had_estimate=True,
+        failure=None,
+        cycles=7,
+        overruns=1,
+        drivers={"amp": (DriverStatus(connected=True, reconnects=2, drops=3), 40)},
+        record=RecordStatus(Path("r.csv"), 80, 0, None),
+        publish=PublishStatus(True, 20, 4, 1, None),
+        clock_offset_s=0.01,
+    )
+    return replace(facts, **changes)
+
+
+def test_all_well_is_good_and_counts_are_there():
+    health = assess(_facts())
+    assert (health.state, health.reasons) == ("good", ())
+    document = json.loads(to_json(health.document()))
+    assert document["drivers"]["amp"] == {
+        "connected": True, "samples": 40, "drops": 3, "errors": 0, "reconnects": 2
+    }  # fmt: skip
+    assert document["channels"]["t1_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
+    assert (document["published"], document["publish_drops"], document["recorded"]) == (20, 4, 80)
+
+
+@pytest.mark.parametrize(
+    ("changes", "state", "words"),
+    [
+        ({"estimate": None, "frame": None}, "starting", ""),
+        ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "starting", ""),
+        ({"estimate": EstimateQuality.INVALID}, "invalid", ""),
+        ({"estimate": EstimateQuality.STALE}, "stale", ""),
+        ({"estimate": EstimateQuality.DEGRADED}, "degraded", ""),
+        ({"failure": "ZeroDivisionError"}, "invalid", "step failed: ZeroDivisionError"),
+        ({"drivers": {"amp": (DriverStatus(last_error="refused"), 0)}}, "degraded",
+         "amp is not connected: refused"),
+        ({"record": RecordStatus(None, 0, 9, "disk full")}, "degraded", "recording: disk full"),
+        ({"publish": PublishStatus(reason="nobody answers")}, "degraded", "publishing: nobody answers"),
+        ({"clock_offset_s": -7.0}, "degraded", "clock stepped by -7.0 s"),
+    ],
+)  # fmt: skip
+def test_each_trouble_has_its_state_and_sentence(changes, state, words):
+    health = assess(_facts(**changes))
+    assert health.state == state
+    assert words in " ".join(health.reasons)
+    assert bool(health.reasons) == bool(words)
+    to_json(health.document())
+
+
+@pytest.mark.parametrize("quality", [Quality.MISSING, Quality.STALE, Quality.REJECTED])
+def test_a_channel_that_is_not_good_is_named(quality):
+    frame = _facts().frame
+    codes = frame.quality.copy()
+    codes[0, 1] = quality
+    age_s = np.where(codes == quality, np.inf, frame.age_s)
+    health = assess(
+        _facts(frame=replace(frame, quality=codes, age_s=age_s), faults={"t2_degC": "open_circuit"})
+    )
+    assert health.reasons == (f"channel t2_degC is {quality.label} (open_circuit)",)
+    assert health.state == "degraded"
+    assert health.channels["t2_degC"].age_s is None
+    to_json(health.document())
+
+
+def test_ages_and_counts_do_not_make_a_report_new():
+    assert assess(_facts()).essence == assess(_facts(cycles=9, time_s=11.0)).essence
+    assert assess(_facts()).essence != assess(_facts(clock_offset_s=9.0)).essence

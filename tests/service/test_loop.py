@@ -1,0 +1,199 @@
+"""The loop: ticks on the grid, nothing beside it ends it, live and replay agree to the last bit."""
+
+import asyncio
+import contextlib
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.protocol import DriverStatus
+from observer.frames import EstimateQuality, Reading
+from observer.logs import read_log
+from observer.service.clock import ServiceClock
+from observer.service.loop import Service, serve
+from observer.service.record import Recorder
+from observer.service.replay import estimates_of
+from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
+from tests.service.streams import CHANNELS, plan
+
+
+def _service(drivers=(), *, clock=None, recorder=None, period_s=0.1) -> Service:
+    notes: list[str] = []
+    aligned = plan(expected_s=(0.1, 0.1, 0.02), period_s=period_s)
+    clock = clock or ServiceClock()
+    service = Service(
+        tuple(drivers), aligned, FakeDrive(), FakeEstimator(), FakePublisher(), recorder, clock, notes.append
+    )
+    service.estimator.notes = notes
+    return service
+
+
+async def _serve(service: Service, until, timeout_s: float = 10.0) -> None:
+    """Serve until a condition holds."""
+    task = asyncio.ensure_future(serve(service))
+    async with asyncio.timeout(timeout_s):
+        while not until() and not task.done():
+            await asyncio.sleep(0.005)
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+def _ticks(service: Service) -> list[float]:
+    return [float(block.time_s[0]) for _, block in service.publisher.estimates]
+
+
+async def test_ticks_stand_on_the_grid_without_drift():
+    service = _service(clock=FastClock(late_s=(0.03,) * 50), period_s=0.5)
+    await _serve(service, lambda: len(service.publisher.estimates) >= 20)
+    ticks = _ticks(service)
+    assert ticks == [1000.5 + 0.5 * k for k in range(len(ticks))]
+    assert [sequence for sequence, _ in service.publisher.estimates] == list(range(len(ticks)))
+
+
+async def test_a_late_tick_skips_to_the_next_grid_point_and_is_counted():
+    service = _service(clock=FastClock(late_s=(0.0, 1.7)), period_s=0.5)
+    await _serve(service, lambda: len(service.publisher.estimates) >= 6)
+    assert _ticks(service)[:4] == [1000.5, 1001.0, 1003.0, 1003.5]
+    assert json.loads(service.publisher.healths[-1])["overruns"] == 3
+
+
+async def test_every_part_is_started_and_ended():
+    service = _service([driver := FakeDriver([])])
+    await _serve(service, lambda: service.publisher.estimates)
+    assert service.publisher.started
+    assert service.publisher.closed
+    assert driver.runs == 1
+    assert (
+        service.estimator.notes[:2] == ["READY=1\nWATCHDOG=1", "WATCHDOG=1"][: len(service.estimator.notes)]
+    )
+
+
+async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
+    service = _service(clock=FastClock())
+    task = asyncio.ensure_future(serve(service))
+    while not service.publisher.estimates:
+        await asyncio.sleep(0.005)
+    service.estimator.fail = True
+    await asyncio.sleep(0.05)
+    pings, before = len(service.estimator.notes), len(service.publisher.estimates)
+    await asyncio.sleep(0.05)
+    assert (len(service.estimator.notes), len(service.publisher.estimates)) == (pings, before)
+    health = json.loads(service.publisher.healths[-1])
+    assert health["state"] == "invalid"
+    assert "made to fail" in health["reasons"][0]
+    service.estimator.fail = False
+    while len(service.publisher.estimates) == before:
+        await asyncio.sleep(0.005)
+    task.cancel()
+    await asyncio.wait([task])
+
+
+async def test_a_driver_that_fails_is_started_again_and_the_others_go_on():
+    bad = FakeDriver([(0, RuntimeError("driver fell over"), {}), (0, {"t1_degC": 20.0}, {})], "bad")
+    good = FakeDriver([(0.05 * k, {"t2_degC": 20.0 + k}, {}) for k in range(100)], "good")
+    service = _service([bad, good])
+    await _serve(service, lambda: bad.runs == 2 and not bad.script)
+    assert len(good.script) < 95
+    channels = json.loads(service.publisher.healths[-1])["channels"]
+    assert channels["t2_degC"]["quality"] == "good"
+
+
+async def test_readings_from_the_future_or_the_past_are_not_believed():
+    service = _service(clock=FastClock(), period_s=0.5)
+
+    class Odd(FakeDriver):
+        async def run(self, deliver, now):
+            deliver(Reading(now() + 3600, {"t1_degC": 20.0}))
+            deliver(Reading(now(), {"t2_degC": 21.0}))
+            deliver(Reading(now() - 3600, {"t2_degC": 22.0}))
+            deliver(Reading(math.nan, {"nut_position_m": 0.1}))
+            await asyncio.Event().wait()
+
+    service = replace(service, drivers=(Odd([]),))
+    await _serve(service, lambda: len(service.publisher.estimates) >= 3)
+    health = json.loads(service.publisher.healths[-1])
+    assert health["channels"]["t2_degC"]["quality"] == "rejected"
+    assert health["channels"]["t2_degC"]["fault"] == "time_backwards"
+    assert health["channels"]["t1_degC"]["fault"] is None
+    assert _ticks(service)[0] < 1010
+
+
+async def test_health_on_change_and_every_five_seconds():
+    service = _service(clock=FastClock(), period_s=0.5)
+    await _serve(service, lambda: len(service.publisher.estimates) >= 60)
+    times = [json.loads(h)["time_s"] for h in service.publisher.healths]
+    assert len(times) >= 4
+    assert np.diff(times).max() < 5.6  # five seconds and the tick after them
+    changes = [json.loads(h)["state"] for h in service.publisher.healths]
+    assert set(changes) == {"starting"}
+
+
+async def test_a_stepped_clock_is_told():
+    clock = FastClock()
+    service = _service(clock=clock, period_s=0.5)
+    task = asyncio.ensure_future(serve(service))
+    while not service.publisher.healths:
+        await asyncio.sleep(0.005)
+    clock.offset = 3600.0
+    while not any(
+        "clock stepped by +3600.0 s" in r for r in json.loads(service.publisher.healths[-1])["reasons"]
+    ):
+        await asyncio.sleep(0.005)
+    assert json.loads(service.publisher.healths[-1])["clock_offset_s"] == 3600.0
+    task.cancel()
+    await asyncio.wait([task])
+
+
+async def test_an_unconnected_driver_is_told():
+    driver = FakeDriver([], status=DriverStatus(last_error="connection refused"))
+    service = _service([driver], clock=FastClock())
+    await _serve(service, lambda: service.publisher.healths)
+    reasons = json.loads(service.publisher.healths[-1])["reasons"]
+    assert "driver fake is not connected: connection refused" in reasons
+
+
+async def test_the_replay_of_the_recording_is_the_live_run_to_the_last_bit(tmp_path):
+    rng = np.random.default_rng(7)
+    slow = []
+    for k in range(25):
+        values = {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}
+        slow.append((0.1 * k, values, {"t2_degC": "open_circuit"} if k % 7 == 3 else {}))
+    fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(125)]
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
+    service = _service([FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")], recorder=recorder)
+    await _serve(service, lambda: not slow and not fast)
+    (path,) = tmp_path.glob("m-x-*.csv")
+    log = read_log(path, CHANNELS)
+    replayed = list(estimates_of(log, service.plan, FakeDrive(), FakeEstimator(), lambda done, total: None))
+    live = [block for _, block in service.publisher.estimates]
+    assert sum(len(block) for block in replayed) == len(live) >= 20
+    for name in ("time_s", "heat_W", "field_degC", "innovation_K", "sensor_quality", "quality"):
+        one = np.concatenate([getattr(block, name) for block in live])
+        other = np.concatenate([getattr(block, name) for block in replayed])
+        assert one.tobytes() == other.tobytes(), name
+    assert {EstimateQuality(q) for block in live for q in block.quality} >= {EstimateQuality.DEGRADED}
+
+
+async def test_a_reading_between_the_grid_point_and_its_late_tick_is_recorded_in_the_order_of_use(tmp_path):
+    class Between(FakeDriver):
+        async def run(self, deliver, now):
+            self.hand_on = lambda: deliver(Reading(now(), {"t1_degC": 20.0, "t2_degC": 21.0}))
+            await asyncio.Event().wait()
+
+    class LateClock(FastClock):
+        async def sleep_until(self, time_s):
+            await super().sleep_until(time_s)
+            driver.hand_on()  # its time is after the grid point for which the tick is
+
+    driver = Between([])
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
+    service = _service([driver], clock=LateClock(late_s=(0.01,) * 1000), recorder=recorder, period_s=0.5)
+    await _serve(service, lambda: len(service.publisher.estimates) >= 20)
+    (path,) = tmp_path.glob("*.csv")
+    log = read_log(path, CHANNELS)
+    ticks = _ticks(service)
+    np.testing.assert_array_equal(log.time_s[log.step], ticks)
+    assert all(block.innovation_K.all() for _, block in service.publisher.estimates)  # each used at once

@@ -1,0 +1,192 @@
+"""The recording: every bit of every reading, whatever the disk does and however the process ends."""
+
+import math
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from observer.frames import Reading
+from observer.logs import read_log
+from observer.service.align import Aligner, faults_of, frames_of_log
+from observer.service.record import Recorder, header, row_of_reading
+from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams
+
+
+def _wait(condition, timeout_s=5.0):
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "waited in vain"
+        time.sleep(0.01)
+
+
+def _rows(recorder: Recorder, first: int, count: int) -> None:
+    for k in range(first, first + count):
+        recorder.reading(Reading(float(k), {"t1_degC": math.sin(k)}))
+        recorder.tick(k + 0.5)
+
+
+@given(events=streams)
+@settings(deadline=None, max_examples=60)
+def test_a_reading_reads_back_as_it_was_used(events):
+    aligner = Aligner(plan())
+    used = [aligner.ingest(event) for event in events if isinstance(event, Reading)]
+    if not used:
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "r.csv"
+        path.write_bytes(header(CHANNELS) + b"".join(row_of_reading(r, CHANNELS) for r in used))
+        log = read_log(path)
+    for row, reading in enumerate(used):
+        assert log.time_s[row] == reading.time_s
+        flags = faults_of(log.flags[row])
+        for j, name in enumerate(CHANNELS):
+            value = reading.values.get(name, math.nan)
+            np.testing.assert_array_equal(log.values[row, j], value)
+            expected = reading.faults.get(
+                name, "missing" if name in reading.values and math.isnan(value) else None
+            )
+            assert flags.get(name) == expected
+
+
+def test_writes_through_and_says_where(tmp_path):
+    recorder = Recorder(tmp_path / "new" / "folder", "lathe-z", CHANNELS, 1e9, 5.0)
+    _rows(recorder, 0, 10)
+    _wait(lambda: recorder.status.rows_written == 20)
+    status = recorder.status
+    assert status.path.name.startswith("lathe-z-20")
+    assert status.path.name.endswith("Z.csv")
+    assert len(read_log(status.path)) == 20  # readable while the recorder lives
+    assert recorder.close()
+    assert (status.rows_dropped, status.reason) == (0, None)
+
+
+def test_a_full_part_ends_with_a_tick_and_each_part_stands_alone(tmp_path):
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 2000, 5.0)
+    _rows(recorder, 0, 200)
+    assert recorder.close()
+    logs = sorted((read_log(path) for path in tmp_path.glob("*.csv")), key=lambda log: log.time_s[0])
+    assert len(logs) > 3
+    assert all(log.step[-1] for log in logs)
+    assert all(2000 <= log.path.stat().st_size < 2100 for log in logs[:-1])
+    np.testing.assert_array_equal(np.concatenate([log.time_s for log in logs]), np.arange(0, 200, 0.5))
+
+
+def test_parts_of_a_recording_lose_nothing(tmp_path):
+    """The frames of the parts, one after the other, hold every reading once."""
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1000, 5.0)
+    _rows(recorder, 0, 100)
+    recorder.close()
+    logs = sorted((read_log(p, CHANNELS) for p in tmp_path.glob("*.csv")), key=lambda log: log.time_s[0])
+    fresh = [int(frames.fresh[:, 0].sum()) for log in logs for frames in frames_of_log(log, plan())]
+    assert sum(fresh) == 100
+
+
+def test_an_unwritable_place_is_told_and_nothing_is_lost_once_it_is_mended(tmp_path):
+    place = tmp_path / "disk"
+    place.write_text("a file where the folder should be")
+    recorder = Recorder(place, "m-x", CHANNELS, 1e9, 5.0)
+    _rows(recorder, 0, 5)
+    _wait(lambda: recorder.status.reason is not None)
+    assert "cannot be written" in recorder.status.reason
+    place.unlink()
+    _wait(lambda: recorder.status.rows_written == 10)
+    assert recorder.status.reason is None
+    recorder.close()
+    assert len(read_log(next(place.glob("*.csv")))) == 10
+
+
+def test_rows_beyond_the_bound_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr("observer.service.record._CAPACITY_ROWS", 6)
+    place = tmp_path / "disk"
+    place.write_text("")
+    recorder = Recorder(place, "m-x", CHANNELS, 1e9, 5.0)
+    _rows(recorder, 0, 5)
+    assert recorder.status.rows_dropped == 4
+    assert not recorder.close()
+
+
+def test_a_refused_write_leaves_no_part_of_a_row(tmp_path, monkeypatch):
+    """The disk takes half a batch, then none, then all of it."""
+    import os
+
+    real, calls = os.pwrite, []
+
+    def full_disk(fd, data, offset):
+        calls.append(len(data))
+        if len(calls) == 2:
+            return real(fd, bytes(data)[: len(data) // 2], offset)
+        if len(calls) == 3:
+            raise OSError(28, "No space left on device")
+        return real(fd, data, offset)
+
+    monkeypatch.setattr("observer.service.record.os.pwrite", full_disk)
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 5.0)
+    _rows(recorder, 0, 3)
+    _wait(lambda: recorder.status.reason is not None)
+    assert "No space left" in recorder.status.reason
+    assert next(tmp_path.glob("*.csv")).read_bytes() == header(CHANNELS)
+    _wait(lambda: recorder.status.rows_written == 6)
+    recorder.close()
+    assert len(read_log(next(tmp_path.glob("*.csv")))) == 6
+
+
+def test_a_deleted_file_is_replaced(tmp_path):
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 5.0)
+    _rows(recorder, 0, 1)
+    _wait(lambda: recorder.status.rows_written == 2)
+    recorder.status.path.unlink()
+    _rows(recorder, 10, 1)
+    recorder.close()
+    assert read_log(next(tmp_path.glob("*.csv"))).time_s[0] == 10
+
+
+CRASHER = """
+import sys, time
+from pathlib import Path
+from observer.frames import Reading
+from observer.service.record import Recorder
+recorder = Recorder(Path(sys.argv[1]), "m-x", ("t1_degC",), 1e9, 1.0)
+for k in range(10**9):
+    recorder.reading(Reading(time.time(), {"t1_degC": k / 7}))
+    recorder.tick(time.time())
+    if k == 200:
+        print("go", flush=True)
+    time.sleep(0.002)
+"""
+
+
+@pytest.mark.system
+def test_kill_9_loses_at_most_the_last_second(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", CRASHER, str(tmp_path)], stdout=subprocess.PIPE)
+    try:
+        assert process.stdout.readline() == b"go\n"
+    finally:
+        process.send_signal(signal.SIGKILL)
+        killed_s = time.time()
+        process.wait(5)
+        process.stdout.close()
+    log = read_log(next(tmp_path.glob("*.csv")), accept_truncated=True)
+    assert killed_s - log.time_s[-1] < 1.0
+    np.testing.assert_array_equal(log.values[~log.step, 0], np.arange(np.sum(~log.step)) / 7)
+
+
+def test_a_recording_cut_anywhere_replays_up_to_the_cut(tmp_path):
+    events = [
+        Reading(0.2, {"t1_degC": 20.0 + k, "nut_position_m": 0.1}, {}) if k % 3 else 0.1 for k in range(1, 40)
+    ]
+    live, data = play(events, Aligner(plan()))
+    rows = data.splitlines(keepends=True)
+    for cut in range(len(data) - len(rows[-1]) + 1, len(data)):
+        path = tmp_path / "cut.csv"
+        path.write_bytes(data[:cut])
+        log = read_log(path, CHANNELS, accept_truncated=True)
+        assert len(log) == len(rows) - 2
+        replayed = joined(list(frames_of_log(log, plan())))
+        assert same_bits(replayed, joined(live[: len(replayed["time_s"])]))

@@ -1,0 +1,119 @@
+"""A replay's files: every column of the contract, complete or not there, the same each time."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from observer.errors import LogError
+from observer.frames import Reading
+from observer.logs import Log, read_log
+from observer.service.align import Aligner, frames_of_log
+from observer.service.pipeline import Pipeline
+from observer.service.replay import estimates_of, write_results
+from tests.service.fakes import FakeDrive, FakeEstimator
+from tests.service.streams import CHANNELS, plan, play, write
+
+
+def _log(rows: int = 10_000) -> Log:
+    rng = np.random.default_rng(5)
+    values = rng.normal(25, 2, (rows, 3))
+    values[rng.random((rows, 3)) < 0.05] = np.nan
+    return Log(Path("run.csv"), np.cumsum(rng.uniform(0.1, 1, rows)), CHANNELS, values)
+
+
+def _replay(log: Log, output: Path, suffix: str = ".csv", told=None):
+    told = [] if told is None else told
+    estimator = FakeEstimator()
+    blocks = estimates_of(log, plan(), FakeDrive(), estimator, lambda done, total: told.append((done, total)))
+    return write_results(output, suffix, estimator.layout, blocks, log, "abc123")
+
+
+def test_columns_are_those_of_the_contract(tmp_path):
+    _replay(_log(50), tmp_path)
+    head = (tmp_path / "estimates.csv").read_text().splitlines()[0].split(",")
+    assert head == [
+        "time_s", "heat_nut_W", "heat_nut_sigma_W",
+        "field_0_degC", "field_0_sigma_K", "field_2.225_degC", "field_2.225_sigma_K",
+        "field_50_degC", "field_50_sigma_K",
+        "error_0_um", "error_0_sigma_um", "error_2.225_um", "error_2.225_sigma_um",
+        "error_50_um", "error_50_sigma_um",
+        "innovation_t1_K", "quality_t1", "innovation_t2_K", "quality_t2",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_the_file_holds_the_estimates_to_the_last_bit_however_they_are_cut_into_blocks(tmp_path, suffix):
+    log = _log(5000)
+    _replay(log, tmp_path, suffix)
+    pipeline = Pipeline(FakeDrive(), FakeEstimator())
+    field_degC = np.concatenate(
+        [pipeline.step(frames).field_degC for frames in frames_of_log(log, plan(), 1)]
+    )
+    names = ["field_0_degC", "field_2.225_degC", "field_50_degC"]
+    read = read_log(tmp_path / f"estimates{suffix}", names)
+    assert (
+        np.where(np.isnan(read.values), 0, read.values).tobytes()
+        == np.where(np.isnan(field_degC), 0, field_degC).tobytes()
+    )
+    np.testing.assert_array_equal(np.isnan(read.values), np.isnan(field_degC))
+    assert read.time_s.tobytes() == log.time_s.tobytes()
+
+
+def test_the_summary_counts_and_is_the_same_each_time(tmp_path):
+    log = _log()
+    summary = _replay(log, tmp_path / "one")
+    _replay(log, tmp_path / "two")
+    text = (tmp_path / "one" / "summary.json").read_text()
+    assert text == (tmp_path / "two" / "summary.json").read_text()
+    document = json.loads(text)
+    assert document["rows"] == len(log)
+    assert document["duration_s"] == log.time_s[-1] - log.time_s[0]
+    assert document["config"] == "abc123"
+    assert sum(document["quality"].values()) == len(log)
+    missing = int(np.isnan(log.values[:, 0]).sum())
+    assert document["sensors"]["t1"]["quality"] == {
+        "good": len(log) - missing,
+        "missing": missing,
+        "stale": 0,
+        "rejected": 0,
+    }
+    innovation = read_log(tmp_path / "one" / "estimates.csv", ["innovation_t1_K"]).values
+    # two ways of adding up 10,000 numbers of size 1 agree to rounding
+    assert document["sensors"]["t1"]["innovation_rms_K"] == pytest.approx(
+        np.sqrt(np.nanmean(innovation**2)), rel=1e-12
+    )
+    assert summary.heat_mean_W["nut"] == document["heat_mean_W"]["nut"]
+
+
+def test_progress_counts_rows_to_their_total(tmp_path):
+    told = []
+    _replay(_log(), tmp_path, told=told)
+    assert told == [(4096, 10_000), (8192, 10_000), (10_000, 10_000)]
+
+
+def test_a_failure_in_the_middle_leaves_nothing(tmp_path):
+    log, estimator = _log(), FakeEstimator()
+
+    def fail(done, total):
+        estimator.fail = True
+
+    with pytest.raises(ZeroDivisionError):
+        write_results(
+            tmp_path,
+            ".csv",
+            estimator.layout,
+            estimates_of(log, plan(), FakeDrive(), estimator, fail),
+            log,
+            "",
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_without_a_tick_is_refused(tmp_path):
+    _, data = play([Reading(0.0, {"t1_degC": 20.0})], Aligner(plan()))
+    log = read_log(write(tmp_path, data), CHANNELS)
+    with pytest.raises(LogError, match="no tick"):
+        _replay(log, tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == []

@@ -1,0 +1,55 @@
+"""SIGTERM and SIGINT end a process in time, whatever it hangs in."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+WELL = "signals.when_heard(ended.set); print('go', flush=True); ended.wait(30); print('ended', flush=True)"
+DEAF = "signals.when_heard(lambda: None); print('go', flush=True); [time.sleep(0.01) for _ in range(6000)]"
+SCRIPT = """
+import threading, time
+from observer.service.shutdown import StopSignals
+ended = threading.Event()
+with StopSignals(lambda: print("flushed", flush=True)) as signals:
+    {body}
+"""
+
+
+def _run(body: str, *signals: int) -> tuple[int, str, float]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT.format(body=body)], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "go\n"
+    start_s = time.monotonic()
+    for number in signals:
+        process.send_signal(number)
+        time.sleep(0.05)
+    try:
+        out, _ = process.communicate(timeout=10)
+    finally:
+        process.kill()
+    return process.returncode, out, time.monotonic() - start_s
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_process_that_listens_ends_by_itself(number):
+    code, out, _ = _run(WELL, number)
+    assert (code, out) == (0, "ended\n")
+
+
+@pytest.mark.system
+def test_a_process_that_hangs_is_flushed_and_left_within_two_seconds():
+    code, out, took_s = _run(DEAF, signal.SIGTERM)
+    assert (code, out) == (0, "flushed\n")
+    assert took_s < 2.0
+
+
+@pytest.mark.system
+def test_a_second_signal_leaves_at_once():
+    code, out, took_s = _run(DEAF, signal.SIGINT, signal.SIGINT)
+    assert (code, out) == (0, "flushed\n")
+    assert took_s < 1.5  # before the grace of 1.7 s is over
