@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +116,10 @@ class Inputs:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def part(self, begin: int, end: int | None = None) -> Inputs:
+        """Return the steps from `begin` up to `end`."""
+        return Inputs(**{f.name: getattr(self, f.name)[begin:end] for f in fields(self)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from observer.config import EstimatorSettings
-from observer.estimators import kernels, packing
+from observer.estimators import judging, kernels, packing
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import StepCache, chunks
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
@@ -71,9 +71,9 @@ class FilterpyEstimator:
     ) -> None:
         plant, s = self._plant, self._plant.rows.sensors
         usable = u.usable[k] & np.isfinite(u.y[k])
-        ready = bool(kernels.step_is_finite(u, k))
+        ready = bool(judging.step_is_finite(u, k))
         if not ready or not (running.flags[0] or usable.any()):
-            kernels.judge(u, k, usable, usable, running, out)
+            judging.judge(u, k, usable, usable, running, out)
             return
         B, C = plant.B.T.copy(), plant.rows.C.copy()
         kernels.move_columns(self._arrays, u, k, B, C)
@@ -89,18 +89,18 @@ class FilterpyEstimator:
         S = np.diag(H @ kf.P @ H.T) + plant.noise_R_K2
         out.innovation[k, usable] = nu[usable]
         accepted = np.zeros(s, dtype=np.bool_)
-        if kernels.gate(nu, S, usable, running.suspect, self._gate_sigma, accepted):
+        if judging.gate(nu, S, usable, running.suspect, self._gate_sigma, accepted):
             kernels.inflate(self._arrays, kf.P)
         if accepted.any():
             kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
         running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P
-        out.quality[k] = kernels.judge(u, k, usable, accepted, running, out)
-        known = kernels.write_values(self._arrays, C, u, k, running.x, out)
+        out.quality[k] = judging.judge(u, k, usable, accepted, running, out)
+        known = judging.write_values(self._arrays, C, u, k, running.x, out)
         known = (
-            kernels.write_sigmas(C, s, running.P, out.heat_sigma, out.field_sigma, k, self._work) and known
+            judging.write_sigmas(C, s, running.P, out.heat_sigma, out.field_sigma, k, self._work) and known
         )
         if not known:
-            kernels.invalidate(out, k)
+            judging.invalidate(out, k)
 
     def _predict(self, kf: Any, u: packing.InputArrays, k: int, step: StepMatrices, B: FloatArray) -> None:
         """Predict with the dense Ad and Qd of this step's columns."""

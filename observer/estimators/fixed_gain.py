@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from observer.estimators import packing
+from observer.estimators.cruise_kernel import columns
 from observer.estimators.fixed_gain_kernel import DONE, GainTable, Rungs, run_fixed_gain
 from observer.estimators.gains import sensor_rows
 from observer.estimators.protocol import EstimatorState
@@ -153,6 +154,7 @@ class FixedGainEngine:
                 first,
                 resumed,
                 work,
+                columns(self._arrays),
             )
             if key != DONE:
                 self._bank.add(int(key))

@@ -17,29 +17,31 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.estimators import kernels, packing, steps
+from observer.estimators import cruise_kernel, judging, kernels, packing, steps
 from observer.estimators.compiling import cached_loop, inlined
-from observer.estimators.kernels import (
+from observer.estimators.cruise_kernel import cruise
+from observer.estimators.judging import (
     GOOD,
-    compare,
-    covariance_with_sensors,
     find_usable,
     gate,
-    inflate,
     invalidate,
-    joseph_update,
     judge,
+    skip,
+    step_is_finite,
+    write_sigmas,
+    write_values,
+)
+from observer.estimators.kernels import (
+    compare,
+    covariance_with_sensors,
+    inflate,
+    joseph_update,
     mirror,
     move_columns,
     predict_covariance,
     predict_state,
-    residual,
-    skip,
     start,
-    step_is_finite,
     symmetrise,
-    write_sigmas,
-    write_values,
 )
 from observer.frames import FloatArray
 
@@ -157,63 +159,8 @@ def correct_state(K, chosen, accepted, nu, x):
                 x[a] += K[chosen, a, i] * nu[i]
 
 
-@inlined
-def is_regular(p, rungs, u, k, usable, state, gains, settled):
-    """Whether step k leaves the covariance where it is: exact length, no jump σ would notice, all its sensors
-    there.
-    """
-    s, n_x = len(usable), len(p.uniform)
-    rung = rungs.rung[u.step[k]]
-    regular = rungs.exact[u.step[k]] and step_is_finite(u, k)
-    for i in range(s):
-        present = (gains.key[settled] >> i) & 1 == 1
-        good = u.quality[k, i] == GOOD and state.suspect[i] == 0.0
-        regular = regular and present == good and present == usable[i]
-    for j in range(len(p.source)):
-        jump = p.law_uncertainty[j] * u.jump[k, p.source[j]]
-        regular = regular and jump * jump <= _QUIET_JUMP * gains.P[settled, n_x + j, n_x + j]
-    return regular and gains.key[settled] >> s == rung
-
-
-@inlined
-def cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work):
-    """Take regular steps from k on, with the steady gain and its σ; return the first step that is not
-    regular.
-
-    A step is only committed to once its innovations have passed the gate.
-    """
-    s, n_x, n = u.y.shape[1], len(p.uniform), len(state.x)
-    x, nu, usable = work.K, work.nu, work.usable
-    while k < len(u.step):
-        find_usable(u, k, usable)
-        if not is_regular(p, rungs, u, k, usable, state, gains, settled):
-            return k
-        move_columns(p, u, k, work.B, work.C)
-        for a in range(n):
-            x[a] = state.x[a]
-        predict_state(p, t, u.step[k], u, k, work.B, x, work)
-        for i in range(s):
-            if usable[i]:
-                nu[i] = residual(p, work.C, u, k, i, x)
-                if nu[i] * nu[i] > gate_sigma * gate_sigma * gains.S[settled, i]:
-                    return k
-                out.innovation[k, i] = nu[i]
-        correct_state(gains.K, settled, usable, nu, x)
-        for a in range(n):
-            state.x[a] = x[a]
-        out.quality[k] = judge(u, k, usable, usable, state, out)
-        if not write_values(p, work.C, u, k, x, out):
-            invalidate(out, k)
-        for j in range(n - n_x):
-            out.heat_sigma[k, j] = gains.heat_sigma[settled, j]
-        for r in range(out.field_sigma.shape[1]):
-            out.field_sigma[k, r] = gains.field_sigma[settled, r]
-        k += 1
-    return k
-
-
-@cached_loop(kernels, packing, steps)
-def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work):
+@cached_loop(cruise_kernel, judging, kernels, packing, steps)
+def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
     """Run the observer over the steps of `u` from `first` on, changing `state` and filling `out`.
 
     Returns (k, key, resumed). Where a gain is not in the table it stops before that step's correction and
@@ -228,7 +175,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
     k = first
     while k < len(u.step):
         if settled >= 0:
-            k = cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work)
+            k = cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work, c)
             settled = -1
             continue
         present = find_usable(u, k, usable)
@@ -269,7 +216,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             correct_state(gains.K, chosen, accepted, nu, x)
             correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P)
         if correcting and complete and rungs.exact[d] and gains.steady[chosen] and near(P, gains.P[chosen]):
-            P[:] = gains.P[chosen]
+            P[:, : len(x)] = gains.P[chosen]
             settled = chosen
         out.quality[k] = judge(u, k, usable, accepted, state, out)
         known = write_values(p, C, u, k, x, out)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from observer.config import EstimatorSettings
-from observer.estimators import kernels, packing
+from observer.estimators import packing
+from observer.estimators.kalman_kernel import run_kalman
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import StepCache, StepTable, chunks
 from observer.frames import EstimateBlock, Inputs, Layout
@@ -59,4 +60,4 @@ class KalmanEstimator:
         out: packing.Results,
         work: packing.Work,
     ) -> None:
-        kernels.run_kalman(self._arrays, table, arrays, running, self._gate_sigma, out, work)
+        run_kalman(self._arrays, table, arrays, running, self._gate_sigma, out, work)

@@ -1,4 +1,4 @@
-"""The compiled arithmetic of one step, and the Kalman filter's loop over K steps.
+"""The compiled arithmetic of one step: predict state and covariance, correct them by scalar measurements.
 
 The plant is diagonal and the heats reach it only through their input columns, so predicting a covariance
 costs O(n²). Nothing here calls BLAS and no sum is reordered: K steps give the same bits as K runs of one.
@@ -12,27 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.estimators import packing, steps
-from observer.estimators.compiling import cached_loop, inlined, rarely
-
-GOOD, STALE, REJECTED = 0, 2, 3
-ESTIMATE_GOOD, ESTIMATE_DEGRADED, ESTIMATE_STALE, ESTIMATE_INVALID = 0, 1, 2, 3
-RELEASE_AFTER_STEPS = 3
-STALE_AFTER_STEPS = 2
-
-
-@inlined
-def step_is_finite(u, k):
-    """Whether every law, known input and moving column of step k is a number."""
-    total = 0.0
-    for j in range(u.law.shape[1]):
-        total += u.law[k, j]
-    for q in range(u.z_end.shape[1]):
-        total += u.z_start[k, q] + u.z_end[k, q]
-    for i in range(u.moving_B.shape[1]):
-        for a in range(u.moving_B.shape[2]):
-            total += u.moving_B[k, i, a]
-    return np.isfinite(total)
+from observer.estimators.compiling import inlined, rarely
 
 
 @inlined
@@ -226,72 +206,36 @@ def inflate(p, P):
 
 
 @inlined
-def gate(nu, S, usable, suspect, gate_sigma, accepted):
-    """Refuse |ν_i| > gate √S_ii; return whether the model, not the sensors, is the surprised one.
-
-    That is so when more than half of the usable sensors have each been refused for three steps in a row: then
-    everything is accepted, the counts start afresh, and the caller must inflate P before it corrects. A
-    single sensor among several stays refused for as long as it disagrees.
-    """
-    present, long_refused = 0, 0
-    for i in range(len(nu)):
-        accepted[i] = usable[i]
-        if usable[i]:
-            present += 1
-            if nu[i] * nu[i] > gate_sigma * gate_sigma * S[i]:
-                accepted[i] = False
-                suspect[i] += 1.0
-                if suspect[i] >= RELEASE_AFTER_STEPS:
-                    long_refused += 1
-            else:
-                suspect[i] = 0.0
-    if 2 * long_refused <= present:
-        return False
-    for i in range(len(nu)):
-        accepted[i] = usable[i]
-        if usable[i]:
-            suspect[i] = 0.0
-    return True
-
-
-@inlined
-def judge(u, k, usable, accepted, state, out):
-    """Fill in each sensor's quality and return that of the estimate; `state.flags[1]` counts the silent
-    steps.
-
-    A refused sensor stays marked between its samples. Only quality is judged: a tick between two samples of a
-    slow sensor is neither degraded nor stale.
-    """
-    good, stale = 0, 0
-    for i in range(len(usable)):
-        quality = u.quality[k, i]
-        if quality == GOOD and (
-            (usable[i] and not accepted[i]) or (not usable[i] and state.suspect[i] > 0.0)
-        ):
-            quality = REJECTED
-        out.sensor_quality[k, i] = quality
-        if quality == GOOD:
-            good += 1
-        elif quality == STALE:
-            stale += 1
-    state.flags[1] = 0 if good > 0 else state.flags[1] + 1
-    if state.flags[1] > STALE_AFTER_STEPS or stale == len(usable):
-        return ESTIMATE_STALE
-    if u.degraded[k] or good < len(usable):
-        return ESTIMATE_DEGRADED
-    return ESTIMATE_GOOD
+def joseph_covariance(C, i, g, K, r, P, Ac):
+    """P⁺ = A - (A c) Kᵀ + r K Kᵀ with A = P - K gᵀ, for sensor i."""
+    (n, width), n_x = P.shape, C.shape[1]
+    for b in range(width):
+        Ac[b] = 0.0
+    for a in range(n_x):
+        gain, c = K[a], C[i, a]
+        for b in range(width):
+            value = P[a, b] - gain * g[i, b]
+            P[a, b] = value
+            Ac[b] += c * value
+    for a in range(n_x, n):
+        gain = K[a]
+        for b in range(width):
+            P[a, b] -= gain * g[i, b]
+    for a in range(n):
+        rest = r * K[a] - Ac[a]
+        for b in range(width):
+            P[a, b] += rest * K[b]
 
 
 @inlined
 def joseph_update(R_K2, C, accepted, g, nu, S, x, P, work):
     """Correct x and P by every accepted sensor in turn; return the log-likelihood of their innovations.
 
-    A = P - K gᵀ with g = P c, then P⁺ = A - (A c) Kᵀ + r K Kᵀ: the second part vanishes but for rounding, and
-    that is what keeps P positive (Bucy and Joseph, 1968). What the sensors still to come expect (g, ν, S,
-    which are used up) follows by rank-one steps. P is symmetric to rounding; the lower triangle is the one
-    that counts.
+    The second part of P⁺ vanishes but for rounding, and that is what keeps P positive (Bucy and Joseph,
+    1968). What the sensors still to come expect (g, ν, S, which are used up) follows by rank-one steps. P is
+    symmetric to rounding; the lower triangle is the one that counts.
     """
-    (n, width), n_x, s = P.shape, C.shape[1], len(accepted)
+    (n, width), s = P.shape, len(accepted)
     K, Ac = work.K, work.Ac
     squares, volume = 0.0, 1.0
     for i in range(s):
@@ -302,23 +246,9 @@ def joseph_update(R_K2, C, accepted, g, nu, S, x, P, work):
         volume *= 2.0 * np.pi * S[i]
         for b in range(width):
             K[b] = g[i, b] * inverse
-            Ac[b] = 0.0
         for a in range(n):
             x[a] += K[a] * innovation
-        for a in range(n_x):
-            gain, c = K[a], C[i, a]
-            for b in range(width):
-                value = P[a, b] - gain * g[i, b]
-                P[a, b] = value
-                Ac[b] += c * value
-        for a in range(n_x, n):
-            gain = K[a]
-            for b in range(width):
-                P[a, b] -= gain * g[i, b]
-        for a in range(n):
-            rest = r * K[a] - Ac[a]
-            for b in range(width):
-                P[a, b] += rest * K[b]
+        joseph_covariance(C, i, g, K, r, P, Ac)
         for later in range(i + 1, s):
             if accepted[later]:
                 shared = project(C, later, g, i)
@@ -330,122 +260,9 @@ def joseph_update(R_K2, C, accepted, g, nu, S, x, P, work):
 
 
 @inlined
-def write_values(p, C, u, k, x, out):
-    """Heats, field and error of step k; return whether all are numbers."""
-    n_x, s = C.shape[1], u.y.shape[1]
-    total = 0.0
-    for j in range(len(p.source)):
-        out.heat[k, j] = u.law[k, p.source[j]] + x[n_x + j]
-        total += out.heat[k, j]
-    for r in range(s, C.shape[0]):
-        value = 0.0
-        for a in range(n_x):
-            value += C[r, a] * x[a]
-        for q in range(p.F.shape[1]):
-            value += p.F[r, q] * u.z_end[k, q]
-        out.field[k, r - s] = value
-        total += value
-    return np.isfinite(total)
-
-
-@inlined
-def write_sigmas(C, s, P, heat_sigma, field_sigma, k, work):
-    """σ = √(c P cᵀ) of every heat and output row into row k; return whether all are numbers."""
-    n_x = C.shape[1]
-    g = work.row
-    total = 0.0
-    for j in range(P.shape[0] - n_x):
-        heat_sigma[k, j] = np.sqrt(P[n_x + j, n_x + j])
-        total += heat_sigma[k, j]
-    for r in range(s, C.shape[0]):
-        for b in range(P.shape[1]):
-            g[b] = 0.0
-        for a in range(n_x):
-            c = C[r, a]
-            for b in range(P.shape[1]):
-                g[b] += c * P[a, b]
-        variance = 0.0
-        for a in range(n_x):
-            variance += C[r, a] * g[a]
-        # A field that is known exactly (a prescribed end) has a variance of zero, give or take rounding.
-        field_sigma[k, r - s] = np.sqrt(max(0.0, variance))
-        total += variance
-    return np.isfinite(total)
-
-
-@rarely
-def invalidate(out, k):
-    """Mark step k as not known."""
-    out.heat[k, :] = np.nan
-    out.heat_sigma[k, :] = np.nan
-    out.field[k, :] = np.nan
-    out.field_sigma[k, :] = np.nan
-    out.quality[k] = ESTIMATE_INVALID
-
-
-@inlined
-def find_usable(u, k, usable):
-    """Which sensors may correct at step k; return how many. A value that is no number never may."""
-    count = 0
-    for i in range(len(usable)):
-        usable[i] = u.usable[k, i] and np.isfinite(u.y[k, i])
-        if usable[i]:
-            count += 1
-    return count
-
-
-@rarely
-def skip(u, k, usable, state, out):
-    """Report a step that cannot be computed; the state stays as it is."""
-    judge(u, k, usable, usable, state, out)
-    invalidate(out, k)
-
-
-@inlined
 def compare(p, C, u, k, usable, g, x, nu, S):
     """Innovation ν_i and its variance S_ii before any correction, for every usable sensor."""
     for i in range(len(usable)):
         if usable[i]:
             nu[i] = residual(p, C, u, k, i, x)
             S[i] = project(C, i, g, i) + p.R_K2[i]
-
-
-@cached_loop(packing, steps)
-def run_kalman(p, t, u, state, gate_sigma, out, work):
-    """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
-
-    A step whose laws or known inputs are no numbers cannot be computed: it leaves the state as it is and is
-    invalid.
-    """
-    s = u.y.shape[1]
-    x, P, B, C = state.x, state.P, work.B, work.C
-    nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
-    for k in range(len(u.step)):
-        present = find_usable(u, k, usable)
-        if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
-            skip(u, k, usable, state, out)
-            continue
-        move_columns(p, u, k, B, C)
-        if state.flags[0] == 0:
-            start(p, C, u, k, usable, x, P)
-            state.flags[0] = 1
-        else:
-            predict_state(p, t, u.step[k], u, k, B, x, work)
-            predict_covariance(p, t, u.step[k], u, k, B, P, work)
-        if present > 0:
-            covariance_with_sensors(C, P, s, g)
-            compare(p, C, u, k, usable, g, x, nu, S)
-            for i in range(s):
-                if usable[i]:
-                    out.innovation[k, i] = nu[i]
-            if gate(nu, S, usable, state.suspect, gate_sigma, accepted):
-                inflate(p, P)
-                covariance_with_sensors(C, P, s, g)
-                compare(p, C, u, k, usable, g, x, nu, S)
-            out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
-        out.quality[k] = judge(u, k, usable, accepted, state, out)
-        known = write_values(p, C, u, k, x, out)
-        known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
-        if not known:
-            invalidate(out, k)
-    mirror(P)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from observer.estimators import kernels, packing
+from observer.estimators import packing
+from observer.estimators.kalman_kernel import run_kalman
 from observer.estimators.steps import StepCache, chunks
 from observer.frames import FloatArray, Inputs
 from observer.model.plant import Plant, Rows
@@ -42,7 +43,7 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
     work = packing.scratch(arrays)
     moved = replace(inputs, moving_C=inputs.moving_C[:, :, : plant.rows.sensors])
     for part, _, u, table in chunks(steps, moved):
-        kernels.run_kalman(arrays, table, u, running, np.inf, packing.cut(results, part), work)
+        run_kalman(arrays, table, u, running, np.inf, packing.cut(results, part), work)
     started = np.flatnonzero(np.isfinite(results.innovation).any(axis=1))
     return float(results.log_likelihood[started[1:]].sum()) if len(started) else 0.0
 

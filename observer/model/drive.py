@@ -70,7 +70,7 @@ class Drive:
             time_s=frames.time_s,
             dt_s=frames.dt_s,
             y_degC=frames.values[:, sensors],
-            usable=frames.fresh[:, sensors] & (quality == int(Quality.GOOD)) & ready[:, None],
+            usable=frames.fresh[:, sensors] & np.equal(quality, int(Quality.GOOD)) & ready[:, None],
             quality=quality,
             law_W=(law_before + law) / 2,
             law_jump_W=law - law_before,
@@ -123,4 +123,5 @@ class Drive:
     def _degraded(self, frames: FrameBlock, at: dict[str, int]) -> BoolArray:
         """Whether some input other than a sensor was missing, late or refused at each tick, (K,)."""
         needed = sorted({at[c] for c in self._needed if c is not None})
-        return np.asarray((frames.quality[:, needed] != int(Quality.GOOD)).any(axis=1))
+        bad = np.asarray(frames.quality != int(Quality.GOOD))
+        return np.asarray(bad[:, needed].any(axis=1))

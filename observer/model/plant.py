@@ -64,7 +64,7 @@ class Plant:
     """A continuous-time plant with its output rows and the prior of its state.
 
     Shapes: `decay_1_s` (n_x,); `B` (n_x, m); `E` (n_x, p); `uniform` (n_x,) the state of a screw at 1 °C
-    everywhere; `prior_P` (n_x, n_x), K², the covariance of a smooth unknown field at the start;
+    everywhere; `prior_P` (n_x, n_x), K², the covariance of the unknown field at the start;
     `noise_R_K2` (s,) the sensors' variances; `estimated` (m,) which heats are estimated;
     `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,), `initial_sigma_W` (m_e,) the
     estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random walk, and a step of

@@ -10,6 +10,8 @@ from observer.model.rod.static import quadrature
 
 SMOOTHNESS = 0.25
 """Correlation length of an unknown field, as a part of the screw's length."""
+PAST = (1e-3, 1e-2, 1e-1)
+"""How long sources may have been on before the start, in diffusion times L²/α (a minute to hours on 1 m)."""
 
 
 def smooth_field_covariance(modes: Modes) -> FloatArray:
@@ -23,3 +25,20 @@ def smooth_field_covariance(modes: Modes) -> FloatArray:
     projection = (modes.theta(x) * w[:, None]).T / modes.rod.diffusivity_m2_s
     covariance = projection @ kernel @ projection.T
     return np.asarray((covariance + covariance.T) / 2)
+
+
+def past_heat_covariance(modes: Modes, inputs: FloatArray, sigma_W: FloatArray) -> FloatArray:
+    """Covariance (N, N) of the modal amplitudes left by heats of unknown size before the start.
+
+    A machine that has been running is not smoothly warm: the screw is hottest at the bearings. Each source,
+    `inputs` (N, m) in its units of B, is taken to have been on for each of three times, independently, with the
+    σ of its unknown heat now, `sigma_W` (m,): r_n = b_n (1 − e^{−Λ_n t})/Λ_n.
+    """
+    covariance = np.zeros((len(modes), len(modes)))
+    decay = modes.decay_1_s[:, None]
+    for share in PAST:
+        t = share * modes.rod.length_m**2 / modes.rod.diffusivity_m2_s
+        gathered = np.where(decay > 0, -np.expm1(-decay * t) / np.where(decay > 0, decay, 1.0), t)
+        response = inputs * gathered * sigma_W
+        covariance += response @ response.T
+    return covariance

@@ -145,3 +145,43 @@ def _sensors(estimate: Mapping[str, Any]) -> Table:
 
 def _number(value: float | None, digits: int) -> str:
     return _UNKNOWN if value is None or math.isnan(value) else f"{value:.{digits}f}"
+
+
+def live_line(latest: Mapping[str, Mapping[str, Any]]) -> str:
+    """The heats in one line, beside their truth where it is published; empty before the first estimate."""
+    heat, truth = latest.get("heat", {}), latest.get("truth/heat", {}).get("sources", {})
+    if not heat:
+        return ""
+    parts = []
+    for name, entry in heat.get("sources", {}).items():
+        text = f"{name} {_number(entry.get('heat_W'), 2)} ± {_number(entry.get('sigma_W'), 2)} W"
+        if name in truth:
+            text += f" (truth {_number(truth[name].get('heat_W'), 2)})"
+        parts.append(text)
+    hottest = max(
+        (t for t in latest.get("field", {}).get("temperature_degC", ()) if t is not None), default=None
+    )
+    return f"{heat.get('quality')}: {', '.join(parts)}; hottest {_number(hottest, 1)} °C"
+
+
+def ask_health(connect: str, machine: str, axis: str, timeout_s: float) -> dict[str, Any] | None:
+    """Ask a running service for its health; None where none answers in time."""
+    until_s = time.monotonic() + timeout_s
+    while time.monotonic() < until_s:
+        try:
+            session = zenoh.open(session_config("client", (connect,), ()))
+        except zenoh.ZError:
+            time.sleep(0.2)
+            continue
+        try:
+            replies = session.get(
+                f"ballscrew/{machine}/{axis}/health", timeout=max(0.1, until_s - time.monotonic())
+            )
+            for reply in replies:
+                if reply.ok is not None:
+                    document: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
+                    return document
+        finally:
+            close_within(session, 1.0)
+        time.sleep(0.2)
+    return None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -123,21 +124,28 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
 
 
 def write_results(
-    output: Path, suffix: str, layout: Layout, blocks: Iterator[EstimateBlock], log: Log, digest: str
-) -> Summary:
+    output: Path,
+    suffix: str,
+    layout: Layout,
+    blocks: Iterator[EstimateBlock],
+    log: Log,
+    digest: str,
+    more: Mapping[str, Any] = MappingProxyType({}),
+) -> dict[str, Any]:
     """Write `estimates` + suffix and `summary.json` into `output`; both appear complete or not at all.
 
-    Raises `LogError` where they cannot be written, or when there is no estimate to write.
+    Returns the content of `summary.json`: the summary, and `more` that the caller knows of the log. Raises
+    `LogError` where they cannot be written, or when there is no estimate to write.
     """
     tally = Tally(layout)
     with TableWriter(output / f"estimates{suffix}") as writer:
         for block in blocks:
             writer.write(result_columns(layout, block))
             tally.add(block)
-        summary = tally.summary(log, digest)
-        if not summary.rows:
+        summary = asdict(tally.summary(log, digest)) | dict(more)
+        if not summary["rows"]:
             raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
     part = output / ".summary.json.part"
-    part.write_text(json.dumps(asdict(summary), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    part.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     part.replace(output / "summary.json")
     return summary

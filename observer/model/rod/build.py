@@ -12,7 +12,7 @@ import numpy as np
 from observer.config import Config, Source
 from observer.frames import FloatArray, Layout
 from observer.model.plant import MovingSource, Plant, Rows
-from observer.model.prior import smooth_field_covariance
+from observer.model.prior import past_heat_covariance, smooth_field_covariance
 from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.rows import Places, modal_rows, remainder_rows
@@ -56,6 +56,7 @@ def build_plant(config: Config) -> Plant:
     C = np.hstack([modal_rows(modes, places), lag_rows])
     E = np.vstack([np.column_stack([k.modal for k in known]), np.zeros((m, len(known)))])
     smooth = _padded(smooth_field_covariance(modes), N + m)
+    past = past_heat_covariance(modes, B[:N], np.array([s.initial_sigma_W for s in config.source]))
     free = [s for s in config.source if s.estimate]
     return Plant(
         layout=_layout(config, places),
@@ -70,7 +71,7 @@ def build_plant(config: Config) -> Plant:
         ),
         moving=_moving_sources(config, modes, places, lag_decay_1_s, B, C),
         uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
-        prior_P=config.estimator.initial_sigma_K**2 * smooth,
+        prior_P=config.estimator.initial_sigma_K**2 * smooth + _padded(past, N + m),
         noise_R_K2=np.array([s.noise_K**2 for s in config.sensor]),
         estimated=np.array([s.estimate for s in config.source]),
         random_walk_W2_s=np.array([s.random_walk_W_sqrt_s**2 for s in free]),

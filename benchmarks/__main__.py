@@ -1,0 +1,49 @@
+"""`python -m benchmarks`: one table of every figure of the bar, in one run."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks import daemon, kalman_step, replaying, simulated_hour, table, transport
+
+NOTE = "One BLAS thread; ratios are taken within this run."
+
+
+def main() -> None:
+    """Measure, print, and write a file only if asked."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--output", type=Path, help="also write the rows to this CSV file")
+    parser.add_argument("--only", nargs="+", metavar="PART", help="of step replay hour transport daemon")
+    parser.add_argument("--daemon-seconds", type=float, default=30.0, help="how long the daemon is watched")
+    options = parser.parse_args()
+    parts: dict[str, Callable[[], list[table.Result]]] = {
+        "step": kalman_step.results,
+        "replay": replaying.results,
+        "hour": simulated_hour.results,
+        "transport": transport.results,
+        "daemon": partial(daemon.results, options.daemon_seconds),
+    }
+    if unknown := set(options.only or ()) - set(parts):
+        parser.error(f"unknown part {min(unknown)}; choose from {' '.join(parts)}")
+    results: list[table.Result] = []
+    console = Console()
+    for name in options.only or parts:
+        with console.status(f"measuring: {name}"):
+            results += parts[name]()
+    console.print(table.render(results, NOTE))
+    if options.output:
+        table.write(options.output, results)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,169 @@
+"""The daemon as a process: processor, memory, and the time from its start to the first estimate."""
+
+from __future__ import annotations
+
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import zenoh
+
+from benchmarks.plants import SCREW
+from benchmarks.table import Result
+from benchmarks.transport import free_port
+from observer.log_writer import write_log
+from observer.publish.zenoh import session_config
+
+SENSORS, MODES, POINTS, PERIOD_S = 12, 40, 200, 0.1
+STARTS = 5
+SETTLE_S = 5.0
+HOUR_S = 3600.0
+
+
+def results(seconds: float = 30.0) -> list[Result]:
+    """Run `observer run` on a played log; growth is judged only over an hour (`--daemon-seconds 3600`)."""
+    with tempfile.TemporaryDirectory() as directory:
+        folder = Path(directory)
+        _write_log(folder / "played.csv", seconds + 30.0)
+        try:
+            starts_s = [_start_once(folder) for _ in range(STARTS)]
+            load, resident_MB, growth_MB = _load(folder, seconds)
+        except RuntimeError as error:
+            return [Result("daemon and start", f"not measured: {error}")]
+    start_s = statistics.median(starts_s[1:])  # the first may compile
+    size = f"{SENSORS} sensors, {MODES} modes, {POINTS} points"
+    growth = Result(
+        f"  growth over {seconds:g} s",
+        f"{growth_MB:.1f} MB",
+        goal="none in an hour",
+        met=growth_MB < 2.0 if seconds >= HOUR_S else None,
+    )
+    return [
+        Result(
+            "start to first estimate at a subscriber", f"{start_s:.2f} s", goal="≤ 1.5 s", met=start_s <= 1.5
+        ),
+        Result(f"daemon at 10 Hz, {size}", f"{load:.1%} of a core", goal="≤ 5 %", met=load <= 0.05),
+        Result("  resident", f"{resident_MB:.0f} MB", goal="≤ 200 MB", met=resident_MB <= 200),
+        growth,
+    ]
+
+
+def _start_once(folder: Path) -> float:
+    with _daemon(folder) as (_, first_s):
+        return first_s
+
+
+def _load(folder: Path, seconds: float) -> tuple[float, float, float]:
+    """Share of a core, resident MB at the end, and growth in MB, once the start is over."""
+    with _daemon(folder) as (pid, _):
+        time.sleep(SETTLE_S)
+        busy_s, resident_MB, began_s = _cpu_s(pid), _resident_MB(pid), time.monotonic()
+        time.sleep(seconds)
+        share = (_cpu_s(pid) - busy_s) / (time.monotonic() - began_s)
+        return share, _resident_MB(pid), _resident_MB(pid) - resident_MB
+
+
+@contextmanager
+def _daemon(folder: Path) -> Iterator[tuple[int, float]]:
+    """A daemon that has published its first heat, and how long that took."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config = folder / "config.toml"
+    config.write_text(_config_text(folder / "played.csv", endpoint))
+    with zenoh.open(session_config("router", (), (endpoint,))) as session:
+        heat = session.declare_subscriber("ballscrew/**/heat", zenoh.handlers.RingChannel(1))
+        began_s = time.monotonic()
+        command = [sys.executable, "-m", "observer", "run", "--config", str(config)]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        try:
+            while heat.try_recv() is None:
+                if process.poll() is not None or time.monotonic() - began_s > 60.0:
+                    raise RuntimeError(_last_line(process))
+                time.sleep(0.005)
+            yield process.pid, time.monotonic() - began_s
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait(timeout=10)
+
+
+def _last_line(process: subprocess.Popen[str]) -> str:
+    if process.poll() is None or process.stderr is None:
+        return "no heat within 60 s"
+    return (process.stderr.read().strip().splitlines() or ["it ended without a word"])[-1]
+
+
+def _cpu_s(pid: int) -> float:
+    """User and system time of a process (fields 14 and 15 of its stat line)."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _resident_MB(pid: int) -> float:
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _write_log(path: Path, seconds: float) -> None:
+    time_s = PERIOD_S * np.arange(round(seconds / PERIOD_S))
+    rng = np.random.default_rng(4)
+    columns = {
+        f"t{i}_degC": np.round(20.0 + 0.05 * rng.standard_normal(len(time_s)), 3)
+        for i in range(1, SENSORS + 1)
+    }
+    columns["nut_position_m"] = 0.5 + 0.2 * np.sin(0.3 * time_s)
+    columns["screw_speed_rpm"] = np.full(len(time_s), 1500.0)
+    write_log(path, time_s, columns)
+
+
+def _config_text(log: Path, endpoint: str) -> str:
+    screw = "\n".join(f"{key} = {value}" for key, value in SCREW.items())
+    sensors = "\n".join(
+        f'[[sensor]]\nname = "t{i}"\nchannel = "t{i}_degC"\nposition_m = {x:.4f}\nnoise_K = 0.05'
+        for i, x in enumerate(np.linspace(0.05, 0.95, SENSORS), 1)
+    )
+    ends = "\n".join(
+        f'[[source]]\nname = "{name}"\nshape = "point"\nposition_m = {x}\nspeed_channel = "screw_speed_rpm"\n'
+        "heat_W_rpm = 0.006"
+        for name, x in (("left", 0.0), ("right", 1.0))
+    )
+    return f"""
+[machine]
+name = "benchmark"
+[screw]
+{screw}
+expansion_1_K = 11.8e-6
+[surface]
+convection_W_m2K = 15.0
+[ambient]
+temperature_degC = 20.0
+[[source]]
+name = "nut"
+shape = "nut"
+length_m = 0.08
+stroke_m = [0.2, 0.8]
+position_channel = "nut_position_m"
+speed_channel = "screw_speed_rpm"
+torque_Nm = 0.3
+share = 0.5
+{ends}
+{sensors}
+[model]
+modes = {MODES}
+[estimator]
+period_s = {PERIOD_S}
+[output]
+positions_m = {np.linspace(0.0, 1.0, POINTS).tolist()}
+[drivers.log]
+kind = "player"
+path = "{log}"
+[publish]
+mode = "client"
+connect = ["{endpoint}"]
+"""

@@ -1,0 +1,123 @@
+"""One Kalman step, in the loop: compiled engine, bare compiled loop, filterpy, statsmodels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+from statsmodels.tsa.statespace.kalman_filter import KalmanFilter as StatsmodelsFilter
+
+from benchmarks import bare
+from benchmarks.plants import config_of, dense, even_inputs
+from benchmarks.table import Result, judged
+from benchmarks.timing import medians_s, shown
+from observer.estimators.kalman import KalmanEstimator
+from observer.frames import FloatArray, Inputs
+from observer.model.discretise import step_matrices
+from observer.model.plant import Plant
+from observer.model.rod.build import build_plant
+
+DT_S = 0.5
+OURS_STEPS, FILTERPY_STEPS, STATSMODELS_STEPS = 20_000, 500, 2_000
+
+
+def results() -> list[Result]:
+    """8 modes and 3 heats with 4 sensors, then 40 modes with 8."""
+    rows = []
+    for modes, sensors in ((8, 4), (40, 8)):
+        config = config_of(modes, sensors, grid=2)
+        plant = build_plant(config)
+        inputs = even_inputs(plant, OURS_STEPS)
+        estimator = KalmanEstimator(plant, config.estimator)
+        works = {
+            "ours": lambda e=estimator, u=inputs: e.run(e.initial(), u),
+            "bare": bare_loop(plant, inputs),
+            "filterpy": filterpy_loop(plant, inputs.y_degC[:FILTERPY_STEPS]),
+            "statsmodels": statsmodels_filter(plant, inputs.y_degC[:STATSMODELS_STEPS]),
+        }
+        taken = medians_s(works)
+        steps = {"filterpy": FILTERPY_STEPS, "statsmodels": STATSMODELS_STEPS}
+        step_s = {name: taken[name] / steps.get(name, OURS_STEPS) for name in taken}
+        size = f"{modes} modes + 3 lags + 3 heats, {sensors} sensors"
+        ours = shown(step_s["ours"])
+
+        def times(peer: str, step_s: dict[str, float] = step_s) -> float:
+            return step_s[peer] / step_s["ours"]
+
+        shows = {peer: f"{peer} {shown(value)}" for peer, value in step_s.items()}
+        if modes == 8:
+            rows.append(
+                judged(f"Kalman step, {size}", ours, shows["filterpy"], times("filterpy"), at_least=25)
+            )
+            rows.append(
+                judged("  the same arithmetic, bare", ours, shows["bare"], 1 / times("bare"), at_most=1.2)
+            )
+        else:
+            rows.append(Result(f"Kalman step, {size}", ours, shows["filterpy"], f"{times('filterpy'):.3g} ×"))
+            rows.append(
+                Result("  the same arithmetic, bare", ours, shows["bare"], f"{1 / times('bare'):.3g} ×")
+            )
+        rows.append(Result("  and statsmodels", ours, shows["statsmodels"], f"{times('statsmodels'):.3g} ×"))
+    return rows
+
+
+def bare_loop(plant: Plant, inputs: Inputs) -> Callable[[], object]:
+    """The bare loop over the same steps."""
+    step = step_matrices(plant, DT_S)
+    _, Qd, _ = dense(plant, DT_S)
+    m = plant.B.shape[1]
+    G = np.ascontiguousarray(plant.B.T) * step.couple
+    forced = plant.B @ inputs.law_W[0] + plant.E @ inputs.z_end[0]
+    y = inputs.y_degC - inputs.z_end @ plant.rows.F[plant.rows.sensor_slice].T
+    heat, field = np.empty((len(y), m, 2)), np.empty((len(y), plant.rows.grid, 2))
+
+    def work() -> object:
+        x = np.concatenate([20.0 * plant.uniform, np.zeros(m)])
+        P = start_covariance(plant)
+        C = np.ascontiguousarray(plant.rows.C[: plant.rows.sensors + plant.rows.grid])
+        bare.run(step.decay, step.hold, G, Qd, C, plant.noise_R_K2, forced, y, x, P, heat, field)
+        return heat
+
+    return work
+
+
+def start_covariance(plant: Plant) -> FloatArray:
+    """The covariance before the first sample."""
+    n_x, m = plant.B.shape
+    P = np.zeros((n_x + m, n_x + m))
+    P[:n_x, :n_x] = plant.prior_P
+    P[n_x:, n_x:] = np.diag(plant.initial_sigma_W**2)
+    return P
+
+
+def filterpy_loop(plant: Plant, y: FloatArray) -> Callable[[], object]:
+    """filterpy's predict and update, then the same outputs: heats, field and their σ."""
+    Ad, Qd, H = dense(plant, DT_S)
+    outputs = np.zeros((plant.rows.grid + plant.B.shape[1], len(Ad)))
+    outputs[: plant.rows.grid, : len(plant.B)] = plant.rows.C[plant.rows.field_slice]
+    outputs[plant.rows.grid :, len(plant.B) :] = np.eye(plant.B.shape[1])
+
+    def work() -> object:
+        kf = KalmanFilter(dim_x=len(Ad), dim_z=len(H))
+        kf.F, kf.Q, kf.H, kf.R, kf.P = Ad, Qd, H, np.diag(plant.noise_R_K2), start_covariance(plant)
+        for row in y:
+            kf.predict()
+            kf.update(row[:, None])
+            read = outputs @ kf.x, np.sqrt(np.einsum("ra,ab,rb->r", outputs, kf.P, outputs))
+        return read
+
+    return work
+
+
+def statsmodels_filter(plant: Plant, y: FloatArray) -> Callable[[], object]:
+    """statsmodels' compiled batch filter."""
+    Ad, Qd, H = dense(plant, DT_S)
+    n = len(Ad)
+    kf = StatsmodelsFilter(k_endog=len(H), k_states=n, k_posdef=n)
+    kf.bind(np.ascontiguousarray(y))
+    kf["design"], kf["transition"], kf["selection"] = H, Ad, np.eye(n)
+    kf["obs_cov"], kf["state_cov"] = np.diag(plant.noise_R_K2), Qd
+    kf.initialize_known(np.zeros(n), start_covariance(plant))
+    kf.tolerance = 0.0  # or it would stop updating the covariance once that has settled
+    return kf.filter

@@ -1,0 +1,126 @@
+"""From a sample to a subscriber in another process, at 100 Hz, in turn with a bare put of the same bytes."""
+
+from __future__ import annotations
+
+import json
+import socket
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import zenoh
+
+from benchmarks.plants import config_of
+from benchmarks.table import Result, judged
+from benchmarks.timing import shown
+from observer.config import Config
+from observer.estimators.kalman import KalmanEstimator
+from observer.frames import EstimateBlock, Reading
+from observer.model.drive import Drive
+from observer.model.rod.build import build_plant
+from observer.publish.codec import EstimateEncoder
+from observer.publish.zenoh import session_config
+from observer.service.align import Aligner, AlignPlan
+from observer.service.pipeline import Pipeline
+
+PREFIX = "ballscrew/benchmark/x"
+PERIOD_S = 0.01
+RUNS, MESSAGES = 5, 400
+"""Messages of each kind in a run; the first ones after a subscriber's declaration may be lost."""
+WARM_UP = 20
+
+
+def results() -> list[Result]:
+    """12 sensors, 40 modes, 200 points: p50 and p99, median of the runs."""
+    p50: dict[str, list[float]] = {"estimate": [], "bare": []}
+    p99: dict[str, list[float]] = {"estimate": [], "bare": []}
+    for _ in range(RUNS):
+        for kind, latency_s in one_run().items():
+            p50[kind].append(float(np.quantile(latency_s, 0.5)))
+            p99[kind].append(float(np.quantile(latency_s, 0.99)))
+    rows = []
+    for name, taken, bound in (("p50", p50, 1.4), ("p99", p99, 2.0)):
+        ours, bare = (statistics.median(taken[kind]) for kind in ("estimate", "bare"))
+        ratio = statistics.median(a / b for a, b in zip(taken["estimate"], taken["bare"], strict=True))
+        work = f"sample in → estimate at a subscriber, 100 Hz, {name}"
+        rows.append(judged(work, shown(ours), f"bare put {shown(bare)}", ratio, at_most=bound))
+    return rows
+
+
+def one_run() -> dict[str, list[float]]:
+    """Latencies in seconds of both kinds, sent in turn in one stream."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    command = [sys.executable, "-m", "benchmarks.subscriber", endpoint, PREFIX]
+    with zenoh.open(session_config("router", (), (endpoint,))) as session:
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(0.5)
+            sent = _send(session)
+            end = session.declare_publisher(f"{PREFIX}/end")
+            end.put(b"")
+            arrivals = json.loads(process.communicate(timeout=30)[0])
+        finally:
+            process.kill()
+    return {
+        kind: [(b - a) * 1e-9 for a, b in zip(sent[kind][WARM_UP:], arrivals[kind][WARM_UP:], strict=True)]
+        for kind in sent
+    }
+
+
+def _send(session: zenoh.Session) -> dict[str, list[int]]:
+    """Send both kinds in turn at 100 Hz each; returns when each sample was in, in monotonic ns."""
+    drop = zenoh.CongestionControl.DROP
+    publishers = {
+        kind: session.declare_publisher(f"{PREFIX}/{kind}", congestion_control=drop, express=True)
+        for kind in ("estimate", "bare")
+    }
+    estimate = _path()
+    payload = b""
+    sent: dict[str, list[int]] = {kind: [] for kind in publishers}
+    due_s = time.monotonic()
+    for i in range(2 * MESSAGES):
+        kind = ("estimate", "bare")[i % 2]
+        due_s += PERIOD_S / 2.0
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        sent[kind].append(time.monotonic_ns())
+        if kind == "estimate":
+            payload = estimate(i)
+        publishers[kind].put(payload)
+    return sent
+
+
+def _path() -> Callable[[int], bytes]:
+    """What the service does with a sample: align, drive, estimate, encode."""
+    config = axis_config()
+    plant = build_plant(config)
+    aligner = Aligner(AlignPlan.of(config))
+    pipeline = Pipeline(Drive(config, plant), KalmanEstimator(plant, config.estimator))
+    encoder = EstimateEncoder(plant.layout)
+    rng = np.random.default_rng(2)
+
+    def step(i: int) -> bytes:
+        values = {f"t{n}_degC": float(t) for n, t in enumerate(20.0 + 0.1 * rng.standard_normal(12), 1)}
+        values |= {"nut_position_m": 0.5 + 0.2 * np.sin(0.01 * i), "screw_speed_rpm": 1500.0}
+        aligner.ingest(Reading(PERIOD_S * i, values))
+        block: EstimateBlock = pipeline.step(aligner.tick(PERIOD_S * i + 1e-6))
+        return encoder.cbor(block, 0, i)
+
+    step(0)
+    return step
+
+
+def axis_config() -> Config:
+    """A full axis: 40 modes, 12 sensors, 200 points, a moving nut."""
+    return config_of(40, 12, grid=200, moving=True)
+
+
+def free_port() -> int:
+    """A port that nobody listens on just now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

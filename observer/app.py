@@ -1,0 +1,329 @@
+"""The composition root: the one place that puts parts together, one function per command."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.config import Config, load
+from observer.errors import ConfigError, LogError
+from observer.estimators import build_estimator
+from observer.estimators.protocol import Estimator
+from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
+from observer.logs import Log, read_log
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+from observer.model.rod.build import build_plant
+from observer.service.align import AlignPlan, frames_of_log
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A configuration with the plant, the drive and the expectations of its channels that follow from it."""
+
+    config: Config
+    plant: Plant
+    drive: Drive
+    plan: AlignPlan
+
+    @classmethod
+    def of(cls, config: Config) -> Machine:
+        """Build the parts of a configuration."""
+        plant = build_plant(config)
+        return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
+
+    def estimator(self) -> Estimator:
+        """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
+        return build_estimator(self.plant, self.config.estimator)
+
+
+def serve(config: Config, seconds: float | None = None) -> None:
+    """Run the daemon until it is stopped; the caller leaves the process afterwards."""
+    import sdnotify
+
+    from drivers import open_driver
+    from observer.publish.codec import config_json
+    from observer.publish.zenoh import ZenohPublisher
+    from observer.service.clock import ServiceClock
+    from observer.service.loop import Service, run
+    from observer.service.record import Recorder
+
+    _every_channel_has_a_driver(config)
+    machine = Machine.of(config)
+    estimator = machine.estimator()
+    name = config.machine
+    record = config.record
+    service = Service(
+        drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
+        plan=machine.plan,
+        drive=machine.drive,
+        estimator=estimator,
+        publisher=ZenohPublisher(name.name, name.axis, config.publish, config_json(config), estimator.layout),
+        recorder=Recorder(
+            record.directory,
+            f"{name.name}-{name.axis}",
+            config.channels,
+            int(record.rotate_MB * 1e6),
+            record.sync_s,
+        )
+        if record.directory
+        else None,
+        clock=ServiceClock(),
+        notify=sdnotify.SystemdNotifier().notify,
+    )
+    run(service, seconds)
+
+
+def _every_channel_has_a_driver(config: Config) -> None:
+    """Raise `ConfigError` where the model reads a channel that no driver delivers; a player delivers all."""
+    offered: set[str] = set()
+    for settings in config.drivers.values():
+        if settings.kind == "player":
+            return
+        offered |= {settings.position_channel} if settings.kind == "canopen" else set(settings.channels)
+    missing = [c for c in config.channels if c not in offered]
+    if missing:
+        raise ConfigError(
+            f"drivers: no driver delivers {', '.join(missing)}; add the channel to a [drivers.…] table, or "
+            "remove what reads it"
+        )
+
+
+def replay(
+    log_path: Path,
+    config: Config,
+    output: Path,
+    suffix: str,
+    *,
+    accept_truncated: bool = False,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Run a log through the live path; write estimates, `summary.json` and `overview.png` into `output`.
+
+    Returns the summary. Raises `LogError` or `ConfigError`.
+    """
+    from observer.report.collect import Collector
+    from observer.report.overview import write_overview
+    from observer.service.replay import estimates_of, write_results
+
+    log = read_log(log_path, config.channels, accept_truncated=accept_truncated)
+    machine = Machine.of(config)
+    estimator = machine.estimator()
+    collector = Collector(config)
+    tee = _Tee(machine.drive)
+    output.mkdir(parents=True, exist_ok=True)
+
+    def blocks() -> Iterator[EstimateBlock]:
+        for block in estimates_of(log, machine.plan, tee, estimator, progress):
+            collector.add(tee.inputs, block)
+            yield block
+
+    open_loop = _open_loop(machine, frames_of_log(log, machine.plan))
+    summary = write_results(
+        output, suffix, estimator.layout, blocks(), log, config.digest, _verdicts(config, log) | open_loop
+    )
+    write_overview(output / "overview.png", config, collector.samples(), f"replay of {log_path.name}")
+    return summary
+
+
+class _Tee:
+    """A drive that remembers the inputs it gave last."""
+
+    def __init__(self, drive: Drive) -> None:
+        self._drive = drive
+        self.inputs: Inputs
+
+    def initial(self) -> Any:
+        """Give the state before the first frame."""
+        return self._drive.initial()
+
+    def run(self, state: Any, frames: FrameBlock) -> tuple[Any, Inputs]:
+        """K steps."""
+        state, self.inputs = self._drive.run(state, frames)
+        return state, self.inputs
+
+
+def _open_loop(machine: Machine, blocks: Iterator[FrameBlock]) -> dict[str, Any]:
+    """Return how far the prediction by the heat laws alone is from each sensor, K rms."""
+    squares = np.zeros(machine.plant.rows.sensors)
+    count = np.zeros(machine.plant.rows.sensors)
+    for inputs, rows in _predicted(machine, blocks):
+        gap = np.where(inputs.usable, inputs.y_degC - rows[:, machine.plant.rows.sensor_slice], np.nan)
+        squares += np.nansum(gap**2, axis=0)
+        count += np.isfinite(gap).sum(axis=0)
+    rms = {
+        name: math.sqrt(s / n) if n else None
+        for name, s, n in zip(machine.plant.layout.sensors, squares, count, strict=True)
+    }
+    return {"open_loop_rms_K": rms}
+
+
+def _predicted(
+    machine: Machine, blocks: Iterator[FrameBlock], start_degC: float | None = None
+) -> Iterator[tuple[Inputs, FloatArray]]:
+    """Simulate frames open loop, from the first frame at which every known input is known."""
+    from observer.model.simulate import simulate, start, start_from_sensors
+
+    plant = machine.plant
+    drive_state, state = machine.drive.initial(), None
+    for frames in blocks:
+        drive_state, inputs = machine.drive.run(drive_state, frames)
+        if state is None:
+            first = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
+            if not len(first):
+                continue
+            k = int(first[0])
+            inputs = inputs.part(k)
+            y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
+            if start_degC is None and np.isfinite(y).any():
+                state = start_from_sensors(plant, y, plant.noise_R_K2, inputs.law_W[0], inputs.z_end[0])
+            else:
+                level = inputs.z_end[0, 0] if start_degC is None else start_degC
+                state = start(plant, level, inputs.law_W[0])
+        state, rows = simulate(plant, state, inputs)
+        yield inputs, rows
+
+
+def _verdicts(config: Config, log: Log) -> dict[str, Any]:
+    """Return, per moving source, whether the log tells the nut's path."""
+    from observer.model.rod.moving import judge_path
+
+    found = {}
+    for source in config.source:
+        if source.position_channel is not None:
+            low, high = source.stroke_m or (0.0, config.screw.length_m)
+            column = log.values[:, log.channels.index(source.position_channel)]
+            found[source.name] = judge_path(column, high - low)
+    return {"nut_path": found}
+
+
+def simulate(
+    program: Path, config: Config, output: Path, start_degC: float | None, progress: Progress
+) -> FloatArray:
+    """Predict a run from the heat laws alone and write it as a log, with `overview.png` beside it.
+
+    The program is a log of the input channels; where it also holds the sensors' channels, their first values
+    give the initial field. Returns the last predicted sensor temperatures in °C.
+    """
+    from observer.log_writer import write_log
+    from observer.report.collect import SimulationCollector
+    from observer.report.overview import write_simulation_overview
+
+    machine = Machine.of(config)
+    log = _program(program, config)
+    collector = SimulationCollector(config)
+    parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    done = 0
+    for inputs, rows in _predicted(machine, frames_of_log(log, machine.plan), start_degC):
+        collector.add(inputs, rows, machine.plant.rows)
+        parts.append((inputs.time_s, inputs.law_W, rows))
+        done += len(inputs)
+        progress(done, len(log))
+    if not parts:
+        raise LogError(f"{program}: an input that the model needs never has a value; fill its column")
+    time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
+    write_log(output, time_s, _simulated_columns(machine, log, time_s, law_W, rows))
+    title = f"open-loop prediction of {program.name}"
+    write_simulation_overview(output.parent / "overview.png", config, collector.samples(), title)
+    return np.asarray(rows[-1, machine.plant.rows.sensor_slice])
+
+
+def _program(path: Path, config: Config) -> Log:
+    """Read a program; sensors that it does not hold count as missing."""
+    sensors = {s.channel for s in config.sensor}
+    log = read_log(path)
+    needed = [c for c in config.channels if c not in sensors or c in log.channels]
+    log = read_log(path, needed)
+    values = {c: log.values[:, i] for i, c in enumerate(log.channels)}
+    nothing = np.full(len(log), np.nan)
+    return replace(
+        log,
+        channels=config.channels,
+        values=np.column_stack([values.get(c, nothing) for c in config.channels]),
+    )
+
+
+def _simulated_columns(
+    machine: Machine, log: Log, time_s: FloatArray, law_W: FloatArray, rows: FloatArray
+) -> dict[str, FloatArray]:
+    """The columns of a simulated log: sensors, inputs, heats, field, thermal error."""
+    config, meaning, layout = machine.config, machine.plant.rows, machine.plant.layout
+    sensors = {s.channel for s in config.sensor}
+    columns = {s.channel: rows[:, i] for i, s in enumerate(config.sensor)}
+    at = np.searchsorted(log.time_s, time_s)
+    columns |= {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
+    columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(machine.plant.source_names)}
+    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
+    columns |= {f"field_{mm}_degC": rows[:, meaning.sensors + i] for i, mm in enumerate(places)}
+    if layout.has_error:
+        first = meaning.error_slice.start
+        columns |= {f"error_{mm}_um": rows[:, first + i] for i, mm in enumerate(places)}
+    return columns
+
+
+def calibrate(
+    log_paths: Sequence[Path], config_path: Path, output: Path, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Fit the free parameters and the process noise; write `config.toml` and `calibration.json`.
+
+    Returns the content of `calibration.json`.
+    """
+    from observer.discovery.calibrate import calibrate as fit
+    from observer.discovery.process_noise import fit_noise
+    from observer.discovery.result import calibration_result
+    from observer.discovery.write_back import write_back
+
+    config = load(config_path)
+    plan = AlignPlan.of(config)
+    runs = [list(frames_of_log(read_log(path, config.channels), plan)) for path in log_paths]
+    found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+    progress("process noise by maximum likelihood")
+    noise = fit_noise(found.config, runs)
+    result = calibration_result(found, noise)
+    output.mkdir(parents=True, exist_ok=True)
+    text = config_path.read_text(encoding="utf-8")
+    _write_whole(output / "config.toml", write_back(text, found.values | noise))
+    _write_whole(output / "calibration.json", json.dumps(result, indent=2, allow_nan=False) + "\n")
+    return result
+
+
+def _write_whole(path: Path, text: str) -> None:
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+
+
+def place(config: Config, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
+    """Rank sensor sites: the best sets of 1 … `count` positions and how well they see."""
+    from observer.estimators.placement import rank_sensor_sites
+
+    length_m = config.screw.length_m
+    points = 41 if spacing_m is None else max(2, round(length_m / spacing_m) + 1)
+    positions_m = np.linspace(0.0, length_m, points)
+    candidates = config.model_copy(
+        update={
+            "sensor": tuple(
+                config.sensor[0].model_copy(update={"name": f"c{i}", "channel": f"c{i}", "position_m": x})
+                for i, x in enumerate(positions_m.tolist())
+            )
+        }
+    )
+    plant = build_plant(candidates)
+    sets = rank_sensor_sites(plant, plant.rows.C[plant.rows.sensor_slice], count)
+    return [
+        {
+            "sensors": len(found.sites),
+            "positions_m": sorted(round(float(positions_m[i]), 6) for i in found.sites),
+            "score_K": found.score_K,
+            "condition": found.condition,
+        }
+        for found in sets
+    ]

@@ -1,0 +1,244 @@
+"""The verbs of the command line; what they do stands in `app`, `demo` and `report`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from observer.errors import UserError
+
+app = typer.Typer(
+    help="A ball screw's temperature field, heat inputs and thermal error, live and from logs.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="Configuration (TOML).")]
+OutputOption = Annotated[
+    Path, typer.Option("--output", "-o", help="Folder for the results; made if missing.")
+]
+SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself after this many seconds.")]
+ConnectOption = Annotated[str, typer.Option(help="Zenoh endpoint of the service or its router.")]
+MachineOption = Annotated[str, typer.Option(help="Machine to watch; * for whichever is there.")]
+AxisOption = Annotated[str, typer.Option(help="Axis to watch; * for whichever is there.")]
+
+
+class Format(StrEnum):
+    """How estimates are written."""
+
+    csv = "csv"
+    parquet = "parquet"
+
+
+class LogFormat(StrEnum):
+    """How the daemon logs to standard error."""
+
+    text = "text"
+    json = "json"
+
+
+@app.command()
+def demo(
+    seconds: SecondsOption = None,
+    listen: Annotated[str, typer.Option(help="Where the demo's Zenoh router listens.")] = DEFAULT_ENDPOINT,
+    plain: Annotated[bool, typer.Option(help="One line a second in place of the live table.")] = False,
+) -> None:
+    """Run the main job on a simulated machine: real Modbus and CAN, estimates beside the truth."""
+    from observer.demo import run_demo
+    from observer.service.shutdown import leave
+
+    leave(run_demo(seconds, listen, plain or not sys.stdout.isatty()))
+
+
+@app.command()
+def run(
+    config: ConfigOption,
+    seconds: SecondsOption = None,
+    log_format: Annotated[LogFormat, typer.Option(help="How messages are written.")] = LogFormat.text,
+) -> None:
+    """Run the daemon beside the CNC until SIGTERM or Ctrl-C."""
+    from observer import app as parts
+    from observer.config import load
+    from observer.service.messages import configure
+    from observer.service.shutdown import leave
+
+    configure(as_json=log_format is LogFormat.json)
+    parts.serve(load(config), seconds)
+    leave(0)
+
+
+@app.command()
+def replay(
+    log: Annotated[Path, typer.Argument(help="Log: .csv, .csv.gz or .parquet.")],
+    config: ConfigOption,
+    output: OutputOption,
+    format: Annotated[Format, typer.Option(help="Format of the estimates.")] = Format.csv,
+    accept_truncated: Annotated[bool, typer.Option(help="Drop a last row that was cut off.")] = False,
+) -> None:
+    """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
+    from observer import app as parts
+    from observer.config import load
+    from observer.report.progress import counting
+
+    with counting("replay") as progress:
+        summary = parts.replay(
+            log,
+            load(config),
+            output,
+            f".{format.value}",
+            accept_truncated=accept_truncated,
+            progress=progress,
+        )
+    quality = ", ".join(f"{n} {name}" for name, n in summary["quality"].items() if n)
+    typer.echo(f"{summary['rows']} estimates over {summary['duration_s']:.6g} s: {quality}")
+    for name, mean_W in summary["heat_mean_W"].items():
+        typer.echo(f"  {name}: {'unknown' if mean_W is None else f'{mean_W:.2f} W'} on average")
+    for name, regime in summary["nut_path"].items():
+        if regime != "path":
+            typer.echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
+    typer.echo(f"written to {output}: estimates.{format.value}, summary.json, overview.png")
+
+
+_REGIMES = {
+    "points": "the position of {name} is sampled less than four times a traverse; its heat is spread over "
+    "the sampled places of the last 20 s",
+    "undetermined": "the position of {name} is sampled in step with its motion, so its path is not in the "
+    "log; record it faster, at least four samples a traverse",
+}
+
+
+@app.command()
+def simulate(
+    config: ConfigOption,
+    program: Annotated[Path, typer.Option(help="Log of the input channels (speed, position, power …).")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .csv, .csv.gz or .parquet.")],
+    start_degC: Annotated[
+        float | None,
+        typer.Option(help="Screw temperature at the start; else by sensors or ambient."),
+    ] = None,
+) -> None:
+    """Predict a run from the heat laws alone, as a log with overview.png beside it."""
+    from observer import app as parts
+    from observer.config import load
+    from observer.report.progress import counting
+
+    settings = load(config)
+    with counting("simulate") as progress:
+        last = parts.simulate(program, settings, output, start_degC, progress)
+    ends = ", ".join(f"{s.name} {t:.2f} °C" for s, t in zip(settings.sensor, last, strict=True))
+    typer.echo(f"at the end: {ends}")
+    typer.echo(f"written: {output}, {output.parent / 'overview.png'}")
+
+
+@app.command()
+def calibrate(
+    log: Annotated[list[Path], typer.Argument(help="One or more logs of the same machine.")],
+    config: ConfigOption,
+    output: OutputOption,
+) -> None:
+    """Fit what the configuration declares free; write config.toml and calibration.json."""
+    from observer import app as parts
+    from observer.report.progress import saying
+
+    with saying("calibrate") as progress:
+        result = parts.calibrate(log, config, output, progress)
+    for key, fitted in result["calibrated"].items():
+        low, high = fitted["ci95"]
+        typer.echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
+    for sentence in result["not_told"]:
+        typer.echo(f"warning: {sentence}", err=True)
+    for key, value in result["process_noise"].items():
+        typer.echo(f"{key} = {value:g}")
+    gap = result["gap"]
+    typer.echo(f"open-loop gap {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")
+    typer.echo(f"written to {output}: config.toml, calibration.json")
+
+
+@app.command()
+def check(
+    config: ConfigOption,
+    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+) -> None:
+    """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
+    from observer.config import load
+    from observer.report.check import as_text, findings
+
+    found = findings(load(config))
+    if as_json:
+        typer.echo(json.dumps(found, indent=2, allow_nan=False))
+        return
+    from rich.console import Console
+
+    Console(highlight=False).print(as_text(found))
+
+
+@app.command()
+def place(
+    config: ConfigOption,
+    sensors: Annotated[int, typer.Option(min=1, max=32, help="How many sensors to place.")],
+    spacing_m: Annotated[float | None, typer.Option(min=1e-4, help="Spacing of the candidates.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+) -> None:
+    """Rank sensor positions by how well they tell field and heats (conditioning, not rank)."""
+    from observer import app as parts
+    from observer.config import load
+
+    sets = parts.place(load(config), sensors, spacing_m)
+    if as_json:
+        typer.echo(json.dumps(sets, indent=2))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("sensors", "at, mm", "worst direction seen, K", "condition")
+    for found in sets:
+        places = "  ".join(f"{1000 * x:g}" for x in found["positions_m"])
+        table.add_row(str(found["sensors"]), places, f"{found['score_K']:.3g}", f"{found['condition']:.3g}")
+    Console(highlight=False).print(table)
+
+
+@app.command()
+def watch(
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    machine: MachineOption = "*",
+    axis: AxisOption = "*",
+    seconds: SecondsOption = None,
+) -> None:
+    """Subscribe to a running service and show heats, field and quality in the terminal."""
+    from observer.demo import watch as show
+    from observer.service.shutdown import leave
+
+    leave(show(connect, machine, axis, seconds))
+
+
+@app.command()
+def health(
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    machine: MachineOption = "*",
+    axis: AxisOption = "*",
+    timeout_s: Annotated[float, typer.Option(min=0.1, help="How long to wait for an answer.")] = 5.0,
+) -> None:
+    """Ask the running service how it fares; exit code 0 if it lives and gives estimates, else 1."""
+    from observer.publish.watch import ask_health
+    from observer.service.shutdown import leave
+
+    document = ask_health(connect, machine, axis, timeout_s)
+    typer.echo(json.dumps(document) if document else f"no service answers at {connect}")
+    leave(0 if document and document.get("state") in {"starting", "good", "degraded"} else 1)
+
+
+def main() -> None:
+    """Run the command line; what a user can mend ends in one sentence and exit code 2."""
+    try:
+        app(prog_name="observer")
+    except UserError as error:
+        sys.stdout.flush()
+        print(f"observer: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,158 @@
+"""What a step is worth, compiled: which values may be used, the gate, the qualities, and what is reported."""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+
+from __future__ import annotations
+
+import numpy as np
+
+from observer.estimators.compiling import inlined, rarely
+
+GOOD, STALE, REJECTED = 0, 2, 3
+ESTIMATE_GOOD, ESTIMATE_DEGRADED, ESTIMATE_STALE, ESTIMATE_INVALID = 0, 1, 2, 3
+RELEASE_AFTER_STEPS = 3
+STALE_AFTER_STEPS = 2
+
+
+@inlined
+def step_is_finite(u, k):
+    """Whether every law, known input and moving column of step k is a number."""
+    total = 0.0
+    for j in range(u.law.shape[1]):
+        total += u.law[k, j]
+    for q in range(u.z_end.shape[1]):
+        total += u.z_start[k, q] + u.z_end[k, q]
+    for i in range(u.moving_B.shape[1]):
+        for a in range(u.moving_B.shape[2]):
+            total += u.moving_B[k, i, a]
+    return np.isfinite(total)
+
+
+@inlined
+def find_usable(u, k, usable):
+    """Which sensors may correct at step k; return how many. A value that is no number never may."""
+    count = 0
+    for i in range(len(usable)):
+        usable[i] = u.usable[k, i] and np.isfinite(u.y[k, i])
+        if usable[i]:
+            count += 1
+    return count
+
+
+@inlined
+def gate(nu, S, usable, suspect, gate_sigma, accepted):
+    """Refuse |ν_i| > gate √S_ii; return whether the model, not the sensors, is the surprised one.
+
+    That is so when more than half of the usable sensors have each been refused for three steps in a row: then
+    everything is accepted, the counts start afresh, and the caller must inflate P before it corrects. A
+    single sensor among several stays refused for as long as it disagrees.
+    """
+    present, long_refused = 0, 0
+    for i in range(len(nu)):
+        accepted[i] = usable[i]
+        if usable[i]:
+            present += 1
+            if nu[i] * nu[i] > gate_sigma * gate_sigma * S[i]:
+                accepted[i] = False
+                suspect[i] += 1.0
+                if suspect[i] >= RELEASE_AFTER_STEPS:
+                    long_refused += 1
+            else:
+                suspect[i] = 0.0
+    if 2 * long_refused <= present:
+        return False
+    for i in range(len(nu)):
+        accepted[i] = usable[i]
+        if usable[i]:
+            suspect[i] = 0.0
+    return True
+
+
+@inlined
+def judge(u, k, usable, accepted, state, out):
+    """Fill in each sensor's quality and return that of the estimate; `state.flags[1]` counts the silent
+    steps.
+
+    A refused sensor stays marked between its samples. Only quality is judged: a tick between two samples of a
+    slow sensor is neither degraded nor stale.
+    """
+    good, stale = 0, 0
+    for i in range(len(usable)):
+        quality = u.quality[k, i]
+        if quality == GOOD and (
+            (usable[i] and not accepted[i]) or (not usable[i] and state.suspect[i] > 0.0)
+        ):
+            quality = REJECTED
+        out.sensor_quality[k, i] = quality
+        if quality == GOOD:
+            good += 1
+        elif quality == STALE:
+            stale += 1
+    state.flags[1] = 0 if good > 0 else state.flags[1] + 1
+    if state.flags[1] > STALE_AFTER_STEPS or stale == len(usable):
+        return ESTIMATE_STALE
+    if u.degraded[k] or good < len(usable):
+        return ESTIMATE_DEGRADED
+    return ESTIMATE_GOOD
+
+
+@rarely
+def skip(u, k, usable, state, out):
+    """Report a step that cannot be computed; the state stays as it is."""
+    judge(u, k, usable, usable, state, out)
+    invalidate(out, k)
+
+
+@rarely
+def invalidate(out, k):
+    """Mark step k as not known."""
+    out.heat[k, :] = np.nan
+    out.heat_sigma[k, :] = np.nan
+    out.field[k, :] = np.nan
+    out.field_sigma[k, :] = np.nan
+    out.quality[k] = ESTIMATE_INVALID
+
+
+@inlined
+def write_values(p, C, u, k, x, out):
+    """Heats, field and error of step k; return whether all are numbers."""
+    n_x, s = C.shape[1], u.y.shape[1]
+    total = 0.0
+    for j in range(len(p.source)):
+        out.heat[k, j] = u.law[k, p.source[j]] + x[n_x + j]
+        total += out.heat[k, j]
+    for r in range(s, C.shape[0]):
+        value = 0.0
+        for a in range(n_x):
+            value += C[r, a] * x[a]
+        for q in range(p.F.shape[1]):
+            value += p.F[r, q] * u.z_end[k, q]
+        out.field[k, r - s] = value
+        total += value
+    return np.isfinite(total)
+
+
+@inlined
+def write_sigmas(C, s, P, heat_sigma, field_sigma, k, work):
+    """σ = √(c P cᵀ) of every heat and output row into row k; return whether all are numbers."""
+    n_x = C.shape[1]
+    g = work.row
+    total = 0.0
+    for j in range(P.shape[0] - n_x):
+        heat_sigma[k, j] = np.sqrt(P[n_x + j, n_x + j])
+        total += heat_sigma[k, j]
+    for r in range(s, C.shape[0]):
+        for b in range(P.shape[1]):
+            g[b] = 0.0
+        for a in range(n_x):
+            c = C[r, a]
+            for b in range(P.shape[1]):
+                g[b] += c * P[a, b]
+        variance = 0.0
+        for a in range(n_x):
+            variance += C[r, a] * g[a]
+        # A field that is known exactly (a prescribed end) has a variance of zero, give or take rounding.
+        field_sigma[k, r - s] = np.sqrt(max(0.0, variance))
+        total += variance
+    return np.isfinite(total)

@@ -1,0 +1,71 @@
+"""The Kalman filter's compiled loop over K steps."""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+
+from __future__ import annotations
+
+from observer.estimators import judging, kernels, packing, steps
+from observer.estimators.compiling import cached_loop
+from observer.estimators.judging import (
+    find_usable,
+    gate,
+    invalidate,
+    judge,
+    skip,
+    step_is_finite,
+    write_sigmas,
+    write_values,
+)
+from observer.estimators.kernels import (
+    compare,
+    covariance_with_sensors,
+    inflate,
+    joseph_update,
+    mirror,
+    move_columns,
+    predict_covariance,
+    predict_state,
+    start,
+)
+
+
+@cached_loop(judging, kernels, packing, steps)
+def run_kalman(p, t, u, state, gate_sigma, out, work):
+    """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
+
+    A step whose laws or known inputs are no numbers cannot be computed: it leaves the state as it is and is
+    invalid.
+    """
+    s = u.y.shape[1]
+    x, P, B, C = state.x, state.P, work.B, work.C
+    nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
+    for k in range(len(u.step)):
+        present = find_usable(u, k, usable)
+        if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
+            skip(u, k, usable, state, out)
+            continue
+        move_columns(p, u, k, B, C)
+        if state.flags[0] == 0:
+            start(p, C, u, k, usable, x, P)
+            state.flags[0] = 1
+        else:
+            predict_state(p, t, u.step[k], u, k, B, x, work)
+            predict_covariance(p, t, u.step[k], u, k, B, P, work)
+        if present > 0:
+            covariance_with_sensors(C, P, s, g)
+            compare(p, C, u, k, usable, g, x, nu, S)
+            for i in range(s):
+                if usable[i]:
+                    out.innovation[k, i] = nu[i]
+            if gate(nu, S, usable, state.suspect, gate_sigma, accepted):
+                inflate(p, P)
+                covariance_with_sensors(C, P, s, g)
+                compare(p, C, u, k, usable, g, x, nu, S)
+            out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
+        out.quality[k] = judge(u, k, usable, accepted, state, out)
+        known = write_values(p, C, u, k, x, out)
+        known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
+        if not known:
+            invalidate(out, k)
+    mirror(P)

@@ -1,0 +1,156 @@
+"""What a configuration means, for people and as plain data: `observer check`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from observer.config import Config, Source
+from observer.estimators.report import DesignReport, design_report
+from observer.model.plant import Plant
+from observer.model.rod.build import build_plant
+from observer.model.rod.modes import solve_modes
+from observer.model.rod.moving import SAMPLES_PER_TRAVERSE
+from observer.model.rod.screw import rod_of
+from observer.model.rod.sources import design_stretches
+from observer.model.rod.truncation import tail_left
+from observer.model.transient import transient_error_K_W
+
+TRANSIENT_S = (0.5, 10.0)
+
+
+def findings(config: Config) -> dict[str, Any]:
+    """Return what must be known of a configuration. Raises `UserError` where no design exists."""
+    plant = build_plant(config)
+    design = design_report(plant, config.estimator)
+    reached = sorted(design.poles_reached_1_s.tolist(), key=lambda p: (-p.real, p.imag))
+    errors = transient_error_K_W(config, plant, TRANSIENT_S)
+    return {
+        "modes": plant.modes,
+        "mode_numbers": list(plant.mode_index),
+        "criterion": "given" if config.model.modes is not None else config.model.criterion,
+        "steady_part_left_out": _left_out(config, plant),
+        "dropped_modes_settle_s": 1.0 / float(plant.decay_1_s[-1]),
+        "transient_error_K_W": dict(zip((f"{t:g} s" for t in TRANSIENT_S), errors.tolist(), strict=True)),
+        "estimator": design.kind,
+        "bandwidth_1_s": design.bandwidth_1_s,
+        "eigenvalues_1_s": design.eigenvalues_1_s.tolist(),
+        "poles_requested_1_s": design.poles_requested_1_s.tolist(),
+        "poles_reached_1_s": [p.real for p in reached],
+        "poles_reached_imaginary_1_s": [p.imag for p in reached],
+        "noise_gain_W_K": {name: _finite(gain) for name, gain in design.noise_gain_W_K.items()},
+        "weakest_mode": design.weakest_mode,
+        "weakest_mode_sensor": design.weakest_mode_sensor,
+        "weakest_mode_share": design.weakest_mode_share,
+        "observability_per_mode": dict(zip(map(str, plant.mode_index), _seen(plant), strict=True)),
+        "smallest_singular_value_K": design.smallest_singular_value_K,
+        "path_told_up_to_rpm": {s.name: _path_limit_rpm(config, s) for s in config.source if s.lead_m},
+        "warnings": [*design.warnings, *_model_warnings(config, design)],
+    }
+
+
+def _left_out(config: Config, plant: Plant) -> float:
+    """The largest part of a source's steady field that the modes alone would leave out."""
+    modes = solve_modes(rod_of(config), max(plant.mode_index))
+    kept = modes.take([i - 1 for i in plant.mode_index])
+    stretches = [s for source in config.source for s in design_stretches(source, config.screw)]
+    return max(tail_left(kept, len(kept), stretch) for stretch in stretches)
+
+
+def _seen(plant: Plant) -> list[float]:
+    """How much of each mode the best sensor sees, against the mode's largest value on the grid."""
+    modal = abs(plant.rows.C[:, : plant.modes])
+    highest = modal[plant.rows.field_slice].max(axis=0)
+    share = modal[plant.rows.sensor_slice].max(axis=0) / highest
+    return [min(1.0, float(x)) for x in share]
+
+
+def _path_limit_rpm(config: Config, source: Source) -> float:
+    """The speed up to which a nut's position is sampled often enough to tell its path."""
+    low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
+    sample_s = config.estimator.period_s
+    for driver in config.drivers.values():
+        names = (driver.position_channel,) if driver.kind == "canopen" else getattr(driver, "channels", ())
+        if source.position_channel in names and driver.kind != "player":
+            sample_s = driver.period_s
+    return 60.0 * (high_m - low_m) / ((source.lead_m or 1.0) * SAMPLES_PER_TRAVERSE * sample_s)
+
+
+def _model_warnings(config: Config, design: DesignReport) -> list[str]:
+    rod = rod_of(config)
+    warnings = []
+    if rod.floating:
+        warnings.append(
+            "no heat can leave the screw (insulated ends, no film): its mean temperature can only rise; set "
+            "surface.convection_W_m2K or an end"
+        )
+    for source in config.source:
+        if source.shape == "nut" and source.position_channel is None:
+            warnings.append(
+                f"source {source.name} has no position_channel: its heat is spread evenly over its stroke; "
+                "name the channel of the nut's position"
+            )
+        at_end = {0.0: rod.left, config.screw.length_m: rod.right}
+        if source.shape == "point" and source.position_m in at_end and at_end[source.position_m].prescribed:
+            warnings.append(
+                f"source {source.name} stands at an end with a prescribed temperature, where heat changes "
+                "nothing; move it, or make that end convective"
+            )
+    if design.kind == "kalman" and config.screw.expansion_1_K is None:
+        warnings.append(
+            "no expansion coefficient: the thermal error is not reported; set screw.expansion_1_K"
+        )
+    return warnings
+
+
+def _finite(value: float) -> float | None:
+    return value if abs(value) < float("inf") else None
+
+
+def as_text(found: dict[str, Any]) -> RenderableType:
+    """Lay the findings out for a terminal."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    steps = ", ".join(f"{e:.2g} K/W after {t}" for t, e in found["transient_error_K_W"].items())
+    left_out = found["steady_part_left_out"]
+    table.add_row("modes", f"{found['modes']} kept, by {found['criterion']}: {_spans(found['mode_numbers'])}")
+    table.add_row("", f"alone they leave out {left_out:.1e} of a steady field; the static correction adds it")
+    table.add_row("", f"dropped modes settle within {found['dropped_modes_settle_s']:.3g} s")
+    table.add_row("transient error", f"of a heat step: at most {steps}")
+    table.add_row("weakest mode", _weakest(found))
+    table.add_row("estimator", found["estimator"] + _bandwidth(found["bandwidth_1_s"]))
+    table.add_row("slowest poles, 1/s", "plant    " + _poles(found["eigenvalues_1_s"]))
+    if found["poles_requested_1_s"]:
+        table.add_row("", "asked    " + _poles(sorted(found["poles_requested_1_s"], reverse=True)))
+    table.add_row("", "reached  " + _poles(found["poles_reached_1_s"]))
+    for name, gain in found["noise_gain_W_K"].items():
+        text = "not determined" if gain is None else f"{gain:.3g} W of heat per K of sensor noise"
+        table.add_row(f"noise gain {name}", text)
+    for name, limit_rpm in found["path_told_up_to_rpm"].items():
+        table.add_row(f"path of {name}", f"told by the samples up to {limit_rpm:.0f} rpm, averaged above")
+    warnings = [Text(f"warning: {w}", style="yellow") for w in found["warnings"]]
+    return Group(table, *(warnings or [Text("no warnings", style="green")]))
+
+
+def _weakest(found: dict[str, Any]) -> str:
+    share, sensor = found["weakest_mode_share"], found["weakest_mode_sensor"]
+    return f"mode {found['weakest_mode']}, best seen by {sensor}: {share:.0%} of what the best place sees"
+
+
+def _bandwidth(omega_1_s: float | None) -> str:
+    return "" if omega_1_s is None else f", bandwidth {omega_1_s:.3g} 1/s"
+
+
+def _poles(poles: list[float], most: int = 6) -> str:
+    text = "  ".join(f"{p + 0.0:.3g}" for p in poles[:most])
+    return text + (f"  … {poles[-1]:.3g}" if len(poles) > most else "") if poles else "none"
+
+
+def _spans(numbers: list[int]) -> str:
+    if numbers == list(range(1, len(numbers) + 1)):
+        return f"1 to {len(numbers)}"
+    return ", ".join(map(str, numbers))
