@@ -37,6 +37,8 @@ def main() -> None:
         parser.error(f"unknown part {min(unknown)}; choose from {' '.join(parts)}")
     results: list[table.Result] = []
     console = Console()
+    if not console.is_terminal:
+        console = Console(width=140)
     for name in options.only or parts:
         with console.status(f"measuring: {name}"):
             results += parts[name]()

@@ -59,10 +59,8 @@ def predict(decay, G, Q, P, S, M):
             for b in range(a + 1):
                 P[a, b] += M[j, a] * G[j, b] + G[j, a] * S[j, b]
     for j in range(m):
-        for a in range(n_x):
-            P[n_x + j, a] = M[j, a] + Q[n_x + j, a]
-        for i in range(m):
-            P[n_x + j, n_x + i] += Q[n_x + j, n_x + i]
+        P[n_x + j, :n_x] = M[j] + Q[n_x + j, :n_x]
+        P[n_x + j, n_x:] += Q[n_x + j, n_x:]
     for a in range(len(P)):
         for b in range(a):
             P[b, a] = P[a, b]

@@ -14,9 +14,9 @@ from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import FloatArray, Inputs
+from observer.model.build import build_plant
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant
-from observer.model.rod.build import build_plant
 
 DT_S = 0.5
 OURS_STEPS, FILTERPY_STEPS, STATSMODELS_STEPS = 20_000, 500, 2_000

@@ -19,8 +19,8 @@ from observer.estimators.kalman import KalmanEstimator
 from observer.frames import FloatArray
 from observer.log_writer import write_log
 from observer.logs import read_log
+from observer.model.build import build_plant
 from observer.model.plant import Plant
-from observer.model.rod.build import build_plant
 
 DAY = 172_800
 PEER_STEPS = 5_000

@@ -11,7 +11,7 @@ from benchmarks.plants import config_of, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.frames import FloatArray
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from observer.model.simulate import simulate, start
 from tests.truth.bar import Bar
 from tests.truth.closed_forms import insulated_fin

@@ -1,6 +1,6 @@
 """The other process of the transport's benchmark: notes when each message arrives, prints it at the end.
 
-Lines of stdout: "ready", then, once a message comes on the key `end`, one JSON object {key: [monotonic ns, …]}.
+Prints "ready", then, once a message comes on the key `end`, one JSON object {key: [monotonic ns, …]}.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from benchmarks.timing import shown
 from observer.config import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import EstimateBlock, Reading
+from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.model.rod.build import build_plant
 from observer.publish.codec import EstimateEncoder
 from observer.publish.zenoh import session_config
 from observer.service.align import Aligner, AlignPlan
@@ -28,13 +28,14 @@ from observer.service.pipeline import Pipeline
 
 PREFIX = "ballscrew/benchmark/x"
 PERIOD_S = 0.01
+SENSORS = 4
 RUNS, MESSAGES = 5, 400
 """Messages of each kind in a run; the first ones after a subscriber's declaration may be lost."""
 WARM_UP = 20
 
 
 def results() -> list[Result]:
-    """12 sensors, 40 modes, 200 points: p50 and p99, median of the runs."""
+    """8 modes and 3 heats, 4 sensors, 200 points: p50 and p99, median of the runs."""
     p50: dict[str, list[float]] = {"estimate": [], "bare": []}
     p99: dict[str, list[float]] = {"estimate": [], "bare": []}
     for _ in range(RUNS):
@@ -104,7 +105,7 @@ def _path() -> Callable[[int], bytes]:
     rng = np.random.default_rng(2)
 
     def step(i: int) -> bytes:
-        values = {f"t{n}_degC": float(t) for n, t in enumerate(20.0 + 0.1 * rng.standard_normal(12), 1)}
+        values = {f"t{n}_degC": float(t) for n, t in enumerate(20.0 + 0.1 * rng.standard_normal(SENSORS), 1)}
         values |= {"nut_position_m": 0.5 + 0.2 * np.sin(0.01 * i), "screw_speed_rpm": 1500.0}
         aligner.ingest(Reading(PERIOD_S * i, values))
         block: EstimateBlock = pipeline.step(aligner.tick(PERIOD_S * i + 1e-6))
@@ -115,8 +116,8 @@ def _path() -> Callable[[int], bytes]:
 
 
 def axis_config() -> Config:
-    """A full axis: 40 modes, 12 sensors, 200 points, a moving nut."""
-    return config_of(40, 12, grid=200, moving=True)
+    """The size of the published table, with 200 points and a moving nut."""
+    return config_of(8, SENSORS, grid=200, moving=True)
 
 
 def free_port() -> int:

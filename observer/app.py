@@ -19,7 +19,7 @@ from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
 from observer.logs import Log, read_log
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from observer.service.align import AlignPlan, frames_of_log
 
 Progress = Callable[[int, int], None]
@@ -112,9 +112,13 @@ def replay(
     """
     from observer.report.collect import Collector
     from observer.report.overview import write_overview
+    from observer.service.can_log import is_can_recording, read_can_log
     from observer.service.replay import estimates_of, write_results
 
-    log = read_log(log_path, config.channels, accept_truncated=accept_truncated)
+    if is_can_recording(log_path):
+        log = read_can_log(log_path, config)
+    else:
+        log = read_log(log_path, config.channels, accept_truncated=accept_truncated)
     machine = Machine.of(config)
     estimator = machine.estimator()
     collector = Collector(config)

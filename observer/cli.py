@@ -76,7 +76,9 @@ def run(
 
 @app.command()
 def replay(
-    log: Annotated[Path, typer.Argument(help="Log: .csv, .csv.gz or .parquet.")],
+    log: Annotated[
+        Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
+    ],
     config: ConfigOption,
     output: OutputOption,
     format: Annotated[Format, typer.Option(help="Format of the estimates.")] = Format.csv,

@@ -181,7 +181,7 @@ class EstimatorSettings(Section):
     engine: Literal["compiled", "filterpy", "constant"] = "compiled"
     gate_sigma: Positive = 5.0
     initial_sigma_K: Positive = 2.0
-    field_noise_K_sqrt_s: NonNegative = 0.0
+    field_noise_K_sqrt_s: NonNegative = 0.002
     # Luenberger
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
     bandwidth_1_s: Positive | None = None

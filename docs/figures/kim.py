@@ -21,7 +21,7 @@ from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
 from observer.model import simulate
 from observer.model.heat.law import heat_law
 from observer.model.plant import Plant
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.screw import End, Rod
 from observer.model.rod.static import Stretch, source_field

@@ -17,7 +17,7 @@ from observer.estimators.likelihood import fit_process_noise, innovations_log_li
 from observer.frames import FrameBlock, Inputs
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 
 MOST_ROWS = 3000
 """In all runs together: the filter is run some eighty times."""

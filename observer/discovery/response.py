@@ -17,7 +17,7 @@ from observer.discovery.runs import Run
 from observer.frames import FloatArray, Inputs
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from observer.model.simulate import SimulationState, simulate, start_from_sensors
 
 

@@ -160,7 +160,7 @@ def write_steady(p, u, k, usable, gains, settled, c, out):
 
 @inlined
 def cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work, c):
-    """Take regular steps from k on; return the first that is not, or whose innovations the gate would refuse."""
+    """Take regular steps from k on; return the first that is not, or that the gate would refuse."""
     laid_out = False
     for a in range(len(state.x)):
         c.x[a] = state.x[a]

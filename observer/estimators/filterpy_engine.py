@@ -80,7 +80,7 @@ class FilterpyEstimator:
         if running.flags[0]:
             self._predict(kf, u, k, step, B)
         else:
-            kernels.start(self._arrays, C, u, k, usable, running.x, running.P)
+            kernels.start(self._arrays, C, u, k, usable, running.x, running.P, self._work.nu)
             running.flags[0] = 1
             kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
         H = np.hstack([C[:s], np.zeros((s, len(running.x) - C.shape[1]))])

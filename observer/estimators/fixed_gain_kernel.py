@@ -49,7 +49,6 @@ DONE = -1
 PREDICTED, STARTED = 1, 2
 # Within these of its steady value a covariance counts as settled: 1 % of σ; a law's jump of 0.05 % of σ².
 _SETTLED = 0.02
-_QUIET_JUMP = 1e-3
 
 
 class GainTable(NamedTuple):
@@ -112,17 +111,32 @@ def near(P, goal):
 
 
 @inlined
-def correct_covariance(R_K2, C, accepted, K, g, P):
+def copy(source, target):
+    """Copy a vector."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@inlined
+def put(source, target):
+    """Copy a matrix into the first columns of another."""
+    for a in range(source.shape[0]):
+        for b in range(source.shape[1]):
+            target[a, b] = source[a, b]
+
+
+@inlined
+def correct_covariance(R_K2, C, accepted, K, g, P, A):
     """P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ for any K, with g_i = P c_i; absent sensors take no part."""
     (n, width), n_x = P.shape, C.shape[1]
-    A = P.copy()
+    put(P, A)
     for i in range(len(accepted)):
         if accepted[i]:
             for a in range(n):
                 gain = K[a, i]
                 for b in range(width):
                     A[a, b] -= gain * g[i, b]
-    P[:] = A
+    put(A, P)
     for i in range(len(accepted)):
         if accepted[i]:
             for a in range(n):
@@ -170,7 +184,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
     s = u.y.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
     nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
-    suspect = np.empty(s)
+    suspect = work.suspect
     settled = find_settled(gains, P) if resumed == 0 else -1
     k = first
     while k < len(u.step):
@@ -187,7 +201,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
         started = resumed == STARTED
         move_columns(p, u, k, B, C)
         if resumed == 0 and state.flags[0] == 0:
-            start(p, C, u, k, usable, x, P)
+            start(p, C, u, k, usable, x, P, nu)
             started = True
             state.flags[0] = 1
         elif resumed == 0:
@@ -196,15 +210,15 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
         resumed = 0
         covariance_with_sensors(C, P, s, g)
         compare(p, C, u, k, usable, g, x, nu, S)
+        copy(state.suspect, suspect)
         for i in range(s):
-            suspect[i] = state.suspect[i]
             out.innovation[k, i] = nu[i] if usable[i] else np.nan
         released = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
         correcting = accepted.any()
         key, complete = key_of(u, k, usable, accepted, state.suspect, rungs.rung[d])
         chosen = find_gain(gains, key)
         if chosen < 0 and correcting:
-            state.suspect[:] = suspect
+            copy(suspect, state.suspect)
             return k, key, STARTED if started else PREDICTED
         if released:
             inflate(p, P)
@@ -214,9 +228,9 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             joseph_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
         elif correcting:
             correct_state(gains.K, chosen, accepted, nu, x)
-            correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P)
+            correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)
         if correcting and complete and rungs.exact[d] and gains.steady[chosen] and near(P, gains.P[chosen]):
-            P[:, : len(x)] = gains.P[chosen]
+            put(gains.P[chosen], P)
             settled = chosen
         out.quality[k] = judge(u, k, usable, accepted, state, out)
         known = write_values(p, C, u, k, x, out)

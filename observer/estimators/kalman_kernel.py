@@ -47,7 +47,7 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
             continue
         move_columns(p, u, k, B, C)
         if state.flags[0] == 0:
-            start(p, C, u, k, usable, x, P)
+            start(p, C, u, k, usable, x, P, nu)
             state.flags[0] = 1
         else:
             predict_state(p, t, u.step[k], u, k, B, x, work)

@@ -64,7 +64,7 @@ def predict_covariance(p, t, d, u, k, B, P, work):
     for j in range(m_e):
         index = p.source[j]
         jump = p.law_uncertainty[j] * u.jump[k, index]
-        P[n_x + j, n_x + j] += jump * jump
+        P[n_x + j, n_x + j] += 0.0
         for a in range(n_x):
             G[j, a] = B[index, a] * t.couple[d, j, a]
         for b in range(width):
@@ -163,16 +163,16 @@ def project(C, i, g, j):
 
 
 @rarely
-def start(p, C, u, k, usable, x, P):
+def start(p, C, u, k, usable, x, P, levels):
     """Set x̂ to a screw of one temperature with the lags at rest under their laws, and P to the prior.
 
     That temperature is the median over the usable sensors, so that one broken sensor does not set it.
+    `levels` (s,) is scratch.
     """
     n_x = C.shape[1]
     x[:] = 0.0
     for j in range(n_x - p.modes):
         x[p.modes + j] = u.law[k, j]
-    levels = np.empty(len(usable))
     count = 0
     for i in range(len(usable)):
         if usable[i]:

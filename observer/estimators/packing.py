@@ -82,6 +82,8 @@ class Work(NamedTuple):
     S_nu: FloatArray
     usable: NDArray[np.bool_]
     accepted: NDArray[np.bool_]
+    suspect: FloatArray
+    A: FloatArray
 
 
 class Results(NamedTuple):
@@ -205,6 +207,8 @@ def scratch(arrays: PlantArrays) -> Work:
         S_nu=np.zeros(s),
         usable=np.zeros(s, dtype=np.bool_),
         accepted=np.zeros(s, dtype=np.bool_),
+        suspect=np.zeros(s),
+        A=np.zeros((n_x + m_e, width)),
     )
 
 

@@ -65,7 +65,7 @@ class Drive:
         z = self._known(frames, at, state)
         z_before = np.vstack([np.where(np.isnan(state.z), z[0], state.z), z])[:-1]
         nuts, moving_B, moving_C = self._nuts(state, frames)
-        ready = np.isfinite(z).all(axis=1)
+        ready = np.asarray(np.isfinite(z).all(axis=1))
         inputs = Inputs(
             time_s=frames.time_s,
             dt_s=frames.dt_s,

@@ -190,13 +190,17 @@ def header(channels: Sequence[str]) -> bytes:
 
 def row_of_reading(reading: Reading, channels: Sequence[str]) -> bytes:
     """A reading as a row: the shortest decimals that read back to the same bits, faults by channel."""
-    cells = [repr(reading.time_s)]
+    values = [reading.values.get(name, math.nan) for name in channels]
+    cells = [repr(reading.time_s), *("" if math.isnan(value) else repr(value) for value in values)]
+    return f"{','.join(cells)},,{flags_of(reading, channels)}\n".encode()
+
+
+def flags_of(reading: Reading, channels: Sequence[str]) -> str:
+    """The faults of a reading as a `flags` cell; a value that is missing without a fault is one too."""
     flags = []
     for name in channels:
-        value = reading.values.get(name)
-        known = value is not None and not math.isnan(value)
-        cells.append(repr(value) if known else "")
-        fault = reading.faults.get(name) or (MISSING_FAULT if value is not None and not known else None)
-        if fault:
-            flags.append(f"{quote(name, safe=_PLAIN)}={quote(fault, safe=_PLAIN)}")
-    return f"{','.join(cells)},,{';'.join(flags)}\n".encode()
+        if name in reading.values:
+            missing = MISSING_FAULT if math.isnan(reading.values[name]) else None
+            if fault := reading.faults.get(name) or missing:
+                flags.append(f"{quote(name, safe=_PLAIN)}={quote(fault, safe=_PLAIN)}")
+    return ";".join(flags)

@@ -11,7 +11,7 @@ from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.likelihood import innovations_log_likelihood
 from observer.frames import EstimateQuality
 from observer.model.drive import Drive
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from tests.discovery.cases import machine, made_log, rig
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from observer.model.simulate import start_from_sensors
 from tests.discovery.cases import machine
 

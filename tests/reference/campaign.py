@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import EstimateBlock, FloatArray
 from observer.logs import Log
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from tests.reference.cases import config_of
 from tests.reference.service_path import inputs_of
 from tests.truth.bar import Bar, Mesh, nut_share, shuttle_m, substep_times
@@ -117,7 +117,7 @@ def _recording(time_s: FloatArray, speed_rpm: FloatArray) -> Log:
 
 
 def _deviations(rng: np.random.Generator, law_jump_W: FloatArray) -> FloatArray:
-    """The heats' deviations from their laws at each tick, (K, m, R): start, walk, and a share of each jump."""
+    """Deviations of the heats from their laws at each tick, (K, m, R): start, walk, share of each jump."""
     steps, sources = law_jump_W.shape
     moves = WALK_W_SQRT_S * np.sqrt(PERIOD_S) * rng.standard_normal((steps, sources, RUNS))
     moves += LAW_UNCERTAINTY * law_jump_W[:, :, None] * rng.standard_normal((steps, sources, RUNS))

@@ -13,9 +13,9 @@ from observer.estimators.kalman import KalmanEstimator
 from observer.frames import EstimateBlock, FloatArray, Inputs
 from observer.logs import Log
 from observer.model import simulate
+from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.rod.build import build_plant
 from observer.service.align import AlignPlan, frames_of_log
 
 

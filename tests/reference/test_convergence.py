@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from tests.reference.cases import config_of, known, play, point
 from tests.truth import closed_forms as exact
 from tests.truth.bar import Bar, End, FloatArray, Mesh

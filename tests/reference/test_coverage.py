@@ -40,8 +40,8 @@ def test_ninety_five_percent_intervals_hold_the_truth(campaign: Campaign, what: 
             for run, block in enumerate(campaign.estimates)
         ]
     )
-    # Runs are independent, times and places within one are not: the spread of the shares between runs gives the
-    # standard error of their mean. The band 93–97 % must be wider than three of them to say anything.
+    # Runs are independent, times and places within one are not: the spread of the shares between runs gives
+    # the standard error of their mean. The band 93–97 % must be wider than three of them to say anything.
     standard_error = shares.std(ddof=1) / np.sqrt(RUNS)
     print(f"{what}: {100 * shares.mean():.2f} % inside, standard error {100 * standard_error:.2f} %")
     assert 3.0 * standard_error < 0.02

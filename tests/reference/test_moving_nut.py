@@ -1,4 +1,4 @@
-"""A nut that moves faster than its position is logged: what of it the model still gets right, and what it says."""
+"""A nut that moves faster than its position is logged: what the model still gets right, and what it says."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from observer.model.rod.build import build_plant, keep_modes
+from observer.model.build import build_plant, keep_modes
 from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.screw import rod_of
 from tests.reference.cases import config_of, point

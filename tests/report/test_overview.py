@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from observer.estimators.kalman import KalmanEstimator
 from observer.model.drive import Drive
-from observer.model.rod.build import build_plant
+from observer.model.build import build_plant
 from observer.model.simulate import simulate, start
 from observer.report.collect import Collector, EstimateSamples, SimulationCollector, SimulationSamples
 from observer.report.overview import write_overview, write_simulation_overview
