@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
@@ -223,6 +223,11 @@ DriverSettings = Annotated[
     ModbusTcpSettings | ModbusRtuSettings | CanSettings | CanopenSettings | PlayerSettings,
     Field(discriminator="kind"),
 ]
+
+DRIVER_KINDS: tuple[str, ...] = tuple(
+    get_args(settings.model_fields["kind"].annotation)[0]
+    for settings in get_args(get_args(DriverSettings)[0])
+)
 
 # Inputs of each ready device map; the maps themselves are in `drivers.devices`.
 DEVICE_INPUTS = {

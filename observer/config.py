@@ -10,12 +10,13 @@ import difflib
 import hashlib
 import itertools
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from drivers.settings import DriverSettings
+from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
 from observer.errors import ConfigError
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=64)]
@@ -317,6 +318,10 @@ def _one_sentence(error: ValidationError, table: dict[str, Any], place: str) -> 
         message = f"unknown key{_suggestion(first['loc'])}; remove it or mend its name"
     elif first["type"] == "missing":
         message = "is missing; add it"
+    elif first["type"].startswith("union_tag"):
+        kind = first["input"].get("kind") if isinstance(first["input"], dict) else None
+        stated = "kind is missing" if kind is None else f"unknown kind {kind!r}"
+        message = f"{stated}; give one of {', '.join(DRIVER_KINDS)}"
     else:
         shown = first.get("input")
         if isinstance(shown, int | float | str | bool) and first["type"] != "value_error":
@@ -337,15 +342,26 @@ def _key(location: tuple[int | str, ...], table: Any) -> str:
                 [f'{parts[-1]} "{name}"' if name else f"{parts[-1]}[{part}]"] if parts else [str(part)]
             )
             continue
-        if isinstance(table, dict) and part not in table and table.get("kind") == part:
-            continue  # the tag that pydantic inserts for a union of driver kinds
+        tags = (*UNION_TAGS, table.get("kind") if isinstance(table, dict) else None)
+        if part in tags and not (isinstance(table, dict) and part in table):
+            continue  # what pydantic inserts to say which kind of driver or place it took
         table = table.get(part) if isinstance(table, dict) else None
         parts.append(part)
     return ".".join(parts)
 
 
+def _tables(*kinds: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    for kind in kinds:
+        yield kind
+        yield from _tables(*kind.__subclasses__())
+
+
 def _suggestion(location: tuple[int | str, ...]) -> str:
     """“ (did you mean …?)” from every key the configuration knows."""
-    known = {name for section in Section.__subclasses__() for name in section.model_fields}
+    known = {
+        field.alias or name
+        for table in _tables(Section, Settings)
+        for name, field in table.model_fields.items()
+    }
     close = difflib.get_close_matches(str(location[-1]), sorted(known), n=1)
     return f" (did you mean {close[0]}?)" if close else ""

@@ -64,7 +64,7 @@ def predict_covariance(p, t, d, u, k, B, P, work):
     for j in range(m_e):
         index = p.source[j]
         jump = p.law_uncertainty[j] * u.jump[k, index]
-        P[n_x + j, n_x + j] += 0.0
+        P[n_x + j, n_x + j] += jump * jump
         for a in range(n_x):
             G[j, a] = B[index, a] * t.couple[d, j, a]
         for b in range(width):

@@ -40,7 +40,7 @@ class Places:
 
 
 def modal_rows(modes: Modes, places: Places) -> FloatArray:
-    """Rows of the modal amplitudes, (R, N): θ_n(x), then α_T ∫_0^x θ_n dx of the free screw (Li 2021: E =
+    """Rows of the modal amplitudes, (R, N): θ_n(x), then α_T ∫_0^x θ_n dx of the free screw (Li 2022: E =
     α_T ∫(T − T_A)).
     """
     temperature = modes.theta(places.temperature_m)
