@@ -17,9 +17,9 @@ from observer.estimators import build_estimator
 from observer.estimators.protocol import Estimator
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
 from observer.logs import Log, read_log
+from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.build import build_plant
 from observer.service.align import AlignPlan, frames_of_log
 
 Progress = Callable[[int, int], None]

@@ -15,9 +15,9 @@ from observer.config import Config
 from observer.discovery.runs import prepare
 from observer.estimators.likelihood import fit_process_noise, innovations_log_likelihood
 from observer.frames import FrameBlock, Inputs
+from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.build import build_plant
 
 MOST_ROWS = 3000
 """In all runs together: the filter is run some eighty times."""

@@ -15,9 +15,9 @@ import numpy as np
 from observer.config import Config, parse
 from observer.discovery.runs import Run
 from observer.frames import FloatArray, Inputs
+from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.build import build_plant
 from observer.model.simulate import SimulationState, simulate, start_from_sensors
 
 

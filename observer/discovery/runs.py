@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from observer.config import Config
 from observer.errors import LogError
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs
-from observer.model.drive import Drive
 from observer.model.build import build_plant
+from observer.model.drive import Drive
 
 BLOCK_S = 30.0
 START_S = 10.0

@@ -19,8 +19,9 @@ from numba import njit
 # For what is called inside the loops: compiled into them, so nothing is cached apart. `rarely` is for what
 # runs once in a while and would only make the loops longer to compile.
 # Nothing in here allocates, so references need no counting; counting them took half of a step's time.
-inlined = njit(error_model="numpy", forceinline=True, _nrt=False)
-rarely = njit(error_model="numpy", _nrt=False)
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+inlined = njit(forceinline=True, **_OPTIONS)
+rarely = njit(**_OPTIONS)
 
 
 def cached_loop(*modules: ModuleType) -> Callable[[Callable[..., Any]], Any]:
@@ -29,6 +30,6 @@ def cached_loop(*modules: ModuleType) -> Callable[[Callable[..., Any]], Any]:
     def decorate(function: Callable[..., Any]) -> Any:
         sources = [inspect.getsource(module) for module in (sys.modules[function.__module__], *modules)]
         function.__qualname__ += f"-{zlib.crc32(chr(0).join(sources).encode()):08x}"
-        return njit(cache=True, error_model="numpy", _nrt=False)(function)
+        return njit(cache=True, **_OPTIONS)(function)
 
     return decorate

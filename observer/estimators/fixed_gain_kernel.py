@@ -225,7 +225,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
         if correcting and (optimal or started or released):
-            joseph_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
+            joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
         elif correcting:
             correct_state(gains.K, chosen, accepted, nu, x)
             correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)

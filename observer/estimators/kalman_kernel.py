@@ -62,7 +62,7 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
                 inflate(p, P)
                 covariance_with_sensors(C, P, s, g)
                 compare(p, C, u, k, usable, g, x, nu, S)
-            out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
+            out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
         out.quality[k] = judge(u, k, usable, accepted, state, out)
         known = write_values(p, C, u, k, x, out)
         known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known

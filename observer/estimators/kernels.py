@@ -142,15 +142,21 @@ def residual(p, C, u, k, i, x):
 
 
 @inlined
+def sensor_covariance(C, i, P, g):
+    """g_i = P c_i."""
+    for b in range(P.shape[1]):
+        g[i, b] = 0.0
+    for a in range(C.shape[1]):
+        c = C[i, a]
+        for b in range(P.shape[1]):
+            g[i, b] += c * P[a, b]
+
+
+@inlined
 def covariance_with_sensors(C, P, s, g):
     """g_i = P c_i for the first s rows of C."""
     for i in range(s):
-        for b in range(P.shape[1]):
-            g[i, b] = 0.0
-        for a in range(C.shape[1]):
-            c = C[i, a]
-            for b in range(P.shape[1]):
-                g[i, b] += c * P[a, b]
+        sensor_covariance(C, i, P, g)
 
 
 @inlined
@@ -228,12 +234,12 @@ def joseph_covariance(C, i, g, K, r, P, Ac):
 
 
 @inlined
-def joseph_update(R_K2, C, accepted, g, nu, S, x, P, work):
+def joseph_update(R_K2, C, accepted, g, nu, x, P, work):
     """Correct x and P by every accepted sensor in turn; return the log-likelihood of their innovations.
 
-    The second part of P⁺ vanishes but for rounding, and that is what keeps P positive (Bucy and Joseph,
-    1968). What the sensors still to come expect (g, ν, S, which are used up) follows by rank-one steps. P is
-    symmetric to rounding; the lower triangle is the one that counts.
+    `nu` are the innovations before any correction; those of the sensors still to come follow on the way.
+    Their g is worked out anew from the P in force: Joseph's form forgives a wrong gain, but not a wrong c P
+    (Bucy and Joseph, 1968). P is symmetric to rounding; the lower triangle is the one that counts.
     """
     (n, width), s = P.shape, len(accepted)
     K, Ac = work.K, work.Ac
@@ -241,21 +247,18 @@ def joseph_update(R_K2, C, accepted, g, nu, S, x, P, work):
     for i in range(s):
         if not accepted[i]:
             continue
-        inverse, innovation, r = 1.0 / S[i], nu[i], R_K2[i]
-        squares += innovation * innovation * inverse
-        volume *= 2.0 * np.pi * S[i]
+        sensor_covariance(C, i, P, g)
+        innovation, r = nu[i], R_K2[i]
+        S = project(C, i, g, i) + r
+        squares += innovation * innovation / S
+        volume *= 2.0 * np.pi * S
         for b in range(width):
-            K[b] = g[i, b] * inverse
+            K[b] = g[i, b] / S
         for a in range(n):
             x[a] += K[a] * innovation
         joseph_covariance(C, i, g, K, r, P, Ac)
         for later in range(i + 1, s):
-            if accepted[later]:
-                shared = project(C, later, g, i)
-                nu[later] -= shared * inverse * innovation
-                S[later] -= shared * inverse * shared
-                for b in range(width):
-                    g[later, b] -= K[b] * shared
+            nu[later] -= project(C, later, g, i) / S * innovation
     return -0.5 * (squares + np.log(volume))
 
 

@@ -31,7 +31,7 @@ def past_heat_covariance(modes: Modes, inputs: FloatArray, sigma_W: FloatArray) 
     """Covariance (N, N) of the modal amplitudes left by heats of unknown size before the start.
 
     A machine that has been running is not smoothly warm: the screw is hottest at the bearings. Each source,
-    `inputs` (N, m) in its units of B, is taken to have been on for each of three times, independently, with the
+    `inputs` (N, m) in its units of B, was on for each of three times, independently, with the
     σ of its unknown heat now, `sigma_W` (m,): r_n = b_n (1 − e^{−Λ_n t})/Λ_n.
     """
     covariance = np.zeros((len(modes), len(modes)))

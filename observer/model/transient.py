@@ -6,8 +6,8 @@ import numpy as np
 
 from observer.config import Config
 from observer.frames import FloatArray, Inputs
-from observer.model.plant import Plant
 from observer.model.build import build_plant
+from observer.model.plant import Plant
 from observer.model.simulate import simulate, start
 
 REFERENCE_MODES = 400

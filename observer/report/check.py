@@ -10,8 +10,8 @@ from rich.text import Text
 
 from observer.config import Config, Source
 from observer.estimators.report import DesignReport, design_report
-from observer.model.plant import Plant
 from observer.model.build import build_plant
+from observer.model.plant import Plant
 from observer.model.rod.modes import solve_modes
 from observer.model.rod.moving import SAMPLES_PER_TRAVERSE
 from observer.model.rod.screw import rod_of

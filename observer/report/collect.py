@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
-from observer.model.plant import Rows
 from observer.model.build import grid_of
+from observer.model.plant import Rows
 
 MOST = 2000
 IntArray = NDArray[np.int64]

@@ -25,7 +25,7 @@ def law_channel(source: Source) -> str | None:
 def heat_law(source: Source) -> Callable[[FloatArray], FloatArray]:
     """Return the heat in W as a function of the law's channel.
 
-    Friction torque: scale · share · torque · |ω| (Kim, Ahn & Chung, eq. 28, without its stroke factor); bearing:
+    Friction torque: scale · share · torque · |ω| (Kim et al., eq. 28, without its stroke factor); bearing:
     scale · heat_W_rpm · |n|; measured power: scale · power. A source without a law has none: 0 W.
     """
     if source.power_channel is not None:

@@ -2,7 +2,7 @@
 
 One family covers all nine pairings: θ_n(x) = c_n cos(μ_n x − δ_n), where tan δ_n = H/μ_n with H = h_end/k
 of the left end (δ = 0 insulated, π/2 prescribed). The right end asks μ L − δ_left(μ) − δ_right(μ) = n π, n
-= 0, 1, …: a function that grows with μ and has exactly one root in [n π/L, (n + 1) π/L]. (Kim, Ahn & Chung, eq. 6;
+= 0, 1, …: a function that grows with μ and has exactly one root in [n π/L, (n + 1) π/L]. (Kim et al., eq. 6;
 Carslaw & Jaeger 1959, §2.)
 """
 
@@ -18,7 +18,7 @@ from observer.model.rod.screw import End, Rod
 
 @dataclass(frozen=True, slots=True)
 class Modes:
-    """The eigenmodes 1 … N of a rod, normalised so that ∫ θ_n θ_m dx / α = δ_nm (Kim, Ahn & Chung, eq. 7).
+    """The eigenmodes 1 … N of a rod, normalised so that ∫ θ_n θ_m dx / α = δ_nm (Kim et al., eq. 7).
 
     Shapes (N,): `mu_1_m` wave numbers, `phase` δ_n, `scale` c_n in √(m/s), `decay_1_s` Λ_n = α (μ_n² + m²).
     """

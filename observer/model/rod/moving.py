@@ -79,7 +79,8 @@ def columns(
     out_B, out_C = np.empty((len(dt_s), len(B))), np.empty((len(dt_s), len(C)))
     _average(
         scalars, B, C, dt_s, *path, out_B, out_C, table.mu_1_m, table.phase, table.scale,
-        table.conductance_W_m, table.nut_m, table.screw_m, table.stroke_m, table.lag, table.lag_decay_1_s, table.table_C,
+        table.conductance_W_m, table.nut_m, table.screw_m, table.stroke_m, table.lag, table.lag_decay_1_s,
+        table.table_C,
     )  # fmt: skip
     return NutState(float(scalars[0]), float(scalars[1]), float(scalars[2]), B, C), out_B, out_C
 

@@ -1,6 +1,6 @@
 """The screw as a one-dimensional rod: what of its geometry and material the heat equation sees.
 
-rho c A ∂T/∂t = k A ∂²T/∂x² − h P (T − T_amb) + Σ_j q_j w_j(x, t)        (Kim, Ahn & Chung, eq. 1, per watt)
+rho c A ∂T/∂t = k A ∂²T/∂x² − h P (T − T_amb) + Σ_j q_j w_j(x, t)        (Kim et al., eq. 1, per watt)
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from observer.model.rod.static import Stretch
 def mean_stretch(source: Source, screw: Screw) -> Stretch:
     """The stretch over which a source deposits its heat, averaged over its motion.
 
-    A nut's heat is taken as uniform over its stroke (Kim, Ahn & Chung, §5), or over the screw where the stroke is
+    A nut's heat is taken as uniform over its stroke (Kim et al., §5), or over the screw where the stroke is
     not given.
     """
     if source.shape == "point":

@@ -1,4 +1,4 @@
-"""How many modes are kept (Kim, Ahn & Chung, eqs. 15–17), as printed and by the tail that is left."""
+"""How many modes are kept (Kim et al., eqs. 15–17), as printed and by the tail that is left."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def keep_by_ratio(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
     """Kim's criterion as printed: modes (from 0) up to the first N with s_N/s_{N+1} ≥ β, nodes left out.
 
     It stops at the first small contribution, not at a small remainder: with a source near a node of a low
-    mode it keeps too few. (Kim, Ahn & Chung, eqs. 16–17.)
+    mode it keeps too few. (Kim et al., eqs. 16–17.)
     """
     c = contributions(modes, stretch)
     c = np.where(np.abs(c) > SMALL * np.max(np.abs(c)), c, 0.0)

@@ -1,0 +1,213 @@
+"""A simulated machine, the real daemon beside it and a plain subscriber, each as a process or session of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+import zenoh
+
+from observer.publish.codec import decode_estimate
+from observer.publish.zenoh import session_config
+
+ROOT = Path(__file__).parents[2]
+DEMO = ROOT / "config" / "demo.toml"
+PREFIX = "ballscrew/demo/x"
+PERIOD_S = 0.1  # of estimator and thermocouples in these tests
+START_S = 90.0  # kernels that are not in the cache yet are compiled first
+
+
+def until(what: Callable[[], Any], timeout_s: float) -> Any:
+    """Wait for something to be there or true, and return it."""
+    end_s = time.monotonic() + timeout_s
+    while not (found := what()):
+        assert time.monotonic() < end_s, f"not within {timeout_s} s"
+        time.sleep(0.01)
+    return found
+
+
+class Machine:
+    """The simulated machine's process; `wires` says where its devices are."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        self._process = process
+        self.pid = process.pid
+        self.wires: dict[str, Any] = json.loads(process.stdout.readline())
+
+    def fault(self, **faults: Any) -> float:
+        """Put exactly these faults in force; returns when they were, in seconds since the epoch."""
+        self._process.stdin.write(json.dumps({"fault": faults}).encode() + b"\n")
+        self._process.stdin.flush()
+        assert "faults" in json.loads(self._process.stdout.readline())
+        return time.time()
+
+
+@contextmanager
+def machine() -> Iterator[Machine]:
+    """A running machine that has been warm for a minute; it ends when its standard input closes."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "drivers.simulated", "--warm-minutes", "1", "--period", "0.05"],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    try:
+        yield Machine(process)
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.stdin.close()
+        try:
+            assert process.wait(5) == 0
+        finally:
+            process.kill()
+            process.stdout.close()
+
+
+def table_for(wires: dict[str, Any], **publish: Any) -> dict[str, Any]:
+    """The demo's configuration as a table, on these wires and at the tests' period."""
+    table = tomllib.loads(DEMO.read_text(encoding="utf-8"))
+    table["estimator"]["period_s"] = PERIOD_S
+    table["drivers"]["thermocouples"] |= {"port": wires["modbus_port"], "period_s": PERIOD_S, "timeout_s": 0.3}
+    table["drivers"]["axis"] |= {"channel": wires["can_device"], "timeout_s": 0.15}
+    table["drivers"]["axis"]["dbc"] = str(ROOT / "drivers" / "simulated" / "axis.dbc")
+    table["publish"] = publish
+    return table
+
+
+def write(folder: Path, table: dict[str, Any], name: str = "config.toml") -> Path:
+    """A configuration as a file."""
+    path = folder / name
+    path.write_text(tomlkit.dumps(table), encoding="utf-8")
+    return path
+
+
+class Daemon:
+    """`observer run` as a process; what it says on standard error is kept in a file."""
+
+    def __init__(self, folder: Path, table: dict[str, Any], launcher: tuple[str, ...] = ("-m", "observer")) -> None:
+        self.recordings = folder / "recordings"
+        self.config = write(folder, table | {"record": {"directory": str(self.recordings)}})
+        self._stderr = folder / "stderr"
+        command = [sys.executable, *launcher, "run", "--config", str(self.config), "--log-format", "json"]
+        with self._stderr.open("wb") as stderr:
+            self.process = subprocess.Popen(command, cwd=ROOT, stderr=stderr)
+
+    def __enter__(self) -> Daemon:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait(5)
+
+    def said(self) -> str:
+        """Everything on standard error so far."""
+        return self._stderr.read_text(encoding="utf-8")
+
+    def stop(self) -> float:
+        """Terminate; returns how long that took. Raises where the exit is not clean."""
+        start_s = time.monotonic()
+        self.process.send_signal(signal.SIGTERM)
+        code = self.process.wait(10)
+        took_s = time.monotonic() - start_s
+        assert code == 0, self.said()
+        assert "Traceback" not in self.said()
+        return took_s
+
+    def recording(self) -> Path:
+        """The one file of the recording."""
+        (path,) = self.recordings.glob("*.csv")
+        return path
+
+    def step_times_s(self) -> list[float]:
+        """The ticks in the recording so far; a row that is being written is left out."""
+        rows = self.recording().read_text(encoding="utf-8").split("\n")[1:-1]
+        return [float(row.split(",", 1)[0]) for row in rows if row.split(",")[-2] == "1"]
+
+    def assert_no_tick_is_missing(self) -> None:
+        """Every multiple of the period from the first tick to the last is in the recording, once."""
+        numbers = [round(t / PERIOD_S) for t in self.step_times_s()]
+        assert len(numbers) > 5
+        assert numbers == list(range(numbers[0], numbers[-1] + 1))
+
+
+class Subscriber:
+    """Keeps every message of the axis in the order of arrival."""
+
+    def __init__(self, endpoint: str, attempts_s: float = START_S) -> None:
+        self._endpoint = endpoint
+        self._attempts_s = attempts_s
+        self.estimates: list[dict[str, Any]] = []
+        self.documents: dict[str, list[dict[str, Any]]] = {}
+
+    def __enter__(self) -> Subscriber:
+        end_s = time.monotonic() + self._attempts_s
+        while True:
+            try:
+                self._session = zenoh.open(session_config("client", (self._endpoint,), ()))
+                break
+            except zenoh.ZError:
+                assert time.monotonic() < end_s, f"nobody listens at {self._endpoint}"
+                time.sleep(0.1)
+        self._subscriber = self._session.declare_subscriber(f"{PREFIX}/**", self._take)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._subscriber.undeclare()
+        self._session.close()
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr).removeprefix(f"{PREFIX}/")
+        data = sample.payload.to_bytes()
+        if key == "estimate":
+            self.estimates.append(decode_estimate(data))
+        else:
+            self.documents.setdefault(key, []).append(json.loads(data))
+
+    def health(self) -> dict[str, Any]:
+        """The newest health report, empty before the first."""
+        return (self.documents.get("health") or [{}])[-1]
+
+    def wait_until_good(self, timeout_s: float = START_S) -> float:
+        """Wait for the next estimate that is good; returns its time."""
+        start = len(self.estimates)
+
+        def good() -> float | None:
+            return next((e["time_s"] for e in self.estimates[start:] if e["quality"] == "good"), None)
+
+        return float(until(good, timeout_s))
+
+    def between(self, start_s: float, end_s: float) -> list[dict[str, Any]]:
+        """The estimates whose time is in a stretch."""
+        return [e for e in self.estimates if start_s < e["time_s"] <= end_s]
+
+
+def children_of(pid: int) -> list[int]:
+    """The processes that a process has started and that are still there."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = status.read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue  # it has ended meanwhile
+        if int(fields[1]) == pid:
+            found.append(int(status.parent.name))
+    return found
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process is there."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

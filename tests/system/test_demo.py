@@ -1,0 +1,115 @@
+"""`observer demo` as a newcomer runs it, and the README's subscriber beside it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import pytest
+
+from tests.publish.router import free_port
+from tests.system.plant import ROOT, Subscriber, children_of, is_alive, until
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+
+SECONDS = 40.0
+SETTLED_S = 25.0  # the bearings' σ, 30 W at the start, is below 5 W by then
+DEFAULT = "tcp/127.0.0.1:7447"
+
+
+def _readme_subscriber() -> str:
+    """The plain Zenoh subscriber that the README shows."""
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    (code,) = [block for block in blocks if "ballscrew/demo/x/heat" in block]
+    return str(code)
+
+
+def _off_sigma(heat: dict[str, Any], truths: list[dict[str, Any]]) -> dict[str, float]:
+    """How many σ each heat is from the truth of its time."""
+    truth = min(truths, key=lambda t: abs(t["time_s"] - heat["time_s"]))
+    assert abs(truth["time_s"] - heat["time_s"]) < 1.0
+    return {
+        name: abs(entry["heat_W"] - truth["sources"][name]["heat_W"]) / entry["sigma_W"]
+        for name, entry in heat["sources"].items()
+    }
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """What a whole demo published and printed, with the README's subscriber beside it."""
+    folder: Path = tmp_path_factory.mktemp("demo")
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    command = ["demo", "--seconds", str(SECONDS), "--plain", "--listen", endpoint]
+    with (folder / "out").open("wb") as out, (folder / "err").open("wb") as err:
+        process = subprocess.Popen([sys.executable, "-m", "observer", *command], cwd=folder, stdout=out, stderr=err)
+    try:
+        with Subscriber(endpoint) as seen:
+            until(lambda: "heat" in seen.documents, 60.0)
+            readme = subprocess.Popen(
+                [sys.executable, "-u", "-c", _readme_subscriber().replace(DEFAULT, endpoint)],
+                cwd=folder,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            time.sleep(3.0)
+            children = children_of(process.pid)
+            readme.kill()
+            printed, _ = readme.communicate(timeout=5)
+            code = process.wait(SECONDS + 30.0)
+    finally:
+        process.kill()
+        process.wait(5)
+    return {
+        "code": code, "children": children, "readme": printed, "documents": seen.documents,
+        "out": (folder / "out").read_text(), "err": (folder / "err").read_text(),
+    }  # fmt: skip
+
+
+def test_it_ends_by_itself_and_leaves_nothing_behind(demo):
+    assert demo["code"] == 0
+    assert demo["err"] == ""
+    assert demo["out"].endswith("demo ended\n")
+    assert len(demo["children"]) == 1  # the simulated machine
+    assert not any(is_alive(pid) for pid in demo["children"])
+
+
+def test_the_live_view_shows_estimates_beside_the_truth(demo):
+    lines = [line for line in demo["out"].splitlines() if line.startswith("good: nut")]
+    assert len(lines) > SECONDS / 2
+    assert all("truth" in line for line in lines[2:])
+
+
+def test_the_readme_subscriber_prints_heats_and_temperatures(demo):
+    assert "nut" in demo["readme"]
+    assert len(re.findall(r"\d+\.\d+", demo["readme"])) > 5
+
+
+def test_settled_heats_are_within_three_sigma_of_the_truth(demo):
+    heats, truths = demo["documents"]["heat"], demo["documents"]["truth/heat"]
+    settled = [h for h in heats if h["time_s"] - heats[0]["time_s"] > SETTLED_S]
+    assert len(settled) > 15
+    assert {h["quality"] for h in settled} == {"good"}
+    off = [_off_sigma(h, truths) for h in settled]
+    for name in ("nut", "left_bearing", "right_bearing"):
+        sigma_W = settled[-1]["sources"][name]["sigma_W"]
+        assert 0.1 < sigma_W < 5.0, name  # it knows something, and does not pretend to know all
+        # The errors of neighbouring estimates go together, so one excursion beyond 3 σ, which true σ allow
+        # once in 370, lasts for several messages; half of the stretch is never one excursion.
+        assert median(o[name] for o in off) < 3.0, (name, off)
+        assert max(o[name] for o in off) < 5.0, (name, off)
+
+
+def test_the_field_is_that_of_a_warm_screw(demo):
+    fields = demo["documents"]["field"]
+    assert len(fields) > SECONDS  # two a second
+    last = fields[-1]
+    assert last["quality"] == "good"
+    assert last["position_m"] == pytest.approx([0.05 * i for i in range(21)])
+    # 35 W in a screw that has run for twenty minutes: nowhere colder than the air, nowhere near boiling
+    assert all(22.0 < t < 80.0 for t in last["temperature_degC"])
+    assert all(0.0 < sigma < 2.0 for sigma in last["sigma_K"])

@@ -1,0 +1,86 @@
+"""What a live run published is, to the last bit, what the replay of its recording gives."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.publish.router import free_port
+from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+
+
+def _replay(daemon: Daemon, output: Path) -> Path:
+    command = ["replay", str(daemon.recording()), "--config", str(daemon.config), "--output", str(output)]
+    done = subprocess.run([sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return output
+
+
+def _rows(output: Path) -> dict[float, dict[str, str]]:
+    with (output / "estimates.csv").open(encoding="utf-8", newline="") as file:
+        return {float(row["time_s"]): row for row in csv.DictReader(file)}
+
+
+def _columns(message: dict[str, Any]) -> dict[str, np.float32]:
+    """Every number of a published estimate by the name of its column in `estimates.csv`."""
+    columns = {}
+    for j, name in enumerate(message["sources"]):
+        columns[f"heat_{name}_W"] = message["heat_W"][j]
+        columns[f"heat_{name}_sigma_W"] = message["heat_sigma_W"][j]
+    for j, x_m in enumerate(message["position_m"]):
+        mm = f"{1000 * round(float(x_m), 6):.10g}"  # the message has the position as float32
+        columns[f"field_{mm}_degC"] = message["field_degC"][j]
+        columns[f"field_{mm}_sigma_K"] = message["field_sigma_K"][j]
+        columns[f"error_{mm}_um"] = message["error_um"][j]
+        columns[f"error_{mm}_sigma_um"] = message["error_sigma_um"][j]
+    for j, name in enumerate(message["sensors"]):
+        columns[f"innovation_{name}_K"] = message["innovation_K"][j]
+    return columns
+
+
+def _assert_same(message: dict[str, Any], row: dict[str, str]) -> None:
+    columns = _columns(message)
+    qualities = dict(zip((f"quality_{n}" for n in message["sensors"]), message["sensor_quality"], strict=True))
+    assert row.keys() == {"time_s"} | columns.keys() | qualities.keys()
+    for name, value in columns.items():
+        replayed = np.float32(row[name] or "nan")
+        assert replayed.tobytes() == np.float32(value).tobytes() or np.isnan([replayed, value]).all(), name
+    assert {name: row[name] for name in qualities} == qualities
+
+
+def test_the_replay_of_a_modbus_and_can_recording_is_the_live_run(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            time.sleep(3.0)
+            plant.fault(open="t3_degC")
+            time.sleep(1.5)
+            plant.fault(silence_can=True)
+            time.sleep(1.0)
+            plant.fault()
+            seen.wait_until_good()
+            time.sleep(3.0)
+            assert daemon.stop() < 2.0
+            live = list(seen.estimates)
+    daemon.assert_no_tick_is_missing()
+    replayed = _rows(_replay(daemon, tmp_path / "one"))
+    # every fault was in it, and more than 8 s of estimates
+    assert {q for e in live for q in e["sensor_quality"]} == {"good", "rejected"}
+    assert {"good", "degraded"} <= {e["quality"] for e in live}
+    assert len(live) > 80
+    for message in live:
+        _assert_same(message, replayed[message["time_s"]])
+    _replay(daemon, tmp_path / "two")
+    for name in ("estimates.csv", "summary.json", "overview.png"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
