@@ -14,6 +14,8 @@ RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir
 COPY pyproject.toml README.md LICENSE ./
 COPY observer observer
 COPY drivers drivers
+# The wheel carries the demo's configuration.
+COPY config config
 RUN /opt/build/bin/pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /opt/build/dist .
 RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir --no-deps /opt/build/dist/*.whl
 # The libraries' own tests are a tenth of the image.

@@ -59,8 +59,8 @@ def predict(decay, G, Q, P, S, M):
             for b in range(a + 1):
                 P[a, b] += M[j, a] * G[j, b] + G[j, a] * S[j, b]
     for j in range(m):
-        P[n_x + j, :n_x] = M[j] + Q[n_x + j, :n_x]
-        P[n_x + j, n_x:] += Q[n_x + j, n_x:]
+        for b in range(len(P)):
+            P[n_x + j, b] = (M[j, b] if b < n_x else P[n_x + j, b]) + Q[n_x + j, b]
     for a in range(len(P)):
         for b in range(a):
             P[b, a] = P[a, b]

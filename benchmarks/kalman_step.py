@@ -74,6 +74,7 @@ def bare_loop(plant: Plant, inputs: Inputs) -> Callable[[], object]:
 
     def work() -> object:
         x = np.concatenate([20.0 * plant.uniform, np.zeros(m)])
+        x[plant.modes : len(plant.B)] = inputs.law_W[0]  # lags settled, as the engine starts
         P = start_covariance(plant)
         C = np.ascontiguousarray(plant.rows.C[: plant.rows.sensors + plant.rows.grid])
         bare.run(step.decay, step.hold, G, Qd, C, plant.noise_R_K2, forced, y, x, P, heat, field)

@@ -36,7 +36,6 @@ from observer.estimators.kernels import (
     covariance_with_sensors,
     inflate,
     joseph_update,
-    mirror,
     move_columns,
     predict_covariance,
     predict_state,
@@ -238,5 +237,4 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
         if not known:
             invalidate(out, k)
         k += 1
-    mirror(P)
     return len(u.step), DONE, 0

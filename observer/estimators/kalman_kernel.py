@@ -22,7 +22,6 @@ from observer.estimators.kernels import (
     covariance_with_sensors,
     inflate,
     joseph_update,
-    mirror,
     move_columns,
     predict_covariance,
     predict_state,
@@ -68,4 +67,3 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
         known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
         if not known:
             invalidate(out, k)
-    mirror(P)

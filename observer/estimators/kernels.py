@@ -55,9 +55,9 @@ def predict_state(p, t, d, u, k, B, x, work):
 def predict_covariance(p, t, d, u, k, B, P, work):
     """P⁺ = Ad (P + jump) Adᵀ + Qd, with the law's jump acting from the start of the step.
 
-    With G the heats' columns: M = e∘P_xδ + G P_δδ, then P_xx⁺ = (e eᵀ)∘P_xx + M Gᵀ + G (e∘P_xδ)ᵀ + Q_xx. Only
-    the lower triangle counts; it is mirrored at the end, so P stays symmetric to the last bit. Rows are
-    worked out over their padded width, where decay, G, S and M are zero.
+    With G the heats' columns: M = e∘P_xδ + G P_δδ, then P_xx⁺ = (e eᵀ)∘P_xx + M Gᵀ + G (e∘P_xδ)ᵀ + Q_xx. The
+    lower triangle is mirrored at the end, so P stays symmetric to the last bit. Rows are worked out over
+    their padded width, where decay, G, S and M are zero.
     """
     n_x, m_e, width = B.shape[1], len(p.source), P.shape[1]
     G, S, M = work.G, work.S, work.M
@@ -212,25 +212,32 @@ def inflate(p, P):
 
 
 @inlined
-def joseph_covariance(C, i, g, K, r, P, Ac):
-    """P⁺ = A - (A c) Kᵀ + r K Kᵀ with A = P - K gᵀ, for sensor i."""
+def joseph_covariance(C, i, g, K, r, P, half, rest):
+    """P⁺ = A - K (cᵀ A) + r K Kᵀ with A = P - g Kᵀ, for sensor i; `half` and `rest` are scratch.
+
+    Both outer products are written as the mean of themselves and their transposes, term by term, so that P
+    stays symmetric to the last bit. Where they are not, what rounding leaves antisymmetric grows without
+    bound once P has fourteen digits to lose: copying one triangle over the other is not enough (seen in the
+    tests, and in filterpy).
+    """
     (n, width), n_x = P.shape, C.shape[1]
     for b in range(width):
-        Ac[b] = 0.0
-    for a in range(n_x):
-        gain, c = K[a], C[i, a]
-        for b in range(width):
-            value = P[a, b] - gain * g[i, b]
-            P[a, b] = value
-            Ac[b] += c * value
-    for a in range(n_x, n):
-        gain = K[a]
-        for b in range(width):
-            P[a, b] -= gain * g[i, b]
+        half[b] = 0.5 * g[i, b]
+        rest[b] = r * K[b]
     for a in range(n):
-        rest = r * K[a] - Ac[a]
+        gain, expected = K[a], half[a]
         for b in range(width):
-            P[a, b] += rest * K[b]
+            P[a, b] -= expected * K[b] + gain * half[b]
+    for a in range(n_x):
+        c = C[i, a]
+        for b in range(width):
+            rest[b] -= c * P[a, b]
+    for b in range(width):
+        rest[b] *= 0.5
+    for a in range(n):
+        gain, left = K[a], rest[a]
+        for b in range(width):
+            P[a, b] += gain * rest[b] + left * K[b]
 
 
 @inlined
@@ -242,7 +249,7 @@ def joseph_update(R_K2, C, accepted, g, nu, x, P, work):
     (Bucy and Joseph, 1968). P is symmetric to rounding; the lower triangle is the one that counts.
     """
     (n, width), s = P.shape, len(accepted)
-    K, Ac = work.K, work.Ac
+    K, half, rest = work.K, work.half, work.row
     squares, volume = 0.0, 1.0
     for i in range(s):
         if not accepted[i]:
@@ -256,7 +263,7 @@ def joseph_update(R_K2, C, accepted, g, nu, x, P, work):
             K[b] = g[i, b] / S
         for a in range(n):
             x[a] += K[a] * innovation
-        joseph_covariance(C, i, g, K, r, P, Ac)
+        joseph_covariance(C, i, g, K, r, P, half, rest)
         for later in range(i + 1, s):
             nu[later] -= project(C, later, g, i) / S * innovation
     return -0.5 * (squares + np.log(volume))

@@ -75,8 +75,8 @@ class Work(NamedTuple):
     S: FloatArray
     M: FloatArray
     K: FloatArray
-    Ac: FloatArray
     row: FloatArray
+    half: FloatArray
     g: FloatArray
     nu: FloatArray
     S_nu: FloatArray
@@ -200,8 +200,8 @@ def scratch(arrays: PlantArrays) -> Work:
         S=np.zeros((m_e, width)),
         M=np.zeros((m_e, width)),
         K=np.zeros(width),
-        Ac=np.zeros(width),
         row=np.zeros(width),
+        half=np.zeros(width),
         g=np.zeros((s, width)),
         nu=np.zeros(s),
         S_nu=np.zeros(s),

@@ -57,6 +57,8 @@ def build_plant(config: Config) -> Plant:
     E = np.vstack([np.column_stack([k.modal for k in known]), np.zeros((m, len(known)))])
     smooth = _padded(smooth_field_covariance(modes), N + m)
     past = past_heat_covariance(modes, B[:N], np.array([s.initial_sigma_W for s in config.source]))
+    # a lag starts at its law, but a machine that was just switched on has not settled there yet
+    lags = np.diag(np.concatenate([np.zeros(N), [s.initial_sigma_W**2 for s in config.source]]))
     free = [s for s in config.source if s.estimate]
     return Plant(
         layout=_layout(config, places),
@@ -71,7 +73,8 @@ def build_plant(config: Config) -> Plant:
         ),
         moving=_moving_sources(config, modes, places, lag_decay_1_s, B, C),
         uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
-        prior_P=config.estimator.initial_sigma_K**2 * smooth + _padded(past, N + m),
+        prior_P=config.estimator.initial_sigma_K**2 * smooth + _padded(past, N + m) + lags,
+        smooth_P=config.estimator.initial_sigma_K**2 * smooth,
         noise_R_K2=np.array([s.noise_K**2 for s in config.sensor]),
         estimated=np.array([s.estimate for s in config.source]),
         random_walk_W2_s=np.array([s.random_walk_W_sqrt_s**2 for s in free]),

@@ -93,7 +93,7 @@ def fixed_noise(plant: Plant, step: StepMatrices, which: np.typing.NDArray[np.bo
 
 
 @njit(cache=True, error_model="numpy")
-def _hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
+def hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate s) ds, safe for rate → 0."""
     if rate_1_s == 0.0:
         return dt_s
@@ -101,7 +101,7 @@ def _hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
+def ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u² with u = rate dt; a series where that
     cancels.
     """
@@ -115,19 +115,19 @@ def _ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
 def _chain(rate_1_s, heat_rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate (dt-s)) exp(-heat_rate s) ds, safe where both rates meet."""
     slow = min(rate_1_s, heat_rate_1_s)
-    return np.exp(-slow * dt_s) * _hold(abs(rate_1_s - heat_rate_1_s), dt_s)
+    return np.exp(-slow * dt_s) * hold(abs(rate_1_s - heat_rate_1_s), dt_s)
 
 
 @njit(cache=True, error_model="numpy")
 def _step(rate, heat_rate, intensity, dt_s):  # type: ignore[no-untyped-def]
     n_x, m_e = len(rate), len(heat_rate)
-    decay, hold, ramp = np.empty(n_x), np.empty(n_x), np.empty(n_x)
+    decay, held, ramped = np.empty(n_x), np.empty(n_x), np.empty(n_x)
     heat_decay, couple = np.exp(-heat_rate * dt_s), np.empty((m_e, n_x))
     walk_xx, walk_dx, walk_dd = np.zeros((m_e, n_x, n_x)), np.zeros((m_e, n_x)), np.zeros(m_e)
     for i in range(n_x):
         decay[i] = np.exp(-rate[i] * dt_s)
-        hold[i] = _hold(rate[i], dt_s)
-        ramp[i] = _ramp(rate[i], dt_s)
+        held[i] = hold(rate[i], dt_s)
+        ramped[i] = ramp(rate[i], dt_s)
     response = np.empty(n_x)
     for j in range(m_e):
         for i in range(n_x):
@@ -143,4 +143,4 @@ def _step(rate, heat_rate, intensity, dt_s):  # type: ignore[no-untyped-def]
                 for k in range(n_x):
                     walk_xx[j, i, k] += weight * response[i] * response[k]
             walk_dd[j] += weight * own * own
-    return decay, hold, ramp, heat_decay, couple, walk_xx, walk_dx, walk_dd
+    return decay, held, ramped, heat_decay, couple, walk_xx, walk_dx, walk_dd

@@ -64,13 +64,13 @@ class Plant:
     """A continuous-time plant with its output rows and the prior of its state.
 
     Shapes: `decay_1_s` (n_x,); `B` (n_x, m); `E` (n_x, p); `uniform` (n_x,) the state of a screw at 1 °C
-    everywhere; `prior_P` (n_x, n_x), K², the covariance of the unknown field at the start;
-    `noise_R_K2` (s,) the sensors' variances; `estimated` (m,) which heats are estimated;
-    `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,), `initial_sigma_W` (m_e,) the
-    estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random walk, and a step of
-    law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional noise on the field.
-    `mode_index` (N,) are the numbers of the modes kept, counted from 1; `diffusion_rate_1_s` is α/L²,
-    one over the unit of dimensionless time.
+    everywhere; `prior_P` (n_x, n_x), K², the covariance of the unknown field at the start, and `smooth_P`
+    that of its smooth part alone; `noise_R_K2` (s,) the sensors' variances; `estimated` (m,) which heats
+    are estimated; `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,),
+    `initial_sigma_W` (m_e,) the estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random
+    walk, and a step of law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
+    noise on the field. `mode_index` (N,) are the numbers of the modes kept, counted from 1;
+    `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time.
     """
 
     layout: Layout
@@ -81,6 +81,7 @@ class Plant:
     moving: tuple[MovingSource, ...]
     uniform: FloatArray
     prior_P: FloatArray
+    smooth_P: FloatArray
     noise_R_K2: FloatArray
     estimated: BoolArray
     random_walk_W2_s: FloatArray

@@ -8,8 +8,12 @@ import numba
 import numpy as np
 
 from observer.frames import FloatArray, Inputs
-from observer.model.discretise import _hold, _ramp
+from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
+
+
+_CHUNK = 256
+"""Steps worked on at a time: few enough that they stay in the cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +47,7 @@ def start_from_sensors(
         raise ValueError("no sensor has a value to start from")
     C, y = plant.rows.C[seen], y_degC[seen]
     x = start(plant, float(np.mean(y)), law_W).x
-    PC = plant.prior_P @ C.T
+    PC = plant.smooth_P @ C.T
     prior_S = C @ PC
     widen = max(1.0, float(np.ptp(y) ** 2 / np.max(np.diag(prior_S))))
     gain = np.linalg.solve(widen * prior_S + np.diag(noise_R_K2[seen]), widen * PC.T).T
@@ -51,49 +55,43 @@ def start_from_sensors(
 
 
 def simulate(plant: Plant, state: SimulationState, inputs: Inputs) -> tuple[SimulationState, FloatArray]:
-    """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm."""
-    x = state.x.copy()
-    rows = np.empty((len(inputs), len(plant.rows.C)))
-    moving = np.array([s.index for s in plant.moving], dtype=np.int64)
-    _run(
-        x, rows, plant.decay_1_s, plant.B.copy(), plant.E, plant.rows.C.copy(), plant.rows.F, plant.modes,
-        inputs.dt_s, inputs.law_W, inputs.z_start, inputs.z_end, moving, inputs.moving_B, inputs.moving_C,
-    )  # fmt: skip
+    """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
+
+    Exact for heats constant and known inputs linear over each step.
+    """
+    B, C = plant.B.copy(), plant.rows.C.copy()
+    for source in plant.moving:
+        B[:, source.index] = 0.0
+        C[:, plant.modes + source.index] = 0.0
+    x, rows = state.x.copy(), np.empty((len(inputs), len(C)))
+    for begin in range(0, len(inputs), _CHUNK):
+        u = inputs.part(begin, begin + _CHUNK)
+        rate = u.law_W @ B.T
+        rate += u.z_start @ plant.E.T
+        for i, source in enumerate(plant.moving):
+            rate += u.law_W[:, source.index, None] * u.moving_B[:, i]
+        states = np.empty_like(rate)
+        _march(x, states, plant.decay_1_s, u.dt_s, rate, (u.z_end - u.z_start) @ plant.E.T)
+        seen = rows[begin : begin + _CHUNK]
+        np.matmul(states, C.T, out=seen)
+        seen += u.z_end @ plant.rows.F.T
+        for i, source in enumerate(plant.moving):
+            seen += states[:, plant.modes + source.index, None] * u.moving_C[:, i]
     return SimulationState(x), rows
 
 
 @numba.njit(cache=True)
-def _run(  # type: ignore[no-untyped-def]
-    x, rows, decay, B, E, C, F, modes, dt_s, law_W, z_start, z_end, moving, moving_B, moving_C,
-):  # fmt: skip
-    """March x in place: exact for heats constant and known inputs linear over each step."""
-    n_x, m = B.shape
-    p = E.shape[1]
-    hold, ramp, keep = np.empty(n_x), np.empty(n_x), np.empty(n_x)
+def _march(x, states, decay, dt_s, rate, rise):  # type: ignore[no-untyped-def]
+    """March x in place under `rate` (K, n_x), which grows by `rise` (K, n_x) over each step."""
+    n_x = len(x)
+    keep, held, ramped = np.empty(n_x), np.empty(n_x), np.empty(n_x)
     dt_known = -1.0
     for k in range(len(dt_s)):
-        dt = dt_s[k]
-        if dt != dt_known:
+        if dt_s[k] != dt_known:
+            dt_known = dt_s[k]
             for i in range(n_x):
-                keep[i] = np.exp(-decay[i] * dt)
-                hold[i], ramp[i] = _hold(decay[i], dt), _ramp(decay[i], dt)
-            dt_known = dt
-        for i in range(len(moving)):
-            B[:, moving[i]] = moving_B[k, i]
-            C[:, modes + moving[i]] = moving_C[k, i]
+                keep[i] = np.exp(-decay[i] * dt_known)
+                held[i], ramped[i] = hold(decay[i], dt_known), ramp(decay[i], dt_known)
         for i in range(n_x):
-            rate_start, rate_end = 0.0, 0.0
-            for j in range(p):
-                rate_start += E[i, j] * z_start[k, j]
-                rate_end += E[i, j] * z_end[k, j]
-            for j in range(m):
-                rate_start += B[i, j] * law_W[k, j]
-                rate_end += B[i, j] * law_W[k, j]
-            x[i] = keep[i] * x[i] + (hold[i] - ramp[i]) * rate_start + ramp[i] * rate_end
-        for r in range(len(C)):
-            value = 0.0
-            for i in range(n_x):
-                value += C[r, i] * x[i]
-            for j in range(p):
-                value += F[r, j] * z_end[k, j]
-            rows[k, r] = value
+            x[i] = keep[i] * x[i] + held[i] * rate[k, i] + ramped[i] * rise[k, i]
+            states[k, i] = x[i]

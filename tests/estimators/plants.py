@@ -84,6 +84,7 @@ def rod(
         moving=tuple(MovingSource(j, "nut_position_m", table=None) for j in moving),
         uniform=uniform,
         prior_P=initial_sigma_K**2 * smooth,
+        smooth_P=initial_sigma_K**2 * smooth,
         noise_R_K2=np.full(s, noise_K**2),
         estimated=estimated,
         random_walk_W2_s=np.full(m_e, walk_W_sqrt_s**2),

@@ -121,6 +121,8 @@ def machine() -> Iterator[Machine]:
         for name in ("cache", "lib"):
             os.chown(root / "var" / name, uid, gid)
         carry_out(STEPS, image)
+        (root / "tmp").mkdir(exist_ok=True)  # every stage begins with the base's own
+        os.chown(root / "tmp", uid, gid)
         image.directory = "/"
         _read_only(root, [root / v.strip("/") for v in _only("VOLUME").words()] + [root / "tmp"])
         yield image

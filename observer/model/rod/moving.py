@@ -1,6 +1,6 @@
 """A nut that moves: its input and output columns, averaged over the path inside a step.
 
-A nut crosses its stroke in about a second. Where its position is sampled at least four times a traverse,
+A nut crosses its stroke in about a second. Where its position is sampled at least ten times a traverse,
 the heat is spread along the path between the samples. Where it is sampled more coarsely, straight lines
 between the samples would cut off the reversals (and read 20–36 % too little heat); there the footprint at
 the sampled points alone, averaged over about 20 s, is the better account: short against diffusion between
@@ -20,7 +20,8 @@ from observer.frames import FloatArray
 
 MEMORY_S = 10.0
 """Time constant of the averaged footprint: an exponential memory with the mean age of a 20 s window."""
-SAMPLES_PER_TRAVERSE = 4.0
+SAMPLES_PER_TRAVERSE = 10.0
+"""Against an independent 2-D screw: at 7 samples lines miss by 0.16 K and points by 0.07 K, at 12 both by 0.07 K."""
 TABLE_POINTS = 129
 
 
@@ -115,11 +116,13 @@ def _average(  # type: ignore[no-untyped-def]
             scalars[0], scalars[1] = sample_s[i], sample_m[i]
         scalars[2] = reach
         forget = 1.0 if along_path else 1.0 - np.exp(-dt_s[k] / MEMORY_S)
+        # what the dropped modes hold follows the nut as fast as they settle, not at once
+        settle = min(forget, 1.0 - np.exp(-dt_s[k] * lag_decay))
         if weight > 0.0:
             for n in range(len(mu)):
                 B[n] += forget * (step_B[n] / weight - B[n])
             for r in range(len(C)):
-                C[r] += forget * (step_C[r] / weight - C[r])
+                C[r] += settle * (step_C[r] / weight - C[r])
         B[lag] = lag_decay
         out_B[k, :] = B
         out_C[k, :] = C
@@ -148,7 +151,7 @@ PathRegime = Literal["path", "points", "undetermined"]
 def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
     """Say how well samples tell a nut's path.
 
-    "path": at least four samples a traverse; "points": fewer, but they cover the stroke; "undetermined":
+    "path": at least ten samples a traverse; "points": fewer, but they cover the stroke; "undetermined":
     fewer, and in step with the motion, so that only a few places are ever seen and the footprint is not in
     the log.
     """

@@ -1,0 +1,263 @@
+"""The table of bad inputs: what a user may get wrong, and the words by which the answer names it."""
+
+from __future__ import annotations
+
+import copy
+import gzip
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.system.plant import write
+
+CHANNELS = ("t1_degC", "t2_degC", "nut_position_m", "screw_speed_rpm")
+TABLE: dict[str, Any] = {
+    "screw": {"length_m": 1.0, "diameter_m": 0.036, "conductivity_W_mK": 50.0, "density_kg_m3": 7800.0,
+              "specific_heat_J_kgK": 460.0},
+    "surface": {"convection_W_m2K": 15.0},
+    "ambient": {"temperature_degC": 22.0},
+    "source": [{"name": "nut", "shape": "nut", "length_m": 0.08, "position_channel": "nut_position_m",
+                "speed_channel": "screw_speed_rpm", "torque_Nm": 0.3}],
+    "sensor": [{"name": "t1", "channel": "t1_degC", "position_m": 0.05},
+               {"name": "t2", "channel": "t2_degC", "position_m": 0.9}],
+}  # fmt: skip
+MODBUS = {"kind": "modbus_tcp", "host": "127.0.0.1", "device": "wago_750_458", "channels": {"t1_degC": 0}}
+CAN = {
+    "kind": "can", "interface": "virtual", "channel": "none", "dbc": "bad.dbc",
+    "channels": {c: {"message": "M", "signal": c} for c in CHANNELS},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command line, made in a folder, and words that its answer must have."""
+
+    name: str
+    arguments: Callable[[Path], list[str]]
+    words: tuple[str, ...]
+
+
+def changed(**by_path: Any) -> dict[str, Any]:
+    """The good table with values put in (`screw__length_m`), or taken out where the value is None."""
+    table = copy.deepcopy(TABLE)
+    for path, value in by_path.items():
+        *parents, last = path.split("__")
+        at: Any = table
+        for part in parents:
+            at = at[int(part)] if part.isdigit() else at.setdefault(part, {})
+        if value is None:
+            del at[last]
+        else:
+            at[last] = value
+    return table
+
+
+def rows(n: int = 40) -> list[list[str]]:
+    """A good log of n samples, header first."""
+    rng = np.random.default_rng(3)
+    body = [
+        [f"{0.5 * k}", f"{25 + rng.normal(0, 0.1):.3f}", f"{25 + rng.normal(0, 0.1):.3f}", f"{0.3 + 0.01 * k}", "900"]
+        for k in range(n)
+    ]
+    return [["time_s", *CHANNELS], *body]
+
+
+def text(table: list[list[str]]) -> str:
+    return "".join(",".join(row) + "\n" for row in table)
+
+
+def with_cell(row: int, column: int, cell: str) -> str:
+    table = rows()
+    table[row][column] = cell
+    return text(table)
+
+
+def _of_config(table: dict[str, Any], command: str = "check", *more: str) -> Callable[[Path], list[str]]:
+    return lambda folder: [command, "--config", str(write(folder, table)), *more]
+
+
+def _of_text(content: bytes) -> Callable[[Path], list[str]]:
+    def arguments(folder: Path) -> list[str]:
+        (folder / "config.toml").write_bytes(content)
+        return ["check", "--config", str(folder / "config.toml")]
+
+    return arguments
+
+
+def _of_log(content: str | bytes | None, name: str = "log.csv", output: str = "out") -> Callable[[Path], list[str]]:
+    """A replay of a log with this content; None stands for no log at all."""
+
+    def arguments(folder: Path) -> list[str]:
+        if content is not None:
+            (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+        config = write(folder, TABLE)
+        return ["replay", str(folder / name), "--config", str(config), "--output", str(folder / output)]
+
+    return arguments
+
+
+def _to_a_file(folder: Path) -> list[str]:
+    (folder / "out").write_text("mine")
+    return _of_log(text(rows()))(folder)
+
+
+def _beyond_a_file(folder: Path) -> list[str]:
+    (folder / "file").write_text("mine")
+    return _of_log(text(rows()), output="file/out")(folder)
+
+
+def _simulate(program: str, output: str = "predicted.csv") -> Callable[[Path], list[str]]:
+    def arguments(folder: Path) -> list[str]:
+        (folder / "program.csv").write_text(program)
+        config = write(folder, TABLE)
+        return ["simulate", "-c", str(config), "--program", str(folder / "program.csv"), "-o", str(folder / output)]
+
+    return arguments
+
+
+def _without(channel: str) -> str:
+    column = rows()[0].index(channel)
+    return text([row[:column] + row[column + 1 :] for row in rows()])
+
+
+def _simulate_into_a_folder(folder: Path) -> list[str]:
+    (folder / "predicted.csv").mkdir()
+    return _simulate(text(rows()))(folder)
+
+
+def _calibrate(log: str, output: str = "out", table: dict[str, Any] = TABLE) -> Callable[[Path], list[str]]:
+    def arguments(folder: Path) -> list[str]:
+        (folder / "log.csv").write_text(log)
+        return ["calibrate", str(folder / "log.csv"), "-c", str(write(folder, table)), "-o", str(folder / output)]
+
+    return arguments
+
+
+def _calibrate_to_a_file(folder: Path) -> list[str]:
+    (folder / "out").write_text("mine")
+    return _calibrate(text(rows()))(folder)
+
+
+def _quiet(n: int = 40) -> str:
+    return text([row if k == 0 else [*row[:4], "0"] for k, row in enumerate(rows(n))])
+
+
+def _run(**changes: Any) -> Callable[[Path], list[str]]:
+    return _of_config(changed(**changes), "run", "--seconds", "0.5")
+
+
+def _bad_dbc(folder: Path) -> list[str]:
+    (folder / "bad.dbc").write_text("BO_ this is no database")
+    return _run(drivers__can=CAN | {"dbc": str(folder / "bad.dbc")})(folder)
+
+
+def _listening(socket_: socket.socket) -> Callable[[Path], list[str]]:
+    """The daemon is to listen where another program does; a player gives it all channels."""
+
+    def arguments(folder: Path) -> list[str]:
+        (folder / "log.csv").write_text(text(rows()))
+        player = {"kind": "player", "path": str(folder / "log.csv")}
+        endpoint = f"tcp/127.0.0.1:{socket_.getsockname()[1]}"
+        return _run(drivers__log=player, publish={"mode": "router", "listen": [endpoint]})(folder)
+
+    return arguments
+
+
+def _record_below_a_file(folder: Path) -> list[str]:
+    (folder / "log.csv").write_text(text(rows()))
+    (folder / "file").write_text("mine")
+    player = {"kind": "player", "path": str(folder / "log.csv")}
+    return _run(drivers__log=player, record__directory=str(folder / "file" / "recordings"))(folder)
+
+
+CONFIGURATIONS = [
+    Case("no file", lambda f: ["check", "-c", str(f / "absent.toml")], ("absent.toml", "--config")),
+    Case("a folder", lambda f: ["check", "-c", str(f)], ("cannot be read", "TOML file")),
+    Case("not UTF-8", _of_text(b"\xff\xfe[screw]"), ("config.toml", "UTF-8")),
+    Case("not TOML", _of_text(b"[screw\nlength_m = 1"), ("not valid TOML", "line 1")),
+    Case("empty", _of_text(b""), ("screw", "is missing", "add it")),
+    Case("unknown key", _of_config(changed(screw__lenght_m=1.0)), ("screw.lenght_m", "did you mean length_m")),
+    Case("unknown section", _of_config(changed(sensors=[])), ("sensors", "did you mean sensor")),
+    Case("missing section", _of_config(changed(screw=None)), ("screw", "is missing")),
+    Case("missing key", _of_config(changed(screw__diameter_m=None)), ("screw.diameter_m", "is missing")),
+    Case("wrong type", _of_config(changed(screw__length_m="long")), ("screw.length_m", "number", "'long'")),
+    Case("table for a number", _of_config(changed(screw__length_m={"m": 1.0})), ("screw.length_m", "number")),
+    Case("out of range", _of_config(changed(screw__length_m=-1.0)), ("screw.length_m", "greater than 0", "-1.0")),
+    Case("NaN", _of_config(changed(screw__length_m=float("nan"))), ("screw.length_m",)),
+    Case("sensor off the screw", _of_config(changed(sensor__1__position_m=1.4)), ("sensor t2", "1.4", "beyond")),
+    Case("names twice", _of_config(changed(sensor__1__name="t1")), ('called "t1"', "own name")),
+    Case("channels twice", _of_config(changed(sensor__1__channel="t1_degC")), ('"t1_degC"', "own name")),
+    Case("two ambients", _of_config(changed(ambient__channel="a")), ("ambient", "exactly one")),
+    Case("no shape", _of_config(changed(source__0__shape=None)), ('source "nut".shape', "is missing")),
+    Case("law half said", _of_config(changed(source__0__speed_channel=None)), ('source "nut"', "needs speed_channel")),
+    Case("unknown kind of driver", _of_config(changed(drivers__tc={"kind": "modbus"})),
+         ("drivers.tc", "'modbus'", "modbus_tcp, modbus_rtu, can, canopen, player")),
+    Case("no kind of driver", _of_config(changed(drivers__tc={"host": "x"})), ("drivers.tc", "kind is missing", "can")),
+    Case("driver no table", _of_config(changed(drivers__tc=3)), ("drivers.tc", "kind is missing")),
+    Case("unknown key of a driver", _of_config(changed(drivers__tc=MODBUS | {"prot": 502})),
+         ("drivers.tc.prot", "did you mean port")),
+    Case("input beyond the device", _of_config(changed(drivers__tc=MODBUS | {"channels": {"t1_degC": 9}})),
+         ("drivers.tc", "t1_degC", "0 to 7")),
+    Case("input beyond all devices", _of_config(changed(drivers__tc=MODBUS | {"channels": {"t1_degC": 99}})),
+         ("drivers.tc.channels.t1_degC:", "63")),
+    Case("register beyond all", _of_config(changed(drivers__tc=MODBUS | {"channels": {"a": {"register": 70000}}})),
+         ("drivers.tc.channels.a.register:", "65535", "70000")),
+    Case("unknown fitted key", _calibrate(text(rows()), table=changed(calibrate__free=["surface.colour"])),
+         ("surface.colour",)),
+]  # fmt: skip
+
+LOGS = [
+    Case("no log", _of_log(None), ("log.csv", "no such file")),
+    Case("folder for a log", _of_log(None, "."), ()),
+    Case("unknown suffix", _of_log("x", "log.txt"), ("log.txt", ".csv")),
+    Case("empty", _of_log(""), ("log.csv", "time_s")),
+    Case("header only", _of_log(text(rows()[:1])), ("no rows", "record")),
+    Case("no time", _of_log(text([r[1:] for r in rows()])), ("first column", "time_s")),
+    Case("missing column", _of_log(_without("t2_degC")), ('"t2_degC"', "is missing", "add")),
+    Case("column twice", _of_log(with_cell(0, 2, "t1_degC")), ('"t1_degC"', "twice")),
+    Case("time backwards", _of_log(with_cell(9, 0, "0.25")), ("row 9 (line 10)", "goes back", "sort")),
+    Case("time repeats", _of_log(with_cell(9, 0, "3.5")), ("row 9 (line 10)", "repeats")),
+    Case("NaN time", _of_log(with_cell(5, 0, "nan")), ("row 5 (line 6)", "time_s", "give seconds")),
+    Case("infinite time", _of_log(with_cell(40, 0, "inf")), ("row 40 (line 41)", "time_s")),
+    Case("text in a number", _of_log(with_cell(7, 2, "warm")), ("row 7 (line 8)", '"t2_degC"', "'warm'", "mend")),
+    Case("a cell too many", _of_log(with_cell(7, 2, "1,2")), ("row 7 (line 8)", "6 cells", "5")),
+    Case("last row cut", _of_log(text(rows())[:-12]), ("cut off", "--accept-truncated")),
+    Case("cut gzip", _of_log(gzip.compress(text(rows(400)).encode())[:-900], "log.csv.gz"), ("cut off",)),
+    Case("cut in the header of gzip", _of_log(gzip.compress(text(rows()).encode())[:12], "log.csv.gz"), ("log.csv.gz",)),
+    Case("not gzip", _of_log(text(rows()), "log.csv.gz"), ("damaged gzip", "again")),
+    Case("not Parquet", _of_log(text(rows()), "log.parquet"), ("not Parquet", "again")),
+    Case("binary", _of_log(bytes(range(256)) * 20), ("log.csv", "UTF-8")),
+    Case("no usable cell", _of_log(text([r if not k else [r[0], "", "", "", ""] for k, r in enumerate(rows())])), ()),
+    Case("output is a file", _to_a_file, ("out", "folder")),
+    Case("output below a file", _beyond_a_file, ("file", "folder")),
+]  # fmt: skip
+
+OTHERS = [
+    Case("simulate: channel missing", _simulate(_without("screw_speed_rpm")), ('"screw_speed_rpm"', "is missing")),
+    Case("simulate: output is a folder", _simulate_into_a_folder, ("predicted.csv", "cannot be written")),
+    Case("simulate: unknown suffix", _simulate(text(rows()), "predicted.xls"), ("predicted.xls", ".csv")),
+    Case("calibrate: too short", _calibrate(text(rows(2))), ("log.csv",)),
+    Case("calibrate: drive stands still", _calibrate(_quiet()), ()),
+    Case("calibrate: output is a file", _calibrate_to_a_file, ("out", "folder")),
+    Case("place: no sensors", _of_config(TABLE, "place", "--sensors", "0"), ("--sensors", "1")),
+    Case("place: spacing of nothing", _of_config(TABLE, "place", "--sensors", "2", "--spacing-m", "0"), ("--spacing-m",)),
+    Case("place: more than sites", _of_config(TABLE, "place", "--sensors", "9", "--spacing-m", "0.5"), ()),
+    Case("run: no driver", _run(), ("t1_degC", "[drivers.")),
+    Case("run: a channel without a driver", _run(drivers__tc=MODBUS), ("t2_degC", "add the channel")),
+    Case("run: bad DBC", _bad_dbc, ("bad.dbc",)),
+    Case("run: no DBC", _run(drivers__can=CAN), ("bad.dbc",)),
+    Case("run: no recording to play", _run(drivers__log={"kind": "player", "path": "none.csv"}), ("none.csv",)),
+    Case("run: recordings below a file", _record_below_a_file, ("recordings", "directory")),
+    Case("run: unknown mode", _run(publish__mode="hub"), ("publish.mode", "router")),
+    Case("run: bad endpoint", _run(drivers__log={"kind": "player", "path": "x.csv"}, publish__listen=["7447"]), ("publish.listen",)),
+    Case("unknown option", lambda f: ["check", "--colour"], ("--colour",)),
+    Case("unknown command", lambda f: ["guess"], ("guess",)),
+    Case("seconds below nothing", _of_config(TABLE, "run", "--seconds", "-1"), ("--seconds",)),
+    Case("watch: bad endpoint", lambda f: ["watch", "--connect", "7447", "--seconds", "1"], ("7447", "--connect")),
+    Case("health: bad endpoint", lambda f: ["health", "--connect", "7447"], ("7447", "--connect")),
+    Case("demo: bad endpoint", lambda f: ["demo", "--listen", "7447", "--seconds", "2"], ("7447", "--listen")),
+]  # fmt: skip
