@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from observer.config import Config, load
+from observer.endpoints import refuse_taken
 from observer.errors import ConfigError, LogError
 from observer.estimators import build_estimator
 from observer.estimators.protocol import Estimator
@@ -20,6 +22,7 @@ from observer.logs import Log, read_log
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
+from observer.results import results_in
 from observer.service.align import AlignPlan, frames_of_log
 
 Progress = Callable[[int, int], None]
@@ -51,16 +54,19 @@ def serve(config: Config, seconds: float | None = None) -> None:
 
     from drivers import open_driver
     from observer.publish.codec import config_json
-    from observer.publish.zenoh import ZenohPublisher
+    from observer.publish.zenoh import ZenohPublisher, listening
     from observer.service.clock import ServiceClock
     from observer.service.loop import Service, run
     from observer.service.record import Recorder
 
     _every_channel_has_a_driver(config)
+    refuse_taken(listening(config.publish), "publish.listen")
     machine = Machine.of(config)
     estimator = machine.estimator()
     name = config.machine
     record = config.record
+    if record.directory is not None:
+        _can_be_made(record.directory)
     service = Service(
         drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
         plan=machine.plan,
@@ -97,6 +103,17 @@ def _every_channel_has_a_driver(config: Config) -> None:
         )
 
 
+def _can_be_made(recordings: Path) -> None:
+    """Raise `ConfigError` where no recording can be written; a disk that fills up later is another matter."""
+    try:
+        recordings.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=recordings).close()
+    except OSError as error:
+        raise ConfigError(
+            f"record.directory: {recordings} cannot be written ({error.strerror}); name another directory"
+        ) from None
+
+
 def replay(
     log_path: Path,
     config: Config,
@@ -123,7 +140,6 @@ def replay(
     estimator = machine.estimator()
     collector = Collector(config)
     tee = _Tee(machine.drive)
-    output.mkdir(parents=True, exist_ok=True)
 
     def blocks() -> Iterator[EstimateBlock]:
         for block in estimates_of(log, machine.plan, tee, estimator, progress):
@@ -131,10 +147,11 @@ def replay(
             yield block
 
     open_loop = _open_loop(machine, frames_of_log(log, machine.plan))
-    summary = write_results(
-        output, suffix, estimator.layout, blocks(), log, config.digest, _verdicts(config, log) | open_loop
-    )
-    write_overview(output / "overview.png", config, collector.samples(), f"replay of {log_path.name}")
+    with results_in(output) as part:
+        summary = write_results(
+            part, suffix, estimator.layout, blocks(), log, config.digest, _verdicts(config, log) | open_loop
+        )
+        write_overview(part / "overview.png", config, collector.samples(), f"replay of {log_path.name}")
     return summary
 
 
@@ -234,9 +251,10 @@ def simulate(
     if not parts:
         raise LogError(f"{program}: an input that the model needs never has a value; fill its column")
     time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
-    write_log(output, time_s, _simulated_columns(machine, log, time_s, law_W, rows))
     title = f"open-loop prediction of {program.name}"
-    write_simulation_overview(output.parent / "overview.png", config, collector.samples(), title)
+    with results_in(output.parent) as part:
+        write_log(part / output.name, time_s, _simulated_columns(machine, log, time_s, law_W, rows))
+        write_simulation_overview(part / "overview.png", config, collector.samples(), title)
     return np.asarray(rows[-1, machine.plant.rows.sensor_slice])
 
 
@@ -288,21 +306,16 @@ def calibrate(
     config = load(config_path)
     plan = AlignPlan.of(config)
     runs = [list(frames_of_log(read_log(path, config.channels), plan)) for path in log_paths]
-    found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
-    progress("process noise by maximum likelihood")
-    noise = fit_noise(found.config, runs)
-    result = calibration_result(found, noise)
-    output.mkdir(parents=True, exist_ok=True)
-    text = config_path.read_text(encoding="utf-8")
-    _write_whole(output / "config.toml", write_back(text, found.values | noise))
-    _write_whole(output / "calibration.json", json.dumps(result, indent=2, allow_nan=False) + "\n")
+    with results_in(output) as part:
+        found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+        progress("process noise by maximum likelihood")
+        noise = fit_noise(found.config, runs)
+        result = calibration_result(found, noise)
+        text = write_back(config_path.read_text(encoding="utf-8"), found.values | noise)
+        (part / "config.toml").write_text(text, encoding="utf-8")
+        document = json.dumps(result, indent=2, allow_nan=False) + "\n"
+        (part / "calibration.json").write_text(document, encoding="utf-8")
     return result
-
-
-def _write_whole(path: Path, text: str) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
 
 
 def place(config: Config, count: int, spacing_m: float | None) -> list[dict[str, Any]]:

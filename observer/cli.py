@@ -25,7 +25,21 @@ OutputOption = Annotated[
     Path, typer.Option("--output", "-o", help="Folder for the results; made if missing.")
 ]
 SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself after this many seconds.")]
-ConnectOption = Annotated[str, typer.Option(help="Zenoh endpoint of the service or its router.")]
+
+
+def _endpoint(text: str) -> str:
+    """Refuse what is no endpoint before anything is started."""
+    from observer.endpoints import checked_endpoint
+
+    try:
+        return checked_endpoint(text)
+    except ValueError as error:
+        raise UserError(f"--listen, --connect: {error}") from None
+
+
+ConnectOption = Annotated[
+    str, typer.Option(help="Zenoh endpoint of the service or its router.", callback=_endpoint)
+]
 MachineOption = Annotated[str, typer.Option(help="Machine to watch; * for whichever is there.")]
 AxisOption = Annotated[str, typer.Option(help="Axis to watch; * for whichever is there.")]
 
@@ -47,7 +61,9 @@ class LogFormat(StrEnum):
 @app.command()
 def demo(
     seconds: SecondsOption = None,
-    listen: Annotated[str, typer.Option(help="Where the demo's Zenoh router listens.")] = DEFAULT_ENDPOINT,
+    listen: Annotated[
+        str, typer.Option(help="Where the demo's Zenoh router listens.", callback=_endpoint)
+    ] = DEFAULT_ENDPOINT,
     plain: Annotated[bool, typer.Option(help="One line a second in place of the live table.")] = False,
 ) -> None:
     """Run the main job on a simulated machine: real Modbus and CAN, estimates beside the truth."""

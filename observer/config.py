@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
+from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=64)]
@@ -24,6 +25,7 @@ Channel = Annotated[str, Field(min_length=1, max_length=128)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Endpoint = Annotated[str, AfterValidator(checked_endpoint)]
 Temperature = Annotated[float, Field(gt=-273.15, lt=2000)]
 
 
@@ -205,8 +207,8 @@ class Publish(Section):
     """The Zenoh session of the daemon."""
 
     mode: Literal["client", "peer", "router"] = "peer"
-    connect: tuple[str, ...] = ()
-    listen: tuple[str, ...] = ()
+    connect: tuple[Endpoint, ...] = ()
+    listen: tuple[Endpoint, ...] = ()
     field_rate_Hz: Annotated[float, Field(gt=0, le=50)] = 2.0
     history: Annotated[int, Field(ge=1, le=100_000)] = 1000
 
@@ -250,7 +252,9 @@ class Config(Section):
         places += [("output: positions_m", x) for x in self.output.positions_m or ()]
         for place, x_m in places:
             if x_m > length_m:
-                raise ValueError(f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m")
+                raise ValueError(
+                    f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m; mend one"
+                )
         return self
 
     @model_validator(mode="after")
@@ -322,10 +326,12 @@ def _one_sentence(error: ValidationError, table: dict[str, Any], place: str) -> 
         kind = first["input"].get("kind") if isinstance(first["input"], dict) else None
         stated = "kind is missing" if kind is None else f"unknown kind {kind!r}"
         message = f"{stated}; give one of {', '.join(DRIVER_KINDS)}"
-    else:
+    elif first["type"] in {"model_type", "model_attributes_type", "dict_type"}:
+        message = f"is to be a table, not {first['input']!r}; write [{key}] and its keys below"
+    elif first["type"] != "value_error":
         shown = first.get("input")
-        if isinstance(shown, int | float | str | bool) and first["type"] != "value_error":
-            message = f"{message[0].lower()}{message[1:]}, not {shown!r}"
+        what = f", not {shown!r}" if isinstance(shown, int | float | str | bool) else ""
+        message = f"{message[0].lower()}{message[1:]}{what}"
     more = error.error_count() - 1
     tail = f" ({more} more problem{'s' if more > 1 else ''})" if more else ""
     return f"{place}: {key}: {message}{tail}" if key else f"{place}: {message}{tail}"

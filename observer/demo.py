@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from observer.config import Config, load
+from observer.endpoints import refuse_taken
 from observer.errors import UserError
 
 START_S = 20.0
@@ -30,6 +31,7 @@ def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))
     config = load(demo_file())
+    refuse_taken((listen,), "--listen")
     name, axis = config.machine.name, config.machine.axis
     key = f"ballscrew/{name}/{axis}/truth/heat"
     with simulated_machine("--zenoh", listen, "--key", key) as wires:

@@ -143,8 +143,6 @@ def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> Luenberg
     """Place all modes and the heat by Kim's rule (27), for one sensor and one heat; lags stay."""
     if len(present) != 1 or plant.estimated.sum() != 1:
         return _refuse(plant, present, "Kim's rule is for one sensor and one estimated heat")
-    if plant.diffusion_rate_1_s is None:
-        return _refuse(plant, present, "Kim's rule needs the plant's α/L², which this plant does not state")
     if not present[0]:
         return _refuse(plant, present, "without the sensor there is nothing to correct by")
     pair = slow_pair(plant, step, np.inf)

@@ -106,7 +106,9 @@ def padded_width(columns: int) -> int:
 
 def pad_rows(array: FloatArray, width: int) -> FloatArray:
     """Return the array with its last axis padded with zeros to a width."""
-    return np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, width - array.shape[-1])])
+    padded = np.zeros((*array.shape[:-1], width))
+    padded[..., : array.shape[-1]] = array
+    return padded
 
 
 def contiguous(array: Any, dtype: Any = np.float64) -> Any:

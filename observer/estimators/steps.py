@@ -43,6 +43,7 @@ class StepCache:
             [int(j) not in self._moving for j in np.flatnonzero(plant.estimated)], dtype=np.bool_
         )
         self._known: dict[float, tuple[StepMatrices, FloatArray]] = {}
+        self._last: tuple[list[float], StepTable] | None = None
 
     def get(self, dt_s: float) -> tuple[StepMatrices, FloatArray]:
         """Return the step of that length and the noise of what does not move."""
@@ -54,7 +55,12 @@ class StepCache:
         return self._known[dt_s]
 
     def table(self, lengths_s: list[float]) -> StepTable:
-        """Stack the steps of these lengths."""
+        """Stack the steps of these lengths; the live service asks for the same again and again."""
+        if self._last is None or self._last[0] != lengths_s:
+            self._last = (lengths_s, self._stacked(lengths_s))
+        return self._last[1]
+
+    def _stacked(self, lengths_s: list[float]) -> StepTable:
         found = [self.get(dt_s) for dt_s in lengths_s]
 
         def stack(name: str) -> FloatArray:
@@ -77,12 +83,22 @@ class StepCache:
 def chunks(cache: StepCache, inputs: Inputs) -> Iterator[tuple[slice, list[float], InputArrays, StepTable]]:
     """Cut a block into stretches that share a table of few step lengths."""
     dt_s = quantise(inputs.dt_s)
+    if len(dt_s) == 1:  # the live service: nothing to sort
+        whole = slice(0, 1)
+        lengths_s = [float(dt_s[0])]
+        yield (
+            whole,
+            lengths_s,
+            pack_inputs(inputs, whole, np.zeros(1, dtype=np.int64)),
+            cache.table(lengths_s),
+        )
+        return
     start = 0
     while start < len(dt_s):
         stop = _end_of_chunk(dt_s, start)
-        lengths_s, step = np.unique(dt_s[start:stop], return_inverse=True)
+        lengths, step = np.unique(dt_s[start:stop], return_inverse=True)
         part = slice(start, stop)
-        yield part, lengths_s.tolist(), pack_inputs(inputs, part, step), cache.table(lengths_s.tolist())
+        yield part, lengths.tolist(), pack_inputs(inputs, part, step), cache.table(lengths.tolist())
         start = stop
 
 

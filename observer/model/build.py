@@ -85,6 +85,7 @@ def build_plant(config: Config) -> Plant:
         mode_index=tuple(i + 1 for i in kept),
         source_names=tuple(s.name for s in config.source),
         known_names=tuple(k.name for k in known),
+        diffusion_rate_1_s=rod.diffusivity_m2_s / rod.length_m**2,
     )
 
 

@@ -46,7 +46,8 @@ class Drive:
         self._known_channels[0] = config.ambient.channel
         fixed = {"ambient": config.ambient.temperature_degC, "reference": config.output.reference_degC}
         self._known_fixed = [fixed.get(name) for name in plant.known_names]
-        self._needed = [c for c, _ in self._laws] + self._known_channels + [s.channel for s in plant.moving]
+        needed = [c for c, _ in self._laws] + self._known_channels + [s.channel for s in plant.moving]
+        self._needed = [c for c in dict.fromkeys(needed) if c is not None]
 
     def initial(self) -> DriveState:
         """Return the state before the first frame."""
@@ -61,9 +62,9 @@ class Drive:
         sensors = [at[c] for c in self._sensor_channels]
         quality = frames.quality[:, sensors]
         law = self._law(frames, at, state)
-        law_before = np.vstack([np.where(np.isnan(state.law_W), law[0], state.law_W), law])[:-1]
+        law_before = _before(law, state.law_W)
         z = self._known(frames, at, state)
-        z_before = np.vstack([np.where(np.isnan(state.z), z[0], state.z), z])[:-1]
+        z_before = _before(z, state.z)
         nuts, moving_B, moving_C = self._nuts(state, frames)
         ready = np.asarray(np.isfinite(z).all(axis=1))
         inputs = Inputs(
@@ -95,7 +96,8 @@ class Drive:
         """The known inputs at each tick, (K, p), °C; the error's reference is the first ambient unless it
         is given.
         """
-        z = np.tile(state.z, (len(frames), 1))
+        z = np.empty((len(frames), len(state.z)))
+        z[:] = state.z
         for i, channel in enumerate(self._known_channels):
             if channel is not None:
                 z[:, i] = frames.values[:, at[channel]]
@@ -122,6 +124,14 @@ class Drive:
 
     def _degraded(self, frames: FrameBlock, at: dict[str, int]) -> BoolArray:
         """Whether some input other than a sensor was missing, late or refused at each tick, (K,)."""
-        needed = sorted({at[c] for c in self._needed if c is not None})
+        needed = [at[c] for c in self._needed]
         bad = np.asarray(frames.quality != int(Quality.GOOD))
         return np.asarray(bad[:, needed].any(axis=1))
+
+
+def _before(now: FloatArray, first: FloatArray) -> FloatArray:
+    """Return the rows (K, n) one step earlier; `first` (n,) comes before the first, itself where unknown."""
+    before = np.empty_like(now)
+    before[1:] = now[:-1]
+    before[0] = np.where(np.isnan(first), now[0], first)
+    return before

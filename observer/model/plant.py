@@ -92,7 +92,7 @@ class Plant:
     mode_index: tuple[int, ...]
     source_names: tuple[str, ...]
     known_names: tuple[str, ...]
-    diffusion_rate_1_s: float | None = None
+    diffusion_rate_1_s: float
 
     @property
     def modes(self) -> int:

@@ -11,7 +11,6 @@ from observer.frames import FloatArray, Inputs
 from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
 
-
 _CHUNK = 256
 """Steps worked on at a time: few enough that they stay in the cache."""
 

@@ -57,6 +57,13 @@ def session_config(mode: str, connect: tuple[str, ...], listen: tuple[str, ...])
     return config
 
 
+def listening(settings: Publish) -> tuple[str, ...]:
+    """Where a session of these settings listens: on loopback, if it is told no place and nobody to go to."""
+    if settings.listen or settings.connect or settings.mode == "client":
+        return settings.listen
+    return (DEFAULT_LISTEN,)
+
+
 def close_within(session: zenoh.Session, timeout_s: float) -> bool:
     """Close a session, giving up when a frozen peer does not answer; says whether it closed."""
     thread = threading.Thread(target=_close, args=(session,), name="zenoh-close", daemon=True)
@@ -161,12 +168,9 @@ class ZenohPublisher:
     def _run(self) -> None:
         """Open the session, however long it takes, then watch whether anybody is at the other end."""
         settings = self._settings
-        listen = settings.listen
-        if not listen and not settings.connect and settings.mode != "client":
-            listen = (DEFAULT_LISTEN,)
-        config = session_config(settings.mode, settings.connect, listen)
         while not self._closing.is_set() and self._link is None:
             try:
+                config = session_config(settings.mode, settings.connect, listening(settings))
                 session = zenoh.open(config)
                 self._link = self._declare(session)
             except zenoh.ZError as error:

@@ -190,6 +190,8 @@ def _key(axes: Axes, handles: Sequence[Artist], labels: Sequence[str], title: st
 
 def _limits(axes: Axes, values: FloatArray) -> None:
     """Limits from the values themselves, so that a wide band at the start does not flatten everything."""
+    if not np.isfinite(values).any():
+        return  # nothing was ever known
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     pad = 0.12 * max(high - low, 1e-6 + 0.01 * abs(high))
     axes.set_ylim(low - pad, high + pad)

@@ -84,7 +84,7 @@ def test_the_summary_counts_and_is_the_same_each_time(tmp_path):
     assert document["sensors"]["t1"]["innovation_rms_K"] == pytest.approx(
         np.sqrt(np.nanmean(innovation**2)), rel=1e-12
     )
-    assert summary.heat_mean_W["nut"] == document["heat_mean_W"]["nut"]
+    assert summary["heat_mean_W"]["nut"] == document["heat_mean_W"]["nut"]
 
 
 def test_progress_counts_rows_to_their_total(tmp_path):

@@ -60,7 +60,13 @@ def rows(n: int = 40) -> list[list[str]]:
     """A good log of n samples, header first."""
     rng = np.random.default_rng(3)
     body = [
-        [f"{0.5 * k}", f"{25 + rng.normal(0, 0.1):.3f}", f"{25 + rng.normal(0, 0.1):.3f}", f"{0.3 + 0.01 * k}", "900"]
+        [
+            f"{0.5 * k}",
+            f"{25 + rng.normal(0, 0.1):.3f}",
+            f"{25 + rng.normal(0, 0.1):.3f}",
+            f"{0.3 + 0.01 * k}",
+            "900",
+        ]
         for k in range(n)
     ]
     return [["time_s", *CHANNELS], *body]
@@ -88,7 +94,9 @@ def _of_text(content: bytes) -> Callable[[Path], list[str]]:
     return arguments
 
 
-def _of_log(content: str | bytes | None, name: str = "log.csv", output: str = "out") -> Callable[[Path], list[str]]:
+def _of_log(
+    content: str | bytes | None, name: str = "log.csv", output: str = "out"
+) -> Callable[[Path], list[str]]:
     """A replay of a log with this content; None stands for no log at all."""
 
     def arguments(folder: Path) -> list[str]:
@@ -114,7 +122,15 @@ def _simulate(program: str, output: str = "predicted.csv") -> Callable[[Path], l
     def arguments(folder: Path) -> list[str]:
         (folder / "program.csv").write_text(program)
         config = write(folder, TABLE)
-        return ["simulate", "-c", str(config), "--program", str(folder / "program.csv"), "-o", str(folder / output)]
+        return [
+            "simulate",
+            "-c",
+            str(config),
+            "--program",
+            str(folder / "program.csv"),
+            "-o",
+            str(folder / output),
+        ]
 
     return arguments
 
@@ -132,7 +148,14 @@ def _simulate_into_a_folder(folder: Path) -> list[str]:
 def _calibrate(log: str, output: str = "out", table: dict[str, Any] = TABLE) -> Callable[[Path], list[str]]:
     def arguments(folder: Path) -> list[str]:
         (folder / "log.csv").write_text(log)
-        return ["calibrate", str(folder / "log.csv"), "-c", str(write(folder, table)), "-o", str(folder / output)]
+        return [
+            "calibrate",
+            str(folder / "log.csv"),
+            "-c",
+            str(write(folder, table)),
+            "-o",
+            str(folder / output),
+        ]
 
     return arguments
 

@@ -77,7 +77,11 @@ def table_for(wires: dict[str, Any], **publish: Any) -> dict[str, Any]:
     """The demo's configuration as a table, on these wires and at the tests' period."""
     table = tomllib.loads(DEMO.read_text(encoding="utf-8"))
     table["estimator"]["period_s"] = PERIOD_S
-    table["drivers"]["thermocouples"] |= {"port": wires["modbus_port"], "period_s": PERIOD_S, "timeout_s": 0.3}
+    table["drivers"]["thermocouples"] |= {
+        "port": wires["modbus_port"],
+        "period_s": PERIOD_S,
+        "timeout_s": 0.3,
+    }
     table["drivers"]["axis"] |= {"channel": wires["can_device"], "timeout_s": 0.15}
     table["drivers"]["axis"]["dbc"] = str(ROOT / "drivers" / "simulated" / "axis.dbc")
     table["publish"] = publish
@@ -94,7 +98,9 @@ def write(folder: Path, table: dict[str, Any], name: str = "config.toml") -> Pat
 class Daemon:
     """`observer run` as a process; what it says on standard error is kept in a file."""
 
-    def __init__(self, folder: Path, table: dict[str, Any], launcher: tuple[str, ...] = ("-m", "observer")) -> None:
+    def __init__(
+        self, folder: Path, table: dict[str, Any], launcher: tuple[str, ...] = ("-m", "observer")
+    ) -> None:
         self.recordings = folder / "recordings"
         self.config = write(folder, table | {"record": {"directory": str(self.recordings)}})
         self._stderr = folder / "stderr"

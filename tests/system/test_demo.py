@@ -24,7 +24,9 @@ DEFAULT = "tcp/127.0.0.1:7447"
 
 def _readme_subscriber() -> str:
     """The plain Zenoh subscriber that the README shows."""
-    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    blocks = re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S
+    )
     (code,) = [block for block in blocks if "ballscrew/demo/x/heat" in block]
     return str(code)
 
@@ -46,7 +48,9 @@ def demo(tmp_path_factory):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = ["demo", "--seconds", str(SECONDS), "--plain", "--listen", endpoint]
     with (folder / "out").open("wb") as out, (folder / "err").open("wb") as err:
-        process = subprocess.Popen([sys.executable, "-m", "observer", *command], cwd=folder, stdout=out, stderr=err)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "observer", *command], cwd=folder, stdout=out, stderr=err
+        )
     try:
         with Subscriber(endpoint) as seen:
             until(lambda: "heat" in seen.documents, 60.0)

@@ -20,7 +20,9 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
 
 def _replay(daemon: Daemon, output: Path) -> Path:
     command = ["replay", str(daemon.recording()), "--config", str(daemon.config), "--output", str(output)]
-    done = subprocess.run([sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     return output
 
@@ -49,7 +51,9 @@ def _columns(message: dict[str, Any]) -> dict[str, np.float32]:
 
 def _assert_same(message: dict[str, Any], row: dict[str, str]) -> None:
     columns = _columns(message)
-    qualities = dict(zip((f"quality_{n}" for n in message["sensors"]), message["sensor_quality"], strict=True))
+    qualities = dict(
+        zip((f"quality_{n}" for n in message["sensors"]), message["sensor_quality"], strict=True)
+    )
     assert row.keys() == {"time_s"} | columns.keys() | qualities.keys()
     for name, value in columns.items():
         replayed = np.float32(row[name] or "nan")
