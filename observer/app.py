@@ -18,7 +18,7 @@ from observer.errors import ConfigError, LogError
 from observer.estimators import build_estimator
 from observer.estimators.protocol import Estimator
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
-from observer.logs import Log, read_log
+from observer.logs import Log, read_log, suffix_of
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
@@ -238,6 +238,7 @@ def simulate(
     from observer.report.collect import SimulationCollector
     from observer.report.overview import write_simulation_overview
 
+    suffix_of(output)
     machine = Machine.of(config)
     log = _program(program, config)
     collector = SimulationCollector(config)

@@ -27,14 +27,14 @@ OutputOption = Annotated[
 SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself after this many seconds.")]
 
 
-def _endpoint(text: str) -> str:
+def _endpoint(option: typer.CallbackParam, text: str) -> str:
     """Refuse what is no endpoint before anything is started."""
     from observer.endpoints import checked_endpoint
 
     try:
         return checked_endpoint(text)
     except ValueError as error:
-        raise UserError(f"--listen, --connect: {error}") from None
+        raise UserError(f"{option.opts[0]}: {error}") from None
 
 
 ConnectOption = Annotated[

@@ -27,6 +27,7 @@ POLE_TOLERANCE = 0.01
 _SPREAD = 0.15
 _FASTEST_PER_STEP = 2.0
 _NEGLIGIBLE_Z = 1e-6
+_TOLD = 1e-6  # relative residual of the Lyapunov equation up to which its solution is believed
 _ROUNDING = 1e-10
 # Poles are exact from the first iteration; the others only make the gain more robust, and they are dear.
 _ITERATIONS = 10
@@ -163,17 +164,20 @@ def determinable(pair: SlowPair, present: BoolArray) -> bool:
 
 
 def noise_gain(M: FloatArray, K: FloatArray, heats: int) -> FloatArray:
-    """Return each heat's steady σ, W, under white noise of 1 K per sensor: Σ = M Σ Mᵀ + K Kᵀ with M = (I - K
-    C) Ad.
+    """Return each heat's steady σ, W, under white noise of 1 K per sensor: Σ = M Σ Mᵀ + K Kᵀ with M = (I -
+    K C) Ad. Infinite where the loop is unstable. Where it is so ill-conditioned that double precision
+    cannot tell, a lower bound: what one sample alone moves the heat, the norm of its row of K.
     """
     if not is_stable(M):
         return np.full(heats, np.inf)
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # an ill-conditioned equation shows as a huge gain, which is then judged
+        warnings.simplefilter("ignore")  # an ill-conditioned equation shows in the residual below
         Sigma = solve_discrete_lyapunov(M, K @ K.T)
-    return np.sqrt(np.maximum(np.diag(Sigma)[-heats:], 0.0))
+    residual = np.abs(M @ Sigma @ M.T + K @ K.T - Sigma).max()
+    variance = np.diag(Sigma)[-heats:]
+    if not residual <= _TOLD * np.abs(Sigma).max() or np.any(variance < 0.0):
+        return np.asarray(np.linalg.norm(K[-heats:], axis=1))
+    return np.sqrt(variance)
 
 
 def is_stable(M: FloatArray) -> bool:

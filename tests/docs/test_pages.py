@@ -73,9 +73,10 @@ def _check(table: dict[str, Any], place: str) -> None:
             SECTIONS[name].model_validate(section)
 
 
-def test_files_named_in_the_path_of_a_reading_exist() -> None:
-    text = (DOCS / "path-of-a-reading.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`((?:observer|drivers|tests|config|docs)/[\w./-]+\.\w+)`", text))
+@pytest.mark.parametrize("page", ["path-of-a-reading.md", "verification.md"])
+def test_files_named_in_a_page_exist(page: str) -> None:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:observer|drivers|tests|benchmarks|config|docs)/[\w./-]+\.\w+)`", text))
     assert named, "the page names no files"
     assert not [name for name in sorted(named) if not (ROOT / name).exists()]
 

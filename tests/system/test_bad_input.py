@@ -1,0 +1,159 @@
+"""Bad input of every kind: one sentence with place and remedy, exit code 2, nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from observer.cli import main
+from tests.system.bad_inputs import CONFIGURATIONS, LOGS, OTHERS, TABLE, USAGE, Case, changed, rows, text
+from tests.system.plant import ROOT, write
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+
+EVERY = [*CONFIGURATIONS, *LOGS, *OTHERS]
+# One of each command as a process of its own, where also its imports and its exit are the real ones.
+PROCESSES = [
+    "unknown kind of driver", "missing column", "simulate: channel missing", "calibrate: too short",
+    "place: more than sites", "run: a channel without a driver", "watch: bad endpoint", "demo: bad endpoint",
+]  # fmt: skip
+
+
+def _name(case: Case) -> str:
+    return case.name
+
+
+def _tree(folder: Path) -> dict[str, bytes | None]:
+    """Every file with its content and every folder below a folder."""
+    return {str(p): p.read_bytes() if p.is_file() else None for p in folder.rglob("*")}
+
+
+def _assert_one_sentence(case: Case, printed: str) -> None:
+    (line,) = printed.splitlines()
+    assert line.startswith("observer: ")
+    for word in case.words:
+        assert word in line, (word, line)
+
+
+@pytest.fixture
+def command(monkeypatch, tmp_path, capfd):
+    """Runs a command line in this process as the program would; gives exit code, output and errors."""
+
+    def leave(code: int) -> None:
+        raise AssertionError(f"it started, and left with {code}")
+
+    def run(arguments: list[str]) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["observer", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, *capfd.readouterr()
+
+    monkeypatch.setattr("observer.service.shutdown.leave", leave)
+    monkeypatch.chdir(tmp_path)
+    return run
+
+
+@pytest.mark.parametrize("case", EVERY, ids=_name)
+def test_bad_input_is_answered_in_one_sentence(case, tmp_path, command):
+    arguments = case.arguments(tmp_path)
+    before = _tree(tmp_path)
+    code, _, errors = command(arguments)
+    assert code == 2
+    _assert_one_sentence(case, errors)
+    assert _tree(tmp_path) == before
+
+
+@pytest.mark.parametrize("case", USAGE, ids=_name)
+def test_a_wrong_option_is_answered_with_the_usage(case, tmp_path, command):
+    code, output, errors = command(case.arguments(tmp_path))
+    assert code == 2
+    assert "Usage: observer" in errors
+    assert "Traceback" not in errors
+    for word in case.words:
+        assert word in errors
+    assert output == ""
+
+
+@pytest.mark.parametrize("case", [c for c in EVERY if c.name in PROCESSES], ids=_name)
+def test_and_so_it_is_by_the_program_itself(case, tmp_path):
+    arguments = case.arguments(tmp_path)
+    before = _tree(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-m", "observer", *arguments],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    _assert_one_sentence(case, done.stderr)
+    assert _tree(tmp_path) == before
+
+
+@pytest.mark.parametrize("verb", ["run", "demo"])
+def test_a_port_that_another_program_has(verb, tmp_path, command):
+    (tmp_path / "log.csv").write_text(text(rows()), encoding="utf-8")
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken = f"tcp/127.0.0.1:{other.getsockname()[1]}"
+        player = {"kind": "player", "path": "log.csv"}
+        config = write(tmp_path, changed(drivers__log=player, publish={"mode": "router", "listen": [taken]}))
+        arguments = {"run": ["--config", str(config)], "demo": ["--listen", taken]}[verb]
+        code, _, errors = command([verb, *arguments, "--seconds", "0.5"])
+    assert code == 2
+    place = {"run": "publish.listen", "demo": "--listen"}[verb]
+    assert (
+        errors == f"observer: {place}: another program listens on {taken}; stop it or choose another port\n"
+    )
+
+
+def test_results_of_before_survive_a_replay_that_fails(tmp_path, command):
+    """Here the last file, the picture, cannot be put in its place."""
+    (tmp_path / "log.csv").write_text(text(rows()), encoding="utf-8")
+    (tmp_path / "out" / "overview.png").mkdir(parents=True)
+    (tmp_path / "out" / "estimates.csv").write_text("of before", encoding="utf-8")
+    config = write(tmp_path, TABLE)
+    before = _tree(tmp_path)
+    code, _, errors = command(["replay", "log.csv", "--config", str(config), "--output", "out"])
+    assert code == 2
+    assert "out/overview.png" in errors
+    assert _tree(tmp_path) == before
+
+
+def test_a_log_without_a_single_value_gives_no_estimate_that_looks_good(tmp_path):
+    """Empty cells are allowed, so this is no bad input; but nothing may seem to be known."""
+    empty = [row if k == 0 else [row[0], "", "", "", ""] for k, row in enumerate(rows())]
+    (tmp_path / "log.csv").write_text(text(empty), encoding="utf-8")
+    command = ["replay", "log.csv", "--config", str(write(tmp_path, TABLE)), "--output", "out"]
+    done = subprocess.run(
+        [sys.executable, "-m", "observer", *command],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "40 invalid" in done.stdout
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"estimates.csv", "summary.json", "overview.png"}
+
+
+def test_a_quiet_log_says_what_it_cannot_tell(tmp_path):
+    still = [row if k == 0 else [*row[:4], "0"] for k, row in enumerate(rows(800))]
+    (tmp_path / "log.csv").write_text(text(still), encoding="utf-8")
+    command = ["calibrate", "log.csv", "--config", str(write(tmp_path, TABLE)), "--output", "out"]
+    done = subprocess.run(
+        [sys.executable, "-m", "observer", *command],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "screw_speed_rpm stays at 0" in done.stderr
