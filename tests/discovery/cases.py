@@ -11,8 +11,8 @@ import numpy as np
 from observer.config import Config, load, parse
 from observer.frames import FloatArray, FrameBlock
 from observer.logs import read_log
-from observer.model.drive import Drive
 from observer.model.build import build_plant
+from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from observer.service.align import AlignPlan, frames_of_log
 

@@ -10,8 +10,8 @@ from observer.discovery.runs import joined
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.likelihood import innovations_log_likelihood
 from observer.frames import EstimateQuality
-from observer.model.drive import Drive
 from observer.model.build import build_plant
+from observer.model.drive import Drive
 from tests.discovery.cases import machine, made_log, rig
 
 

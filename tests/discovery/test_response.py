@@ -6,8 +6,8 @@ import pytest
 from observer.discovery.parameters import replaced
 from observer.discovery.response import Predictor
 from observer.discovery.runs import joined, prepare
-from observer.model.drive import Drive
 from observer.model.build import build_plant
+from observer.model.drive import Drive
 from observer.model.simulate import simulate, start_from_sensors
 from tests.discovery.cases import machine, made_log, rig
 

@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from observer.estimators.kalman import KalmanEstimator
-from observer.model.drive import Drive
 from observer.model.build import build_plant
+from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from observer.report.collect import Collector, EstimateSamples, SimulationCollector, SimulationSamples
 from observer.report.overview import write_overview, write_simulation_overview

@@ -10,8 +10,8 @@ from observer.config import parse
 from observer.estimators import build_estimator
 from observer.frames import EstimateBlock, Reading
 from observer.logs import read_log
-from observer.model.drive import Drive
 from observer.model.build import build_plant
+from observer.model.drive import Drive
 from observer.service.align import Aligner, AlignPlan, frames_of_log
 from observer.service.pipeline import Pipeline
 from tests.service.streams import play, write

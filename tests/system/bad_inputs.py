@@ -186,35 +186,73 @@ CONFIGURATIONS = [
     Case("not UTF-8", _of_text(b"\xff\xfe[screw]"), ("config.toml", "UTF-8")),
     Case("not TOML", _of_text(b"[screw\nlength_m = 1"), ("not valid TOML", "line 1")),
     Case("empty", _of_text(b""), ("screw", "is missing", "add it")),
-    Case("unknown key", _of_config(changed(screw__lenght_m=1.0)), ("screw.lenght_m", "did you mean length_m")),
+    Case(
+        "unknown key", _of_config(changed(screw__lenght_m=1.0)), ("screw.lenght_m", "did you mean length_m")
+    ),
     Case("unknown section", _of_config(changed(sensors=[])), ("sensors", "did you mean sensor")),
     Case("missing section", _of_config(changed(screw=None)), ("screw", "is missing")),
     Case("missing key", _of_config(changed(screw__diameter_m=None)), ("screw.diameter_m", "is missing")),
     Case("wrong type", _of_config(changed(screw__length_m="long")), ("screw.length_m", "number", "'long'")),
     Case("table for a number", _of_config(changed(screw__length_m={"m": 1.0})), ("screw.length_m", "number")),
-    Case("out of range", _of_config(changed(screw__length_m=-1.0)), ("screw.length_m", "greater than 0", "-1.0")),
+    Case(
+        "out of range",
+        _of_config(changed(screw__length_m=-1.0)),
+        ("screw.length_m", "greater than 0", "-1.0"),
+    ),
     Case("NaN", _of_config(changed(screw__length_m=float("nan"))), ("screw.length_m",)),
-    Case("sensor off the screw", _of_config(changed(sensor__1__position_m=1.4)), ("sensor t2", "1.4", "beyond")),
+    Case(
+        "sensor off the screw", _of_config(changed(sensor__1__position_m=1.4)), ("sensor t2", "1.4", "beyond")
+    ),
     Case("names twice", _of_config(changed(sensor__1__name="t1")), ('called "t1"', "own name")),
     Case("channels twice", _of_config(changed(sensor__1__channel="t1_degC")), ('"t1_degC"', "own name")),
     Case("two ambients", _of_config(changed(ambient__channel="a")), ("ambient", "exactly one")),
     Case("no shape", _of_config(changed(source__0__shape=None)), ('source "nut".shape', "is missing")),
-    Case("law half said", _of_config(changed(source__0__speed_channel=None)), ('source "nut"', "needs speed_channel")),
-    Case("unknown kind of driver", _of_config(changed(drivers__tc={"kind": "modbus"})),
-         ("drivers.tc", "'modbus'", "modbus_tcp, modbus_rtu, can, canopen, player")),
-    Case("no kind of driver", _of_config(changed(drivers__tc={"host": "x"})), ("drivers.tc", "kind is missing", "can")),
-    Case("driver no table", _of_config(changed(drivers__tc=3)), ("drivers.tc", "table", "3", "write [drivers.tc]")),
-    Case("unknown key of a driver", _of_config(changed(drivers__tc=MODBUS | {"prot": 502})),
-         ("drivers.tc.prot", "did you mean port")),
-    Case("input beyond the device", _of_config(changed(drivers__tc=MODBUS | {"channels": {"t1_degC": 9}})),
-         ("drivers.tc", "t1_degC", "0 to 7")),
-    Case("input beyond all devices", _of_config(changed(drivers__tc=MODBUS | {"channels": {"t1_degC": 99}})),
-         ("drivers.tc.channels.t1_degC:", "63")),
-    Case("register beyond all", _of_config(changed(drivers__tc=MODBUS | {"channels": {"a": {"register": 70000}}})),
-         ("drivers.tc.channels.a.register:", "65535", "70000")),
-    Case("unknown fitted key", _calibrate(text(rows()), table=changed(calibrate__free=["surface.colour"])),
-         ("surface.colour",)),
-]  # fmt: skip
+    Case(
+        "law half said",
+        _of_config(changed(source__0__speed_channel=None)),
+        ('source "nut"', "needs speed_channel"),
+    ),
+    Case(
+        "unknown kind of driver",
+        _of_config(changed(drivers__tc={"kind": "modbus"})),
+        ("drivers.tc", "'modbus'", "modbus_tcp, modbus_rtu, can, canopen, player"),
+    ),
+    Case(
+        "no kind of driver",
+        _of_config(changed(drivers__tc={"host": "x"})),
+        ("drivers.tc", "kind is missing", "can"),
+    ),
+    Case(
+        "driver no table",
+        _of_config(changed(drivers__tc=3)),
+        ("drivers.tc", "table", "3", "write [drivers.tc]"),
+    ),
+    Case(
+        "unknown key of a driver",
+        _of_config(changed(drivers__tc=MODBUS | {"prot": 502})),
+        ("drivers.tc.prot", "did you mean port"),
+    ),
+    Case(
+        "input beyond the device",
+        _of_config(changed(drivers__tc=MODBUS | {"channels": {"t1_degC": 9}})),
+        ("drivers.tc", "t1_degC", "0 to 7"),
+    ),
+    Case(
+        "input beyond all devices",
+        _of_config(changed(drivers__tc=MODBUS | {"channels": {"t1_degC": 99}})),
+        ("drivers.tc.channels.t1_degC:", "63"),
+    ),
+    Case(
+        "register beyond all",
+        _of_config(changed(drivers__tc=MODBUS | {"channels": {"a": {"register": 70000}}})),
+        ("drivers.tc.channels.a.register:", "65535", "70000"),
+    ),
+    Case(
+        "unknown fitted key",
+        _calibrate(text(rows()), table=changed(calibrate__free=["surface.colour"])),
+        ("surface.colour",),
+    ),
+]
 
 LOGS = [
     Case("no log", _of_log(None), ("log.csv", "no such file")),
@@ -229,11 +267,19 @@ LOGS = [
     Case("time repeats", _of_log(with_cell(9, 0, "3.5")), ("row 9 (line 10)", "repeats")),
     Case("NaN time", _of_log(with_cell(5, 0, "nan")), ("row 5 (line 6)", "time_s", "give seconds")),
     Case("infinite time", _of_log(with_cell(40, 0, "inf")), ("row 40 (line 41)", "time_s")),
-    Case("text in a number", _of_log(with_cell(7, 2, "warm")), ("row 7 (line 8)", '"t2_degC"', "'warm'", "mend")),
+    Case(
+        "text in a number",
+        _of_log(with_cell(7, 2, "warm")),
+        ("row 7 (line 8)", '"t2_degC"', "'warm'", "mend"),
+    ),
     Case("a cell too many", _of_log(with_cell(7, 2, "1,2")), ("row 7 (line 8)", "6 cells", "5")),
     Case("last row cut", _of_log(text(rows())[:-12]), ("cut off", "--accept-truncated")),
     Case("cut gzip", _of_log(gzip.compress(text(rows(400)).encode())[:-900], "log.csv.gz"), ("cut off",)),
-    Case("cut in the header of gzip", _of_log(gzip.compress(text(rows()).encode())[:12], "log.csv.gz"), ("log.csv.gz",)),
+    Case(
+        "cut in the header of gzip",
+        _of_log(gzip.compress(text(rows()).encode())[:12], "log.csv.gz"),
+        ("log.csv.gz",),
+    ),
     Case("not gzip", _of_log(text(rows()), "log.csv.gz"), ("damaged gzip", "again")),
     Case("not Parquet", _of_log(text(rows()), "log.parquet"), ("not Parquet", "again")),
     Case("binary", _of_log(bytes(range(256)) * 20), ("log.csv", "first column", "time_s")),
@@ -241,10 +287,14 @@ LOGS = [
     Case("damaged CAN recording", _of_log("nonsense\n", "log.asc"), ("log.asc",)),
     Case("output is a file", _to_a_file, ("out", "folder")),
     Case("output below a file", _beyond_a_file, ("file", "folder")),
-]  # fmt: skip
+]
 
 OTHERS = [
-    Case("simulate: channel missing", _simulate(_without("screw_speed_rpm")), ('"screw_speed_rpm"', "is missing")),
+    Case(
+        "simulate: channel missing",
+        _simulate(_without("screw_speed_rpm")),
+        ('"screw_speed_rpm"', "is missing"),
+    ),
     Case("simulate: output is a folder", _simulate_into_a_folder, ("predicted.csv", "cannot be written")),
     Case("simulate: unknown suffix", _simulate(text(rows()), "predicted.xls"), ("predicted.xls", ".csv")),
     Case("calibrate: too short", _calibrate(text(rows(2))), ("longest log", "300 s", "record")),
@@ -254,14 +304,26 @@ OTHERS = [
     Case("run: a channel without a driver", _run(drivers__tc=MODBUS), ("t2_degC", "add the channel")),
     Case("run: bad DBC", _bad_dbc, ("bad.dbc",)),
     Case("run: no DBC", _run(drivers__can=CAN), ("bad.dbc",)),
-    Case("run: no recording to play", _run(drivers__log={"kind": "player", "path": "none.csv"}), ("none.csv",)),
+    Case(
+        "run: no recording to play", _run(drivers__log={"kind": "player", "path": "none.csv"}), ("none.csv",)
+    ),
     Case("run: recordings below a file", _record_below_a_file, ("recordings", "directory")),
     Case("run: unknown mode", _run(publish__mode="hub"), ("publish.mode", "router")),
-    Case("run: bad endpoint", _run(publish__listen=["7447"]), ("publish.listen", "'7447'", "tcp/127.0.0.1:7447")),
-    Case("watch: bad endpoint", lambda f: ["watch", "--connect", "7447", "--seconds", "1"], ("7447", "--connect")),
+    Case(
+        "run: bad endpoint",
+        _run(publish__listen=["7447"]),
+        ("publish.listen", "'7447'", "tcp/127.0.0.1:7447"),
+    ),
+    Case(
+        "watch: bad endpoint",
+        lambda f: ["watch", "--connect", "7447", "--seconds", "1"],
+        ("7447", "--connect"),
+    ),
     Case("health: bad endpoint", lambda f: ["health", "--connect", "7447"], ("7447", "--connect")),
-    Case("demo: bad endpoint", lambda f: ["demo", "--listen", "7447", "--seconds", "2"], ("7447", "--listen")),
-]  # fmt: skip
+    Case(
+        "demo: bad endpoint", lambda f: ["demo", "--listen", "7447", "--seconds", "2"], ("7447", "--listen")
+    ),
+]
 
 # What the option parser itself refuses: usage and reason, in several lines.
 USAGE = [

@@ -1,4 +1,4 @@
-"""A simulated machine, the real daemon beside it and a plain subscriber, each as a process or session of its own."""
+"""A simulated machine, the real daemon and a plain subscriber, each in a process or session of its own."""
 
 from __future__ import annotations
 

@@ -49,14 +49,14 @@ def demo(tmp_path_factory):
     command = ["demo", "--seconds", str(SECONDS), "--plain", "--listen", endpoint]
     with (folder / "out").open("wb") as out, (folder / "err").open("wb") as err:
         process = subprocess.Popen(
-            [sys.executable, "-m", "observer", *command], cwd=folder, stdout=out, stderr=err
+            [sys.executable, "-m", "observer", *command], cwd=ROOT, stdout=out, stderr=err
         )
     try:
         with Subscriber(endpoint) as seen:
             until(lambda: "heat" in seen.documents, 60.0)
             readme = subprocess.run(
                 [sys.executable, "-c", _readme_subscriber().replace(DEFAULT, endpoint)],
-                cwd=folder,
+                cwd=ROOT,
                 capture_output=True,
                 text=True,
                 timeout=20,

@@ -56,7 +56,7 @@ def test_a_router_that_freezes_and_thaws(tmp_path):
             thawed_s = time.time()
             until(lambda: any(e["time_s"] > thawed_s for e in list(seen.estimates)), 8.0)
             router.freeze()
-            time.sleep(0.5)
+            time.sleep(2.5)  # the link has been given up, and a new one hangs half open
             assert daemon.stop() < 2.0
             router.thaw()
         during = [t for t in daemon.step_times_s() if frozen_s < t < thawed_s]

@@ -50,18 +50,26 @@ class NutTable:
 
 @dataclass(frozen=True, slots=True)
 class NutState:
-    """What is remembered of a nut between steps: last sample, recent largest jump, averaged columns."""
+    """What is remembered of a nut between steps.
+
+    Last sample and recent largest jump; the columns in force, `B` (n_x,), `C` (R,); and the fading sums
+    `sum_B`, `sum_C` of the footprints at the sampled points, with their `weight_s`.
+    """
 
     time_s: float
     position_m: float
     reach_m: float
+    weight_s: float
     B: FloatArray
     C: FloatArray
+    sum_B: FloatArray
+    sum_C: FloatArray
 
 
 def start(table: NutTable) -> NutState:
     """Return the state before the first position is known."""
-    return NutState(np.nan, np.nan, 0.0, table.mean_B.copy(), table.mean_C.copy())
+    B, C = table.mean_B.copy(), table.mean_C.copy()
+    return NutState(np.nan, np.nan, 0.0, 0.0, B, C, np.zeros_like(B), np.zeros_like(C))
 
 
 def columns(
@@ -75,23 +83,26 @@ def columns(
     `path` is the samples' time, position and offset (K+1,) as in `FrameBlock`. Returns the state after the
     last step, the input columns (K, n_x) and the output columns of the source's lag (K, R).
     """
-    scalars = np.array([state.time_s, state.position_m, state.reach_m])
-    B, C = state.B.copy(), state.C.copy()
+    scalars = np.array([state.time_s, state.position_m, state.reach_m, state.weight_s])
+    B, C, sum_B, sum_C = state.B.copy(), state.C.copy(), state.sum_B.copy(), state.sum_C.copy()
     out_B, out_C = np.empty((len(dt_s), len(B))), np.empty((len(dt_s), len(C)))
     _average(
-        scalars, B, C, dt_s, *path, out_B, out_C, table.mu_1_m, table.phase, table.scale,
+        scalars, B, C, sum_B, sum_C, dt_s, *path, out_B, out_C, table.mu_1_m, table.phase, table.scale,
         table.conductance_W_m, table.nut_m, table.screw_m, table.stroke_m, table.lag, table.lag_decay_1_s,
         table.table_C,
     )  # fmt: skip
-    return NutState(float(scalars[0]), float(scalars[1]), float(scalars[2]), B, C), out_B, out_C
+    time_s, position_m, reach_m, weight_s = (float(value) for value in scalars)
+    return NutState(time_s, position_m, reach_m, weight_s, B, C, sum_B, sum_C), out_B, out_C
 
 
 @numba.njit(cache=True)
 def _average(  # type: ignore[no-untyped-def]
-    scalars, B, C, dt_s, sample_s, sample_m, offset, out_B, out_C,
+    scalars, B, C, sum_B, sum_C, dt_s, sample_s, sample_m, offset, out_B, out_C,
     mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C,
 ):  # fmt: skip
-    """Advance the averaged columns B, C through K steps; `scalars` is [last time, last position, reach]."""
+    """Advance the averaged columns B, C through K steps; `scalars` is [last time, last position, reach,
+    weight].
+    """
     step_B, step_C = np.empty_like(B), np.empty_like(C)
     for k in range(len(dt_s)):
         step_B[:] = 0.0
@@ -115,14 +126,19 @@ def _average(  # type: ignore[no-untyped-def]
                 _add(step_B, step_C, share / points, centre, mu, phase, scale, kA, nut_m, screw_m, table_C)
             scalars[0], scalars[1] = sample_s[i], sample_m[i]
         scalars[2] = reach
-        forget = 1.0 if along_path else 1.0 - np.exp(-dt_s[k] / MEMORY_S)
-        # what the dropped modes hold follows the nut as fast as they settle, not at once
-        settle = min(forget, 1.0 - np.exp(-dt_s[k] * lag_decay))
+        # A fading mean, fair from its first sample on; it begins anew when the path is no longer told.
+        fade = 0.0 if along_path else np.exp(-dt_s[k] / MEMORY_S)
         if weight > 0.0:
+            share = max(dt_s[k], 1e-6)
+            scalars[3] = fade * scalars[3] + share
             for n in range(len(mu)):
-                B[n] += forget * (step_B[n] / weight - B[n])
+                sum_B[n] = fade * sum_B[n] + share * step_B[n] / weight
+                B[n] = sum_B[n] / scalars[3]
+            # What the dropped modes hold follows the nut as fast as they settle, not at once.
+            settle = 1.0 - np.exp(-dt_s[k] * lag_decay)
             for r in range(len(C)):
-                C[r] += settle * (step_C[r] / weight - C[r])
+                sum_C[r] = fade * sum_C[r] + share * step_C[r] / weight
+                C[r] += settle * (sum_C[r] / scalars[3] - C[r])
         B[lag] = lag_decay
         out_B[k, :] = B
         out_C[k, :] = C

@@ -1,0 +1,70 @@
+"""SIGTERM ends the real daemon within two seconds, whatever it is at, with its recording complete."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from observer.logs import read_log
+from tests.publish.router import free_port
+from tests.system.plant import Daemon, Subscriber, machine, table_for, until
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+
+LIMIT_S = 2.0
+
+
+def _started(daemon: Daemon) -> bool:
+    return any(daemon.recordings.glob("*.csv"))
+
+
+@pytest.fixture(scope="module")
+def plant():
+    with machine() as running:
+        yield running
+
+
+def _nobody_there() -> dict:
+    return {"mode": "client", "connect": [f"tcp/127.0.0.1:{free_port()}"]}
+
+
+@pytest.mark.parametrize("after_s", [0.05, 0.5, 1.0])
+def test_while_it_is_being_loaded(plant, tmp_path, after_s):
+    """Before it listens to signals there is nothing to save, and the system ends it."""
+    with Daemon(tmp_path, table_for(plant.wires, **_nobody_there())) as daemon:
+        time.sleep(after_s)
+        start_s = time.monotonic()
+        daemon.process.terminate()
+        assert daemon.process.wait(10) in {0, -signal.SIGTERM}
+        assert time.monotonic() - start_s < LIMIT_S
+        assert "Traceback" not in daemon.said()
+
+
+def test_while_it_compiles_without_a_router(plant, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
+    with Daemon(tmp_path, table_for(plant.wires, **_nobody_there())) as daemon:
+        until(lambda: _started(daemon), 60.0)
+        time.sleep(0.5)  # readings keep coming in meanwhile
+        assert daemon.step_times_s() == []  # it is not through
+        assert daemon.stop() < LIMIT_S
+    assert len(read_log(daemon.recording())) > 10
+
+
+def test_while_its_devices_hang(plant, tmp_path):
+    """The whole machine stands still: its Modbus server accepts and does not answer, its bus is silent."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    table = table_for(plant.wires, mode="router", listen=[endpoint])
+    with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+        seen.wait_until_good()
+        os.kill(plant.pid, signal.SIGSTOP)
+        try:
+            until(lambda: seen.health().get("channels", {}).get("t1_degC", {}).get("fault") == "timeout", 3.0)
+            assert seen.estimates[-1]["quality"] != "good"
+            assert daemon.stop() < LIMIT_S
+        finally:
+            os.kill(plant.pid, signal.SIGCONT)
+    daemon.assert_no_tick_is_missing()
+    read_log(daemon.recording())  # refuses a cut last row
