@@ -63,6 +63,8 @@ def even_inputs(plant: Plant, steps: int, seed: int = 1) -> Inputs:
         moving_B=np.zeros((steps, 0, len(plant.decay_1_s))),
         moving_C=np.zeros((steps, 0, len(plant.rows.C))),
         degraded=np.zeros(steps, np.bool_),
+        loss_1_s=np.zeros(steps),
+        loss_degC=np.zeros(steps),
     )
 
 

@@ -14,25 +14,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
+from observer.effects.catalogue import KINDS, Effect
 from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
+from observer.sections import Description, Name, NonNegative, Positive, Section, Temperature
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=64)]
-Channel = Annotated[str, Field(min_length=1, max_length=128)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Endpoint = Annotated[str, AfterValidator(checked_endpoint)]
-Temperature = Annotated[float, Field(gt=-273.15, lt=2000)]
-
-
-class Section(BaseModel):
-    """A table of the configuration: frozen, and unknown keys are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
 
 class Machine(Section):
@@ -40,129 +30,6 @@ class Machine(Section):
 
     name: Name = "machine"
     axis: Name = "x"
-
-
-class Screw(Section):
-    """Geometry and material of the screw; `diameter_m` is the effective (root) diameter."""
-
-    length_m: Positive
-    diameter_m: Positive
-    conductivity_W_mK: Positive
-    density_kg_m3: Positive
-    specific_heat_J_kgK: Positive
-    expansion_1_K: Positive | None = None
-
-
-class Surface(Section):
-    """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
-
-    convection_W_m2K: NonNegative = 0.0
-
-
-class Ambient(Section):
-    """The air around the screw: one constant, or a channel of the log."""
-
-    temperature_degC: Temperature | None = None
-    channel: Channel | None = None
-
-    @model_validator(mode="after")
-    def _exactly_one(self) -> Ambient:
-        if (self.temperature_degC is None) == (self.channel is None):
-            raise ValueError("give exactly one of temperature_degC and channel")
-        return self
-
-
-class Boundary(Section):
-    """One end of the screw."""
-
-    kind: Literal["insulated", "convective", "prescribed"] = "insulated"
-    coefficient_W_m2K: Positive | None = None
-    channel: Channel | None = None
-
-    @model_validator(mode="after")
-    def _complete(self) -> Boundary:
-        if (self.kind == "convective") != (self.coefficient_W_m2K is not None):
-            raise ValueError('coefficient_W_m2K belongs to kind = "convective", and is needed there')
-        if (self.kind == "prescribed") != (self.channel is not None):
-            raise ValueError('channel belongs to kind = "prescribed", and is needed there')
-        return self
-
-
-class Boundaries(Section):
-    """Both ends."""
-
-    left: Boundary = Boundary()
-    right: Boundary = Boundary()
-
-
-class Source(Section):
-    """Heat entering the screw: where (shape) and how much (law)."""
-
-    name: Name
-    shape: Literal["nut", "point", "band"]
-    # where
-    length_m: Positive | None = None
-    stroke_m: tuple[NonNegative, NonNegative] | None = None
-    position_channel: Channel | None = None
-    lead_m: Positive | None = None
-    position_m: NonNegative | None = None
-    from_m: NonNegative | None = None
-    to_m: NonNegative | None = None
-    # how much
-    speed_channel: Channel | None = None
-    torque_Nm: NonNegative | None = None
-    share: Annotated[float, Field(ge=0, le=1)] = 1.0
-    heat_W_rpm: NonNegative | None = None
-    power_channel: Channel | None = None
-    scale: NonNegative = 1.0
-    # how it is estimated
-    estimate: bool = True
-    random_walk_W_sqrt_s: NonNegative = 0.1
-    time_constant_s: Positive | None = None
-    law_uncertainty: NonNegative = 0.2
-    initial_sigma_W: Positive = 30.0
-
-    @model_validator(mode="after")
-    def _shape_is_complete(self) -> Source:
-        needed = {"nut": ("length_m",), "point": ("position_m",), "band": ("from_m", "to_m")}[self.shape]
-        for key in needed:
-            if getattr(self, key) is None:
-                raise ValueError(f'shape = "{self.shape}" needs {key}')
-        belongs = {
-            "length_m": "nut", "stroke_m": "nut", "position_channel": "nut", "lead_m": "nut",
-            "position_m": "point", "from_m": "band", "to_m": "band",
-        }  # fmt: skip
-        for key, shape in belongs.items():
-            if getattr(self, key) is not None and self.shape != shape:
-                raise ValueError(f'{key} belongs to shape = "{shape}", not "{self.shape}"')
-        if self.shape == "nut" and self.stroke_m is None and self.position_channel is None:
-            raise ValueError("a nut needs position_channel or stroke_m")
-        for low, high in (self.stroke_m or (None, None), (self.from_m, self.to_m)):
-            if low is not None and high is not None and not low < high:
-                raise ValueError(
-                    f"the stretch {low} … {high} m is empty; the first number must be the smaller"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _law_is_complete(self) -> Source:
-        laws = [k for k in ("torque_Nm", "heat_W_rpm", "power_channel") if getattr(self, k) is not None]
-        if len(laws) > 1:
-            raise ValueError(f"only one heat law per source, here {' and '.join(laws)}")
-        if laws and laws[0] != "power_channel" and self.speed_channel is None:
-            raise ValueError(f"{laws[0]} needs speed_channel")
-        if not laws and not self.estimate:
-            raise ValueError("estimate = false needs a heat law (torque_Nm, heat_W_rpm or power_channel)")
-        return self
-
-
-class Sensor(Section):
-    """A thermocouple on the screw."""
-
-    name: Name
-    channel: Channel
-    position_m: NonNegative
-    noise_K: Positive = 0.1
 
 
 class Model(Section):
@@ -221,21 +88,16 @@ class Record(Section):
     sync_s: Positive = 5.0
 
 
-class Config(Section):
+class Config(Description):
     """A whole configuration."""
 
     machine: Machine = Machine()
-    screw: Screw
-    surface: Surface = Surface()
-    ambient: Ambient
-    boundary: Boundaries = Boundaries()
-    source: tuple[Source, ...] = Field(min_length=1)
-    sensor: tuple[Sensor, ...] = Field(min_length=1)
+    effect: tuple[Effect, ...] = ()
     model: Model = Model()
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
     output: Output = Output()
-    drivers: dict[Name, DriverSettings] = {}
+    drivers: dict[Name, DriverSettings] = Field(default_factory=dict)
     publish: Publish = Publish()
     record: Record = Record()
 
@@ -280,7 +142,9 @@ class Config(Section):
         names = [s.channel for s in self.sensor]
         for source in self.source:
             names += [source.position_channel, source.speed_channel, source.power_channel]  # type: ignore[list-item]
+            names.append(source.drive_channel)  # type: ignore[arg-type]
         names += [self.ambient.channel, self.boundary.left.channel, self.boundary.right.channel]  # type: ignore[list-item]
+        names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
 
     @property
@@ -308,9 +172,14 @@ def load(path: Path) -> Config:
 def parse(table: dict[str, Any], place: str = "configuration") -> Config:
     """Check a configuration given as a table; `place` is named in errors (`ConfigError`)."""
     try:
-        return Config.model_validate(table)
+        config = Config.model_validate(table)
+        for effect in config.effect:
+            effect.terms(config)
     except ValidationError as error:
         raise ConfigError(_one_sentence(error, table, place)) from None
+    except ConfigError as error:
+        raise ConfigError(f"{place}: {error}") from None
+    return config
 
 
 def _one_sentence(error: ValidationError, table: dict[str, Any], place: str) -> str:
@@ -325,7 +194,8 @@ def _one_sentence(error: ValidationError, table: dict[str, Any], place: str) -> 
     elif first["type"].startswith("union_tag"):
         kind = first["input"].get("kind") if isinstance(first["input"], dict) else None
         stated = "kind is missing" if kind is None else f"unknown kind {kind!r}"
-        message = f"{stated}; give one of {', '.join(DRIVER_KINDS)}"
+        known = KINDS if first["loc"][0] == "effect" else DRIVER_KINDS
+        message = f"{stated}; give one of {', '.join(known)}"
     elif first["type"] in {"model_type", "model_attributes_type", "dict_type"}:
         message = f"is to be a table, not {first['input']!r}; write [{key}] and its keys below"
     elif first["type"] != "value_error":

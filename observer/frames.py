@@ -98,7 +98,8 @@ class Inputs:
     source's heat by its law, mean over the step; `law_jump_W` (K, m), its change since the step before;
     `z_start`, `z_end` (K, p), the known inputs at both ends of the step, linear in between;
     `moving_B` (K, M, n_x), the input column of each moving source over the step; `moving_C` (K, M, R), the
-    output column of its lag state; `degraded` (K,), some input that the model needs was missing or held.
+    output column of its lag state; `degraded` (K,), some input that the model needs was missing or held;
+    `loss_1_s`, `loss_degC` (K,), the rate of a uniform loss that goes with speed, and what it draws to.
     """
 
     time_s: FloatArray
@@ -113,6 +114,8 @@ class Inputs:
     moving_B: FloatArray
     moving_C: FloatArray
     degraded: BoolArray
+    loss_1_s: FloatArray
+    loss_degC: FloatArray
 
     def __len__(self) -> int:
         return len(self.time_s)

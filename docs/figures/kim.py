@@ -171,6 +171,8 @@ def _inputs(plant: Plant, period_s: float, steps: int, ambient_degC: float) -> I
         moving_B=np.zeros((steps, 0, n_x)),
         moving_C=np.zeros((steps, 0, len(plant.rows.C))),
         degraded=np.zeros(steps, dtype=np.bool_),
+        loss_1_s=np.zeros(steps),
+        loss_degC=np.zeros(steps),
     )
 
 

@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from observer.config import Config, Source, parse
+from observer.config import Config, parse
 from observer.errors import ConfigError
 from observer.model.heat.law import law_channel
+from observer.sections import Source
 
 FILM = "surface.convection_W_m2K"
 

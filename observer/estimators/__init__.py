@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from observer.config import EstimatorSettings
+from observer.errors import ConfigError
 from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
 
@@ -12,6 +13,12 @@ def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:
 
     Raises `UserError` where no gain to be trusted exists for this plant.
     """
+    fixed = settings.kind == "luenberger" or settings.engine == "constant"
+    if fixed and plant.coupling.states:
+        raise ConfigError(
+            "estimator: an effect that stores heat or delays a sensor adds a state "
+            'that fixed gains cannot follow; set kind = "kalman" and engine = "compiled"'
+        )
     if settings.kind == "luenberger":
         from observer.estimators.luenberger import LuenbergerEstimator  # noqa: PLC0415
 

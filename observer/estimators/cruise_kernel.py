@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.estimators.compiling import inlined, rarely
+from observer.compiling import inlined, rarely
 from observer.estimators.judging import GOOD, find_usable, invalidate, judge, step_is_finite
 from observer.estimators.kernels import move_columns
 from observer.estimators.packing import PlantArrays, padded_width

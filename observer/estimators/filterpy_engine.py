@@ -13,6 +13,7 @@ from observer.estimators import judging, kernels, packing
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import StepCache, chunks
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
+from observer.model.coupling import coupled
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
 
@@ -77,10 +78,12 @@ class FilterpyEstimator:
             return
         B, C = plant.B.T.copy(), plant.rows.C.copy()
         kernels.move_columns(self._arrays, u, k, B, C)
+        law = self._work.law
         if running.flags[0]:
             self._predict(kf, u, k, step, B)
         else:
             kernels.start(self._arrays, C, u, k, usable, running.x, running.P, self._work.nu)
+            kernels.put_laws(self._arrays, u, k, B, running.x, law)
             running.flags[0] = 1
             kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
         H = np.hstack([C[:s], np.zeros((s, len(running.x) - C.shape[1]))])
@@ -95,7 +98,7 @@ class FilterpyEstimator:
             kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
         running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P
         out.quality[k] = judging.judge(u, k, usable, accepted, running, out)
-        known = judging.write_values(self._arrays, C, u, k, running.x, out)
+        known = judging.write_values(self._arrays, C, u, k, law, running.x, out)
         known = (
             judging.write_sigmas(C, s, running.P, out.heat_sigma, out.field_sigma, k, self._work) and known
         )
@@ -116,8 +119,25 @@ class FilterpyEstimator:
         Qd[:n_x, n_x:] = Qd[n_x:, :n_x].T
         Qd[n_x:, n_x:] = np.diag(step.walk_dd)
         jump = plant.law_uncertainty * u.jump[k, plant.estimated]
-        kf.P[n_x:, n_x:] += np.diag(jump**2)
-        held = B.T @ u.law[k] + plant.E @ u.z_start[k]
+        self._couple_half(kf, u, k, u.z_start[k], B)
+        kernels.put_laws(self._arrays, u, k, B, kf.x[:, 0], self._work.law)
+        held = B.T @ self._work.law + plant.E @ u.z_start[k]
         known = step.hold * held + step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
         known = np.concatenate([known, np.zeros(m_e)])[:, None]
+        kf.P[n_x:, n_x:] += np.diag(jump**2)
         kf.predict(u=known, B=np.eye(n_x + m_e), F=Ad, Q=Qd)
+        self._couple_half(kf, u, k, u.z_end[k], B)
+
+    def _couple_half(self, kf: Any, u: packing.InputArrays, k: int, z: FloatArray, B: FloatArray) -> None:
+        """Half a step of what couples the states, on the dense matrices."""
+        coupling = self._plant.coupling
+        if not coupling.active:
+            return
+        M, b, x = self._work.couple, self._work.shift, np.ascontiguousarray(kf.x[:, 0])
+        coupled(coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], x, M, b)
+        n_x = len(b)
+        whole = np.eye(len(x))
+        whole[:n_x, :n_x] = M
+        kf.x = whole @ x[:, None]
+        kf.x[:n_x, 0] += b
+        kf.P = whole @ kf.P @ whole.T

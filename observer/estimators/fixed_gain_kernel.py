@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.compiling import cached_loop, inlined
 from observer.estimators import cruise_kernel, judging, kernels, packing, steps
-from observer.estimators.compiling import cached_loop, inlined
 from observer.estimators.cruise_kernel import cruise
 from observer.estimators.judging import (
     GOOD,
@@ -37,12 +37,13 @@ from observer.estimators.kernels import (
     inflate,
     joseph_update,
     move_columns,
-    predict_covariance,
-    predict_state,
+    predict,
+    put_laws,
     start,
     symmetrise,
 )
 from observer.frames import FloatArray
+from observer.model import coupling
 
 DONE = -1
 PREDICTED, STARTED = 1, 2
@@ -172,7 +173,7 @@ def correct_state(K, chosen, accepted, nu, x):
                 x[a] += K[chosen, a, i] * nu[i]
 
 
-@cached_loop(cruise_kernel, judging, kernels, packing, steps)
+@cached_loop(coupling, cruise_kernel, judging, kernels, packing, steps)
 def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
     """Run the observer over the steps of `u` from `first` on, changing `state` and filling `out`.
 
@@ -201,11 +202,11 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
         move_columns(p, u, k, B, C)
         if resumed == 0 and state.flags[0] == 0:
             start(p, C, u, k, usable, x, P, nu)
+            put_laws(p, u, k, B, x, work.law)
             started = True
             state.flags[0] = 1
         elif resumed == 0:
-            predict_state(p, t, d, u, k, B, x, work)
-            predict_covariance(p, t, d, u, k, B, P, work)
+            predict(p, t, d, u, k, B, x, P, work)
         resumed = 0
         covariance_with_sensors(C, P, s, g)
         compare(p, C, u, k, usable, g, x, nu, S)
@@ -228,11 +229,12 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
         elif correcting:
             correct_state(gains.K, chosen, accepted, nu, x)
             correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)
-        if correcting and complete and rungs.exact[d] and gains.steady[chosen] and near(P, gains.P[chosen]):
+        steady = correcting and complete and rungs.exact[d] and p.coupling.active == 0
+        if steady and gains.steady[chosen] and near(P, gains.P[chosen]):
             put(gains.P[chosen], P)
             settled = chosen
         out.quality[k] = judge(u, k, usable, accepted, state, out)
-        known = write_values(p, C, u, k, x, out)
+        known = write_values(p, C, u, k, work.law, x, out)
         known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
         if not known:
             invalidate(out, k)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.estimators.compiling import inlined, rarely
+from observer.compiling import inlined, rarely
 
 GOOD, STALE, REJECTED = 0, 2, 3
 ESTIMATE_GOOD, ESTIMATE_DEGRADED, ESTIMATE_STALE, ESTIMATE_INVALID = 0, 1, 2, 3
@@ -115,12 +115,12 @@ def invalidate(out, k):
 
 
 @inlined
-def write_values(p, C, u, k, x, out):
+def write_values(p, C, u, k, law, x, out):
     """Heats, field and error of step k; return whether all are numbers."""
     n_x, s = C.shape[1], u.y.shape[1]
     total = 0.0
     for j in range(len(p.source)):
-        out.heat[k, j] = u.law[k, p.source[j]] + x[n_x + j]
+        out.heat[k, j] = law[p.source[j]] + x[n_x + j]
         total += out.heat[k, j]
     for r in range(s, C.shape[0]):
         value = 0.0

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
+from observer.compiling import cached_loop
 from observer.estimators import judging, kernels, packing, steps
-from observer.estimators.compiling import cached_loop
 from observer.estimators.judging import (
     find_usable,
     gate,
@@ -23,13 +23,14 @@ from observer.estimators.kernels import (
     inflate,
     joseph_update,
     move_columns,
-    predict_covariance,
-    predict_state,
+    predict,
+    put_laws,
     start,
 )
+from observer.model import coupling
 
 
-@cached_loop(judging, kernels, packing, steps)
+@cached_loop(coupling, judging, kernels, packing, steps)
 def run_kalman(p, t, u, state, gate_sigma, out, work):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
 
@@ -47,10 +48,10 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
         move_columns(p, u, k, B, C)
         if state.flags[0] == 0:
             start(p, C, u, k, usable, x, P, nu)
+            put_laws(p, u, k, B, x, work.law)
             state.flags[0] = 1
         else:
-            predict_state(p, t, u.step[k], u, k, B, x, work)
-            predict_covariance(p, t, u.step[k], u, k, B, P, work)
+            predict(p, t, u.step[k], u, k, B, x, P, work)
         if present > 0:
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
@@ -63,7 +64,7 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
                 compare(p, C, u, k, usable, g, x, nu, S)
             out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
         out.quality[k] = judge(u, k, usable, accepted, state, out)
-        known = write_values(p, C, u, k, x, out)
+        known = write_values(p, C, u, k, work.law, x, out)
         known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
         if not known:
             invalidate(out, k)

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.estimators.compiling import inlined, rarely
+from observer.compiling import inlined, rarely
+from observer.model.coupling import coupled, faded
 
 
 @inlined
@@ -27,6 +28,58 @@ def move_columns(p, u, k, B, C):
 
 
 @inlined
+def put_laws(p, u, k, B, x, law):
+    """Each source's heat by its law over step k, at the temperature of the moment if it depends on that."""
+    for j in range(len(law)):
+        law[j] = u.law[k, j]
+        if p.coupling.active:
+            law[j] *= faded(p.coupling, j, B, x)
+
+
+@rarely
+def couple_half(p, u, k, z, B, x, P, work):
+    """Half a step of what couples the states: x ← M x + b, P ← [M 0; 0 I] P [M 0; 0 I]ᵀ."""
+    M, b, was = work.couple, work.shift, work.was
+    n_x, n = M.shape[0], P.shape[0]
+    coupled(p.coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], x, M, b)
+    for a in range(n_x):
+        was[a, 0] = x[a]
+    for a in range(n_x):
+        x[a] = b[a]
+        for i in range(n_x):
+            x[a] += M[a, i] * was[i, 0]
+    for a in range(n_x):
+        for q in range(n):
+            was[a, q] = 0.0
+        for i in range(n_x):
+            if M[a, i] != 0.0:
+                for q in range(n):
+                    was[a, q] += M[a, i] * P[i, q]
+    for a in range(n_x):
+        for q in range(n_x, n):
+            P[a, q] = was[a, q]
+            P[q, a] = was[a, q]
+        for q in range(a + 1):
+            total = 0.0
+            for i in range(n_x):
+                total += was[a, i] * M[q, i]
+            P[a, q] = total
+            P[q, a] = total
+
+
+@inlined
+def predict(p, t, d, u, k, B, x, P, work):
+    """One step of state and covariance; what couples the states acts in two halves around it."""
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_start[k], B, x, P, work)
+    put_laws(p, u, k, B, x, work.law)
+    predict_state(p, t, d, u, k, B, x, work)
+    predict_covariance(p, t, d, u, k, B, P, work)
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_end[k], B, x, P, work)
+
+
+@inlined
 def predict_state(p, t, d, u, k, B, x, work):
     """x⁺ = e∘x + hold∘(B law + E z_start) + ramp∘(E (z_end - z_start)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
     n_x = B.shape[1]
@@ -34,7 +87,7 @@ def predict_state(p, t, d, u, k, B, x, work):
         work.forced[a] = 0.0
         work.ramped[a] = 0.0
     for j in range(B.shape[0]):
-        law = u.law[k, j]
+        law = work.law[j]
         for a in range(n_x):
             work.forced[a] += B[j, a] * law
     for q in range(p.E.shape[0]):
@@ -177,7 +230,7 @@ def start(p, C, u, k, usable, x, P, levels):
     """
     n_x = C.shape[1]
     x[:] = 0.0
-    for j in range(n_x - p.modes):
+    for j in range(u.law.shape[1]):
         x[p.modes + j] = u.law[k, j]
     count = 0
     for i in range(len(usable)):

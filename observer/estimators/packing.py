@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, QualityArray
+from observer.model.coupling import Coupling
 from observer.model.plant import Plant
 
 IntArray = NDArray[np.int64]
@@ -37,12 +38,14 @@ class PlantArrays(NamedTuple):
     source: IntArray
     moving: IntArray
     moving_heat: IntArray
+    coupling: Coupling
 
 
 class InputArrays(NamedTuple):
-    """The K steps of `Inputs`; `step` (K,) points into the table of steps."""
+    """The K steps of `Inputs`; `step` (K,) points into the table of steps, `dt` (K,) is their length."""
 
     step: IntArray
+    dt: FloatArray
     y: FloatArray
     usable: NDArray[np.bool_]
     quality: QualityArray
@@ -53,6 +56,8 @@ class InputArrays(NamedTuple):
     moving_B: FloatArray
     moving_C: FloatArray
     degraded: NDArray[np.bool_]
+    loss: FloatArray
+    loss_degC: FloatArray
 
 
 class Running(NamedTuple):
@@ -65,10 +70,16 @@ class Running(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of the kernels: `B`, `C` with the moving columns in place, and the arrays of one step."""
+    """Scratch of the kernels: `B`, `C` with the moving columns in place, `law` (m,) the heats by law at the
+    temperatures of the moment, and the arrays of one step.
+    """
 
     B: FloatArray
     C: FloatArray
+    law: FloatArray
+    couple: FloatArray
+    shift: FloatArray
+    was: FloatArray
     forced: FloatArray
     ramped: FloatArray
     G: FloatArray
@@ -134,6 +145,7 @@ def pack_plant(plant: Plant) -> PlantArrays:
         contiguous(source, np.int64),
         contiguous([s.index for s in plant.moving], np.int64),
         contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),
+        Coupling._make(contiguous(a, a.dtype) if isinstance(a, np.ndarray) else a for a in plant.coupling),
     )
 
 
@@ -141,6 +153,7 @@ def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
     """Bring the steps `part` of a block into the kernels' form; `step` points into their table."""
     return InputArrays(
         contiguous(step, np.int64),
+        contiguous(inputs.dt_s[part]),
         contiguous(inputs.y_degC[part]),
         contiguous(inputs.usable[part], np.bool_),
         contiguous(inputs.quality[part], np.int8),
@@ -151,6 +164,8 @@ def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
         contiguous(inputs.moving_B[part]),
         contiguous(inputs.moving_C[part]),
         contiguous(inputs.degraded[part], np.bool_),
+        contiguous(inputs.loss_1_s[part]),
+        contiguous(inputs.loss_degC[part]),
     )
 
 
@@ -159,6 +174,7 @@ def no_inputs(arrays: PlantArrays) -> InputArrays:
     (m, n_x), p, s, M, R = arrays.B.shape, len(arrays.E), len(arrays.R_K2), len(arrays.moving), len(arrays.C)
     return InputArrays(
         step=np.zeros(0, dtype=np.int64),
+        dt=np.zeros(0),
         y=np.zeros((0, s)),
         usable=np.zeros((0, s), dtype=np.bool_),
         quality=np.zeros((0, s), dtype=np.int8),
@@ -169,6 +185,8 @@ def no_inputs(arrays: PlantArrays) -> InputArrays:
         moving_B=np.zeros((0, M, n_x)),
         moving_C=np.zeros((0, M, R)),
         degraded=np.zeros(0, dtype=np.bool_),
+        loss=np.zeros(0),
+        loss_degC=np.zeros(0),
     )
 
 
@@ -196,6 +214,10 @@ def scratch(arrays: PlantArrays) -> Work:
     return Work(
         B=arrays.B.copy(),
         C=arrays.C.copy(),
+        law=np.zeros(len(arrays.B)),
+        couple=np.zeros((n_x, n_x)),
+        shift=np.zeros(n_x),
+        was=np.zeros((n_x + m_e, width)),
         forced=np.zeros(n_x),
         ramped=np.zeros(n_x),
         G=np.zeros((m_e, width)),

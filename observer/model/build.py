@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from observer.config import Config, Source
+from observer.config import Config
+from observer.effects.terms import (
+    Body,
+    Fade,
+    Lag,
+    Offset,
+    Radiation,
+    SpeedLoss,
+    StretchFilm,
+    StrokeEnds,
+    Term,
+)
 from observer.frames import FloatArray, Layout
-from observer.model.plant import MovingSource, Plant, Rows
+from observer.model.couple import with_coupling
+from observer.model.coupling import no_coupling
+from observer.model.plant import OFFSET, MovingSource, Plant, Rows
 from observer.model.prior import past_heat_covariance, smooth_field_covariance
+from observer.model.realise import realise
 from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.rows import Places, modal_rows, remainder_rows
@@ -20,9 +34,12 @@ from observer.model.rod.screw import Rod, rod_of
 from observer.model.rod.sources import design_stretches, mean_stretch, nut_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, source_field
 from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input
+from observer.sections import Source
 
 MOST_MODES = 400
 DEFAULT_GRID_POINTS = 21
+COUPLING = (SpeedLoss, StretchFilm, Radiation, Body, Lag, Fade)
+"""The terms that couple states, or a state to the moment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,40 +55,49 @@ class KnownInput:
 
 
 def build_plant(config: Config) -> Plant:
-    """Return the plant of a configuration."""
+    """Return the plant of a configuration with its effects. Raises `ConfigError` where one cannot stand."""
+    machine = realise(config)
+    plant, modes = _plain_plant(machine.config, machine.terms)
+    if any(isinstance(t, COUPLING) for t in machine.terms):
+        return with_coupling(plant, modes, config.screw, machine.terms)
+    return plant
+
+
+def _plain_plant(config: Config, terms: Sequence[Term]) -> tuple[Plant, Modes]:
+    """The plant without what couples its states, and its modes."""
     rod = rod_of(config)
     candidates = solve_modes(rod, MOST_MODES + 1)
     kept = keep_modes(config, candidates)
     modes = candidates.take(kept)
     lag_decay_1_s = _first_dropped(candidates, kept)
     places = _places(config)
-    known = _known_inputs(modes)
+    known = _known_inputs(modes, terms)
 
     N, m = len(modes), len(config.source)
-    stretches = [mean_stretch(s, config.screw) for s in config.source]
+    ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
+    footprints = [_footprint(config, modes, places, s, ends.get(s.name, 0.0)) for s in config.source]
     B = np.zeros((N + m, m))
-    B[:N] = np.column_stack([modal_input(modes, s) for s in stretches])
+    B[:N] = np.column_stack([b for b, _ in footprints])
     B[N:] = np.diag(np.full(m, lag_decay_1_s))
-    lag_rows = np.column_stack([_lag_row(config, modes, places, s) for s in stretches])
-    C = np.hstack([modal_rows(modes, places), lag_rows])
+    C = np.hstack([modal_rows(modes, places), np.column_stack([c for _, c in footprints])])
     E = np.vstack([np.column_stack([k.modal for k in known]), np.zeros((m, len(known)))])
     smooth = _padded(smooth_field_covariance(modes), N + m)
     past = past_heat_covariance(modes, B[:N], np.array([s.initial_sigma_W for s in config.source]))
     # a lag starts at its law, but a machine that was just switched on has not settled there yet
     lags = np.diag(np.concatenate([np.zeros(N), [s.initial_sigma_W**2 for s in config.source]]))
     free = [s for s in config.source if s.estimate]
-    return Plant(
+    plant = Plant(
         layout=_layout(config, places),
         decay_1_s=np.concatenate([modes.decay_1_s, np.full(m, lag_decay_1_s)]),
         B=B,
         E=E,
         rows=Rows(
             C=C,
-            F=_known_rows(modes, places, known),
+            F=_known_rows(config, modes, places, known),
             sensors=len(config.sensor),
             grid=len(places.grid_m),
         ),
-        moving=_moving_sources(config, modes, places, lag_decay_1_s, B, C),
+        moving=_moving_sources(config, modes, places, lag_decay_1_s, B, C, ends),
         uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
         prior_P=config.estimator.initial_sigma_K**2 * smooth + _padded(past, N + m) + lags,
         smooth_P=config.estimator.initial_sigma_K**2 * smooth,
@@ -86,7 +112,9 @@ def build_plant(config: Config) -> Plant:
         source_names=tuple(s.name for s in config.source),
         known_names=tuple(k.name for k in known),
         diffusion_rate_1_s=rod.diffusivity_m2_s / rod.length_m**2,
+        coupling=no_coupling(N + m, m, len(known)),
     )
+    return plant, modes
 
 
 def keep_modes(config: Config, candidates: Modes) -> list[int]:
@@ -134,6 +162,29 @@ def _first_dropped(candidates: Modes, kept: list[int]) -> float:
     return float(candidates.decay_1_s[dropped[0]])
 
 
+def _footprint(
+    config: Config, modes: Modes, places: Places, source: Source, ends_fraction: float
+) -> tuple[FloatArray, FloatArray]:
+    """A source's modal column (N,) and its lag's output column (R,), averaged over its motion."""
+    stretch = mean_stretch(source, config.screw)
+    b, c = modal_input(modes, stretch), _lag_row(config, modes, places, stretch)
+    if ends_fraction == 0.0:
+        return b, c
+    ends_b, ends_c = _at_stroke_ends(config, modes, places, source)
+    return b + ends_fraction * (ends_b - b), c + ends_fraction * (ends_c - c)
+
+
+def _at_stroke_ends(
+    config: Config, modes: Modes, places: Places, source: Source
+) -> tuple[FloatArray, FloatArray]:
+    """The columns (N,), (R,) of a nut that stands at both ends of its stroke for equal times."""
+    L = config.screw.length_m
+    stretches = [nut_stretch(x, source.length_m or 0.0, L) for x in source.stroke_m or (0.0, L)]
+    b = [modal_input(modes, s) for s in stretches]
+    c = [_lag_row(config, modes, places, s) for s in stretches]
+    return (b[0] + b[1]) / 2, (c[0] + c[1]) / 2
+
+
 def _lag_row(config: Config, modes: Modes, places: Places, stretch: Stretch) -> FloatArray:
     """Output column (R,) of a source's lag: what the kept modes leave of its steady field."""
     if not config.model.static_correction:
@@ -142,8 +193,8 @@ def _lag_row(config: Config, modes: Modes, places: Places, stretch: Stretch) -> 
     return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch)
 
 
-def _known_inputs(modes: Modes) -> list[KnownInput]:
-    """Ambient, prescribed ends and the reference of the thermal error, in this order.
+def _known_inputs(modes: Modes, terms: Sequence[Term]) -> list[KnownInput]:
+    """Ambient, prescribed ends, sensors' offsets and the reference of the thermal error, in this order.
 
     The temperature itself is expanded in modes, so an end's temperature enters through the slope of the
     modes there (Green's identity) and no derivative of a measured temperature is needed.
@@ -158,14 +209,21 @@ def _known_inputs(modes: Modes) -> list[KnownInput]:
         known.append(KnownInput("left", modes.slope(0.0), partial(end_field, rod, "left")))
     if rod.right.prescribed:
         known.append(KnownInput("right", -modes.slope(rod.length_m), partial(end_field, rod, "right")))
+    offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, Offset))
+    known += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
     known.append(KnownInput("reference", np.zeros(len(modes)), np.zeros_like))
     return known
 
 
-def _known_rows(modes: Modes, places: Places, known: list[KnownInput]) -> FloatArray:
-    """Output columns (R, p) of the known inputs: the dropped modes' share, and the error's reference."""
+def _known_rows(config: Config, modes: Modes, places: Places, known: list[KnownInput]) -> FloatArray:
+    """Output columns (R, p) of the known inputs: the dropped modes' share, a sensor's offset, and the error's
+    reference.
+    """
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, math.inf)
     columns = [remainder_rows(modes, places, k.steady, k.modal / safe) for k in known[:-1]]
+    for column, k in zip(columns, known[:-1], strict=True):
+        if k.name.startswith(OFFSET):
+            column[[s.name for s in config.sensor].index(k.name.removeprefix(OFFSET))] = 1.0
     reference = np.zeros(len(modal_rows(modes, places)))
     if places.expansion_1_K is not None:
         reference[-len(places.grid_m) :] = -places.um_per_K_m * places.grid_m
@@ -174,7 +232,13 @@ def _known_rows(modes: Modes, places: Places, known: list[KnownInput]) -> FloatA
 
 
 def _moving_sources(
-    config: Config, modes: Modes, places: Places, lag_decay_1_s: float, B: FloatArray, C: FloatArray
+    config: Config,
+    modes: Modes,
+    places: Places,
+    lag_decay_1_s: float,
+    B: FloatArray,
+    C: FloatArray,
+    ends: Mapping[str, float],
 ) -> tuple[MovingSource, ...]:
     """Tables of the sources that follow a position channel."""
     found = []
@@ -196,7 +260,11 @@ def _moving_sources(
             mean_B=B[:, index].copy(),
             mean_C=C[:, lag].copy(),
         )
-        found.append(MovingSource(index, source.position_channel, table))
+        ends_b, ends_C = _at_stroke_ends(config, modes, places, source)
+        ends_B = B[:, index].copy()
+        ends_B[: len(modes)] = ends_b
+        fraction = ends.get(source.name, 0.0)
+        found.append(MovingSource(index, source.position_channel, table, fraction, ends_B, ends_C))
     return tuple(found)
 
 

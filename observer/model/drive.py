@@ -7,15 +7,18 @@ silently.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from observer.config import Config
+from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality
+from observer.model.couple import surface_rate
 from observer.model.heat.law import heat_law, law_channel
-from observer.model.plant import Plant
+from observer.model.plant import OFFSET, Plant
+from observer.model.realise import realise
 from observer.model.rod import moving
 
 
@@ -23,12 +26,17 @@ from observer.model.rod import moving
 class DriveState:
     """What the drive remembers between steps.
 
-    `law_W` (m,) and `z` (p,), NaN before they are first known; `nuts`, one state per moving source.
+    `law_W` (m,) and `z` (p,), NaN before they are first known; `nuts`, one state per moving source; the time
+    `begin_s` of the first frame, NaN before it, that of the last, and for how long each law's channel has not
+    been zero, `running_s` (m,).
     """
 
     law_W: FloatArray
     z: FloatArray
     nuts: tuple[moving.NutState, ...]
+    begin_s: float
+    last_s: float
+    running_s: FloatArray
 
 
 class Drive:
@@ -36,7 +44,12 @@ class Drive:
 
     def __init__(self, config: Config, plant: Plant) -> None:
         """Fix, once, which channel feeds which input."""
+        machine = realise(config)
+        config = machine.config
         self._plant = plant
+        self._factors = _law_factors(plant, machine.terms)
+        self._losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
+        self._surface_rate = surface_rate(config.screw)
         self._sensor_channels = [s.channel for s in config.sensor]
         self._laws: list[tuple[str | None, Callable[[FloatArray], FloatArray]]] = [
             (law_channel(s), heat_law(s)) for s in config.source
@@ -45,15 +58,25 @@ class Drive:
         self._known_channels = [ends.get(name) for name in plant.known_names]
         self._known_channels[0] = config.ambient.channel
         fixed = {"ambient": config.ambient.temperature_degC, "reference": config.output.reference_degC}
+        fixed |= {OFFSET + s.name: _offset_K(s.name, machine.terms) for s in config.sensor}
         self._known_fixed = [fixed.get(name) for name in plant.known_names]
+        rate = {OFFSET + s.name: _drift_K_h(s.name, machine.terms) for s in config.sensor}
+        rate["ambient"] = sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))
+        self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
         needed = [c for c, _ in self._laws] + self._known_channels + [s.channel for s in plant.moving]
+        needed += [loss.speed_channel for loss in self._losses]
         self._needed = [c for c in dict.fromkeys(needed) if c is not None]
 
     def initial(self) -> DriveState:
         """Return the state before the first frame."""
         z = np.array([np.nan if fixed is None else fixed for fixed in self._known_fixed])
         return DriveState(
-            np.full(len(self._laws), np.nan), z, tuple(moving.start(s.table) for s in self._plant.moving)
+            law_W=np.full(len(self._laws), np.nan),
+            z=z,
+            nuts=tuple(moving.start(s.table) for s in self._plant.moving),
+            begin_s=np.nan,
+            last_s=np.nan,
+            running_s=np.zeros(len(self._laws)),
         )
 
     def run(self, state: DriveState, frames: FrameBlock) -> tuple[DriveState, Inputs]:
@@ -61,10 +84,15 @@ class Drive:
         at = {name: i for i, name in enumerate(frames.channels)}
         sensors = [at[c] for c in self._sensor_channels]
         quality = frames.quality[:, sensors]
-        law = self._law(frames, at, state)
+        law, running_s = self._law(frames, at, state)
         law_before = _before(law, state.law_W)
-        z = self._known(frames, at, state)
-        z_before = _before(z, state.z)
+        known = self._known(frames, at, state)
+        begin_s = float(frames.time_s[0]) if np.isnan(state.begin_s) else state.begin_s
+        hours = (frames.time_s - begin_s) / 3600.0
+        hours_before = _before(hours[:, None], np.array([state.last_s - begin_s]) / 3600.0)
+        z = known + hours[:, None] * self._rate_K_h
+        z_before = _before(known, state.z) + hours_before * self._rate_K_h
+        loss_1_s, loss_degC = self._loss(frames, at, z[:, 0])
         nuts, moving_B, moving_C = self._nuts(state, frames)
         ready = np.asarray(np.isfinite(z).all(axis=1))
         inputs = Inputs(
@@ -80,17 +108,42 @@ class Drive:
             moving_B=moving_B,
             moving_C=moving_C,
             degraded=self._degraded(frames, at),
+            loss_1_s=loss_1_s,
+            loss_degC=loss_degC,
         )
-        return DriveState(law[-1], z[-1], nuts), inputs
+        last_s = float(frames.time_s[-1])
+        return DriveState(law[-1], known[-1], nuts, begin_s, last_s, running_s), inputs
 
-    def _law(self, frames: FrameBlock, at: dict[str, int], state: DriveState) -> FloatArray:
-        """Each source's heat by its law at each tick, (K, m), W; a channel not yet seen means standstill."""
+    def _law(
+        self, frames: FrameBlock, at: dict[str, int], state: DriveState
+    ) -> tuple[FloatArray, FloatArray]:
+        """Each source's heat by its law at each tick, (K, m), W, and how long it has run; a channel not yet
+        seen means standstill.
+        """
         law = np.zeros((len(frames), len(self._laws)))
+        running_s = state.running_s.copy()
         for j, (channel, heat_W) in enumerate(self._laws):
-            if channel is not None:
-                law[:, j] = heat_W(frames.values[:, at[channel]])
-                law[np.isnan(law[:, j]), j] = 0.0 if np.isnan(state.law_W[j]) else state.law_W[j]
-        return law
+            values = np.zeros(len(frames)) if channel is None else frames.values[:, at[channel]]
+            law[:, j] = heat_W(values)
+            ran = np.where(np.nan_to_num(values) != 0.0, frames.dt_s, 0.0)
+            ran_s = np.cumsum(np.concatenate([running_s[j : j + 1], ran]))[1:]
+            running_s[j] = ran_s[-1]
+            for factor in self._factors[j]:
+                law[:, j] *= factor(values, ran_s)
+            law[np.isnan(law[:, j]), j] = 0.0 if np.isnan(state.law_W[j]) else state.law_W[j]
+        return law, running_s
+
+    def _loss(
+        self, frames: FrameBlock, at: dict[str, int], ambient_degC: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C."""
+        rate, drawn = np.zeros(len(frames)), np.zeros(len(frames))
+        for loss in self._losses:
+            speed_rpm = np.nan_to_num(frames.values[:, at[loss.speed_channel]])
+            own = self._surface_rate * loss.film_W_m2K(speed_rpm)
+            rate += own
+            drawn += own * (ambient_degC if loss.temperature_degC is None else loss.temperature_degC)
+        return rate, np.where(rate > 0.0, drawn / np.where(rate > 0.0, rate, 1.0), 0.0)
 
     def _known(self, frames: FrameBlock, at: dict[str, int], state: DriveState) -> FloatArray:
         """The known inputs at each tick, (K, p), °C; the error's reference is the first ambient unless it
@@ -119,6 +172,9 @@ class Drive:
             nut, B[:, i], C[:, i] = moving.columns(
                 source.table, state.nuts[i], frames.dt_s, frames.path[source.channel]
             )
+            if source.ends_fraction:
+                B[:, i] += source.ends_fraction * (source.ends_B - B[:, i])
+                C[:, i] += source.ends_fraction * (source.ends_C - C[:, i])
             nuts.append(nut)
         return tuple(nuts), B, C
 
@@ -127,6 +183,24 @@ class Drive:
         needed = [at[c] for c in self._needed]
         bad = np.asarray(frames.quality != int(Quality.GOOD))
         return np.asarray(bad[:, needed].any(axis=1))
+
+
+def _law_factors(
+    plant: Plant, terms: Sequence[Term]
+) -> list[list[Callable[[FloatArray, FloatArray], FloatArray]]]:
+    """The factors on each source's law."""
+    return [
+        [t.factor for t in terms if isinstance(t, LawFactor) and t.source == name]
+        for name in plant.source_names
+    ]
+
+
+def _offset_K(sensor: str, terms: Sequence[Term]) -> float:
+    return sum(t.offset_K for t in terms if isinstance(t, Offset) and t.sensor == sensor)
+
+
+def _drift_K_h(sensor: str, terms: Sequence[Term]) -> float:
+    return sum(t.rate_K_h for t in terms if isinstance(t, Offset) and t.sensor == sensor)
 
 
 def _before(now: FloatArray, first: FloatArray) -> FloatArray:

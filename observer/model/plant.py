@@ -15,7 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from observer.frames import BoolArray, FloatArray, Layout
+from observer.model.coupling import Coupling
 from observer.model.rod.moving import NutTable
+
+OFFSET = "offset."
+"""How the name of a known input begins that is a sensor's offset; the sensor's name follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +55,17 @@ class Rows:
 class MovingSource:
     """A source whose footprint follows a position channel.
 
-    `index` is its column in B; `table` holds what the averaging of its columns over a path needs.
+    `index` is its column in B; `table` holds what the averaging of its columns over a path needs. A share
+    `ends_fraction` of the heat enters at the ends of the stroke, with the columns `ends_B` (n_x,) and
+    `ends_C` (R,).
     """
 
     index: int
     channel: str
     table: NutTable
+    ends_fraction: float
+    ends_B: FloatArray
+    ends_C: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +79,8 @@ class Plant:
     `initial_sigma_W` (m_e,) the estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random
     walk, and a step of law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
     noise on the field. `mode_index` (N,) are the numbers of the modes kept, counted from 1;
-    `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time.
+    `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time;
+    `coupling` is what couples the states to each other beyond the diagonal.
     """
 
     layout: Layout
@@ -93,6 +103,12 @@ class Plant:
     source_names: tuple[str, ...]
     known_names: tuple[str, ...]
     diffusion_rate_1_s: float
+    coupling: Coupling
+
+    @property
+    def lag_slice(self) -> slice:
+        """The sources' lags among the states; what couples states may have more after them."""
+        return slice(self.modes, self.modes + len(self.source_names))
 
     @property
     def modes(self) -> int:

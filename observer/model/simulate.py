@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from observer.compiling import cached_loop, inlined
 from observer.frames import FloatArray, Inputs
+from observer.model import coupling, discretise
+from observer.model.coupling import coupled, faded
 from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
 
@@ -25,7 +27,7 @@ class SimulationState:
 def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> SimulationState:
     """Return the state of a screw at one temperature, its lags settled at the heats (m,) of the moment."""
     x = plant.uniform * temperature_degC
-    x[plant.modes :] = law_W
+    x[plant.lag_slice] = law_W
     return SimulationState(x)
 
 
@@ -56,21 +58,31 @@ def start_from_sensors(
 def simulate(plant: Plant, state: SimulationState, inputs: Inputs) -> tuple[SimulationState, FloatArray]:
     """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
 
-    Exact for heats constant and known inputs linear over each step.
+    Exact for heats constant and known inputs linear over each step; where states are coupled, of second
+    order in the step (see `coupling`).
     """
     B, C = plant.B.copy(), plant.rows.C.copy()
     for source in plant.moving:
-        B[:, source.index] = 0.0
+        if not plant.coupling.active:
+            B[:, source.index] = 0.0
         C[:, plant.modes + source.index] = 0.0
     x, rows = state.x.copy(), np.empty((len(inputs), len(C)))
+    moving = np.array([s.index for s in plant.moving], dtype=np.int64)
     for begin in range(0, len(inputs), _CHUNK):
         u = inputs.part(begin, begin + _CHUNK)
-        rate = u.law_W @ B.T
-        rate += u.z_start @ plant.E.T
-        for i, source in enumerate(plant.moving):
-            rate += u.law_W[:, source.index, None] * u.moving_B[:, i]
-        states = np.empty_like(rate)
-        _march(x, states, plant.decay_1_s, u.dt_s, rate, (u.z_end - u.z_start) @ plant.E.T)
+        states = np.empty((len(u), len(x)))
+        known, rise = u.z_start @ plant.E.T, (u.z_end - u.z_start) @ plant.E.T
+        if plant.coupling.active:
+            _march_coupled(
+                plant.coupling, x, states, plant.decay_1_s, u.dt_s, known, rise, u.z_start, u.z_end, u.law_W,
+                u.loss_1_s, u.loss_degC, np.ascontiguousarray(B.T), moving, u.moving_B,
+                np.empty((len(x), len(x))), np.empty((5, len(x))),
+            )  # fmt: skip
+        else:
+            known += u.law_W @ B.T
+            for i, source in enumerate(plant.moving):
+                known += u.law_W[:, source.index, None] * u.moving_B[:, i]
+            _march(x, states, plant.decay_1_s, u.dt_s, known, rise, np.empty((3, len(x))))
         seen = rows[begin : begin + _CHUNK]
         np.matmul(states, C.T, out=seen)
         seen += u.z_end @ plant.rows.F.T
@@ -79,11 +91,13 @@ def simulate(plant: Plant, state: SimulationState, inputs: Inputs) -> tuple[Simu
     return SimulationState(x), rows
 
 
-@numba.njit(cache=True)
-def _march(x, states, decay, dt_s, rate, rise):  # type: ignore[no-untyped-def]
-    """March x in place under `rate` (K, n_x), which grows by `rise` (K, n_x) over each step."""
+@cached_loop(discretise)
+def _march(x, states, decay, dt_s, rate, rise, work):  # type: ignore[no-untyped-def]
+    """March x in place under `rate` (K, n_x), which grows by `rise` (K, n_x) over each step; `work` (3, n_x)
+    is scratch.
+    """
     n_x = len(x)
-    keep, held, ramped = np.empty(n_x), np.empty(n_x), np.empty(n_x)
+    keep, held, ramped = work[0], work[1], work[2]
     dt_known = -1.0
     for k in range(len(dt_s)):
         if dt_s[k] != dt_known:
@@ -94,3 +108,50 @@ def _march(x, states, decay, dt_s, rate, rise):  # type: ignore[no-untyped-def]
         for i in range(n_x):
             x[i] = keep[i] * x[i] + held[i] * rate[k, i] + ramped[i] * rise[k, i]
             states[k, i] = x[i]
+
+
+@cached_loop(coupling, discretise)
+def _march_coupled(  # type: ignore[no-untyped-def]
+    c, x, states, decay, dt_s, known, rise, z_start, z_end, law_W, loss_1_s, loss_degC, B, moving, moving_B,
+    M, work,
+):  # fmt: skip
+    """March x in place under known inputs (K, n_x) and laws (K, m) with half a coupling before and after;
+    `M` (n_x, n_x) and `work` (5, n_x) are scratch.
+    """
+    n_x = len(x)
+    keep, held, ramped, b, was = work[0], work[1], work[2], work[3], work[4]
+    dt_known = -1.0
+    for k in range(len(dt_s)):
+        if dt_s[k] != dt_known:
+            dt_known = dt_s[k]
+            for i in range(n_x):
+                keep[i] = np.exp(-decay[i] * dt_known)
+                held[i], ramped[i] = hold(decay[i], dt_known), ramp(decay[i], dt_known)
+        for i in range(len(moving)):
+            for a in range(n_x):
+                B[moving[i], a] = moving_B[k, i, a]
+        half_s = 0.5 * dt_known
+        coupled(c, loss_1_s[k], loss_degC[k], z_start[k], B, half_s, x, M, b)
+        _apply(M, b, x, was)
+        for j in range(B.shape[0]):
+            law = law_W[k, j] * faded(c, j, B, x)
+            for a in range(n_x):
+                known[k, a] += law * B[j, a]
+        for a in range(n_x):
+            x[a] = keep[a] * x[a] + held[a] * known[k, a] + ramped[a] * rise[k, a]
+        coupled(c, loss_1_s[k], loss_degC[k], z_end[k], B, half_s, x, M, b)
+        _apply(M, b, x, was)
+        for a in range(n_x):
+            states[k, a] = x[a]
+
+
+@inlined
+def _apply(M, b, x, was):  # type: ignore[no-untyped-def]
+    """x ← M x + b; `was` is scratch."""
+    for a in range(len(x)):
+        was[a] = x[a]
+    for a in range(len(x)):
+        total = b[a]
+        for i in range(len(x)):
+            total += M[a, i] * was[i]
+        x[a] = total

@@ -46,6 +46,8 @@ def _step_response(plant: Plant, source: int, times_s: tuple[float, ...]) -> Flo
         moving_B=np.array([[x.table.mean_B for x in plant.moving]] * K).reshape(K, M, len(plant.decay_1_s)),
         moving_C=np.array([[x.table.mean_C for x in plant.moving]] * K).reshape(K, M, len(plant.rows.C)),
         degraded=np.zeros(K, dtype=bool),
+        loss_1_s=np.zeros(K),
+        loss_degC=np.zeros(K),
     )
     rows = simulate(plant, start(plant, 0.0, np.zeros(m)), inputs)[1]
     return rows[:, plant.rows.field_slice]

@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from observer.config import Config, Source
+from observer.config import Config
 from observer.estimators.report import DesignReport, design_report
 from observer.model.build import build_plant
 from observer.model.plant import Plant
@@ -18,6 +18,7 @@ from observer.model.rod.screw import rod_of
 from observer.model.rod.sources import design_stretches
 from observer.model.rod.truncation import tail_left
 from observer.model.transient import transient_error_K_W
+from observer.sections import Source
 
 TRANSIENT_S = (0.5, 10.0)
 

@@ -12,17 +12,19 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config
+from observer import config, sections
+from observer.effects.base import EffectTable
+from observer.effects.catalogue import KINDS, LIBRARY
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
     "`[machine]`": config.Machine,
-    "`[screw]`": config.Screw,
-    "`[surface]`": config.Surface,
-    "`[ambient]`": config.Ambient,
-    "`[boundary.left]`, `[boundary.right]`": config.Boundary,
-    "`[[source]]`": config.Source,
-    "`[[sensor]]`": config.Sensor,
+    "`[screw]`": sections.Screw,
+    "`[surface]`": sections.Surface,
+    "`[ambient]`": sections.Ambient,
+    "`[boundary.left]`, `[boundary.right]`": sections.Boundary,
+    "`[[source]]`": sections.Source,
+    "`[[sensor]]`": sections.Sensor,
     "`[model]`": config.Model,
     "`[estimator]`": config.EstimatorSettings,
     "`[calibrate]`": config.Calibrate,
@@ -41,6 +43,7 @@ DEVICES = {
 }
 CASES = [("configuration.md", t, m) for t, m in CONFIGURATION.items()]
 CASES += [("devices.md", t, m) for t, m in DEVICES.items()]
+CASES += [("effects.md", f"`{kind}`", effect) for kind, effect in zip(KINDS, LIBRARY, strict=True)]
 
 
 def _documented(page: str, title: str) -> dict[str, str]:
@@ -68,8 +71,12 @@ def test_a_table_of_the_page_is_the_code(page: str, title: str, model: type[Base
 
 
 def test_every_section_of_a_configuration_has_its_table() -> None:
-    sections = set(config.Section.__subclasses__()) - {config.Config, config.Boundaries}
-    assert sections == set(CONFIGURATION.values())
+    found = set(sections.Section.__subclasses__()) - {sections.Description, sections.Boundaries, EffectTable}
+    assert found == set(CONFIGURATION.values())
+
+
+def test_every_effect_is_in_the_library() -> None:
+    assert set(EffectTable.__subclasses__()) == set(LIBRARY)
 
 
 def test_every_kind_of_driver_has_its_table() -> None:

@@ -11,7 +11,8 @@ import pytest
 from pydantic import BaseModel, TypeAdapter
 
 from drivers.settings import DriverSettings
-from observer import config
+from observer import config, sections
+from observer.effects.catalogue import Effect
 from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
@@ -65,8 +66,10 @@ def _check(table: dict[str, Any], place: str) -> None:
         if name == "drivers":
             for settings in section.values():
                 TypeAdapter(DriverSettings).validate_python(settings)
+        elif name == "effect":
+            TypeAdapter(tuple[Effect, ...]).validate_python(section)
         elif name in ("source", "sensor"):
-            model = {"source": config.Source, "sensor": config.Sensor}[name]
+            model = {"source": sections.Source, "sensor": sections.Sensor}[name]
             for entry in section:
                 model.model_validate(entry)
         else:

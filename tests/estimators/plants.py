@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from observer.frames import Inputs, Layout
+from observer.model.coupling import no_coupling
 from observer.model.plant import MovingSource, Plant, Rows
 
 LENGTH_M, DIAMETER_M, CONDUCTIVITY_W_MK, RHO_C_J_M3K = 0.6, 0.03, 50.0, 7800.0 * 460.0
@@ -81,7 +82,7 @@ def rod(
         B=B,
         E=E,
         rows=Rows(C, np.full((len(places), 1), 0.0), s, grid),
-        moving=tuple(MovingSource(j, "nut_position_m", table=None) for j in moving),
+        moving=tuple(MovingSource(j, "nut_position_m", None, 0.0, np.zeros(0), np.zeros(0)) for j in moving),
         uniform=uniform,
         prior_P=initial_sigma_K**2 * smooth,
         smooth_P=initial_sigma_K**2 * smooth,
@@ -96,6 +97,7 @@ def rod(
         source_names=names,
         known_names=("ambient",),
         diffusion_rate_1_s=ALPHA_M2_S / LENGTH_M**2,
+        coupling=no_coupling(modes + m, m, 1),
     )
 
 
@@ -140,4 +142,6 @@ def inputs(plant, steps=200, seed=0, dt_s=0.5, missing=0.1, nut_m=None, uneven=F
         moving_B=np.stack([c[0] for c in columns], axis=1) if columns else np.zeros((steps, 0, n_x)),
         moving_C=np.stack([c[1] for c in columns], axis=1) if columns else np.zeros((steps, 0, R)),
         degraded=np.zeros(steps, dtype=bool),
+        loss_1_s=np.zeros(steps),
+        loss_degC=np.zeros(steps),
     )

@@ -65,6 +65,8 @@ def _ours(config: Config) -> tuple[FloatArray, FloatArray]:
         law_W=np.full((STEPS, 1), 20.0), law_jump_W=np.zeros((STEPS, 1)), z_start=z[:-1], z_end=z[1:],
         moving_B=np.zeros((STEPS, 0, len(plant.decay_1_s))), moving_C=np.zeros((STEPS, 0, len(plant.rows.C))),
         degraded=np.zeros(STEPS, dtype=bool),
+        loss_1_s=np.zeros(STEPS),
+        loss_degC=np.zeros(STEPS),
     )  # fmt: skip
     return simulate(plant, SimulationState(np.zeros(len(plant.decay_1_s))), inputs)[1], z
 

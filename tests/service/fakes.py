@@ -43,6 +43,8 @@ class FakeDrive:
             np.zeros((k, 0, 1)),
             np.zeros((k, 0, 1)),
             np.zeros(k, np.bool_),
+            np.zeros(k),
+            np.zeros(k),
         )
         return state, inputs
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from observer.config import Boundary, Config
+from observer.config import Config
+from observer.sections import Boundary
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from observer.config import Screw, Source
 from observer.model.rod.static import Stretch
+from observer.sections import Screw, Source
 
 
 def mean_stretch(source: Source, screw: Screw) -> Stretch:

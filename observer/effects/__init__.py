@@ -1,0 +1,1 @@
+"""Physical effects that a configuration may add to the model, each one small object."""

@@ -1,0 +1,192 @@
+"""Effects of the heats: heat that no law tells, and laws that tell it wrong."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from observer.effects.base import EffectTable, Target, free_end, named_source, speed_channel
+from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
+from observer.errors import ConfigError
+from observer.frames import FloatArray
+from observer.sections import Channel, Description, Finite, NonNegative, Positive, Source, Temperature
+
+REFERENCE_RPM = 1000.0
+"""The speed at which a law keeps its heat when its exponent changes."""
+REFERENCE_DEGC = 20.0
+"""The temperature at which a law keeps its heat when friction fades."""
+
+
+class EndHeat(EffectTable):
+    """Extra heat at a bearing, in proportion to speed."""
+
+    kind: Literal["end_heat"]
+    target: End
+    heat_W_rpm: Annotated[Finite, Field(ge=-1, le=1)]
+    speed_channel: Channel | None = None
+
+    parameters = ("heat_W_rpm",)
+    targets = "end"
+    excitation = "two speeds or more, and a standstill"
+    source = "Kim et al., eq. 29"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        source = Source(
+            name=f"{self.kind}.{self.target}",
+            shape="point",
+            position_m=free_end(machine, self.target, self.kind),
+            speed_channel=speed_channel(machine, self.speed_channel, self.kind),
+            heat_W_rpm=abs(self.heat_W_rpm),
+            scale=1.0,
+            estimate=False,
+            initial_sigma_W=1.0,
+        )
+        return (Heat(source if self.heat_W_rpm >= 0 else source.model_copy(update={"scale": -1.0})),)
+
+
+class MotorHeat(EffectTable):
+    """Heat through the coupling, independent of speed, as long as the drive is on."""
+
+    kind: Literal["motor_heat"]
+    target: End
+    heat_W: Annotated[Finite, Field(ge=-500, le=500)]
+    drive_channel: Channel | None = None
+
+    parameters = ("heat_W",)
+    targets = "end"
+    excitation = "a standstill with the drive on, and speeds that differ"
+    source = "Yu et al., the motor as a heat source of the shaft"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        return (
+            Heat(
+                _constant(
+                    f"{self.kind}.{self.target}",
+                    free_end(machine, self.target, self.kind),
+                    self.heat_W,
+                    self.drive_channel,
+                )
+            ),
+        )
+
+
+class LocalHeat(EffectTable):
+    """A constant source of heat at a place."""
+
+    kind: Literal["local_heat"]
+    position_m: NonNegative
+    heat_W: Annotated[Finite, Field(ge=-500, le=500)]
+
+    parameters = ("position_m", "heat_W")
+    excitation = "a log longer than the screw's slowest mode, and sensors on both sides of the place"
+    source = "a point source; Kim et al., eq. 1"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        if self.position_m > machine.screw.length_m:
+            raise ConfigError(
+                f'effect "{self.kind}": position_m = {self.position_m} m lies beyond the screw\'s '
+                f"length_m = {machine.screw.length_m} m; mend one"
+            )
+        return (Heat(_constant(self.kind, self.position_m, self.heat_W, None)),)
+
+
+class FrictionFade(EffectTable):
+    """Friction that falls as the screw warms: law · exp(−per_K · (T − reference))."""
+
+    kind: Literal["friction_fade"]
+    target: Target
+    per_K: Annotated[Finite, Field(ge=-0.2, le=0.2)]
+    reference_degC: Temperature = REFERENCE_DEGC
+
+    parameters = ("per_K",)
+    targets = "source"
+    excitation = "the same speed with a cold and with a warm screw"
+    source = "viscosity of lubricants falls about exponentially with temperature; Yu et al., Palmgren's M1"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        return (Fade(named_source(machine, self.target, self.kind), self.per_K, self.reference_degC),)
+
+
+class FrictionSpeed(EffectTable):
+    """A heat that goes with another power of speed than its law's: law · (n/n_ref)^(exponent − 1)."""
+
+    kind: Literal["friction_speed"]
+    target: Target
+    exponent: Annotated[float, Field(ge=0, le=4)]
+    reference_rpm: Positive = REFERENCE_RPM
+
+    parameters = ("exponent",)
+    targets = "source"
+    excitation = "three speeds or more, each until the screw follows"
+    source = "Palmgren: M1 goes with (ν n)^{2/3}; Yu et al."
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        power, reference = self.exponent - 1.0, self.reference_rpm
+
+        def factor(speed_rpm: FloatArray, _running_s: FloatArray) -> FloatArray:
+            ratio = np.maximum(np.abs(speed_rpm) / reference, 1e-3)
+            return np.asarray(ratio**power)
+
+        return (LawFactor(_with_speed(machine, self.target, self.kind), factor),)
+
+
+class RunIn(EffectTable):
+    """Friction that decays with the time run since the start: law · (1 + fraction · exp(−t/time))."""
+
+    kind: Literal["run_in"]
+    target: Target
+    fraction: Annotated[float, Field(ge=-1, le=10)]
+    time_s: Annotated[float, Field(ge=30, le=100_000)]
+
+    parameters = ("fraction", "time_s")
+    targets = "source"
+    excitation = "the first hour of running, and later running at the same speed"
+    source = "Li 2022: the heat found peaks at the start and decays"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        fraction, time_s = self.fraction, self.time_s
+
+        def factor(_speed_rpm: FloatArray, running_s: FloatArray) -> FloatArray:
+            return np.asarray(1.0 + fraction * np.exp(-running_s / time_s))
+
+        return (LawFactor(named_source(machine, self.target, self.kind), factor),)
+
+
+class Dwell(EffectTable):
+    """A share of a nut's heat enters at both ends of its stroke, where it turns round, not along its path."""
+
+    kind: Literal["dwell"]
+    target: Target
+    fraction: Annotated[float, Field(ge=-1, le=1)]
+
+    parameters = ("fraction",)
+    targets = "nut"
+    excitation = "a nut that runs over its whole stroke, and sensors on and beside the stroke"
+    source = "Li 2022: contact weighted by the time the nut dwells at a place"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        name = named_source(machine, self.target, self.kind)
+        if next(s for s in machine.source if s.name == name).shape != "nut":
+            raise ConfigError(f'effect "{self.kind}": target "{name}" is no nut; name a source of that shape')
+        return (StrokeEnds(name, self.fraction),)
+
+
+def _constant(name: str, position_m: float, heat_W: float, drive_channel: str | None) -> Source:
+    return Source(
+        name=name,
+        shape="point",
+        position_m=position_m,
+        heat_W=heat_W,
+        drive_channel=drive_channel,
+        estimate=False,
+        initial_sigma_W=1.0,
+    )
+
+
+def _with_speed(machine: Description, name: str, kind: str) -> str:
+    source = next(s for s in machine.source if s.name == named_source(machine, name, kind))
+    if source.torque_Nm is None and source.heat_W_rpm is None:
+        raise ConfigError(f'effect "{kind}": the law of "{name}" does not go with speed; remove the effect')
+    return name

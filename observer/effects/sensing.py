@@ -1,0 +1,59 @@
+"""Effects of the sensors themselves."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from observer.effects.base import EffectTable, Target, named_sensor
+from observer.effects.terms import Lag, Offset, Term
+from observer.sections import Description, Finite
+
+
+class SensorLag(EffectTable):
+    """A sensor that follows with a first-order lag: τ dT_s/dt = T − T_s."""
+
+    kind: Literal["sensor_lag"]
+    target: Target
+    time_constant_s: Annotated[float, Field(ge=0, le=3600)]
+
+    parameters = ("time_constant_s",)
+    targets = "sensor"
+    excitation = "heating and cooling that are fast against the lag"
+    source = "a first-order instrument"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        return (Lag(named_sensor(machine, self.target, self.kind), self.time_constant_s),)
+
+
+class SensorBias(EffectTable):
+    """A sensor that reads a constant too much."""
+
+    kind: Literal["sensor_bias"]
+    target: Target
+    offset_K: Annotated[Finite, Field(ge=-50, le=50)]
+
+    parameters = ("offset_K",)
+    targets = "sensor"
+    excitation = "a screw that starts at the temperature of the air"
+    source = "an additive error"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        return (Offset(named_sensor(machine, self.target, self.kind), self.offset_K, 0.0),)
+
+
+class SensorDrift(EffectTable):
+    """A sensor whose offset grows from the start on."""
+
+    kind: Literal["sensor_drift"]
+    target: Target
+    rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]
+
+    parameters = ("rate_K_h",)
+    targets = "sensor"
+    excitation = "a log of an hour or more"
+    source = "an additive error that grows"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        return (Offset(named_sensor(machine, self.target, self.kind), 0.0, self.rate_K_h),)

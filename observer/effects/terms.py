@@ -1,0 +1,135 @@
+"""The small vocabulary in which an effect says what it adds to the plant.
+
+The plant builder knows these terms and no effect by name. The first group changes the machine the plant is
+built from, the second what drives it, the third couples states: it acts on the temperature of the moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from observer.frames import FloatArray
+from observer.sections import Source
+
+End = Literal["left", "right"]
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """More film coefficient all over the surface."""
+
+    convection_W_m2K: float
+
+
+@dataclass(frozen=True, slots=True)
+class EndConductance:
+    """A conductance from an end to the ambient."""
+
+    end: End
+    conductance_W_K: float
+
+
+@dataclass(frozen=True, slots=True)
+class Heat:
+    """A source of heat whose law is its value."""
+
+    source: Source
+
+
+@dataclass(frozen=True, slots=True)
+class LawFactor:
+    """A factor on a source's heat by law: `factor(speed_rpm, running_s)`, (K,) from (K,), (K,).
+
+    `running_s` is the time for which the source's channel has not been zero since the start.
+    """
+
+    source: str
+    factor: Callable[[FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class StrokeEnds:
+    """A share of a nut's heat that enters at both ends of its stroke, in equal parts."""
+
+    source: str
+    fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class AmbientShift:
+    """The air near the screw departs from what is known of it, by so much an hour."""
+
+    rate_K_h: float
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """What a sensor reads too much: a constant, and so much more an hour."""
+
+    sensor: str
+    offset_K: float
+    rate_K_h: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLoss:
+    """A uniform loss that depends on the screw's speed.
+
+    `film_W_m2K(speed_rpm)` (K,) from (K,) is the film coefficient it amounts to; it draws towards
+    `temperature_degC`, or towards the ambient where that is not given.
+    """
+
+    speed_channel: str
+    film_W_m2K: Callable[[FloatArray], FloatArray]
+    temperature_degC: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StretchFilm:
+    """More (or less) film coefficient along a stretch."""
+
+    from_m: float
+    to_m: float
+    extra_W_m2K: float
+
+
+@dataclass(frozen=True, slots=True)
+class Radiation:
+    """A grey surface that radiates to surroundings at ambient temperature."""
+
+    emissivity: float
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A lump of heat capacity that exchanges heat with the screw where a source stands."""
+
+    source: str
+    capacity_J_K: float
+    conductance_W_K: float
+
+
+@dataclass(frozen=True, slots=True)
+class Lag:
+    """A sensor that follows the temperature below it with a first-order lag."""
+
+    sensor: str
+    time_constant_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Fade:
+    """A source's heat by law times exp(-per_K · (T - reference)), T the temperature where it enters."""
+
+    source: str
+    per_K: float
+    reference_degC: float
+
+
+Term = (
+    Film | EndConductance | Heat
+    | LawFactor | StrokeEnds | AmbientShift | Offset | SpeedLoss
+    | StretchFilm | Radiation | Body | Lag | Fade
+)  # fmt: skip

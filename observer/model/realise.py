@@ -1,0 +1,50 @@
+"""The first group of an effect's terms: those that change the machine the plant is built from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from observer.config import Config
+from observer.effects.terms import EndConductance, Film, Heat, Term
+from observer.sections import Boundary
+
+
+@dataclass(frozen=True, slots=True)
+class Realised:
+    """A configuration with its effects' films, ends and heats in place, and the terms that remain."""
+
+    config: Config
+    terms: tuple[Term, ...]
+
+
+def realise(config: Config) -> Realised:
+    """Put the terms that change the machine in place. Raises `ConfigError` where an effect cannot stand."""
+    terms = terms_of(config)
+    for term in terms:
+        if isinstance(term, Film):
+            film = config.surface.convection_W_m2K + term.convection_W_m2K
+            config = _with(config, surface=config.surface.model_copy(update={"convection_W_m2K": film}))
+        elif isinstance(term, EndConductance):
+            end = _conducting(getattr(config.boundary, term.end), term.conductance_W_K, config)
+            config = _with(config, boundary=config.boundary.model_copy(update={term.end: end}))
+        elif isinstance(term, Heat):
+            config = _with(config, source=(*config.source, term.source))
+    rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat))
+    return Realised(config, rest)
+
+
+def terms_of(config: Config) -> tuple[Term, ...]:
+    """Return the terms of all effects of a configuration, in its order."""
+    return tuple(term for effect in config.effect for term in effect.terms(config))
+
+
+def _with(config: Config, **parts: object) -> Config:
+    return config.model_copy(update=parts)
+
+
+def _conducting(end: Boundary, conductance_W_K: float, config: Config) -> Boundary:
+    """The end with a conductance to the ambient beside what it has; G = h A."""
+    area_m2 = math.pi * config.screw.diameter_m**2 / 4
+    film = (end.coefficient_W_m2K or 0.0) + conductance_W_K / area_m2
+    return Boundary(kind="convective", coefficient_W_m2K=film) if film > 0 else end
