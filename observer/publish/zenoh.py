@@ -29,7 +29,7 @@ from observer.publish.codec import (
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 _LEASE_MS = 2000
 _CONNECT_MS = 1000
-_RETRY_S = 0.5
+_RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second
 _LOOK_S = 0.05
 _QUERIES = 64
 
@@ -47,6 +47,11 @@ def session_config(mode: str, connect: tuple[str, ...], listen: tuple[str, ...])
         "connect/endpoints": list(connect),
         "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
         "connect/exit_on_failure": mode == "client",
+        "connect/retry": {
+            "period_init_ms": _RETRY_MS,
+            "period_max_ms": _RETRY_MS,
+            "period_increase_factor": 1,
+        },
         "listen/endpoints": list(listen),
         "scouting/multicast/enabled": False,
         "open/return_conditions/connect_scouted": False,
@@ -177,7 +182,7 @@ class ZenohPublisher:
                 self._reason = (
                     f"Zenoh: no session ({_short(error)}); check publish.connect and publish.listen"
                 )
-                self._closing.wait(_RETRY_S)
+                self._closing.wait(_RETRY_MS / 1000)
         if self._closing.is_set() and (late := self._link) is not None:
             _close(late.session)  # it opened after `close` had looked
         while (link := self._link) is not None and not self._closing.wait(_LOOK_S):

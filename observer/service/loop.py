@@ -119,8 +119,7 @@ async def serve(service: Service) -> None:
     service.publisher.start()
     drivers = [asyncio.ensure_future(cycles.listen(driver)) for driver in service.drivers]
     try:
-        positions = tuple(service.plan.channels[j] for j in service.plan.positions)
-        await asyncio.to_thread(cycles.pipeline.warm_up, service.plan.channels, positions)
+        await asyncio.to_thread(cycles.warm_up)
         await cycles.tick_for_ever()
     finally:
         for task in drivers:
@@ -140,7 +139,7 @@ class _Cycles:
     def __init__(self, service: Service) -> None:
         self._service = service
         self._aligner = Aligner(service.plan)
-        self.pipeline = Pipeline(service.drive, service.estimator)
+        self._pipeline = Pipeline(service.drive, service.estimator)
         self.count = 0
         self.overruns = 0
         self._samples = {driver.name: 0 for driver in service.drivers}
@@ -151,6 +150,10 @@ class _Cycles:
         self._failure: str | None = None
         self._health: Health | None = None
         self._sent_s = self._looked_s = -math.inf
+
+    def warm_up(self) -> None:
+        """Have everything compiled and loaded, by a tick without readings that is then forgotten."""
+        self._pipeline.warm_up(Aligner(self._service.plan).tick(0.0))
 
     async def listen(self, driver: Driver) -> None:
         """Run a driver to its end, which only a player has; one that fails is started again."""
@@ -203,7 +206,7 @@ class _Cycles:
     def _estimate_of(self, frame: FrameBlock) -> bool:
         """Step and publish; says whether the estimate's quality has changed."""
         try:
-            estimate = self.pipeline.step(frame)
+            estimate = self._pipeline.step(frame)
         except Exception as error:  # reported as invalid; the watchdog is not pinged
             changed = self._failure is None
             self._failure = f"{type(error).__name__}: {error}"

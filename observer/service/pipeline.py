@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Generic, Protocol, TypeVar
 
-import numpy as np
-
 from observer.estimators.protocol import Estimator
-from observer.frames import EstimateBlock, FrameBlock, Inputs, Quality
+from observer.frames import EstimateBlock, FrameBlock, Inputs
 
 DriveState = TypeVar("DriveState")
 
@@ -38,19 +36,7 @@ class Pipeline(Generic[DriveState]):
         self._drive_state = drive_state
         return estimates
 
-    def warm_up(self, channels: tuple[str, ...], positions: tuple[str, ...]) -> None:
-        """Have everything compiled and loaded, by a step without measurements that is then forgotten."""
-        shape = (1, len(channels))
-        nothing = np.zeros(0), np.zeros(0), np.zeros(2, np.int64)
-        frame = FrameBlock(
-            channels,
-            np.zeros(1),
-            np.zeros(1),
-            np.full(shape, np.nan),
-            np.zeros(shape, np.bool_),
-            np.full(shape, int(Quality.MISSING), np.int8),
-            np.full(shape, np.inf),
-            dict.fromkeys(positions, nothing),
-        )
-        _, inputs = self._drive.run(self._drive.initial(), frame)
+    def warm_up(self, frames: FrameBlock) -> None:
+        """Have everything compiled and loaded, by steps that are then forgotten."""
+        _, inputs = self._drive.run(self._drive.initial(), frames)
         self._estimator.run(self._estimator.initial(), inputs)

@@ -11,9 +11,10 @@ from numba import njit
 from observer.frames import FloatArray
 
 # What is remembered of a channel, by column.
-_LAST, _DELTA, _BEND, _BEND_BEFORE, _RUN, _LONGEST = range(6)
-_WIDTH: Final = 6
+_LAST, _DELTA, _BEND, _BEND_BEFORE, _RUN, _LONGEST, _SEEN = range(7)
+_WIDTH: Final = 7
 _MEMORY_SAMPLES: Final = 64.0
+_YOUNG_SAMPLES: Final = 16.0  # a mean over fewer would take the first step of a smooth curve for noise
 _REPEATS: Final = 60.0  # this many equal samples in a row are not noise any more …
 _PATIENCE: Final = 3.0  # … unless the channel is known for long repeats: a coarse converter in steady heat
 _LONGEST_KNOWN: Final = 200.0
@@ -21,7 +22,7 @@ _NOISE_SEEN: Final = 0.35  # of noise_K; white noise bends by 1.95 noise_K a sam
 
 
 def no_memory(channels: int) -> FloatArray:
-    """Memory of channels that have delivered nothing yet, (channels, 6)."""
+    """Memory of channels that have delivered nothing yet, (channels, 7)."""
     memory = np.zeros((channels, _WIDTH))
     memory[:, _LAST] = np.nan
     return memory
@@ -29,19 +30,22 @@ def no_memory(channels: int) -> FloatArray:
 
 @njit(cache=True)
 def is_stuck(memory: FloatArray, value: float, noise_K: float) -> bool:
-    """Whether a channel is stuck, given one more usable value; `memory` (6,) is updated.
+    """Whether a channel is stuck, given one more usable value; `memory` (7,) is updated.
 
     Noise is judged by the running mean of |Δ_k - Δ_{k-1}|, the bend of the last three samples, because it
-    is nothing on the smooth curve of a noise-free log, however steep. A channel counts as stuck from the
-    60th repeat on (more if it has repeated for long before), until it changes. NaN as `noise_K` means that
-    the channel is no thermocouple.
+    is nothing on the smooth curve of a noise-free log, however steep. The mean is over the samples seen so
+    far, but at least 16 and at most 64, so that twenty noisy ones after the start are enough. A channel
+    counts as stuck from the 60th repeat on (more if it has repeated for long before), until it changes. NaN
+    as `noise_K` means that the channel is no thermocouple.
     """
     last = memory[_LAST]
     memory[_LAST] = value
     if math.isnan(noise_K) or math.isnan(last):
         return False
     delta = value - last
-    memory[_BEND] += (abs(delta - memory[_DELTA]) - memory[_BEND]) / _MEMORY_SAMPLES
+    memory[_SEEN] += 1.0
+    samples = min(max(memory[_SEEN], _YOUNG_SAMPLES), _MEMORY_SAMPLES)
+    memory[_BEND] += (abs(delta - memory[_DELTA]) - memory[_BEND]) / samples
     memory[_DELTA] = delta
     if delta != 0.0:
         memory[_LONGEST] = min(max(memory[_LONGEST], memory[_RUN]), _LONGEST_KNOWN)

@@ -136,9 +136,10 @@ async def test_the_position_that_a_late_listener_hears_is_of_now():
             await asyncio.sleep(0.4)
         positions_m = [r.values["nut_position_m"] for r in axis.readings if not r.faults]
         times_s = [r.time_s for r in axis.readings if not r.faults]
-        # 0.25 m/s for what was heard; the fifty frames would have added 0.25 m at once
+        # 0.25 m/s for what was heard; the fifty frames would have added 0.25 m at once; a first frame that
+        # a busy computer hands on 0.4 s late adds 0.1 m
         travelled_m = sum(abs(b - a) for a, b in itertools.pairwise(positions_m))
-        assert travelled_m <= 0.25 * (times_s[-1] - times_s[0]) + 0.05
+        assert travelled_m <= 0.25 * (times_s[-1] - times_s[0]) + 0.1
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

@@ -18,6 +18,11 @@ from tests.publish.router import Router, free_port
 
 pytestmark = pytest.mark.system
 
+HELD_UP_S = (
+    0.5  # for so long a busy computer may hold up any call; one that waits for the network takes seconds
+)
+OUTAGE_S = 3.3  # by then Zenoh's own pauses between attempts have grown to four seconds
+
 
 def _wait(condition, timeout_s=8.0):
     end_s = time.monotonic() + timeout_s
@@ -154,7 +159,7 @@ def test_a_router_that_is_not_there_yet_holds_up_nothing(mode):
     port = free_port()
     made = _publisher(f"tcp/127.0.0.1:{port}", mode)
     longest_s = _keep_publishing(made, lambda: made.status.dropped >= 40)
-    assert longest_s < 0.1  # generous: a put that waited for the network would take a second
+    assert longest_s < HELD_UP_S
     assert made.status.reason is not None
     assert not made.status.connected
     with Router(port) as router, Subscription((router.endpoint,), "lathe-7", "z") as subscription:
@@ -168,14 +173,15 @@ def test_a_router_killed_and_back():
         made = _publisher(router.endpoint)
         _keep_publishing(made, lambda: made.status.connected)
     longest_s = _keep_publishing(made, lambda: not made.status.connected)
-    before = made.status.dropped
-    longest_s = max(longest_s, _keep_publishing(made, lambda: made.status.dropped > before + 20))
-    assert longest_s < 0.2
+    lost_s, before = time.monotonic(), made.status.dropped
+    longest_s = max(longest_s, _keep_publishing(made, lambda: time.monotonic() - lost_s > OUTAGE_S))
+    assert made.status.dropped > before + 20
+    assert longest_s < HELD_UP_S
     assert "nobody answers" in made.status.reason
     with Router(router.port), Subscription((router.endpoint,), "lathe-7", "z") as subscription:
         start_s = time.monotonic()
         _keep_publishing(made, lambda: "estimate" in subscription.latest())
-        assert time.monotonic() - start_s < 5.0  # zenoh tries again within about four seconds
+        assert time.monotonic() - start_s < 1.0
         _wait(lambda: made.status.connected)
         assert made.status.reconnects == 1
     made.close(1.0)
@@ -191,8 +197,8 @@ def test_a_frozen_router_neither_stalls_publishing_nor_closing():
         made.close(1.0)
         closed_s = time.monotonic() - start_s
         router.thaw()
-    assert longest_s < 0.2
-    assert closed_s < 1.2
+    assert longest_s < HELD_UP_S
+    assert closed_s < 1.0 + HELD_UP_S
 
 
 def test_closing_at_once_under_a_frozen_router_gives_up_in_time():
@@ -204,7 +210,7 @@ def test_closing_at_once_under_a_frozen_router_gives_up_in_time():
             made.publish(block(1.8e9 + k), k)
         start_s = time.monotonic()
         made.close(0.7)
-        assert time.monotonic() - start_s < 1.0
+        assert time.monotonic() - start_s < 0.7 + HELD_UP_S
         router.thaw()
 
 
@@ -221,7 +227,7 @@ def test_a_slow_subscriber_stalls_nobody(publisher):
             _keep_publishing(made, lambda: "estimate" in other.latest())
         gate.set()
         slow.undeclare()
-    assert longest_s < 0.2
+    assert longest_s < HELD_UP_S
 
 
 def test_a_port_taken_is_told_and_tried_again():

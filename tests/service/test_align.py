@@ -159,6 +159,15 @@ def test_a_noisy_sensor_that_freezes_is_stuck_until_it_changes():
     assert _stuck_at(values) == list(range(359, 380))
 
 
+def test_twenty_noisy_samples_are_enough_to_know_one_that_freezes():
+    """A sensor that fails soon after the start must not look good for ever; here with steps of 0.1 K."""
+    found = 0
+    for seed in range(200):
+        noisy = np.round(20.02 + np.random.default_rng(seed).normal(0, 0.05, 20), 1)
+        found += bool(_stuck_at([*noisy, *([noisy[-1]] * 80)]))
+    assert found >= 198  # by chance one in a few hundred shows next to no noise in 20 samples
+
+
 @pytest.mark.parametrize(
     "values",
     [
