@@ -328,10 +328,11 @@ def place(config: Config, count: int, spacing_m: float | None) -> list[dict[str,
     positions_m = np.linspace(0.0, length_m, points)
     candidates = config.model_copy(
         update={
+            "effect": tuple(e for e in config.effect if e.targets != "sensor"),
             "sensor": tuple(
                 config.sensor[0].model_copy(update={"name": f"c{i}", "channel": f"c{i}", "position_m": x})
                 for i, x in enumerate(positions_m.tolist())
-            )
+            ),
         }
     )
     plant = build_plant(candidates)

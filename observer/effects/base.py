@@ -63,6 +63,27 @@ def free_end(machine: Description, end: str, kind: str) -> float:
     return 0.0 if end == "left" else machine.screw.length_m
 
 
+def source_free_to_warm(machine: Description, name: str, kind: str) -> str:
+    """Return the name of a source that exists and does not stand at an end with a prescribed temperature.
+
+    Raises `ConfigError`.
+    """
+    source = next(s for s in machine.source if s.name == named_source(machine, name, kind))
+    end = {0.0: "left", machine.screw.length_m: "right"}.get(source.position_m or 0.0)
+    if source.shape == "point" and end is not None:
+        free_end(machine, end, kind)
+    return name
+
+
+def on_screw(machine: Description, key: str, position_m: float, kind: str) -> None:
+    """Raise `ConfigError` where a position lies beyond the screw."""
+    if position_m > machine.screw.length_m:
+        raise ConfigError(
+            f'effect "{kind}": {key} = {position_m} m lies beyond the screw\'s '
+            f"length_m = {machine.screw.length_m} m; mend one"
+        )
+
+
 def speed_channel(machine: Description, given: str | None, kind: str) -> str:
     """Return the channel of the screw's speed: the one given, or the first that a source reads."""
     channels = [given, *(s.speed_channel for s in machine.source)]

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from observer.effects.base import EffectTable, Target, free_end, named_source
+from observer.effects.base import EffectTable, Target, free_end, source_free_to_warm
 from observer.effects.terms import Body, End, EndConductance, Heat, Term
 from observer.sections import Description, Source
 
@@ -43,7 +43,7 @@ class AttachedMass(EffectTable):
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         if self.target not in ("left", "right"):
-            at = named_source(machine, self.target, self.kind)
+            at = source_free_to_warm(machine, self.target, self.kind)
             return (Body(at, self.capacity_J_K, self.conductance_W_K),)
         place = Source(
             name=f"{self.kind}.{self.target}",

@@ -8,15 +8,15 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from observer.effects.base import EffectTable, speed_channel
+from observer.effects.base import EffectTable, on_screw, speed_channel
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
 from observer.frames import FloatArray
 from observer.sections import Channel, Description, Finite, NonNegative, Temperature
 
-# Dry air at 20 °C (VDI Heat Atlas, D2.2).
-AIR_CONDUCTIVITY_W_MK = 0.0257
-AIR_VISCOSITY_M2_S = 1.516e-5
-AIR_PRANDTL = 0.71
+# Air at 25 °C, as Yu et al. take it.
+AIR_CONDUCTIVITY_W_MK = 0.0254
+AIR_VISCOSITY_M2_S = 15.5e-6
+AIR_PRANDTL = 0.72
 RAD_S_PER_RPM = math.pi / 30
 
 
@@ -75,7 +75,8 @@ class UnevenConvection(EffectTable):
         return self
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        return (StretchFilm(self.from_m, min(self.to_m, machine.screw.length_m), self.extra_W_m2K),)
+        on_screw(machine, "to_m", self.to_m, self.kind)
+        return (StretchFilm(self.from_m, self.to_m, self.extra_W_m2K),)
 
 
 class RadiationEffect(EffectTable):
@@ -130,8 +131,11 @@ class AmbientDrift(EffectTable):
 
 
 def rotating_film_W_m2K(speed_rpm: FloatArray, diameter_m: float) -> FloatArray:
-    """Return the film coefficient of a rotating cylinder, (K,) from (K,); Yu et al., Re < 4.3e5."""
+    """Return the film coefficient of a rotating cylinder, (K,) from (K,).
+
+    Nu = 0.133 Re^{2/3} Pr^{1/3}, Re = ω d²/ν < 4.3e5 (Yu et al.).
+    """
     omega_rad_s = np.abs(speed_rpm) * RAD_S_PER_RPM
-    reynolds = omega_rad_s * diameter_m**2 / (2 * AIR_VISCOSITY_M2_S)
+    reynolds = omega_rad_s * diameter_m**2 / AIR_VISCOSITY_M2_S
     nusselt = 0.133 * np.cbrt(reynolds) ** 2 * math.cbrt(AIR_PRANDTL)
     return np.asarray(nusselt * AIR_CONDUCTIVITY_W_MK / diameter_m)

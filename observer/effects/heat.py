@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from observer.effects.base import EffectTable, Target, free_end, named_source, speed_channel
+from observer.effects.base import (
+    EffectTable,
+    Target,
+    free_end,
+    named_source,
+    on_screw,
+    source_free_to_warm,
+    speed_channel,
+)
 from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
@@ -84,11 +92,7 @@ class LocalHeat(EffectTable):
     source = "a point source; Kim et al., eq. 1"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        if self.position_m > machine.screw.length_m:
-            raise ConfigError(
-                f'effect "{self.kind}": position_m = {self.position_m} m lies beyond the screw\'s '
-                f"length_m = {machine.screw.length_m} m; mend one"
-            )
+        on_screw(machine, "position_m", self.position_m, self.kind)
         return (Heat(_constant(self.kind, self.position_m, self.heat_W, None)),)
 
 
@@ -106,7 +110,8 @@ class FrictionFade(EffectTable):
     source = "viscosity of lubricants falls about exponentially with temperature; Yu et al., Palmgren's M1"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        return (Fade(named_source(machine, self.target, self.kind), self.per_K, self.reference_degC),)
+        at = source_free_to_warm(machine, self.target, self.kind)
+        return (Fade(at, self.per_K, self.reference_degC),)
 
 
 class FrictionSpeed(EffectTable):

@@ -13,12 +13,7 @@ def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:
 
     Raises `UserError` where no gain to be trusted exists for this plant.
     """
-    fixed = settings.kind == "luenberger" or settings.engine == "constant"
-    if fixed and plant.coupling.states:
-        raise ConfigError(
-            "estimator: an effect that stores heat or delays a sensor adds a state "
-            'that fixed gains cannot follow; set kind = "kalman" and engine = "compiled"'
-        )
+    refuse_what_it_cannot_follow(plant, settings)
     if settings.kind == "luenberger":
         from observer.estimators.luenberger import LuenbergerEstimator  # noqa: PLC0415
 
@@ -34,3 +29,13 @@ def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:
     from observer.estimators.kalman import KalmanEstimator  # noqa: PLC0415
 
     return KalmanEstimator(plant, settings)
+
+
+def refuse_what_it_cannot_follow(plant: Plant, settings: EstimatorSettings) -> None:
+    """Raise `ConfigError` where gains are fixed and the plant has states that they do not know."""
+    fixed = settings.kind == "luenberger" or settings.engine == "constant"
+    if fixed and plant.coupling.states:
+        raise ConfigError(
+            "estimator: an effect that stores heat or delays a sensor adds a state "
+            'that fixed gains cannot follow; set kind = "kalman" and engine = "compiled"'
+        )

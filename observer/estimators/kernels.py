@@ -33,7 +33,7 @@ def put_laws(p, u, k, B, x, law):
     for j in range(len(law)):
         law[j] = u.law[k, j]
         if p.coupling.active:
-            law[j] *= faded(p.coupling, j, B, x)
+            law[j] *= faded(p.coupling, j, u.z_start[k], B, x)
 
 
 @rarely

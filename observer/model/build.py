@@ -54,19 +54,22 @@ class KnownInput:
     steady: Callable[[FloatArray], FloatArray]
 
 
-def build_plant(config: Config) -> Plant:
-    """Return the plant of a configuration with its effects. Raises `ConfigError` where one cannot stand."""
+def build_plant(config: Config, *, nut_places: int = TABLE_POINTS) -> Plant:
+    """Return the plant of a configuration with its effects. Raises `ConfigError` where one cannot stand.
+
+    `nut_places` is how many places of a nut its lag's output column is tabulated for.
+    """
     machine = realise(config)
-    plant, modes = _plain_plant(machine.config, machine.terms)
+    plant, modes = _plain_plant(machine.config, machine.terms, nut_places)
     if any(isinstance(t, COUPLING) for t in machine.terms):
-        return with_coupling(plant, modes, config.screw, machine.terms)
+        return with_coupling(plant, modes, machine.config, machine.terms)
     return plant
 
 
-def _plain_plant(config: Config, terms: Sequence[Term]) -> tuple[Plant, Modes]:
+def _plain_plant(config: Config, terms: Sequence[Term], nut_places: int) -> tuple[Plant, Modes]:
     """The plant without what couples its states, and its modes."""
     rod = rod_of(config)
-    candidates = solve_modes(rod, MOST_MODES + 1)
+    candidates = solve_modes(rod, (config.model.modes or MOST_MODES) + 1)
     kept = keep_modes(config, candidates)
     modes = candidates.take(kept)
     lag_decay_1_s = _first_dropped(candidates, kept)
@@ -97,7 +100,7 @@ def _plain_plant(config: Config, terms: Sequence[Term]) -> tuple[Plant, Modes]:
             sensors=len(config.sensor),
             grid=len(places.grid_m),
         ),
-        moving=_moving_sources(config, modes, places, lag_decay_1_s, B, C, ends),
+        moving=_moving_sources(config, modes, places, lag_decay_1_s, B, ends, nut_places),
         uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
         prior_P=config.estimator.initial_sigma_K**2 * smooth + _padded(past, N + m) + lags,
         smooth_P=config.estimator.initial_sigma_K**2 * smooth,
@@ -237,8 +240,8 @@ def _moving_sources(
     places: Places,
     lag_decay_1_s: float,
     B: FloatArray,
-    C: FloatArray,
     ends: Mapping[str, float],
+    nut_places: int,
 ) -> tuple[MovingSource, ...]:
     """Tables of the sources that follow a position channel."""
     found = []
@@ -246,6 +249,8 @@ def _moving_sources(
         if source.shape != "nut" or source.position_channel is None:
             continue
         lag = len(modes) + index
+        mean_B = B[:, index].copy()
+        mean_B[: len(modes)], mean_C = _footprint(config, modes, places, source, 0.0)
         table = NutTable(
             mu_1_m=modes.mu_1_m,
             phase=modes.phase,
@@ -256,9 +261,9 @@ def _moving_sources(
             stroke_m=_stroke_m(source, modes.rod),
             lag=lag,
             lag_decay_1_s=lag_decay_1_s,
-            table_C=_nut_rows(config, modes, places, source.length_m or 0.0),
-            mean_B=B[:, index].copy(),
-            mean_C=C[:, lag].copy(),
+            table_C=_nut_rows(config, modes, places, source.length_m or 0.0, nut_places),
+            mean_B=mean_B,
+            mean_C=mean_C,
         )
         ends_b, ends_C = _at_stroke_ends(config, modes, places, source)
         ends_B = B[:, index].copy()
@@ -273,10 +278,10 @@ def _stroke_m(source: Source, rod: Rod) -> float:
     return high - low
 
 
-def _nut_rows(config: Config, modes: Modes, places: Places, nut_m: float) -> FloatArray:
+def _nut_rows(config: Config, modes: Modes, places: Places, nut_m: float, nut_places: int) -> FloatArray:
     """The lag's output column with the nut at evenly spaced places, (P, R)."""
     L = modes.rod.length_m
-    centres = np.linspace(0.0, L, TABLE_POINTS)
+    centres = np.linspace(0.0, L, nut_places)
     return np.array([_lag_row(config, modes, places, nut_stretch(float(x), nut_m, L)) for x in centres])
 
 

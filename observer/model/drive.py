@@ -19,21 +19,22 @@ from observer.model.couple import surface_rate
 from observer.model.heat.law import heat_law, law_channel
 from observer.model.plant import OFFSET, Plant
 from observer.model.realise import realise
-from observer.model.rod import moving
+from observer.model.rod import moving, turning
 
 
 @dataclass(frozen=True, slots=True)
 class DriveState:
     """What the drive remembers between steps.
 
-    `law_W` (m,) and `z` (p,), NaN before they are first known; `nuts`, one state per moving source; the time
-    `begin_s` of the first frame, NaN before it, that of the last, and for how long each law's channel has not
-    been zero, `running_s` (m,).
+    `law_W` (m,) and `z` (p,), NaN before they are first known; `nuts` and `turns`, one state per moving
+    source; the time `begin_s` of the first frame, NaN before it, that of the last, and for how long each
+    law's channel has not been zero, `running_s` (m,).
     """
 
     law_W: FloatArray
     z: FloatArray
     nuts: tuple[moving.NutState, ...]
+    turns: tuple[turning.TurnState, ...]
     begin_s: float
     last_s: float
     running_s: FloatArray
@@ -42,8 +43,12 @@ class DriveState:
 class Drive:
     """The plant's reading of the channels; holds no state of its own."""
 
-    def __init__(self, config: Config, plant: Plant) -> None:
-        """Fix, once, which channel feeds which input."""
+    def __init__(self, config: Config, plant: Plant, *, follow_nuts: bool = True) -> None:
+        """Fix, once, which channel feeds which input.
+
+        Without `follow_nuts` the moving columns are left out (M = 0): for who has them already.
+        """
+        self._follow_nuts = follow_nuts
         machine = realise(config)
         config = machine.config
         self._plant = plant
@@ -74,6 +79,7 @@ class Drive:
             law_W=np.full(len(self._laws), np.nan),
             z=z,
             nuts=tuple(moving.start(s.table) for s in self._plant.moving),
+            turns=tuple(turning.start() for _ in self._plant.moving),
             begin_s=np.nan,
             last_s=np.nan,
             running_s=np.zeros(len(self._laws)),
@@ -93,7 +99,7 @@ class Drive:
         z = known + hours[:, None] * self._rate_K_h
         z_before = _before(known, state.z) + hours_before * self._rate_K_h
         loss_1_s, loss_degC = self._loss(frames, at, z[:, 0])
-        nuts, moving_B, moving_C = self._nuts(state, frames)
+        nuts, turns, moving_B, moving_C = self._nuts(state, frames)
         ready = np.asarray(np.isfinite(z).all(axis=1))
         inputs = Inputs(
             time_s=frames.time_s,
@@ -112,7 +118,7 @@ class Drive:
             loss_degC=loss_degC,
         )
         last_s = float(frames.time_s[-1])
-        return DriveState(law[-1], known[-1], nuts, begin_s, last_s, running_s), inputs
+        return DriveState(law[-1], known[-1], nuts, turns, begin_s, last_s, running_s), inputs
 
     def _law(
         self, frames: FrameBlock, at: dict[str, int], state: DriveState
@@ -162,21 +168,25 @@ class Drive:
 
     def _nuts(
         self, state: DriveState, frames: FrameBlock
-    ) -> tuple[tuple[moving.NutState, ...], FloatArray, FloatArray]:
+    ) -> tuple[tuple[moving.NutState, ...], tuple[turning.TurnState, ...], FloatArray, FloatArray]:
         """The averaged columns of every moving source: states, (K, M, n_x), (K, M, R)."""
         plant = self._plant
-        B = np.empty((len(frames), len(plant.moving), len(plant.decay_1_s)))
-        C = np.empty((len(frames), len(plant.moving), len(plant.rows.C)))
-        nuts = []
-        for i, source in enumerate(plant.moving):
+        followed = plant.moving if self._follow_nuts else ()
+        B = np.empty((len(frames), len(followed), len(plant.decay_1_s)))
+        C = np.empty((len(frames), len(followed), len(plant.rows.C)))
+        nuts, turns = [], list(state.turns)
+        for i, source in enumerate(followed):
             nut, B[:, i], C[:, i] = moving.columns(
                 source.table, state.nuts[i], frames.dt_s, frames.path[source.channel]
             )
             if source.ends_fraction:
-                B[:, i] += source.ends_fraction * (source.ends_B - B[:, i])
-                C[:, i] += source.ends_fraction * (source.ends_C - C[:, i])
+                turns[i], ends_B, ends_C = turning.columns(
+                    source.table, turns[i], frames.dt_s, frames.path[source.channel]
+                )
+                B[:, i] += source.ends_fraction * (ends_B - B[:, i])
+                C[:, i] += source.ends_fraction * (ends_C - C[:, i])
             nuts.append(nut)
-        return tuple(nuts), B, C
+        return tuple(nuts), tuple(turns), B, C
 
     def _degraded(self, frames: FrameBlock, at: dict[str, int]) -> BoolArray:
         """Whether some input other than a sensor was missing, late or refused at each tick, (K,)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from observer.config import Config
 from observer.effects.terms import EndConductance, Film, Heat, Term
-from observer.sections import Boundary
+from observer.sections import Boundary, Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ def realise(config: Config) -> Realised:
             end = _conducting(getattr(config.boundary, term.end), term.conductance_W_K, config)
             config = _with(config, boundary=config.boundary.model_copy(update={term.end: end}))
         elif isinstance(term, Heat):
-            config = _with(config, source=(*config.source, term.source))
+            config = _with(config, source=(*config.source, _named_apart(term.source, config)))
     rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat))
     return Realised(config, rest)
 
@@ -37,6 +37,12 @@ def realise(config: Config) -> Realised:
 def terms_of(config: Config) -> tuple[Term, ...]:
     """Return the terms of all effects of a configuration, in its order."""
     return tuple(term for effect in config.effect for term in effect.terms(config))
+
+
+def _named_apart(source: Source, config: Config) -> Source:
+    """The source with a number after its name where another has the name already."""
+    alike = [s.name for s in config.source if s.name == source.name or s.name.startswith(f"{source.name}.")]
+    return source.model_copy(update={"name": f"{source.name}.{len(alike) + 1}"}) if alike else source
 
 
 def _with(config: Config, **parts: object) -> Config:

@@ -134,7 +134,7 @@ def _march_coupled(  # type: ignore[no-untyped-def]
         coupled(c, loss_1_s[k], loss_degC[k], z_start[k], B, half_s, x, M, b)
         _apply(M, b, x, was)
         for j in range(B.shape[0]):
-            law = law_W[k, j] * faded(c, j, B, x)
+            law = law_W[k, j] * faded(c, j, z_start[k], B, x)
             for a in range(n_x):
                 known[k, a] += law * B[j, a]
         for a in range(n_x):

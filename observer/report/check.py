@@ -9,9 +9,13 @@ from rich.table import Table
 from rich.text import Text
 
 from observer.config import Config
+from observer.effects.base import EffectTable
+from observer.effects.terms import Body, Lag, Radiation, SpeedLoss, StretchFilm
+from observer.estimators import refuse_what_it_cannot_follow
 from observer.estimators.report import DesignReport, design_report
 from observer.model.build import build_plant
 from observer.model.plant import Plant
+from observer.model.realise import realise
 from observer.model.rod.modes import solve_modes
 from observer.model.rod.moving import SAMPLES_PER_TRAVERSE
 from observer.model.rod.screw import rod_of
@@ -25,6 +29,8 @@ TRANSIENT_S = (0.5, 10.0)
 
 def findings(config: Config) -> dict[str, Any]:
     """Return what must be known of a configuration. Raises `UserError` where no design exists."""
+    refuse_what_it_cannot_follow(build_plant(config), config.estimator)
+    asked, config = config, _without_states(config)
     plant = build_plant(config)
     design = design_report(plant, config.estimator)
     reached = sorted(design.poles_reached_1_s.tolist(), key=lambda p: (-p.real, p.imag))
@@ -49,15 +55,16 @@ def findings(config: Config) -> dict[str, Any]:
         "observability_per_mode": dict(zip(map(str, plant.mode_index), _seen(plant), strict=True)),
         "smallest_singular_value_K": design.smallest_singular_value_K,
         "path_told_up_to_rpm": {s.name: _path_limit_rpm(config, s) for s in config.source if s.lead_m},
-        "warnings": [*design.warnings, *_model_warnings(config, design)],
+        "warnings": [*design.warnings, *_model_warnings(config, design), *_state_warnings(asked)],
     }
 
 
 def _left_out(config: Config, plant: Plant) -> float:
     """The largest part of a source's steady field that the modes alone would leave out."""
-    modes = solve_modes(rod_of(config), max(plant.mode_index))
+    machine = realise(config).config
+    modes = solve_modes(rod_of(machine), max(plant.mode_index))
     kept = modes.take([i - 1 for i in plant.mode_index])
-    stretches = [s for source in config.source for s in design_stretches(source, config.screw)]
+    stretches = [s for source in machine.source for s in design_stretches(source, machine.screw)]
     return max(tail_left(kept, len(kept), stretch) for stretch in stretches)
 
 
@@ -80,10 +87,30 @@ def _path_limit_rpm(config: Config, source: Source) -> float:
     return 60.0 * (high_m - low_m) / ((source.lead_m or 1.0) * SAMPLES_PER_TRAVERSE * sample_s)
 
 
+def _adds_states(effect: EffectTable, config: Config) -> bool:
+    return any(isinstance(term, Body | Lag) for term in effect.terms(config))
+
+
+def _without_states(config: Config) -> Config:
+    """The configuration without the effects that add states: designs know modes, lags and heats only."""
+    rest = tuple(e for e in config.effect if not _adds_states(e, config))
+    return config.model_copy(update={"effect": rest})
+
+
+def _state_warnings(config: Config) -> list[str]:
+    kinds = dict.fromkeys(e.kind for e in config.effect if _adds_states(e, config))
+    return [
+        f'poles, gains and observability are those of the plant without the effect "{kind}", whose state '
+        "the Kalman filter follows; judge it by a replay"
+        for kind in kinds
+    ]
+
+
 def _model_warnings(config: Config, design: DesignReport) -> list[str]:
-    rod = rod_of(config)
+    machine = realise(config)
+    config, rod = machine.config, rod_of(machine.config)
     warnings = []
-    if rod.floating:
+    if rod.floating and not any(isinstance(t, SpeedLoss | StretchFilm | Radiation) for t in machine.terms):
         warnings.append(
             "no heat can leave the screw (insulated ends, no film): its mean temperature can only rise; set "
             "surface.convection_W_m2K or an end"

@@ -122,7 +122,7 @@ class Collector:
             tuple(s.name for s in config.sensor),
             config.screw.expansion_1_K is not None,
         )
-        self._estimated = np.array([s.estimate for s in config.source])
+        self._estimated = np.flatnonzero([s.estimate for s in config.source])
         self._sensor_m = np.array([s.position_m for s in config.sensor])
         self._noise_K = np.array([s.noise_K for s in config.sensor])
         self._rows = Decimator()

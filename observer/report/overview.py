@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from observer.config import Config
 from observer.frames import FloatArray
+from observer.model.realise import realise
 from observer.report import panels
 from observer.report.collect import EstimateSamples, SimulationSamples
 from observer.report.style import QUIET, RC, duration_text, elapsed
@@ -68,7 +69,9 @@ def write_simulation_overview(path: Path, config: Config, samples: SimulationSam
     has_error = samples.error_um.shape[1] > 0
     with _page(path, _heading(config, title), samples, "open loop", (2.4, 3.2, 2.6, 3.0)) as page:
         t, axes, keys = page.t, page.axes, page.keys
-        panels.laws(axes[0], keys[0], t, [s.name for s in config.source], samples.law_W)
+        sources = [s.name for s in realise(config).config.source]  # effects may add some
+        heat = [j for j, name in enumerate(sources) if j < len(config.source) or samples.law_W[:, j].any()]
+        panels.laws(axes[0], keys[0], t, [sources[j] for j in heat], samples.law_W[:, heat])
         panels.field(axes[1], keys[1], t, samples.position_m, samples.field_degC, config)
         shown = samples.error_um if has_error else samples.field_degC
         panels.at_positions(axes[2], keys[2], t, samples.position_m, shown, None)

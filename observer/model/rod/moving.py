@@ -9,6 +9,7 @@ sensors, long against a traverse.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -93,6 +94,18 @@ def columns(
     )  # fmt: skip
     time_s, position_m, reach_m, weight_s = (float(value) for value in scalars)
     return NutState(time_s, position_m, reach_m, weight_s, B, C, sum_B, sum_C), out_B, out_C
+
+
+def standing(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    """Return the columns (n_x,), (R,) of a nut that stands at each of some places for equal times."""
+    B, C = np.zeros_like(table.mean_B), np.zeros_like(table.mean_C)
+    for place_m in places_m:
+        _add(
+            B, C, 1.0 / len(places_m), place_m, table.mu_1_m, table.phase, table.scale,
+            table.conductance_W_m, table.nut_m, table.screw_m, table.table_C,
+        )  # fmt: skip
+    B[table.lag] = table.lag_decay_1_s
+    return B, C
 
 
 @numba.njit(cache=True)

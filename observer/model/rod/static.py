@@ -15,7 +15,9 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.model.rod.screw import End, Rod
 
-_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(16)
+NODES = 16
+"""Gauss points in a panel of the quadrature."""
+_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(NODES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +79,14 @@ def ambient_field(rod: Rod, x_m: FloatArray) -> FloatArray:
 
 def quadrature(rod: Rod, breaks_m: Sequence[float], panels: int = 24) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights (k,) on the rod for a function with kinks at `breaks_m` only."""
-    edges = np.unique(np.clip([*np.linspace(0.0, rod.length_m, panels + 1), *breaks_m], 0.0, rod.length_m))
+    return quadrature_on(rod.length_m, breaks_m, panels)
+
+
+def quadrature_on(
+    length_m: float, breaks_m: Sequence[float], panels: int = 24
+) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights (k,) from 0 to a length, `NODES` to a panel."""
+    edges = np.unique(np.clip([*np.linspace(0.0, length_m, panels + 1), *breaks_m], 0.0, length_m))
     half = np.diff(edges)[:, None] / 2
     nodes = edges[:-1, None] + half * (1 + _GAUSS_X)
     return nodes.ravel(), (half * _GAUSS_W).ravel()
