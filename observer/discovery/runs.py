@@ -23,13 +23,15 @@ class Run:
     """One run of a machine, with nothing in it that depends on the parameters.
 
     `frames` from the first row on which every known input has a value; `first` (b,) the first row of each
-    block of 30 s; `usable` (K, s); `count` (b, s) how many values each mean has; `measured_degC` (b, s),
-    NaN without any; `start_degC`, `start_R_K2` (s,) the mean over the first 10 s, and its variance.
+    block of 30 s; `usable`, `values_degC` (K, s); `count` (b, s) how many values each mean has;
+    `measured_degC` (b, s), NaN without any; `start_degC`, `start_R_K2` (s,) the mean over the
+    first 10 s, and its variance.
     """
 
     frames: FrameBlock
     first: NDArray[np.int64]
     usable: BoolArray
+    values_degC: FloatArray
     count: FloatArray
     measured_degC: FloatArray
     start_degC: FloatArray
@@ -73,6 +75,7 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
             frames=frames,
             first=first,
             usable=usable,
+            values_degC=y_degC,
             count=count,
             measured_degC=total / count,
             start_degC=np.where(usable[early], y_degC[early], 0.0).sum(axis=0) / at_start,

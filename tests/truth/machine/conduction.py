@@ -47,6 +47,21 @@ def _thomas(lower: FloatArray, upper: FloatArray) -> FloatArray:
 
 
 @numba.njit(cache=True)
+def _inflow_W(field: FloatArray, i: int, j: int, grid: Grid) -> float:
+    """Heat into a cell from its neighbours."""
+    here, flow_W = field[i, j], 0.0
+    if i > 0:
+        flow_W += grid.axial_W_K[j] * (field[i - 1, j] - here)
+    if i < grid.slices - 1:
+        flow_W += grid.axial_W_K[j] * (field[i + 1, j] - here)
+    if j > 0:
+        flow_W += grid.radial_W_K[j - 1] * (field[i, j - 1] - here)
+    if j < grid.rings - 1:
+        flow_W += grid.radial_W_K[j] * (field[i, j + 1] - here)
+    return flow_W
+
+
+@numba.njit(cache=True)
 def conduct(
     field: FloatArray, load_J: FloatArray, change: FloatArray, step_s: float, grid: Grid, factors: Factors
 ) -> None:
@@ -55,16 +70,7 @@ def conduct(
     radial, axial = factors.radial, factors.axial
     for i in range(slices):
         for j in range(rings):
-            flow_W = 0.0
-            if i > 0:
-                flow_W += grid.axial_W_K[j] * (field[i - 1, j] - field[i, j])
-            if i < slices - 1:
-                flow_W += grid.axial_W_K[j] * (field[i + 1, j] - field[i, j])
-            if j > 0:
-                flow_W += grid.radial_W_K[j - 1] * (field[i, j - 1] - field[i, j])
-            if j < rings - 1:
-                flow_W += grid.radial_W_K[j] * (field[i, j + 1] - field[i, j])
-            rate = (step_s * flow_W + load_J[i, j]) / grid.capacity_J_K[j]
+            rate = (step_s * _inflow_W(field, i, j, grid) + load_J[i, j]) / grid.capacity_J_K[j]
             before = change[i, j - 1] if j > 0 else 0.0
             change[i, j] = (rate - radial[j, 0] * before) * radial[j, 1]
         for j in range(rings - 2, -1, -1):

@@ -50,7 +50,7 @@ def build_grid(physics: Physics, slices: int, rings: int) -> Grid:
 def stretch_share(grid: Grid, from_m: float, to_m: float) -> FloatArray:
     """Covered part of each slice, (slices,)."""
     edge_m = np.arange(grid.slices + 1) * grid.slice_m
-    return np.diff(np.clip(edge_m, from_m, to_m)) / grid.slice_m
+    return np.asarray(np.diff(np.clip(edge_m, from_m, to_m)) / grid.slice_m)
 
 
 def point_share(grid: Grid, position_m: float) -> FloatArray:

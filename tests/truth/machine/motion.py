@@ -27,8 +27,8 @@ def spread(
     """Add `weight` × the mean over a straight path of the nut's uniform footprint, exactly, to each slice."""
     low_m, high_m = min(from_m, to_m), max(from_m, to_m)
     half_m, path_m = 0.5 * nut_m, high_m - low_m
-    first = max(int(math.floor((low_m - half_m) / slice_m)), 0)
-    last = min(int(math.floor((high_m + half_m) / slice_m)), len(share) - 1)
+    first = max(math.floor((low_m - half_m) / slice_m), 0)
+    last = min(math.floor((high_m + half_m) / slice_m), len(share) - 1)
     below = 0.0
     for i in range(first, last + 1):
         edge_m = (i + 1) * slice_m

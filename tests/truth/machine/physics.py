@@ -1,8 +1,8 @@
-"""What the machine is made of and what is done to it: plain numbers and arrays that compiled code can read."""
+"""What the machine is made of and what is done to it: numbers and arrays that compiled code can read."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,9 @@ class Physics(NamedTuple):
     # bodies that store heat, each on the nut, the left end, the right end; no conductance: no body
     body_J_K: FloatArray
     body_W_K: FloatArray
-    # a heat at a place of the surface, share of each slice
-    spot: FloatArray
+    # heats at places of the surface
+    local_W: FloatArray  # constant, of each slice
+    spot: FloatArray  # share of each slice of `spot_W`
 
 
 class Schedule(NamedTuple):
@@ -73,10 +74,10 @@ class Schedule(NamedTuple):
     film_factor: FloatArray  # on the base film
     nut_factor: FloatArray  # on the nut's friction, everywhere
     climb_factor: FloatArray  # on the nut's friction while it climbs the upper half of its stroke
-    spot_W: FloatArray
+    spot_W: FloatArray  # a heat at one place, now and then
 
 
-def steady_schedule(steps: int, step_s: float, **changes: object) -> Schedule:
+def steady_schedule(steps: int, step_s: float, **changes: Any) -> Schedule:
     """A run at standstill in still air at 20 °C, with changes."""
     one, none = np.ones(steps), np.zeros(steps)
     plain = Schedule(
@@ -95,7 +96,7 @@ def steady_schedule(steps: int, step_s: float, **changes: object) -> Schedule:
     return plain._replace(**changes)
 
 
-def plain_physics(slices: int = 100, **changes: object) -> Physics:
+def plain_physics(slices: int = 100, **changes: Any) -> Physics:
     """The machine as configured, without any hidden effect, with changes."""
     none = np.zeros(slices)
     plain = Physics(
@@ -122,6 +123,7 @@ def plain_physics(slices: int = 100, **changes: object) -> Physics:
         dwell=0.0,
         body_J_K=np.ones(3),
         body_W_K=np.zeros(3),
+        local_W=none,
         spot=none,
     )
     return plain._replace(**changes)

@@ -34,9 +34,7 @@ class Result(NamedTuple):
     field_degC: FloatArray  # (slices, rings) at the end
 
 
-def run_machine(
-    physics: Physics, schedule: Schedule, position_m: FloatArray, rings: int = RINGS
-) -> Result:
+def run_machine(physics: Physics, schedule: Schedule, position_m: FloatArray, rings: int = RINGS) -> Result:
     """Run the machine from a uniform start; slices as many as `physics` has."""
     grid = build_grid(physics, len(physics.film_W_m2K), rings)
     first, weights = reading_weights(grid, np.asarray(position_m, float))
@@ -124,8 +122,10 @@ def _run(
         power_W = schedule.nut_factor[k] * friction_W(physics, NUT, speed, turning_mid_s, local)
         _nut_heat(heat, under, climb, power_W, schedule.climb_factor[k], low_m, high_m, grid, physics)
         book[k, FRICTION] += dt * heat.sum()
-        heat += schedule.spot_W[k] * physics.spot
-        book[k, STEADY_HEAT] += dt * schedule.spot_W[k] * physics.spot.sum()
+        for i in range(grid.slices):
+            local_W = physics.local_W[i] + schedule.spot_W[k] * physics.spot[i]
+            heat[i] += local_W
+            book[k, STEADY_HEAT] += dt * local_W
         rotating = physics.rotation_gain * rotating_film_W_m2K(speed, physics.diameter_m)
         into_body_W[NUT] = cool_surface(
             load_J, shell, heat, under, air, schedule.film_factor[k], rotating, middle_body[NUT], dt, grid,

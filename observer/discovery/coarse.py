@@ -1,0 +1,190 @@
+"""A run in ticks of ten seconds: what a search simulates, thousands of times, in place of every row.
+
+Heats, losses and the nut's columns are averaged over each tick, so their energy is that of the rows; known
+inputs are taken at its ends. Predictions are compared as means over three ticks, to which each tick
+contributes the mean of its two ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.config import Config
+from observer.discovery.runs import Run
+from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
+from observer.frames import FloatArray, Inputs
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+from observer.model.realise import realise
+from observer.model.rod import moving
+from observer.sections import LAWS, Source
+
+TICK_S = 10.0
+TICKS_IN_MEAN = 3
+MOST_KEPT = 64
+INPUT_TERMS = (LawFactor, AmbientShift, Offset, SpeedLoss)
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """How a run's rows fall into ticks and means.
+
+    `first` (T,) the first row of each tick, `length_s` (T,) how long it lasts; `mean` (T,) the mean each
+    tick belongs to; `count`, `measured_degC` (b, s) the usable values of each mean and their average, NaN
+    without any; `time_s` (b,) when each mean ends, from the start of the run; `share` (T, s) the part of its
+    mean's values that fell into each tick; `at_end` (T,) ticks too long (gaps) for the mean of their ends.
+    """
+
+    first: NDArray[np.int64]
+    length_s: FloatArray
+    mean: NDArray[np.int64]
+    count: FloatArray
+    measured_degC: FloatArray
+    time_s: FloatArray
+    share: FloatArray
+    at_end: NDArray[np.bool_]
+
+
+def ticks_of(run: Run) -> Ticks:
+    """Cut a run into ticks."""
+    frames = run.frames
+    since_s = frames.time_s - frames.time_s[0]
+    number = np.maximum(np.ceil(since_s / TICK_S - 1e-9).astype(np.int64) - 1, 0)
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    number = number[first]
+    length_s = np.add.reduceat(frames.dt_s, first)
+    means, mean = np.unique(number // TICKS_IN_MEAN, return_inverse=True)
+    per_tick = np.add.reduceat(run.usable, first, axis=0, dtype=float)
+    total = np.add.reduceat(np.where(run.usable, run.values_degC, 0.0), first, axis=0)
+    starts = np.flatnonzero(np.diff(mean, prepend=-1))
+    count = np.add.reduceat(per_tick, starts, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        measured = np.add.reduceat(total, starts, axis=0) / count
+        share = np.where(count[mean] > 0, per_tick / np.maximum(count[mean], 1.0), 0.0)
+    return Ticks(
+        first=first,
+        length_s=length_s,
+        mean=mean,
+        count=count,
+        measured_degC=measured,
+        time_s=(means + 1) * (TICKS_IN_MEAN * TICK_S),
+        share=share,
+        at_end=length_s > 1.5 * TICK_S,
+    )
+
+
+def means_of(ticks: Ticks, before: FloatArray, rows: FloatArray) -> FloatArray:
+    """The means (b, s) of output rows (T, s) at the ticks' ends, `before` (s,) those at the start."""
+    starts = np.vstack([before, rows[:-1]])
+    within = np.where(ticks.at_end[:, None], rows, 0.5 * (starts + rows))
+    out = np.zeros_like(ticks.measured_degC)
+    np.add.at(out, ticks.mean, within * ticks.share)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """A nut's averaged columns over the ticks of a run, (T, N) and (T, R), without the lag's own row."""
+
+    B: FloatArray
+    C: FloatArray
+
+
+class CoarseRun:
+    """A run whose inputs can be had in ticks for any configuration; the nut's columns are kept."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.ticks = ticks_of(run)
+        self._kept: dict[bytes, Columns] = {}
+        self._driven: dict[str, Inputs] = {}
+
+    def inputs(self, config: Config, plant: Plant) -> Inputs:
+        """Return the inputs of the ticks, (T,)."""
+        driven = self._drive(config, plant)
+        T, M = len(driven), len(plant.moving)
+        B, C = np.zeros((T, M, len(plant.decay_1_s))), np.zeros((T, M, len(plant.rows.C)))
+        for i, source in enumerate(plant.moving):
+            columns = self._columns(plant, i, driven.law_W[:, source.index])
+            B[:, i, : plant.modes] = columns.B
+            B[:, i, source.table.lag] = source.table.lag_decay_1_s
+            C[:, i] = columns.C
+            if source.ends_fraction:
+                B[:, i] += source.ends_fraction * (source.ends_B - B[:, i])
+                C[:, i] += source.ends_fraction * (source.ends_C - C[:, i])
+        return replace(driven, moving_B=B, moving_C=C)
+
+    def _drive(self, config: Config, plant: Plant) -> Inputs:
+        """The inputs of the ticks without the nut's columns; kept, as the film and the screw do not change
+        them.
+        """
+        key = _driving(config)
+        if key not in self._driven:
+            if len(self._driven) >= MOST_KEPT:
+                self._driven.clear()
+            self._driven[key] = self._aggregated(config, plant)
+        return self._driven[key]
+
+    def _aggregated(self, config: Config, plant: Plant) -> Inputs:
+        drive = Drive(config, plant, follow_nuts=False)
+        fine = drive.run(drive.initial(), self.run.frames)[1]
+        first, length_s = self.ticks.first, np.maximum(self.ticks.length_s, 1e-9)
+
+        def mean(values: FloatArray) -> FloatArray:
+            weight = fine.dt_s if values.ndim == 1 else fine.dt_s[:, None]
+            over = length_s if values.ndim == 1 else length_s[:, None]
+            return np.asarray(np.add.reduceat(values * weight, first, axis=0) / over)
+
+        last = np.append(first[1:], len(fine)) - 1
+        loss = mean(fine.loss_1_s)
+        drawn = mean(fine.loss_1_s * fine.loss_degC)
+        return replace(
+            fine.part(0, len(first)),
+            time_s=fine.time_s[last],
+            dt_s=self.ticks.length_s,
+            law_W=mean(fine.law_W),
+            z_start=fine.z_start[first],
+            z_end=fine.z_end[last],
+            loss_1_s=loss,
+            loss_degC=np.where(loss > 0, drawn / np.where(loss > 0, loss, 1.0), 0.0),
+        )
+
+    def _columns(self, plant: Plant, i: int, law_W: FloatArray) -> Columns:
+        """The nut's columns, weighted by its heat; they change with modes and output rows only."""
+        source = plant.moving[i]
+        table = source.table
+        key = b"".join(
+            np.ascontiguousarray(a).tobytes()
+            for a in (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m), table.table_C)
+        )
+        if key not in self._kept:
+            if len(self._kept) >= MOST_KEPT:
+                self._kept.clear()
+            frames = self.run.frames
+            _, B, C = moving.columns(table, moving.start(table), frames.dt_s, frames.path[source.channel])
+            weight = frames.dt_s * (
+                np.repeat(np.abs(law_W), np.diff([*self.ticks.first, len(frames)])) + 1e-6
+            )
+            over = np.add.reduceat(weight, self.ticks.first)[:, None]
+            over = np.where(over > 0, over, 1.0)
+            modal = np.add.reduceat(B[:, : plant.modes] * weight[:, None], self.ticks.first, axis=0) / over
+            rows = np.add.reduceat(C * weight[:, None], self.ticks.first, axis=0) / over
+            self._kept[key] = Columns(modal, rows)
+        return self._kept[key]
+
+
+def _driving(config: Config) -> str:
+    """What of a configuration decides the heats, losses and known inputs, as a key."""
+    machine = realise(config)
+    laws = [(heat_parts(s), s.speed_channel) for s in machine.config.source]
+    own = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]
+    loss = machine.config.screw if any(isinstance(t, SpeedLoss) for t in machine.terms) else None
+    return repr((laws, own, loss, config.ambient, config.boundary, config.output.reference_degC))
+
+
+def heat_parts(source: Source) -> tuple[object, ...]:
+    """The keys of a source that make up its heat law."""
+    return tuple(getattr(source, key) for key in (*LAWS, "share", "scale", "drive_channel"))

@@ -1,0 +1,140 @@
+"""What the logs say, split into folds and weighed: the measured side of every hypothesis.
+
+Each log is cut into means of half a minute. The last log, or the end of a single one, is the proof: it takes
+no part in fitting or choosing. The others are folds: what is fitted to all but one is judged on that one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.discovery.coarse import CoarseRun
+from observer.frames import FloatArray
+
+PROOF, UNUSED = -1, -2
+GAP_SHARE = 0.08
+"""Part of a single log left out between what is fitted and what proves."""
+SLOW_S, SLOW_K, SLOW_SHARE = 900.0, 0.008, 0.002
+"""What a one-dimensional model cannot follow: correlation time, and standard deviation, of which a part is
+a share of the sensor's rms rise."""
+BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.006, 0.0012
+"""The same of what beats between a nut's motion and the sampling of its position."""
+RESOLUTION_K = 0.003
+"""What quantisation leaves of a mean over half a minute."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The means of all runs, one row per mean and sensor that was measured.
+
+    `run`, `mean`, `sensor` (n,) say which; `measured_degC` (n,); `fold` (n,): PROOF, UNUSED, or a fold from
+    0; `time_s` (n,) the end of the mean since the start of its run. `groups` lists rows of one run, sensor
+    and role, in time, with the matrix that whitens them.
+    """
+
+    run: NDArray[np.int64]
+    mean: NDArray[np.int64]
+    sensor: NDArray[np.int64]
+    measured_degC: FloatArray
+    time_s: FloatArray
+    fold: NDArray[np.int64]
+    groups: tuple[tuple[NDArray[np.int64], FloatArray], ...]
+
+    def rows(self, means: Sequence[FloatArray]) -> FloatArray:
+        """Pick the rows (n,) out of means (b, s) of each run."""
+        out = np.empty(len(self.run))
+        for i, values in enumerate(means):
+            mine = self.run == i
+            out[mine] = values[self.mean[mine], self.sensor[mine]]
+        return out
+
+    def whitened(self, columns: FloatArray) -> FloatArray:
+        """Return columns (n,) or (n, c) in units of their noise, neighbours in time made independent."""
+        out = np.empty_like(columns)
+        for index, matrix in self.groups:
+            out[index] = matrix @ columns[index]
+        return out
+
+    @property
+    def folds(self) -> int:
+        """How many folds there are."""
+        return int(self.fold.max()) + 1
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """The rows that may be fitted and chosen on, (n,)."""
+        return np.asarray(self.fold >= 0)
+
+    @property
+    def proof(self) -> NDArray[np.bool_]:
+        """The rows that prove, (n,)."""
+        return np.asarray(self.fold == PROOF)
+
+
+def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
+    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise."""
+    parts = []
+    for i, run in enumerate(runs):
+        mean, sensor = np.nonzero(_full(run.ticks.count))
+        measured = run.ticks.measured_degC[mean, sensor]
+        count = run.ticks.count[mean, sensor]
+        time_s = run.ticks.time_s[mean]
+        fold = _folds(time_s, run.ticks.time_s[-1], i, len(runs))
+        parts.append((np.full(len(mean), i), mean, sensor, measured, time_s, fold, count))
+    run_, mean, sensor, measured, time_s, fold, count = (np.concatenate(p) for p in zip(*parts, strict=True))
+    rise_K = _rises(run_, sensor, measured, runs)
+    groups = []
+    for i in range(len(runs)):
+        for s in range(len(noise_K)):
+            for role in np.unique(fold[(run_ == i) & (sensor == s)]):
+                index = np.flatnonzero((run_ == i) & (sensor == s) & (fold == role))
+                white_K2 = noise_K[s] ** 2 / count[index] + RESOLUTION_K**2
+                groups.append((index, _whitening(time_s[index], white_K2, rise_K[i, s])))
+    return Evidence(run_, mean, sensor, measured, time_s, fold, tuple(groups))
+
+
+def _full(count: FloatArray) -> NDArray[np.bool_]:
+    """Which means have at least half of the usual number of values."""
+    usual = np.median(count[count > 0]) if (count > 0).any() else 1.0
+    return np.asarray(count >= 0.5 * usual)
+
+
+def _folds(time_s: FloatArray, end_s: float, run: int, runs: int) -> NDArray[np.int64]:
+    """The folds of one run's rows: whole runs where there are several, else parts with a gap between."""
+    if runs >= 3:
+        return np.full(len(time_s), PROOF if run == runs - 1 else run)
+    if runs == 2:
+        return np.full(len(time_s), PROOF) if run else np.where(time_s < end_s / 2, 0, 1)
+    begin = 0.62 * end_s
+    fold = np.where(time_s < begin / 2, 0, 1)
+    fold = np.where(time_s > begin, UNUSED, fold)
+    return np.where(time_s > begin + GAP_SHARE * end_s, PROOF, fold)
+
+
+def _rises(
+    run: NDArray[np.int64], sensor: NDArray[np.int64], measured: FloatArray, runs: Sequence[CoarseRun]
+) -> FloatArray:
+    """How far each sensor rises over the start of each run, rms, (runs, s), K."""
+    out = np.zeros((len(runs), int(sensor.max()) + 1))
+    for i in range(len(out)):
+        for s in range(out.shape[1]):
+            mine = measured[(run == i) & (sensor == s)]
+            if len(mine):
+                out[i, s] = np.sqrt(np.mean((mine - mine[0]) ** 2))
+    return out
+
+
+def _whitening(time_s: FloatArray, white_K2: FloatArray, rise_K: float) -> FloatArray:
+    """L⁻¹ with L Lᵀ = diag(white) + slow² exp(−|Δt|/τ_slow) + beat² exp(−|Δt|/τ_beat)."""
+    from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+    apart_s = np.abs(time_s[:, None] - time_s)
+    slow_K, beat_K = SLOW_K + SLOW_SHARE * rise_K, BEAT_K + BEAT_SHARE * rise_K
+    covariance = np.diag(white_K2) + slow_K**2 * np.exp(-apart_s / SLOW_S)
+    covariance += beat_K**2 * np.exp(-apart_s / BEAT_S)
+    lower = np.linalg.cholesky(covariance)
+    return np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True))

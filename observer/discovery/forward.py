@@ -1,0 +1,91 @@
+"""The open-loop prediction of several runs for any configuration, as fast as a search needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.coarse import CoarseRun, means_of
+from observer.discovery.runs import Run
+from observer.frames import FloatArray
+from observer.model.build import build_plant
+from observer.model.plant import Plant
+from observer.model.simulate import simulate, start_from_sensors
+
+
+class Forward:
+    """Predicts the means (b, s) of each run; the number of modes is that of the configuration it began with.
+
+    What the runs alone decide is worked out once, so a prediction costs the building of a plant and a march
+    over the ticks.
+    """
+
+    def __init__(self, config: Config, runs: Sequence[Run]) -> None:
+        self.runs = tuple(CoarseRun(run) for run in runs)
+        plant = sensor_plant(build_plant(config))
+        self._modes = len(plant.mode_index)
+        self._tables = [m.table for m in plant.moving]
+        self.count = 0
+
+    def __call__(self, config: Config) -> list[FloatArray]:
+        """Return the prediction (b, s) of each run in °C."""
+        self.count += 1
+        lean = lean_config(config, self._modes)
+        plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
+        return [self._predict(lean, plant, run) for run in self.runs]
+
+    def _with_tables(self, plant: Plant) -> Plant:
+        """The plant with the tables of the first: what the dropped modes add goes with 1/kA, and hardly
+        with the film.
+        """
+        lagging = ~plant.rows.C[:, : plant.modes].any(axis=1)
+        moving = []
+        for m, first in zip(plant.moving, self._tables, strict=True):
+            table_C = first.table_C * (first.conductance_W_m / m.table.conductance_W_m)
+            table_C[:, lagging] = 0.0
+            moving.append(replace(m, table=replace(m.table, table_C=table_C)))
+        return replace(plant, moving=tuple(moving))
+
+    def _predict(self, config: Config, plant: Plant, run: CoarseRun) -> FloatArray:
+        inputs = run.inputs(config, plant)
+        state = start_from_sensors(
+            plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
+        )
+        before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
+        return means_of(run.ticks, before, simulate(plant, state, inputs)[1])
+
+
+def lean_config(config: Config, modes: int) -> Config:
+    """The same screw with as few output rows as can be, and, where they are the first ones, a fixed number of
+    modes: one more or less from one value of the film to the next would be a step in the misfit.
+    """
+    model = config.model
+    if model.criterion == "tail" and model.modes is None:
+        model = model.model_copy(update={"modes": modes})
+    output = config.output.model_copy(
+        update={"positions_m": (0.0, config.screw.length_m), "reference_degC": 0.0}
+    )
+    screw = config.screw.model_copy(update={"expansion_1_K": None})
+    return config.model_copy(update={"output": output, "screw": screw, "model": model})
+
+
+def sensor_plant(plant: Plant) -> Plant:
+    """The plant with the sensors' rows only."""
+    s = plant.rows.sensors
+    rows = replace(plant.rows, C=plant.rows.C[:s], F=plant.rows.F[:s], grid=0)
+    moving = tuple(
+        replace(
+            m,
+            table=replace(
+                m.table,
+                table_C=np.ascontiguousarray(m.table.table_C[:, :s]),
+                mean_C=m.table.mean_C[:s].copy(),
+            ),
+            ends_C=m.ends_C[:s].copy(),
+        )
+        for m in plant.moving
+    )
+    return replace(plant, rows=rows, moving=moving)
