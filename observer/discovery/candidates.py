@@ -25,13 +25,14 @@ BY_KIND = dict(zip(KINDS, LIBRARY, strict=True))
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An effect at a target: the shapes to try, and what is fitted with which natural scale."""
+    """An effect at a target: the shapes to try, what is fitted with which natural scale, and upper limits."""
 
     kind: str
     target: str | None
     shapes: tuple[Mapping[str, float], ...]
     scales: Mapping[str, float]
     given: Mapping[str, Any] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     def effect(self, shape: Mapping[str, float]) -> EffectTable:
         """Return the effect in one of its shapes."""
@@ -40,10 +41,11 @@ class Candidate:
 
     def parameters(self, index: int) -> tuple[Parameter, ...]:
         """What is fitted where the effect is number `index` of the configuration."""
+        effect = BY_KIND[self.kind]
+        bounds = {key: bounds_of(effect, key) for key in effect.parameters if key in self.scales}
         return tuple(
-            Parameter(index, key, self.scales[key], *bounds_of(BY_KIND[self.kind], key))
-            for key in BY_KIND[self.kind].parameters
-            if key in self.scales
+            Parameter(index, key, self.scales[key], low, min(high, self.limits.get(key, np.inf)))
+            for key, (low, high) in bounds.items()
         )
 
     @property
@@ -77,7 +79,13 @@ def _surface(config: Config, keys: tuple[str, ...]) -> Iterator[Candidate]:
         yield _one("speed_convection", None, gain=0.1)
     stretches = [(i * L / 8, (i + w) * L / 8) for w in (1, 2, 3, 4) for i in range(9 - w)]
     shapes = tuple({"from_m": a, "to_m": b, "extra_W_m2K": 5.0} for a, b in stretches)
-    yield Candidate("uneven_convection", None, shapes, {"from_m": L / 8, "to_m": L / 8, "extra_W_m2K": 5.0})
+    yield Candidate(
+        "uneven_convection",
+        None,
+        shapes,
+        {"from_m": L / 8, "to_m": L / 8, "extra_W_m2K": 5.0},
+        limits={"from_m": L, "to_m": L},
+    )
     yield _one("radiation", None, emissivity=0.3)
     yield _one("ambient_drift", None, rate_K_h=0.3)
     if spins:
@@ -111,7 +119,9 @@ def _heats(config: Config) -> Iterator[Candidate]:
         shapes = tuple({"fraction": 0.2, "time_s": t} for t in (400.0, 1200.0, 3600.0))
         yield Candidate("run_in", source.name, shapes, {"fraction": 0.2, "time_s": 1200.0})
     shapes = tuple({"position_m": x, "heat_W": 2.0} for x in np.linspace(0.0, L, 13).tolist())
-    yield Candidate("local_heat", None, shapes, {"position_m": L / 10, "heat_W": 2.0})
+    yield Candidate(
+        "local_heat", None, shapes, {"position_m": L / 10, "heat_W": 2.0}, limits={"position_m": L}
+    )
 
 
 def _sensors(config: Config) -> Iterator[Candidate]:

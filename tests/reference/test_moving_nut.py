@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +11,9 @@ import pytest
 from observer.config import Config
 from observer.frames import EstimateBlock, FloatArray
 from observer.logs import Log
+from observer.model.build import build_plant
 from observer.model.rod import moving
-from observer.model.rod.moving import judge_path
+from observer.model.rod.moving import NutTable, judge_path
 from tests.reference.cases import config_of
 from tests.reference.service_path import log_of, replay
 from tests.truth import screw2d
@@ -86,8 +86,8 @@ def estimated(this: Case) -> tuple[EstimateBlock, FloatArray]:
     return block, block.time_s >= SETTLED_S
 
 
-# 25 m/min: a traverse takes 1.4 s, less than two samples. 3 m/min: 12 s, twelve samples.
-@pytest.mark.parametrize(("speed_m_s", "regime"), [(0.4171, "points"), (0.05, "path")])
+# A traverse takes 1.4 s, less than two samples; 5.5 s, whose path has to be folded; twelve.
+@pytest.mark.parametrize(("speed_m_s", "regime"), [(0.4171, "points"), (0.1097, "path"), (0.05, "path")])
 def test_heat_and_field_are_right_where_the_log_tells_the_path(speed_m_s: float, regime: str) -> None:
     this = case(speed_m_s)
     position_m = this.log.values[:, this.log.channels.index("nut_position_m")]
@@ -120,17 +120,25 @@ def test_a_log_in_step_with_the_motion_is_known_not_to_tell_the_path() -> None:
     assert judge_path(position_m, HIGH_M - LOW_M) == "undetermined"
 
 
-def test_lines_between_sparse_samples_would_read_the_heat_low(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The reason for the points: straight lines cut the reversals off, and the heat comes out far too low."""
-    this = case(0.4171)
-    honest, late = estimated(this)
-    average = moving.columns
+@pytest.mark.parametrize("samples_per_traverse", [3.3, 4.7, 7.1, 9.66, 10.3])
+def test_a_path_told_by_few_samples_heats_where_the_nut_was(samples_per_traverse: float) -> None:
+    """Lines between the samples cut the reversals off; folding the path at what is missing does not."""
+    table = build_plant(_config()).moving[0].table
+    speed_m_s = (HIGH_M - LOW_M) / (samples_per_traverse * PERIOD_S)
+    seen_s, true_s = np.arange(0.0, 600.5, PERIOD_S), np.arange(0.0, 600.01, 0.01)
+    seen_m = shuttle_m(seen_s, LOW_M, HIGH_M, speed_m_s)
+    truth = _heated(table, true_s, shuttle_m(true_s, LOW_M, HIGH_M, speed_m_s))
+    folded = _heated(table, seen_s, seen_m)
+    lines = _heated(table, true_s, np.interp(true_s, seen_s, seen_m))
+    off, cut = (float(np.linalg.norm(B - truth) / np.linalg.norm(truth)) for B in (folded, lines))
+    print(f"{samples_per_traverse} samples a traverse: folded off by {off:.2%}, lines by {cut:.2%}")
+    assert cut > 0.01
+    assert off < 0.15 * cut
 
-    def along_lines(table: moving.NutTable, *rest: Any) -> Any:
-        return average(replace(table, stroke_m=1e9), *rest)  # no jump is long against such a stroke
 
-    monkeypatch.setattr(moving, "columns", along_lines)
-    lines, _ = estimated(this)
-    print(f"points {honest.heat_W[late, 0].mean():.2f} W, lines {lines.heat_W[late, 0].mean():.2f} W")
-    assert honest.heat_W[late, 0].mean() == pytest.approx(NUT_W, rel=0.02)
-    assert lines.heat_W[late, 0].mean() < 0.85 * NUT_W
+def _heated(table: NutTable, time_s: FloatArray, position_m: FloatArray) -> FloatArray:
+    """The nut's input column over a path, averaged over all but its first minute."""
+    path = (time_s, position_m, np.arange(len(time_s) + 1))
+    dt_s = np.diff(time_s, prepend=time_s[0])
+    _, B, _ = moving.columns(table, moving.start(table), dt_s, path)
+    return np.asarray(B[time_s > 60.0].mean(axis=0))

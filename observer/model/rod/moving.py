@@ -1,10 +1,11 @@
 """A nut that moves: its input and output columns, averaged over the path inside a step.
 
-A nut crosses its stroke in about a second. Where its position is sampled at least ten times a traverse,
-the heat is spread along the path between the samples. Where it is sampled more coarsely, straight lines
-between the samples would cut off the reversals (and read 20–36 % too little heat); there the footprint at
-the sampled points alone, averaged over about 20 s, is the better account: short against diffusion between
-sensors, long against a traverse.
+A nut crosses its stroke in seconds. Where its position is sampled at least three times a traverse, the heat
+is spread along the path between the samples. Straight lines would cut off the reversals (and read 20–36 % too
+little heat), so the path is folded: a nut that ran at full speed and then came less far than it should has
+turned on the way, and where it turned follows from what is missing. Where the nut is sampled more coarsely
+still, the footprint at the sampled points alone, averaged over about 20 s, is the better account: short
+against diffusion between sensors, long against a traverse.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from observer.frames import FloatArray
 
 MEMORY_S = 10.0
 """Time constant of the averaged footprint: an exponential memory with the mean age of a 20 s window."""
-SAMPLES_PER_TRAVERSE = 10.0
-"""Seen on an independent 2-D screw: lines miss by 0.16 K at 7 samples, points by 0.07 K, both so at 12."""
+SAMPLES_PER_TRAVERSE = 3.0
+"""Two samples at full speed between two reversals tell the speed, and one more tells the next reversal."""
+FULL = 0.95
+"""Part of the recent speed below which a step holds a reversal."""
 TABLE_POINTS = 129
 
 
@@ -53,13 +56,15 @@ class NutTable:
 class NutState:
     """What is remembered of a nut between steps.
 
-    Last sample and recent largest jump; the columns in force, `B` (n_x,), `C` (R,); and the fading sums
-    `sum_B`, `sum_C` of the footprints at the sampled points, with their `weight_s`.
+    Last sample; velocity over the step to it, and 0 unless that was at full speed; recent largest speed; the
+    columns in force, `B` (n_x,), `C` (R,); and the fading sums `sum_B`, `sum_C` of the footprints at the
+    sampled points, with their `weight_s`.
     """
 
     time_s: float
     position_m: float
-    reach_m: float
+    velocity_m_s: float
+    speed_m_s: float
     weight_s: float
     B: FloatArray
     C: FloatArray
@@ -70,7 +75,7 @@ class NutState:
 def start(table: NutTable) -> NutState:
     """Return the state before the first position is known."""
     B, C = table.mean_B.copy(), table.mean_C.copy()
-    return NutState(np.nan, np.nan, 0.0, 0.0, B, C, np.zeros_like(B), np.zeros_like(C))
+    return NutState(np.nan, np.nan, 0.0, 0.0, 0.0, B, C, np.zeros_like(B), np.zeros_like(C))
 
 
 def columns(
@@ -84,7 +89,7 @@ def columns(
     `path` is the samples' time, position and offset (K+1,) as in `FrameBlock`. Returns the state after the
     last step, the input columns (K, n_x) and the output columns of the source's lag (K, R).
     """
-    scalars = np.array([state.time_s, state.position_m, state.reach_m, state.weight_s])
+    scalars = np.array([state.time_s, state.position_m, state.velocity_m_s, state.speed_m_s, state.weight_s])
     B, C, sum_B, sum_C = state.B.copy(), state.C.copy(), state.sum_B.copy(), state.sum_C.copy()
     out_B, out_C = np.empty((len(dt_s), len(B))), np.empty((len(dt_s), len(C)))
     _average(
@@ -92,8 +97,8 @@ def columns(
         table.conductance_W_m, table.nut_m, table.screw_m, table.stroke_m, table.lag, table.lag_decay_1_s,
         table.table_C,
     )  # fmt: skip
-    time_s, position_m, reach_m, weight_s = (float(value) for value in scalars)
-    return NutState(time_s, position_m, reach_m, weight_s, B, C, sum_B, sum_C), out_B, out_C
+    time_s, position_m, velocity_m_s, speed_m_s, weight_s = scalars.tolist()
+    return NutState(time_s, position_m, velocity_m_s, speed_m_s, weight_s, B, C, sum_B, sum_C), out_B, out_C
 
 
 def standing(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:
@@ -113,48 +118,78 @@ def _average(  # type: ignore[no-untyped-def]
     scalars, B, C, sum_B, sum_C, dt_s, sample_s, sample_m, offset, out_B, out_C,
     mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C,
 ):  # fmt: skip
-    """Advance the averaged columns B, C through K steps; `scalars` is [last time, last position, reach,
-    weight].
-    """
+    """Advance the averaged columns B, C through K steps; `scalars` are those of `NutState`, in its order."""
     step_B, step_C = np.empty_like(B), np.empty_like(C)
     for k in range(len(dt_s)):
         step_B[:] = 0.0
         step_C[:] = 0.0
-        reach = scalars[2] * np.exp(-dt_s[k] / (2 * MEMORY_S))
-        previous = scalars[1]
-        for i in range(offset[k], offset[k + 1]):
-            if not np.isnan(previous):
-                reach = max(reach, abs(sample_m[i] - previous))
-            previous = sample_m[i]
-        along_path = reach * SAMPLES_PER_TRAVERSE <= stroke_m
+        along_path = _told(scalars, dt_s[k], sample_s, sample_m, offset[k], offset[k + 1], stroke_m)
         weight = 0.0
         for i in range(offset[k], offset[k + 1]):
-            share, a_m, b_m = 1.0, sample_m[i], sample_m[i]
-            if along_path and not np.isnan(scalars[1]):
-                share, a_m = sample_s[i] - scalars[0], scalars[1]
+            share, a_m, b_m, turn_m = 1.0, sample_m[i], sample_m[i], sample_m[i]
+            if not np.isnan(scalars[1]):
+                since_s = sample_s[i] - scalars[0]
+                turn_m = _turn(scalars, sample_m[i], since_s)
+                if along_path:
+                    share, a_m = since_s, scalars[1]
+                else:
+                    turn_m = b_m
             weight += share
-            points = 1 + int(abs(b_m - a_m) / (nut_m / 4))
+            out_m, back_m = abs(turn_m - a_m), abs(b_m - turn_m)
+            points = 1 + int((out_m + back_m) / (nut_m / 4))
             for j in range(points):
-                centre = a_m + (b_m - a_m) * (j + 0.5) / points
+                run_m = (out_m + back_m) * (j + 0.5) / points
+                if run_m <= out_m:
+                    centre = a_m + run_m * np.sign(turn_m - a_m)
+                else:
+                    centre = turn_m + (run_m - out_m) * np.sign(b_m - turn_m)
                 _add(step_B, step_C, share / points, centre, mu, phase, scale, kA, nut_m, screw_m, table_C)
             scalars[0], scalars[1] = sample_s[i], sample_m[i]
-        scalars[2] = reach
         # A fading mean, fair from its first sample on; it begins anew when the path is no longer told.
         fade = 0.0 if along_path else np.exp(-dt_s[k] / MEMORY_S)
         if weight > 0.0:
             share = max(dt_s[k], 1e-6)
-            scalars[3] = fade * scalars[3] + share
+            scalars[4] = fade * scalars[4] + share
             for n in range(len(mu)):
                 sum_B[n] = fade * sum_B[n] + share * step_B[n] / weight
-                B[n] = sum_B[n] / scalars[3]
+                B[n] = sum_B[n] / scalars[4]
             # What the dropped modes hold follows the nut as fast as they settle, not at once.
             settle = 1.0 - np.exp(-dt_s[k] * lag_decay)
             for r in range(len(C)):
                 sum_C[r] = fade * sum_C[r] + share * step_C[r] / weight
-                C[r] += settle * (sum_C[r] / scalars[3] - C[r])
+                C[r] += settle * (sum_C[r] / scalars[4] - C[r])
         B[lag] = lag_decay
         out_B[k, :] = B
         out_C[k, :] = C
+
+
+@numba.njit(cache=True)
+def _told(scalars, dt_s, sample_s, sample_m, begin, end, stroke_m):  # type: ignore[no-untyped-def]
+    """Bring the recent largest speed up to date; return whether the samples are close enough for a path."""
+    speed, gap_s = scalars[3] * np.exp(-dt_s / (2 * MEMORY_S)), 0.0
+    time_s, position_m = scalars[0], scalars[1]
+    for i in range(begin, end):
+        if sample_s[i] > time_s:  # not with the first sample ever
+            gap_s = max(gap_s, sample_s[i] - time_s)
+            speed = max(speed, abs(sample_m[i] - position_m) / (sample_s[i] - time_s))
+        time_s, position_m = sample_s[i], sample_m[i]
+    scalars[3] = speed
+    return speed * gap_s * SAMPLES_PER_TRAVERSE <= stroke_m
+
+
+@numba.njit(cache=True)
+def _turn(scalars, there_m, since_s):  # type: ignore[no-untyped-def]
+    """Where the nut turned on its way from the last sample; the new place itself, if it came straight."""
+    here_m, before_m_s, speed_m_s = scalars[1], scalars[2], scalars[3]
+    if since_s <= 0.0:
+        return there_m
+    velocity_m_s = (there_m - here_m) / since_s
+    if abs(velocity_m_s) >= FULL * speed_m_s or before_m_s == 0.0:
+        scalars[2] = velocity_m_s if abs(velocity_m_s) >= FULL * speed_m_s else 0.0
+        return there_m
+    scalars[2] = -np.sign(before_m_s) * speed_m_s  # it runs back
+    onward = speed_m_s * since_s + np.sign(before_m_s) * (there_m - here_m)
+    return here_m + np.sign(before_m_s) * 0.5 * onward
 
 
 @numba.njit(cache=True)
@@ -180,7 +215,7 @@ PathRegime = Literal["path", "points", "undetermined"]
 def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
     """Say how well samples tell a nut's path.
 
-    "path": at least ten samples a traverse; "points": fewer, but they cover the stroke; "undetermined":
+    "path": at least three samples a traverse; "points": fewer, but they cover the stroke; "undetermined":
     fewer, and in step with the motion, so that only a few places are ever seen and the footprint is not in
     the log.
     """
