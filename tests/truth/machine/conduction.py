@@ -17,22 +17,30 @@ from tests.truth.machine.physics import FloatArray
 
 
 class Factors(NamedTuple):
-    """Thomas factors of both one-dimensional operators; row i: (lower, 1/pivot, upper/pivot)."""
+    """What a step needs, all without units: exchange numbers, and Thomas factors of both operators.
 
+    Rows of `radial`, `axial`: (lower, 1/pivot, upper/pivot).
+    """
+
+    number: float  # step × conductance to the next slice / capacity, the same for every ring
+    inward: FloatArray  # (rings,) the same with the next ring in; the first is 0
+    outward: FloatArray  # (rings,) and out; the last is 0
+    per_J: FloatArray  # (rings,) 1/capacity, K/J
     radial: FloatArray  # (rings, 3)
     axial: FloatArray  # (slices, 3)
 
 
 def factorise(grid: Grid, step_s: float) -> Factors:
     """Factor both operators for one step length."""
-    outward = 0.5 * step_s * grid.radial_W_K
-    inward = np.concatenate([[0.0], outward[:-1]])
-    radial = _thomas(-inward / grid.capacity_J_K, -outward / grid.capacity_J_K)
-    number = 0.5 * step_s * grid.axial_W_K[0] / grid.capacity_J_K[0]  # the same for every ring
-    lower = np.full(grid.slices, -number)
+    flow = step_s * grid.radial_W_K
+    outward = flow / grid.capacity_J_K
+    inward = np.concatenate([[0.0], flow[:-1]]) / grid.capacity_J_K
+    number = float(step_s * grid.axial_W_K[0] / grid.capacity_J_K[0])
+    lower = np.full(grid.slices, -0.5 * number)
     upper = lower.copy()
     lower[0] = upper[-1] = 0.0
-    return Factors(radial, _thomas(lower, upper))
+    radial = _thomas(-0.5 * inward, -0.5 * outward)
+    return Factors(number, inward, outward, 1.0 / grid.capacity_J_K, radial, _thomas(lower, upper))
 
 
 def _thomas(lower: FloatArray, upper: FloatArray) -> FloatArray:
@@ -46,41 +54,29 @@ def _thomas(lower: FloatArray, upper: FloatArray) -> FloatArray:
     return out
 
 
-@numba.njit(cache=True)
-def _inflow_W(field: FloatArray, i: int, j: int, grid: Grid) -> float:
-    """Heat into a cell from its neighbours."""
-    here, flow_W = field[i, j], 0.0
-    if i > 0:
-        flow_W += grid.axial_W_K[j] * (field[i - 1, j] - here)
-    if i < grid.slices - 1:
-        flow_W += grid.axial_W_K[j] * (field[i + 1, j] - here)
-    if j > 0:
-        flow_W += grid.radial_W_K[j - 1] * (field[i, j - 1] - here)
-    if j < grid.rings - 1:
-        flow_W += grid.radial_W_K[j] * (field[i, j + 1] - here)
-    return flow_W
+@numba.njit
+def conduct(field: FloatArray, load_J: FloatArray, change: FloatArray, factors: Factors) -> None:
+    """Advance `field` (slices, rings) by one step under a load in J; `change` (slices, rings) is scratch.
 
-
-@numba.njit(cache=True)
-def conduct(
-    field: FloatArray, load_J: FloatArray, change: FloatArray, step_s: float, grid: Grid, factors: Factors
-) -> None:
-    """Advance `field` (slices, rings) by one step under a load in J; `change` (slices, rings) is scratch."""
+    A neighbour beyond an edge is the cell itself: nothing flows.
+    """
     slices, rings = field.shape
-    radial, axial = factors.radial, factors.axial
+    radial, axial, number = factors.radial, factors.axial, factors.number
+    inward, outward, per_J = factors.inward, factors.outward, factors.per_J
     for i in range(slices):
+        above, below = max(i - 1, 0), min(i + 1, slices - 1)
+        before = 0.0
         for j in range(rings):
-            rate = (step_s * _inflow_W(field, i, j, grid) + load_J[i, j]) / grid.capacity_J_K[j]
-            before = change[i, j - 1] if j > 0 else 0.0
-            change[i, j] = (rate - radial[j, 0] * before) * radial[j, 1]
+            here = field[i, j]
+            gain = number * (field[above, j] + field[below, j] - 2.0 * here) + per_J[j] * load_J[i, j]
+            gain += inward[j] * (field[i, max(j - 1, 0)] - here)
+            gain += outward[j] * (field[i, min(j + 1, rings - 1)] - here)
+            before = (gain - radial[j, 0] * before) * radial[j, 1]
+            change[i, j] = before
         for j in range(rings - 2, -1, -1):
             change[i, j] -= radial[j, 2] * change[i, j + 1]
-        if i > 0:
-            for j in range(rings):
-                change[i, j] = (change[i, j] - axial[i, 0] * change[i - 1, j]) * axial[i, 1]
-        else:
-            for j in range(rings):
-                change[i, j] *= axial[i, 1]
+        for j in range(rings):
+            change[i, j] = (change[i, j] - axial[i, 0] * change[above, j]) * axial[i, 1]
     for j in range(rings):
         field[slices - 1, j] += change[slices - 1, j]
     for i in range(slices - 2, -1, -1):

@@ -25,7 +25,7 @@ KELVIN = 273.15
 FRICTION, STEADY_HEAT, FILM, RADIATION, COOLANT, ENDS, BODIES = range(7)
 
 
-@numba.njit(cache=True)
+@numba.njit
 def rotating_film_W_m2K(speed_rpm: float, diameter_m: float) -> float:
     """Film of a cylinder turning in still air: Nu = 0.133 Re^(2/3) Pr^(1/3).
 
@@ -38,7 +38,7 @@ def rotating_film_W_m2K(speed_rpm: float, diameter_m: float) -> float:
     return float(nusselt * AIR_CONDUCTIVITY_W_mK / diameter_m)
 
 
-@numba.njit(cache=True)
+@numba.njit
 def friction_W(physics: Physics, which: int, speed_rpm: float, turning_s: float, local_degC: float) -> float:
     """Heat of the nut's friction or of a bearing's at this speed, running time and temperature."""
     if speed_rpm == 0.0:
@@ -49,7 +49,7 @@ def friction_W(physics: Physics, which: int, speed_rpm: float, turning_s: float,
     return float(heat_W * (1.0 + physics.run_in[which] * math.exp(-turning_s / physics.run_in_s[which])))
 
 
-@numba.njit(cache=True)
+@numba.njit
 def cool_surface(
     load_J: FloatArray,
     shell_degC: FloatArray,
@@ -94,7 +94,7 @@ def cool_surface(
     return into_body_W
 
 
-@numba.njit(cache=True)
+@numba.njit
 def cool_bore(
     load_J: FloatArray, core_degC: FloatArray, step_s: float, grid: Grid, physics: Physics, book: FloatArray
 ) -> None:
@@ -105,7 +105,7 @@ def cool_bore(
         book[COOLANT] -= step_s * flow_W
 
 
-@numba.njit(cache=True)
+@numba.njit
 def face_degC(
     plain_degC: float,
     heat_W: float,
@@ -118,7 +118,7 @@ def face_degC(
     return (plain_degC + lever * (heat_W + pull)) / (1.0 + lever * (ties[0] + ties[1]))
 
 
-@numba.njit(cache=True)
+@numba.njit
 def load_end(
     load_J: FloatArray,
     side: int,

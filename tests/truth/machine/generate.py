@@ -91,8 +91,8 @@ def machine_of(case: Case) -> Machine:
     """The machine of a case, with its effects of the library."""
     machine = draw_machine(case.seed, case.name)
     physics = machine.physics
-    if "film" in case.unmodelled:
-        physics = physics._replace(film_W_m2K=0.0 * physics.film_W_m2K + 0.0)
+    if "film" in case.unmodelled and "surface_convection" not in (e.kind for e in case.effects):
+        physics = physics._replace(film_W_m2K=np.zeros_like(physics.film_W_m2K))
     friction = physics.friction_W_rpm.copy()
     for index, source in enumerate(SOURCES[1:]):
         if source in case.unmodelled:

@@ -7,10 +7,11 @@ import math
 import numba
 import numpy as np
 
+from tests.truth.machine.compiling import cached
 from tests.truth.machine.physics import FloatArray
 
 
-@numba.njit(cache=True)
+@numba.njit
 def _covered(length_m: float, beyond_m: float) -> float:
     """∫ of the covered length over a path: ∫_{-∞}^{u} clip(v, 0, length) dv."""
     if beyond_m <= 0.0:
@@ -20,7 +21,7 @@ def _covered(length_m: float, beyond_m: float) -> float:
     return length_m * (beyond_m - 0.5 * length_m)
 
 
-@numba.njit(cache=True)
+@numba.njit
 def spread(
     share: FloatArray, weight: float, from_m: float, to_m: float, nut_m: float, slice_m: float
 ) -> None:
@@ -41,7 +42,7 @@ def spread(
         below = above
 
 
-@numba.njit(cache=True)
+@numba.njit
 def next_stop(position_m: float, upward: bool, low_m: float, high_m: float) -> float:
     """Where the present leg ends: at the middle of the stroke, where friction may change, or at an end."""
     middle_m = 0.5 * (low_m + high_m)
@@ -50,7 +51,7 @@ def next_stop(position_m: float, upward: bool, low_m: float, high_m: float) -> f
     return middle_m if position_m > middle_m else low_m
 
 
-@numba.njit(cache=True)
+@numba.njit
 def travel(
     position_m: float,
     upward: bool,
@@ -89,7 +90,7 @@ def travel(
     return position_m, upward
 
 
-@numba.njit(cache=True)
+@cached()
 def positions_at(
     time_s: FloatArray,
     step_s: float,

@@ -12,10 +12,10 @@ FloatArray = NDArray[np.float64]
 NUT, LEFT, RIGHT = 0, 1, 2
 """Order of the three heats of friction in every array of three."""
 
-AIR_CONDUCTIVITY_W_mK = 0.0257
-AIR_VISCOSITY_m2_s = 1.516e-5
-AIR_PRANDTL = 0.71
-"""Dry air at 20 °C and 1 bar (Incropera & DeWitt, table A.4, interpolated)."""
+AIR_CONDUCTIVITY_W_mK = 0.0254
+AIR_VISCOSITY_m2_s = 15.5e-6
+AIR_PRANDTL = 0.72
+"""Air near a machine, as Yu et al. take it: with the gain they are part of what the effect means."""
 
 REFERENCE_degC = 20.0
 """Temperature at which fading friction has its nominal value."""

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from tests.truth.machine import conduction, exchange, grid, motion, physics
+from tests.truth.machine.compiling import cached
 from tests.truth.machine.conduction import Factors, conduct, factorise
 from tests.truth.machine.exchange import (
     FRICTION,
@@ -41,7 +43,7 @@ def run_machine(physics: Physics, schedule: Schedule, position_m: FloatArray, ri
     return Result(*_run(physics, schedule, grid, factorise(grid, schedule.step_s), first, weights))
 
 
-@numba.njit(cache=True)
+@numba.njit
 def _middle(
     field: FloatArray,
     before: FloatArray,
@@ -65,7 +67,7 @@ def _middle(
         before[i, 0], before[i, 1], before[i, 2] = mean, field[i, outer], field[i, 0]
 
 
-@numba.njit(cache=True)
+@numba.njit
 def _nut_heat(
     heat: FloatArray,
     under: FloatArray,
@@ -86,7 +88,7 @@ def _nut_heat(
             spread(heat, 0.5 * power_W * physics.dwell, end_m, end_m, physics.nut_length_m, grid.slice_m)
 
 
-@numba.njit(cache=True)
+@cached(physics, grid, motion, exchange, conduction)
 def _run(
     physics: Physics,
     schedule: Schedule,
@@ -140,7 +142,7 @@ def _run(
                 load_J, side, section, rub_W, steady_W, air, middle_body[LEFT + side], dt, grid, physics,
                 book[k],
             )  # fmt: skip
-        conduct(field, load_J, change, dt, grid, factors)
+        conduct(field, load_J, change, factors)
         last_body[:] = body[k]
         for b in range(RIGHT + 1):
             body[k + 1, b] = body[k, b] + dt * into_body_W[b] / physics.body_J_K[b]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from tests.truth.machine.compiling import cached
 from tests.truth.machine.machine import Machine
 from tests.truth.machine.physics import FloatArray
 
@@ -12,7 +12,7 @@ NOISE_K = 0.05
 ROUNDING_K = 0.01
 
 
-@numba.njit(cache=True)
+@cached()
 def lagged(value: FloatArray, step_s: float, lag_s: FloatArray) -> FloatArray:
     """First-order lag of each column of (K + 1, P), exact for a value linear between samples."""
     out = value.copy()
