@@ -6,9 +6,8 @@ Parameters that only scale a signature need one shape, those that change its for
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -21,23 +20,50 @@ from observer.effects.catalogue import KINDS, LIBRARY
 from observer.model.heat.law import law_channel
 
 BY_KIND = dict(zip(KINDS, LIBRARY, strict=True))
+NEUTRAL = {"exponent": 1.0}
+"""Where a parameter changes nothing, if that is not zero."""
+CELLS = 8
+"""Parts of the screw from which stretches of another film are made up."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An effect at a target: the shapes to try, what is fitted with which natural scale, and upper limits."""
+    """An effect at a target: the shapes to try, what is fitted with which natural scale, and upper limits.
+
+    `linear` are the parameters that a strength multiplies, all together.
+    """
 
     kind: str
     target: str | None
     shapes: tuple[Mapping[str, float], ...]
     scales: Mapping[str, float]
-    given: Mapping[str, Any] = field(default_factory=dict)
+    linear: tuple[str, ...]
     limits: Mapping[str, float] = field(default_factory=dict)
 
-    def effect(self, shape: Mapping[str, float]) -> EffectTable:
-        """Return the effect in one of its shapes."""
+    @property
+    def name(self) -> str:
+        """Kind and target."""
+        return self.kind if self.target is None else f"{self.kind} at {self.target}"
+
+    def effect(self, shape: Mapping[str, float], strength: float = 1.0) -> EffectTable:
+        """Return the effect in one of its shapes, so many times as strong."""
+        values = dict(shape)
+        for p in self.parameters(0):
+            if p.key in self.linear:
+                neutral = NEUTRAL.get(p.key, 0.0)
+                values[p.key] = float(np.clip(neutral + strength * (shape[p.key] - neutral), p.low, p.high))
         target = {} if self.target is None else {"target": self.target}
-        return BY_KIND[self.kind].model_validate({"kind": self.kind, **target, **self.given, **shape})
+        return BY_KIND[self.kind].model_validate({"kind": self.kind, **target, **values})
+
+    def strengths(self, shape: Mapping[str, float]) -> tuple[float, float]:
+        """The range of strengths that the bounds of the effect allow."""
+        low, high = -np.inf, np.inf
+        for p in self.parameters(0):
+            if p.key in self.linear:
+                neutral = NEUTRAL.get(p.key, 0.0)
+                ends = sorted((limit - neutral) / (shape[p.key] - neutral) for limit in (p.low, p.high))
+                low, high = max(low, ends[0]), min(high, ends[1])
+        return low, high
 
     def parameters(self, index: int) -> tuple[Parameter, ...]:
         """What is fitted where the effect is number `index` of the configuration."""
@@ -47,11 +73,6 @@ class Candidate:
             Parameter(index, key, self.scales[key], low, min(high, self.limits.get(key, np.inf)))
             for key, (low, high) in bounds.items()
         )
-
-    @property
-    def name(self) -> str:
-        """Kind and target."""
-        return self.kind if self.target is None else f"{self.kind} at {self.target}"
 
 
 def bounds_of(effect: type[EffectTable], key: str) -> tuple[float, float]:
@@ -65,9 +86,10 @@ def bounds_of(effect: type[EffectTable], key: str) -> tuple[float, float]:
     return low, high
 
 
-def library(config: Config, keys: tuple[str, ...]) -> tuple[Candidate, ...]:
-    """Return the candidates of a configuration whose free parameters are `keys`."""
-    return (*_surface(config, keys), *_ends(config), *_heats(config), *_sensors(config))
+def library(config: Config, keys: tuple[str, ...], without: Sequence[str] = ()) -> tuple[Candidate, ...]:
+    """Return the candidates of a configuration whose free parameters are `keys`, but for some kinds."""
+    every = (*_surface(config, keys), *_ends(config), *_heats(config), *_sensors(config))
+    return tuple(c for c in every if c.kind not in without)
 
 
 def _surface(config: Config, keys: tuple[str, ...]) -> Iterator[Candidate]:
@@ -77,20 +99,17 @@ def _surface(config: Config, keys: tuple[str, ...]) -> Iterator[Candidate]:
         yield _one("surface_convection", None, coefficient_W_m2K=5.0)
     if spins:
         yield _one("speed_convection", None, gain=0.1)
-    stretches = [(i * L / 8, (i + w) * L / 8) for w in (1, 2, 3, 4) for i in range(9 - w)]
+    stretches = [(i * L / CELLS, (i + w) * L / CELLS) for w in (1, 2, 3, 4) for i in range(CELLS + 1 - w)]
     shapes = tuple({"from_m": a, "to_m": b, "extra_W_m2K": 5.0} for a, b in stretches)
-    yield Candidate(
-        "uneven_convection",
-        None,
-        shapes,
-        {"from_m": L / 8, "to_m": L / 8, "extra_W_m2K": 5.0},
-        limits={"from_m": L, "to_m": L},
-    )
+    scales = {"from_m": L / CELLS, "to_m": L / CELLS, "extra_W_m2K": 5.0}
+    limits = {"from_m": L, "to_m": L}
+    yield Candidate("uneven_convection", None, shapes, scales, ("extra_W_m2K",), limits)
     yield _one("radiation", None, emissivity=0.3)
     yield _one("ambient_drift", None, rate_K_h=0.3)
     if spins:
         shapes = tuple({"conductance_W_K": 0.3, "inlet_degC": t} for t in (12.0, 20.0, 28.0))
-        yield Candidate("coolant", None, shapes, {"conductance_W_K": 0.3, "inlet_degC": 5.0})
+        scales = {"conductance_W_K": 0.3, "inlet_degC": 5.0}
+        yield Candidate("coolant", None, shapes, scales, ("conductance_W_K",))
 
 
 def _ends(config: Config) -> Iterator[Candidate]:
@@ -115,13 +134,12 @@ def _heats(config: Config) -> Iterator[Candidate]:
             continue
         yield _one("friction_fade", source.name, per_K=3e-3)
         if source.torque_Nm is not None or source.heat_W_rpm is not None:
-            yield _one("friction_speed", source.name, exponent=1.1, scales={"exponent": 0.2})
+            yield _one("friction_speed", source.name, {"exponent": 0.2}, exponent=1.1)
         shapes = tuple({"fraction": 0.2, "time_s": t} for t in (400.0, 1200.0, 3600.0))
-        yield Candidate("run_in", source.name, shapes, {"fraction": 0.2, "time_s": 1200.0})
+        yield Candidate("run_in", source.name, shapes, {"fraction": 0.2, "time_s": 1200.0}, ("fraction",))
     shapes = tuple({"position_m": x, "heat_W": 2.0} for x in np.linspace(0.0, L, 13).tolist())
-    yield Candidate(
-        "local_heat", None, shapes, {"position_m": L / 10, "heat_W": 2.0}, limits={"position_m": L}
-    )
+    scales = {"position_m": L / 10, "heat_W": 2.0}
+    yield Candidate("local_heat", None, shapes, scales, ("heat_W",), {"position_m": L})
 
 
 def _sensors(config: Config) -> Iterator[Candidate]:
@@ -132,12 +150,14 @@ def _sensors(config: Config) -> Iterator[Candidate]:
 
 
 def _mass(target: str) -> Candidate:
-    pairs = ((300.0, 1.0), (1000.0, 1.0), (1000.0, 5.0), (4000.0, 1.0), (4000.0, 5.0))
+    """Bodies by time constant and by how much of their heat the screw feels."""
+    pairs = ((100.0, 3.0), (300.0, 1.0), (1000.0, 1.0), (1000.0, 5.0), (4000.0, 1.0), (4000.0, 5.0))
     shapes = tuple({"capacity_J_K": C, "conductance_W_K": G} for C, G in pairs)
-    return Candidate("attached_mass", target, shapes, {"capacity_J_K": 1000.0, "conductance_W_K": 2.0})
+    scales = {"capacity_J_K": 1000.0, "conductance_W_K": 2.0}
+    return Candidate("attached_mass", target, shapes, scales, ("capacity_J_K", "conductance_W_K"))
 
 
 def _one(
     kind: str, target: str | None, scales: Mapping[str, float] | None = None, **shape: float
 ) -> Candidate:
-    return Candidate(kind, target, (shape,), scales or shape)
+    return Candidate(kind, target, (shape,), scales or shape, tuple(shape))

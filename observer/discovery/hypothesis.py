@@ -19,6 +19,8 @@ from observer.discovery.evidence import Evidence
 from observer.discovery.forward import Forward
 from observer.discovery.parameters import bounds_of, get, replaced, scale_of
 from observer.discovery.tolerance import tolerances
+from observer.effects.base import EffectTable
+from observer.effects.film import UnevenConvection
 from observer.frames import BoolArray, FloatArray
 
 NULL_ROUNDS, STEPS, TRIALS = 4, 10, 6
@@ -27,6 +29,8 @@ LITTLE = 0.05
 SMALL = 0.03
 """A step of this many standard deviations of every parameter ends a fit."""
 DIFFERENCE = 1e-3
+NARROWEST = 0.05
+"""The narrowest stretch of another film, as a part of the screw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,8 +212,8 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
         return float(np.sum(marginal(residual[used]) ** 2))
 
     residual, damping = problem.residual(at(theta)), 0.0
+    J = np.hstack([problem.nuisance, _by_effects(problem, at(theta), parameters)])
     for _ in range(STEPS if len(theta) else 0):
-        J = np.hstack([problem.nuisance, _by_effects(problem, at(theta), parameters)])
         A, b = marginal(J[used]), marginal(residual[used])
         before = cost(residual)
         for _trial in range(TRIALS):
@@ -223,18 +227,29 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
         theta, residual, damping = theta + step, there, damping / 10 if damping > 1e-4 else 0.0
         if np.max(np.abs(step) / sigma) < SMALL or before - cost(residual) < LITTLE:
             break
-    found = at(theta)
-    J = np.hstack([problem.nuisance, _by_effects(problem, found, parameters)])
+        J = np.hstack([problem.nuisance, _by_effects(problem, at(theta), parameters)])
     values = theta[len(problem.keys) :] * scale[len(problem.keys) :]
-    return Fit(problem, found, tuple(parameters), values, residual, -J, scale)
+    return Fit(problem, at(theta), tuple(parameters), values, residual, -J, scale)
 
 
 def with_effects(config: Config, parameters: Sequence[Parameter], values: FloatArray) -> Config:
     """The configuration with other values of its effects' parameters."""
     effects = list(config.effect)
-    for parameter, value in zip(parameters, values.tolist(), strict=True):
-        effects[parameter.effect] = effects[parameter.effect].model_copy(update={parameter.key: value})
-    return config.model_copy(update={"effect": tuple(effects)})
+    for p, value in zip(parameters, values.tolist(), strict=True):
+        inside = min(max(value, p.low), p.high)
+        effects[p.effect] = effects[p.effect].model_copy(update={p.key: inside})
+    length_m = config.screw.length_m
+    return config.model_copy(update={"effect": tuple(_wide_enough(e, length_m) for e in effects)})
+
+
+def _wide_enough(effect: EffectTable, length_m: float) -> EffectTable:
+    """A stretch that is no narrower than sensors can tell; other effects as they are."""
+    least_m = NARROWEST * length_m
+    if not isinstance(effect, UnevenConvection) or effect.to_m - effect.from_m >= least_m:
+        return effect
+    middle_m = min(max((effect.from_m + effect.to_m) / 2, least_m / 2), length_m - least_m / 2)
+    ends_m = (max(middle_m - least_m / 2, 0.0), min(middle_m + least_m / 2, length_m))
+    return effect.model_copy(update={"from_m": ends_m[0], "to_m": ends_m[1]})
 
 
 def _by_effects(problem: Problem, config: Config, parameters: Sequence[Parameter]) -> FloatArray:

@@ -1,47 +1,35 @@
-"""Choose effects: screen the whole library by signatures, fit the best in earnest, add, and prune.
+"""Choose effects: screen the library by signatures, fit the best in earnest, add, and prune.
 
-A signature is the change of the prediction with an effect at a typical strength. What of it the free
-parameters could also do is projected out; what of the residual lies along the rest is the drop of the
-deviance to be expected. The best few are then fitted with every parameter free.
+What of a signature the free parameters could also do is projected out; what of the residual lies along the
+rest is the drop of the deviance to be expected. The best few are then fitted with every parameter free, and
+judged on data held out: what is fitted to all folds but one must also explain that one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from observer.config import Config
 from observer.discovery.candidates import Candidate
-from observer.discovery.hypothesis import Fit, Parameter, Problem, fit_effects, with_effects
+from observer.discovery.hypothesis import Fit, Problem, fit_effects, fit_null
+from observer.discovery.signatures import Promise, Signature, promises, signatures
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
-FITTED = 7
+FITTED = 6
 """How many candidates are fitted in earnest after each screening."""
-ACCEPT = 40.0
+ACCEPT = 30.0
 """The least drop of the deviance that names an effect; see `docs/discovery.md` for how it was found."""
-MATERIAL = 0.06
+PER_PARAMETER = 6.0
+"""What each parameter beyond the first has to earn."""
+MATERIAL = 0.05
 """The least part of the deviance on data held out that has to go."""
 BLIND = 0.02
 """A signature of which less than this part remains cannot be told from the free parameters."""
 
-Progress = Callable[[str, int], None]
-
-
-@dataclass(frozen=True)
-class Signature:
-    """How the prediction of the used rows changes with a shape of a candidate.
-
-    `rest` (n,) is the change, whitened, tolerances marginalised and free parameters projected out; `kept` the
-    part of its length that this leaves.
-    """
-
-    candidate: Candidate
-    shape: int
-    rest: FloatArray
-    kept: float
+Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -51,85 +39,95 @@ class Trial:
     candidate: Candidate
     fit: Fit
     drop: float
-    held_out_drop: float
+    held_out: float
+    kept: float
 
     @property
-    def name(self) -> str:
-        """The candidate's kind and target."""
-        return self.candidate.name
+    def score(self) -> float:
+        """The drop of the deviance, less what its parameters have to earn."""
+        return self.drop - PER_PARAMETER * (len(self.candidate.scales) - 1)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it explains enough, on data held out as well, within its bounds."""
+        return self.score >= ACCEPT and self.held_out >= MATERIAL and not self.fit.at_bound
 
 
-def signatures(problem: Problem, base: Fit, candidates: Sequence[Candidate]) -> list[Signature]:
-    """Return the signature of every shape of every candidate beside a fit; those without any are left out."""
-    used = problem.evidence.used
-    marginal = problem.marginal(used)
-    Q, _ = np.linalg.qr(marginal(base.jacobian[used]))
-    here = problem.predicted(base.config)
-    shapes = [(c, i) for c in candidates for i in range(len(c.shapes))]
-    changes = [problem.predicted(added(base.config, c, i)) - here for c, i in shapes]
-    columns = marginal(problem.evidence.whitened(np.column_stack(changes))[used])
-    rest = columns - Q @ (Q.T @ columns)
-    rest = rest - Q @ (Q.T @ rest)  # twice is enough (Giraud, Langou & Rozložník 2005)
-    length, left = np.linalg.norm(columns, axis=0), np.linalg.norm(rest, axis=0)
-    return [
-        Signature(c, i, rest[:, j], float(left[j] / length[j]))
-        for j, (c, i) in enumerate(shapes)
-        if length[j] > 1e-9
-    ]
+@dataclass(frozen=True)
+class Search:
+    """What a search found.
+
+    `null` is the fit without effects, `fit` the last accepted one; `chosen` its effects, each with the trials
+    it won against (`rivals`, best first, itself included) while the others stood; `ranking` the first round;
+    `blind` the candidates that this test cannot tell from the free parameters.
+    """
+
+    null: Fit
+    fit: Fit
+    chosen: tuple[Trial, ...]
+    rivals: tuple[tuple[Trial, ...], ...]
+    ranking: tuple[Trial, ...]
+    blind: tuple[Candidate, ...]
 
 
-def added(config: Config, candidate: Candidate, shape: int) -> Config:
-    """The configuration with one more effect."""
-    return config.model_copy(update={"effect": (*config.effect, candidate.effect(candidate.shapes[shape]))})
-
-
-def screened(base: Fit, found: Sequence[Signature]) -> list[tuple[float, Signature, float]]:
-    """The expected drop, signature and strength (in shapes) of each candidate's best shape, best first."""
-    best: dict[str, tuple[float, Signature, float]] = {}
-    for s in found:
-        if s.kept < BLIND:
+def search(
+    problem: Problem, library: Sequence[Candidate], progress: Progress = lambda _text, _done: None
+) -> Search:
+    """Find the effects that are missing from the configuration of a problem."""
+    progress("calibrating without any effect", 0.0)
+    null = fit_null(problem, problem.config)
+    progress("signatures of the library", 0.15)
+    found = signatures(problem, null.config, library)
+    blind = _blind(promises(null, found))
+    fit = null
+    chosen: list[Trial] = []
+    ranking: tuple[Trial, ...] = ()
+    while len(chosen) < MOST_EFFECTS:
+        trials = tried(problem, fit, found, [t.candidate for t in chosen])
+        ranking = ranking or trials
+        progress(f"effects found: {len(chosen)}", 0.3 + 0.2 * len(chosen))
+        best = next((t for t in trials if t.accepted), None)
+        if best is None:
+            break
+        chosen.append(best)
+        fit = best.fit
+    fit, chosen = _pruned(problem, fit, chosen)
+    progress("rivals", 0.9)
+    rivals: list[tuple[Trial, ...]] = []
+    for i in range(len(chosen)):
+        others = [t.candidate for j, t in enumerate(chosen) if j != i]
+        if not others:
+            rivals.append(ranking)
             continue
-        strength = float(s.rest @ base.remainder) / float(s.rest @ s.rest)
-        strength = _allowed(s, strength)
-        drop = strength * (2 * float(s.rest @ base.remainder) - strength * float(s.rest @ s.rest))
-        if s.candidate.name not in best or drop > best[s.candidate.name][0]:
-            best[s.candidate.name] = (drop, s, strength)
-    return sorted(best.values(), key=lambda entry: -entry[0])
+        trials = tried(problem, without(problem, fit, i), found, others)
+        rivals.append(trials)
+    return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind)
 
 
-def _allowed(s: Signature, strength: float) -> float:
-    """The strength of a shape that its bounds allow; the first parameter that scales carries it."""
-    key = _carrier(s.candidate)
-    if key is None:
-        return max(strength, 0.0)
-    value = s.candidate.shapes[s.shape][key]
-    neutral = 1.0 if key == "exponent" else 0.0
-    parameter = next(p for p in s.candidate.parameters(0) if p.key == key)
-    low, high = (parameter.low - neutral) / (value - neutral), (parameter.high - neutral) / (value - neutral)
-    return float(np.clip(strength, low, high))
+def tried(
+    problem: Problem, base: Fit, found: Sequence[Signature], present: Sequence[Candidate]
+) -> tuple[Trial, ...]:
+    """Fit the most promising candidates beside a fit in earnest; the best first."""
+    names = {c.name for c in present}
+    best: dict[str, Promise] = {}
+    for p in promises(base, [s for s in found if s.candidate.name not in names]):
+        name = p.signature.candidate.name
+        if p.kept >= BLIND and (name not in best or p.drop > best[name].drop):
+            best[name] = p
+    order = sorted(best.values(), key=lambda p: -p.drop)[:FITTED]
+    worthwhile = [p for p in order if p.drop > 0.25 * ACCEPT]
+    trials = [_try(problem, base, p) for p in worthwhile]
+    return tuple(sorted(trials, key=lambda t: -t.score))
 
 
-def _carrier(candidate: Candidate) -> str | None:
-    """The parameter in which an effect's strength is linear; none for a body."""
-    if candidate.kind == "attached_mass":
-        return None
-    keys = [k for k in candidate.scales if k not in ("from_m", "to_m", "time_s", "position_m", "inlet_degC")]
-    return keys[0]
-
-
-def try_candidate(problem: Problem, base: Fit, s: Signature, strength: float) -> Trial:
-    """Fit a candidate in earnest, from the screened strength on."""
-    candidate, index = s.candidate, len(base.config.effect)
-    config = added(base.config, candidate, s.shape)
-    parameters = (*base.parameters, *candidate.parameters(index))
-    key = _carrier(candidate)
-    if key is not None:
-        value, neutral = candidate.shapes[s.shape][key], 1.0 if key == "exponent" else 0.0
-        start = neutral + strength * (value - neutral)
-        own = next(p for p in candidate.parameters(index) if p.key == key)
-        config = with_effects(config, [own], np.array([np.clip(start, own.low, own.high)]))
-    fit = fit_effects(problem, config, parameters)
-    return Trial(candidate, fit, base.deviance - fit.deviance, held_out(base) - held_out(fit))
+def _try(problem: Problem, base: Fit, promise: Promise) -> Trial:
+    """Fit a candidate in earnest, from the promised strength on."""
+    candidate, index = promise.signature.candidate, len(base.config.effect)
+    effect = candidate.effect(candidate.shapes[promise.signature.shape], promise.strength)
+    config = base.config.model_copy(update={"effect": (*base.config.effect, effect)})
+    fit = fit_effects(problem, config, (*base.parameters, *candidate.parameters(index)))
+    before = held_out(base)
+    return Trial(candidate, fit, base.deviance - fit.deviance, 1 - held_out(fit) / before, promise.kept)
 
 
 def held_out(fit: Fit) -> float:
@@ -152,10 +150,36 @@ def _step(problem: Problem, fit: Fit, rows: BoolArray) -> FloatArray:
     return np.clip(step, -0.5, 0.5)
 
 
+def _pruned(problem: Problem, fit: Fit, chosen: list[Trial]) -> tuple[Fit, list[Trial]]:
+    """Leave out effects that the others have made needless, the least needed first."""
+    while len(chosen) > 1:
+        less = [without(problem, fit, i) for i in range(len(chosen))]
+        costs = [
+            f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.scales) - 1)
+            for f, t in zip(less, chosen, strict=True)
+        ]
+        least = int(np.argmin(costs))
+        if costs[least] >= ACCEPT:
+            break
+        fit, chosen = less[least], [t for i, t in enumerate(chosen) if i != least]
+    return fit, chosen
+
+
 def without(problem: Problem, fit: Fit, effect: int) -> Fit:
-    """Fit a hypothesis without one of its effects."""
-    effects = [e for i, e in enumerate(fit.config.effect) if i != effect]
-    kept = [p for p in fit.parameters if p.effect != effect]
-    moved = [Parameter(p.effect - (p.effect > effect), p.key, p.scale, p.low, p.high) for p in kept]
-    config = fit.config.model_copy(update={"effect": tuple(effects)})
-    return fit_effects(problem, config, moved)
+    """Fit a hypothesis without the effect that was added as number `effect`."""
+    index = effect + len(problem.config.effect)
+    effects = [e for i, e in enumerate(fit.config.effect) if i != index]
+    kept = [p for p in fit.parameters if p.effect != index]
+    moved = [replace(p, effect=p.effect - (p.effect > index)) for p in kept]
+    return fit_effects(problem, fit.config.model_copy(update={"effect": tuple(effects)}), moved)
+
+
+def _blind(found: Sequence[Promise]) -> tuple[Candidate, ...]:
+    """The candidates all of whose signatures the free parameters can make up."""
+    most: dict[str, tuple[float, Candidate]] = {}
+    for p in found:
+        candidate = p.signature.candidate
+        most[candidate.name] = max(
+            most.get(candidate.name, (0.0, candidate)), (p.kept, candidate), key=lambda e: e[0]
+        )
+    return tuple(candidate for kept, candidate in most.values() if kept < BLIND)

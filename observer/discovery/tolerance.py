@@ -18,7 +18,7 @@ MATERIAL = 0.02
 """Conductivity and heat capacity as printed in tables."""
 PLACE_M = 1e-3
 """Where a sensor sits."""
-UNEVEN = 0.015
+UNEVEN = 0.01
 """A film's unevenness along the screw, as a part of itself."""
 STRETCHES = 4
 LAG_S = 4.0
@@ -43,9 +43,7 @@ def tolerances(config: Config) -> Iterator[tuple[Config, bool]]:
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            extra = UnevenConvection(
-                kind="uneven_convection", from_m=a, to_m=b, extra_W_m2K=UNEVEN * film * STRETCHES**0.5
-            )
+            extra = UnevenConvection(kind="uneven_convection", from_m=a, to_m=b, extra_W_m2K=UNEVEN * film)
             yield config.model_copy(update={"effect": (*config.effect, extra)}), False
     lags = [SensorLag(kind="sensor_lag", target=s.name, time_constant_s=LAG_S) for s in config.sensor]
     yield config.model_copy(update={"effect": (*config.effect, *lags)}), True

@@ -1,0 +1,102 @@
+"""What the machine was doing, half minute by half minute: phases, and the quantities a gap may go with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.config import Config
+from observer.discovery.coarse import CoarseRun
+from observer.discovery.hypothesis import Problem
+from observer.frames import FloatArray
+
+PHASES = ("isothermal", "heat_up", "steady", "dwell", "cool_down")
+DWELL_S = 1500.0
+"""A standstill this short, with work after it, is a dwell."""
+FAST = 0.15
+"""Part of a run's fastest warming that still counts as heating up."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """One run in means of half a minute, (b,) each.
+
+    `phase` is an index into `PHASES`; `speed_rpm` of the first source that has a speed; `running_s` the time
+    the machine has been working; `working` whether it works; `ambient_degC`; `position_m` of the first nut.
+    """
+
+    phase: NDArray[np.int64]
+    speed_rpm: FloatArray
+    running_s: FloatArray
+    working: NDArray[np.bool_]
+    ambient_degC: FloatArray
+    position_m: FloatArray
+
+
+def course_of(config: Config, run: CoarseRun) -> Course:
+    """Return what the machine was doing in a run."""
+    ticks, frames = run.ticks, run.run.frames
+    starts = np.flatnonzero(np.diff(ticks.mean, prepend=-1))
+
+    def mean(channel: str | None, default: float) -> FloatArray:
+        if channel is None:
+            return np.full(len(starts), default)
+        values = np.abs(frames.values[:, frames.channels.index(channel)])
+        values = np.where(np.isfinite(values), values, 0.0)
+        rows = np.append(ticks.first, len(frames))[np.append(starts, len(ticks.first))]
+        return np.asarray(np.add.reduceat(values, rows[:-1]) / np.maximum(np.diff(rows), 1))
+
+    speed = mean(next((s.speed_channel for s in config.source if s.speed_channel), None), 0.0)
+    power = sum((mean(s.power_channel, 0.0) for s in config.source if s.power_channel), np.zeros(len(speed)))
+    working = (speed > 0.02 * max(speed.max(initial=0.0), 1e-9)) | (
+        power > 0.02 * max(power.max(initial=0.0), 1e-9)
+    )
+    fixed_degC = config.ambient.temperature_degC or 20.0
+    nut = next((s.position_channel for s in config.source if s.position_channel), None)
+    period_s = np.diff(ticks.time_s, prepend=0.0)
+    return Course(
+        phase=_phases(working, ticks.time_s, np.nanmean(ticks.measured_degC, axis=1)),
+        speed_rpm=speed,
+        running_s=np.cumsum(np.where(working, period_s, 0.0)),
+        working=working,
+        ambient_degC=mean(config.ambient.channel, fixed_degC),
+        position_m=mean(nut, 0.0),
+    )
+
+
+def _little(values: FloatArray) -> float:
+    return max(0.02 * float(values.max(initial=0.0)), 1e-9)
+
+
+def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArray) -> NDArray[np.int64]:
+    """Index into `PHASES` of every mean, (b,)."""
+    phase = np.zeros(len(working), dtype=np.int64)
+    if not working.any():
+        return phase
+    rate = np.gradient(_filled(level_degC), time_s) if len(time_s) > 2 else np.zeros(len(time_s))
+    smooth = np.convolve(rate, np.ones(5) / 5, mode="same")
+    fast = smooth > FAST * max(float(smooth.max()), 1e-9)
+    begin = int(np.argmax(working))
+    phase[begin:] = np.where(fast[begin:], PHASES.index("heat_up"), PHASES.index("steady"))
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], working[begin:], [True]]).astype(int))) + begin
+    for off, on in zip(edges[::2], edges[1::2], strict=False):
+        more = on < len(working)
+        short = more and time_s[on - 1] - time_s[off] < DWELL_S
+        phase[off:on] = PHASES.index("dwell" if short else "cool_down")
+    return phase
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    """The values with gaps bridged by straight lines."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros_like(values)
+    index = np.arange(len(values))
+    return np.asarray(np.interp(index, index[known], values[known]))
+
+
+def courses_of(problem: Problem) -> tuple[Course, ...]:
+    """Return the course of every run of a problem."""
+    return tuple(course_of(problem.config, run) for run in problem.forward.runs)

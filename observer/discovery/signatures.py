@@ -1,0 +1,108 @@
+"""How the prediction changes with each candidate: the signature it would leave in the measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.candidates import BY_KIND, Candidate
+from observer.discovery.hypothesis import Fit, Problem
+from observer.frames import FloatArray
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The change (n,) of the used rows with one shape of a candidate, whitened, tolerances marginalised."""
+
+    candidate: Candidate
+    shape: int
+    change: FloatArray
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a signature promises beside a fit.
+
+    `strength` is that of the shape which explains most within the bounds, `drop` the fall of the deviance it
+    would bring. `kept` is the part of the signature that the free parameters cannot make up, `rest` (n,) that
+    part itself.
+    """
+
+    signature: Signature
+    strength: float
+    drop: float
+    kept: float
+    rest: FloatArray
+
+
+def signatures(problem: Problem, config: Config, candidates: Sequence[Candidate]) -> list[Signature]:
+    """Return the signatures of all shapes; those that move nothing are left out."""
+    changes = [
+        entry
+        for kind, group in groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
+        for entry in _changes(problem, config, kind, tuple(group))
+    ]
+    used = problem.evidence.used
+    columns = problem.evidence.whitened(np.column_stack([change for _, _, change in changes]))
+    columns = problem.marginal(used)(columns[used])
+    return [
+        Signature(candidate, shape, column)
+        for (candidate, shape, _), column in zip(changes, columns.T, strict=True)
+        if np.linalg.norm(column) > 1e-9
+    ]
+
+
+def promises(base: Fit, found: Sequence[Signature]) -> list[Promise]:
+    """Return what each signature promises beside a fit."""
+    J = base.problem.marginal(base.problem.evidence.used)(base.jacobian[base.problem.evidence.used])
+    Q, _ = np.linalg.qr(J)
+    columns = np.column_stack([s.change for s in found])
+    rest = columns - Q @ (Q.T @ columns)
+    rest = rest - Q @ (Q.T @ rest)  # twice is enough (Giraud, Langou & Rozložník 2005)
+    length, left = np.linalg.norm(columns, axis=0), np.linalg.norm(rest, axis=0)
+    along = rest.T @ base.remainder
+    out = []
+    for j, s in enumerate(found):
+        low, high = s.candidate.strengths(s.candidate.shapes[s.shape])
+        best = float(along[j] / max(left[j] ** 2, 1e-12))
+        strength = min(max(best, low), high)
+        drop = strength * (2 * float(along[j]) - strength * float(left[j] ** 2))
+        out.append(Promise(s, strength, drop, float(left[j] / length[j]), rest[:, j]))
+    return out
+
+
+def _changes(
+    problem: Problem, config: Config, kind: str, group: Sequence[Candidate]
+) -> Iterator[tuple[Candidate, int, FloatArray]]:
+    """Yield candidate, number of the shape, and change (n,) in K of the prediction, for one kind."""
+    here = problem.predicted(config)
+
+    def change(*effects: object) -> FloatArray:
+        more = config.model_copy(update={"effect": (*config.effect, *effects)})
+        return problem.predicted(more) - here
+
+    if BY_KIND[kind].targets == "sensor":  # each moves its own sensor only: all at once
+        whole = change(*(c.effect(c.shapes[0]) for c in group))
+        names = [s.name for s in config.sensor]
+        for c in group:
+            yield c, 0, np.where(problem.evidence.sensor == names.index(str(c.target)), whole, 0.0)
+        return
+    for c in group:
+        if kind == "uneven_convection":  # a stretch is the sum of its cells, as long as it is weak
+            cells = {x["from_m"]: change(c.effect(x)) for x in c.shapes if _is_cell(x, c)}
+            for i, shape in enumerate(c.shapes):
+                inside = [y for x, y in cells.items() if shape["from_m"] <= x < shape["to_m"] - 1e-9]
+                yield c, i, np.sum(inside, axis=0)
+            continue
+        for i, shape in enumerate(c.shapes):
+            yield c, i, change(c.effect(shape))
+
+
+def _is_cell(shape: object, candidate: Candidate) -> bool:
+    """Whether a stretch is as short as any."""
+    narrowest = min(x["to_m"] - x["from_m"] for x in candidate.shapes)
+    return bool(shape["to_m"] - shape["from_m"] < 1.5 * narrowest)  # type: ignore[index]
