@@ -52,10 +52,18 @@ ALWAYS_ON = {
 }
 """One speed from the first row to the last: what goes with speed and what is constant are the same."""
 
+HOT = {
+    "a": (Phase(600), Phase(5400, 4000), Phase(3600)),
+    "b": (Phase(600), Phase(4200, 1200, 0.3, 0.7), Phase(3000)),
+    "c": (Phase(600), Phase(4800, 3600, 0.25, 0.75), Phase(3600)),
+}
+"""A screw that gets 60 K warmer than the air, and one that hardly does."""
+
 PROGRAMMES: dict[str, dict[str, tuple[Phase, ...]]] = {
     "standard": STANDARD,
     "single_speed": SINGLE_SPEED,
     "always_on": ALWAYS_ON,
+    "hot": HOT,
 }
 
 START_m = {"a": 0.2, "b": 0.3, "c": 0.2}

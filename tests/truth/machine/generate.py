@@ -143,12 +143,17 @@ def runs_of(case: Case) -> list[Run]:
     return [logged(case, run, trace(case, run, machine)) for run in RUNS]
 
 
-def write_case(case: Case, folder: Path) -> None:
-    """Write `run_a.csv.gz` … and `config.toml`, which say nothing of what is hidden."""
+def write_case(case: Case, folder: Path, without: tuple[str, ...] = ()) -> list[Path]:
+    """Write `run_a.csv.gz` … and `config.toml`, which say nothing of what is hidden; return the logs.
+
+    `without`: effects that the configuration keeps from a search.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, run in zip(RUNS, runs_of(case), strict=True):
-        write_log(folder / f"run_{name}.csv.gz", run.time_s, run.values)
-    (folder / "config.toml").write_text(configuration(case.unmodelled), encoding="utf-8")
+    logs = [folder / f"run_{name}.csv.gz" for name in RUNS]
+    for log, run in zip(logs, runs_of(case), strict=True):
+        write_log(log, run.time_s, run.values)
+    (folder / "config.toml").write_text(configuration(case.unmodelled, without), encoding="utf-8")
+    return logs
 
 
 def answer_of(case: Case) -> dict[str, object]:
@@ -173,11 +178,11 @@ def answer_of(case: Case) -> dict[str, object]:
     }
 
 
-def write_answer(case: Case, answers: Path, name: str | None = None) -> Path:
+def write_answer(case: Case, answers: Path, name: str) -> Path:
     """Write the answer of a case as JSON into a folder that must hold no log. Raises `ValueError`."""
     answers.mkdir(parents=True, exist_ok=True)
     if any(answers.glob("*.csv.gz")) or (answers / "config.toml").exists():
         raise ValueError(f"{answers}: an answer never lies beside the logs; give another folder")
-    path = answers / f"{name or case.name}.json"
+    path = answers / f"{name}.json"
     path.write_text(json.dumps(answer_of(case), indent=1), encoding="utf-8")
     return path

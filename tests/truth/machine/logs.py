@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 from pathlib import Path
 
 import numpy as np
@@ -85,10 +86,10 @@ FREE = {
 }
 
 
-def configuration(unknown: tuple[str, ...]) -> str:
+def configuration(unknown: tuple[str, ...], without: tuple[str, ...] = ()) -> str:
     """The user's configuration; `unknown`: what he does not know of: "film", "left_bearing", "right_bearing".
 
-    What he knows of, he lets be fitted.
+    What he knows of, he lets be fitted. `without`: effects that a search must not consider.
     """
     parts = [_HEAD.format(film="0.0" if "film" in unknown else "15.0"), _NUT]
     parts += [
@@ -98,4 +99,7 @@ def configuration(unknown: tuple[str, ...]) -> str:
     ]
     parts += [_SENSOR.format(name=n, position_m=x_m) for n, x_m in zip(SENSORS, SENSOR_M, strict=True)]
     free = ", ".join(f'"{key}"' for name, key in FREE.items() if name not in unknown)
-    return "".join([*parts, f"\n[calibrate]\nfree = [{free}]\n"])
+    parts.append(f"\n[calibrate]\nfree = [{free}]\n")
+    if without:
+        parts.append(f"\n[discover]\nwithout = {json.dumps(without)}\n")
+    return "".join(parts)

@@ -18,13 +18,13 @@ NUDGE = 0.02
 """Part by which a free parameter is changed for its derivative."""
 
 
-ROUNDS, LEAST = 2, 0.05
+ROUNDS, LEAST = 4, 0.05
 
 
 def hidden_K(case: Case) -> FloatArray:
-    """What is left at the sensors of the effects of a case after the user's free parameters are refitted, (n, 5).
+    """What is left at the sensors of the effects of a case after what the user may fit is refitted, (n, 5).
 
-    All runs after each other, without noise. Gauss-Newton with the derivatives of the machine without effects.
+    All runs after each other, without noise. Gauss-Newton, derivatives those of the machine without effects.
     """
     plain = replace(case, effects=(), unknown=case.unmodelled)
     machine, wanted = machine_of(plain), _readings(case, machine_of(case))
@@ -49,7 +49,7 @@ def _free(case: Case) -> tuple[FloatArray, FloatArray]:
     machine = machine_of(case)
     plain = _readings(case, machine)
     free = int(machine.physics.film_W_m2K.any()) + np.count_nonzero(machine.physics.friction_W_rpm)
-    nudged = [_scaled(machine, row) for row in 1.0 + NUDGE * np.eye(free)]
+    nudged = [_scaled(machine, row) for row in 1.0 + NUDGE * np.eye(int(free))]
     return plain, np.stack([(_readings(case, m) - plain) / NUDGE for m in nudged], axis=-1)
 
 

@@ -1,0 +1,249 @@
+"""The campaign's table as the figures that were asked for, with bounds and goals, in markdown."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.campaign.judge import WRONG
+from tests.truth.machine.catalogue import LADDER
+
+Cells = dict[str, str]
+STRONG_SIGMA, FAIR_SIGMA = 4.0, 2.0
+DETECTED = 0.9
+"""An effect is detected at a strength from which on its right name comes in this part of the cases."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """So many of so many."""
+
+    hits: int
+    of: int
+
+    @property
+    def value(self) -> float:
+        """The part, NaN of nothing."""
+        return self.hits / self.of if self.of else float("nan")
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The exact 95 % bounds of the binomial's probability (Clopper & Pearson 1934)."""
+        from scipy.stats import binomtest
+
+        interval = binomtest(self.hits, self.of).proportion_ci(0.95, "exact")
+        return float(interval.low), float(interval.high)
+
+    def __str__(self) -> str:
+        if not self.of:
+            return "– | –"
+        low, high = self.bounds
+        return f"{self.hits}/{self.of} = {100 * self.value:.1f} % | {100 * low:.1f} … {100 * high:.1f} %"
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A figure, what it should be, and which share of the lines it is."""
+
+    figure: str
+    text: str
+    meets: Callable[[float], bool]
+    among: Callable[[Cells], bool]
+    hit: Callable[[Cells], bool]
+
+    def line(self, rows: Sequence[Cells]) -> str:
+        """The figure's line of the table."""
+        among = [row for row in rows if self.among(row)]
+        share = Share(sum(map(self.hit, among)), len(among))
+        return f"| {self.figure} | {share} | {self.text} | {_met(self.meets(share.value), share.of)} |"
+
+
+def _met(met: bool, of: int) -> str:
+    return ("yes" if met else "**no**") if of else "–"
+
+
+def _sigma(row: Cells) -> float:
+    return float(row["shows_sigma"])
+
+
+def _of(*groups: str) -> Callable[[Cells], bool]:
+    return lambda row: row["group"] in groups
+
+
+def _between(low: float, high: float) -> Callable[[Cells], bool]:
+    return lambda row: row["group"] == "ladder" and low <= _sigma(row) < high
+
+
+def _rung(rung: str) -> Callable[[Cells], bool]:
+    return lambda row: row["group"] == "ladder" and row["rung"] == rung
+
+
+def _is(*outcomes: str) -> Callable[[Cells], bool]:
+    return lambda row: row["outcome"] in outcomes
+
+
+def _good(row: Cells) -> bool:
+    return row["good"] == "1"
+
+
+def _at_least(bar: float) -> Callable[[float], bool]:
+    return lambda value: value >= bar
+
+
+def _at_most(bar: float) -> Callable[[float], bool]:
+    return lambda value: value <= bar
+
+
+_CLAIMS = (*WRONG, "partly")
+GOALS: tuple[Goal, ...] = (
+    Goal("null: wrongly named", "≤ 1 %", _at_most(0.01), _of("null"), _is(*_CLAIMS)),
+    Goal("null: “unknown”", "≤ 3 %", _at_most(0.03), _of("null"), _is("unknown")),
+    Goal("in the library: wrongly named", "≤ 1 %", _at_most(0.01), _of("ladder"), _is(*WRONG)),
+    *(
+        Goal(
+            f"… at strength {rung}",
+            "≤ 1 %",
+            _at_most(0.01),
+            _rung(rung),
+            _is(*WRONG),
+        )
+        for rung in "12345"
+    ),
+    Goal("named rightly, ≥ 4 σ", "≥ 98 %", _at_least(0.98), _between(STRONG_SIGMA, np.inf), _is("right")),
+    Goal(
+        "named rightly, 2–4 σ", "≥ 90 %", _at_least(0.9), _between(FAIR_SIGMA, STRONG_SIGMA), _is("right")
+    ),
+    Goal(
+        "… or in the set of doubts, 2–4 σ",
+        "≥ 98 %",
+        _at_least(0.98),
+        _between(FAIR_SIGMA, STRONG_SIGMA),
+        _is("right", "in_set"),
+    ),
+    Goal("outside the library: “unknown”", "≥ 95 %", _at_least(0.95), _of("outside"), _is("unknown")),
+    Goal(
+        "… and of these, sensor and phase right",
+        "≥ 90 %",
+        _at_least(0.9),
+        lambda row: row["group"] == "outside" and row["outcome"] == "unknown",
+        lambda row: row["localised"] == "1",
+    ),
+    Goal("two at once: both named", "≥ 90 %", _at_least(0.9), _of("pair"), _is("right")),
+    Goal("true effect left out: another named", "0 %", _at_most(0.0), _of("absent"), _is(*_CLAIMS)),
+    Goal("true effect left out: “unknown”", "–", _at_least(0.0), _of("absent"), _is("unknown")),
+    Goal("the same effect under two names: the doubt told", "–", _at_least(0.0), _of("ambiguous"), _good),
+    Goal("poor cycle: no wrong claim", "–", _at_least(0.0), _of("poor"), _good),
+    Goal("faulty logs: right", "–", _at_least(0.0), _of("faulty"), _good),
+)  # fmt: skip
+
+
+def summary(rows: Sequence[Cells]) -> str:
+    """The tables of a campaign."""
+    figures = [
+        "| figure | share | 95 % bounds | goal | met |",
+        "|---|---|---|---|---|",
+        *(goal.line(rows) for goal in GOALS),
+    ]
+    others = [
+        "| figure | value | goal | met |",
+        "|---|---|---|---|",
+        *parameter_lines(rows),
+        *proof_lines(rows),
+    ]
+    limits = [
+        "| effect | detection limit | named rightly at strengths 1 … 5 |",
+        "|---|---|---|",
+        *limit_lines(rows),
+    ]
+    return "\n\n".join("\n".join(part) for part in (figures, others, limits, confusion_lines(rows))) + "\n"
+
+
+def parameter_lines(rows: Sequence[Cells]) -> list[str]:
+    """Errors and coverage of the parameters of rightly named effects from 4 σ on, and of all."""
+    lines = []
+    for text, least in (("≥ 4 σ", STRONG_SIGMA), ("all", 0.0)):
+        right = [r for r in rows if r["group"] == "ladder" and r["outcome"] == "right" and _sigma(r) >= least]
+        error = 100 * np.abs(_values(right, "errors"))
+        covered = _values(right, "covered")
+        if not len(error):
+            continue
+        middle, high, cover = float(np.median(error)), float(np.quantile(error, 0.9)), 100 * covered.mean()
+        met = _met(middle <= 3.0 and high <= 10.0, 1)
+        lines += [
+            f"| parameter error, {text}: median / p90 | {middle:.1f} % / {high:.1f} % | ≤ 3 % / 10 % |"
+            f" {met} |",
+            f"| 95 % intervals that hold the truth, {text} | {cover:.1f} % of {len(covered)} | 90–98 % |"
+            f" {_met(90.0 <= cover <= 98.0, 1)} |",
+        ]
+    return lines
+
+
+def _values(rows: Sequence[Cells], column: str) -> np.ndarray:
+    cells = (cell for row in rows for cell in row[column].split())
+    return np.array([float(cell.partition("=")[2]) for cell in cells])
+
+
+def proof_lines(rows: Sequence[Cells]) -> list[str]:
+    """How much of the gap goes, on data that took no part, where all that is hidden is named."""
+    nulls = [float(r["before_K"]) for r in rows if r["group"] == "null" and r["before_K"]]
+    right = [r for r in rows if r["group"] in ("ladder", "pair") and r["outcome"] == "right" and r["after_K"]]
+    right = [r for r in right if _sigma(r) >= STRONG_SIGMA]
+    if not nulls or not right:
+        return []
+    null_K = float(np.median(nulls))
+    before, after = (np.array([float(r[key]) for r in right]) for key in ("before_K", "after_K"))
+    ratio = float(np.median(after) / null_K)
+    gone = np.median(1.0 - np.maximum(after**2 - null_K**2, 0.0) / np.maximum(before**2 - null_K**2, 1e-9))
+    return [
+        f"| proof residual after, ≥ 4 σ, over the nulls' (medians) | {ratio:.2f} | ≤ 1.2 |"
+        f" {_met(ratio <= 1.2, 1)} |",
+        f"| excess energy gone on the proof data (median) | {100 * gone:.1f} % | ≥ 90 % |"
+        f" {_met(bool(gone >= 0.9), 1)} |",
+    ]
+
+
+def limit_lines(rows: Sequence[Cells]) -> list[str]:
+    """For each ladder: the least strength from which on the right name comes in 90 % of the cases."""
+    lines = []
+    for ladder in LADDER:
+        shares = [_rightly(rows, ladder.label, f"{strength:g}") for strength in ladder.strengths]
+        if not any(share.of for share in shares):
+            continue
+        limit = detection_limit(ladder.strengths, shares)
+        at = "–" if limit is None else f"{shares[ladder.strengths.index(limit)]}".replace(" |", ",")
+        told = "not named" if limit is None else f"{limit:g}"
+        counts = ", ".join(f"{share.hits}/{share.of}" for share in shares)
+        lines.append(f"| `{ladder.label}`, {ladder.key} | {told} | {at} | {counts} |")
+    return lines
+
+
+def _rightly(rows: Sequence[Cells], label: str, strength: str) -> Share:
+    own = [r for r in rows if (r["group"], r["label"], r["strength"]) == ("ladder", label, strength)]
+    return Share(sum(r["outcome"] == "right" for r in own), len(own))
+
+
+def detection_limit(strengths: Sequence[float], shares: Sequence[Share]) -> float | None:
+    """The least strength from which on, at every greater one too, 90 % are named rightly; none: None."""
+    limit = None
+    for strength, share in zip(reversed(strengths), reversed(shares), strict=True):
+        if not share.of or share.value < DETECTED:
+            break
+        limit = strength
+    return limit
+
+
+def confusion_lines(rows: Sequence[Cells]) -> list[str]:
+    """What was answered to what was hidden, by group and label."""
+    shown = ("right", "in_set", "partly", "none", "unknown", "not_identifiable", *WRONG)
+    lines = ["| hidden | " + " | ".join(shown) + " | wrong names |", "|---" * (len(shown) + 2) + "|"]
+    for group, label in dict.fromkeys((r["group"], r["label"]) for r in rows):
+        own = [r for r in rows if (r["group"], r["label"]) == (group, label)]
+        count = Counter(r["outcome"] for r in own)
+        wrong = Counter(r["named"] or r["alternatives"] for r in own if r["outcome"] in WRONG)
+        names = ", ".join(f"{name} ({n})" for name, n in wrong.most_common(3))
+        cells = " | ".join(str(count[o] or "") for o in shown)
+        lines.append(f"| {group}: {label} | {cells} | {names} |")
+    return lines

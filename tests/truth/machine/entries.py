@@ -1,0 +1,126 @@
+"""The campaign's cases, made from the catalogue and from seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from tests.truth.machine.catalogue import (
+    ALIKE,
+    AMBIGUOUS,
+    FAULTY,
+    LADDER,
+    OUTSIDE,
+    PAIRS,
+    POOR,
+    Doubtful,
+    Ladder,
+)
+from tests.truth.machine.effects import Effect
+from tests.truth.machine.generate import Case
+
+FIRST_SEED = 1000
+"""Thresholds are set on seeds below, figures come from seeds from here on."""
+STRENGTHS = 5
+NULLS, SEEDS, FEW_SEEDS = 200, 8, 4
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One case of the campaign. `group` says which figure it counts for, `label` what is hidden.
+
+    `strength` is the ladder's, in its unit; `without` the kinds to be left out of the library.
+    """
+
+    group: str
+    label: str
+    case: Case
+    rung: int | None = None
+    strength: float | None = None
+    without: tuple[str, ...] = ()
+    doubt: Doubtful | None = None
+
+    @property
+    def name(self) -> str:
+        """A name of its own, fit for a folder."""
+        rung = "" if self.rung is None else f".{self.rung + 1}"
+        return f"{self.group}.{self.label}{rung}.{self.case.seed}"
+
+
+def ladder_entries(ladders: Sequence[Ladder], seeds: Sequence[int]) -> Iterator[Entry]:
+    """Every strength of every effect for every seed; an effect's ladders take turns.
+
+    The five strengths of a ladder and seed are hidden in one and the same machine.
+    """
+    for kind in dict.fromkeys(ladder.kind for ladder in ladders):
+        own = [ladder for ladder in ladders if ladder.kind == kind]
+        for i, seed in enumerate(seeds):
+            ladder = own[i % len(own)]
+            for rung in range(STRENGTHS):
+                case = Case(f"ladder.{kind}", (ladder.effect(rung),), seed, ladder.cycle)
+                yield Entry("ladder", ladder.label, case, rung, ladder.strengths[rung])
+
+
+def absent_entries(seeds: Sequence[int]) -> Iterator[Entry]:
+    """A strong effect that the library does not know, nor anything that is the same physics."""
+    for entry in ladder_entries(LADDER, seeds):
+        if entry.rung == 3:
+            kind = entry.case.effects[0].kind
+            case = replace(entry.case, name=f"absent.{kind}")
+            gone = (kind, *ALIKE.get(kind, ()))
+            yield Entry("absent", entry.label, case, strength=entry.strength, without=gone)
+
+
+def doubtful_entries(group: str, doubts: Sequence[Doubtful], seeds: Sequence[int]) -> Iterator[Entry]:
+    """Machines whose right answer is a doubt."""
+    for doubt in doubts:
+        for seed in seeds:
+            case = Case(f"{group}.{doubt.label}", doubt.effects, seed, doubt.cycle, unknown=doubt.unknown)
+            yield Entry(group, doubt.label, case, doubt=doubt)
+
+
+def plain_entries(group: str, hidden: Sequence[tuple[Effect, ...]], seeds: Sequence[int]) -> Iterator[Entry]:
+    """Given effects, on the standard cycle."""
+    for number, effects in enumerate(hidden):
+        label = "+".join(e.kind for e in effects)
+        for seed in seeds:
+            yield Entry(group, f"{label}.{number}", Case(f"{group}.{number}", effects, seed))
+
+
+def faulty_entries(seeds: Sequence[int]) -> Iterator[Entry]:
+    """Logs with faults, with nothing hidden and with something."""
+    lossy = Effect("end_conduction", "right", {"conductance_W_K": 0.12})
+    for faults in FAULTY:
+        for effects in ((), (lossy,)):
+            label = "-".join(faults) + (".lossy" if effects else ".null")
+            for seed in seeds:
+                yield Entry("faulty", label, Case(f"faulty.{label}", effects, seed, faults=faults))
+
+
+def campaign(first_seed: int = FIRST_SEED) -> list[Entry]:
+    """Every case of the campaign; with another first seed below 900, one to set thresholds on."""
+    seeds, few = range(first_seed, first_seed + SEEDS), range(first_seed, first_seed + FEW_SEEDS)
+    nulls = [Entry("null", "null", Case("null", (), seed)) for seed in range(first_seed, first_seed + NULLS)]
+    return [
+        *nulls,
+        *ladder_entries(LADDER, seeds),
+        *plain_entries("outside", [(e,) for e in OUTSIDE], seeds),
+        *plain_entries("pair", PAIRS, seeds),
+        *doubtful_entries("ambiguous", AMBIGUOUS, seeds),
+        *doubtful_entries("poor", POOR, seeds),
+        *absent_entries(few),
+        *faulty_entries(few),
+    ]
+
+
+def slice_entries(seed: int = 900) -> list[Entry]:
+    """One case of each sort, and one of each class of effect: surface, end, heat, friction, sensor."""
+    strong = {(e.case.effects[0].kind, e.rung): e for e in ladder_entries(LADDER, [seed])}
+    kinds = ("speed_convection", "end_conduction", "local_heat", "friction_speed", "sensor_lag")
+    return [
+        Entry("null", "null", Case("null", (), seed)),
+        *(strong[kind, 3] for kind in kinds),
+        *plain_entries("outside", [(OUTSIDE[2],)], [seed]),
+        *plain_entries("pair", [PAIRS[0]], [seed]),
+        *doubtful_entries("ambiguous", [AMBIGUOUS[2]], [seed]),
+    ]
