@@ -20,7 +20,8 @@ from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
 from observer.effects.catalogue import KINDS, Effect
 from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
-from observer.sections import Description, Name, NonNegative, Positive, Section, Temperature
+from observer.quantities import Name, NonNegative, Positive, Section, Temperature
+from observer.sections import Description
 
 Endpoint = Annotated[str, AfterValidator(checked_endpoint)]
 
@@ -129,6 +130,13 @@ class Config(Description):
             for name in names:
                 if names.count(name) > 1:
                     raise ValueError(f'two entries of {kind} are called "{name}"; give each its own name')
+        laws = {s.name: s.law for s in self.source}
+        for source in self.source:
+            if source.heat_of is not None and laws.get(source.heat_of, "heat_of") in (None, "heat_of"):
+                raise ValueError(
+                    f"source {source.name}: heat_of names no source with a heat law of its own; name one of "
+                    f"{', '.join(n for n, law in laws.items() if law not in (None, 'heat_of')) or 'none yet'}"
+                )
         if not any(s.estimate for s in self.source):
             raise ValueError("every source has estimate = false; leave at least one to be estimated")
         positions_m = self.output.positions_m or ()
@@ -141,8 +149,7 @@ class Config(Description):
         """Every channel the model reads, each once, in the order of the configuration."""
         names = [s.channel for s in self.sensor]
         for source in self.source:
-            names += [source.position_channel, source.speed_channel, source.power_channel]  # type: ignore[list-item]
-            names.append(source.drive_channel)  # type: ignore[arg-type]
+            names += [source.position_channel, source.speed_channel, *source.law_channels]  # type: ignore[list-item]
         names += [self.ambient.channel, self.boundary.left.channel, self.boundary.right.channel]  # type: ignore[list-item]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))

@@ -18,7 +18,8 @@ from observer.discovery.hypothesis import Parameter
 from observer.discovery.parameters import FILM
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.model.heat.law import law_channel
+from observer.laws import SPEED_LAWS
+from observer.model.heat.law import law_channels
 
 BY_KIND = dict(zip(KINDS, LIBRARY, strict=True))
 
@@ -111,10 +112,10 @@ def _heats(config: Config) -> Iterator[Candidate]:
         if source.shape == "nut":
             yield _mass(source.name)
             yield _one("dwell", source.name, fraction=0.1)
-        if law_channel(source) is None:
+        if not law_channels(source, config.source):
             continue
         yield _one("friction_fade", source.name, per_K=3e-3)
-        if source.torque_Nm is not None or source.heat_W_rpm is not None:
+        if source.law in SPEED_LAWS:
             yield _one("friction_speed", source.name, exponent=1.1, scales={"exponent": 0.2})
         shapes = tuple({"fraction": 0.2, "time_s": t} for t in (400.0, 1200.0, 3600.0))
         yield Candidate("run_in", source.name, shapes, {"fraction": 0.2, "time_s": 1200.0})

@@ -11,7 +11,8 @@ from pydantic import Field, model_validator
 from observer.effects.base import EffectTable, on_screw, speed_channel
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
 from observer.frames import FloatArray
-from observer.sections import Channel, Description, Finite, NonNegative, Temperature
+from observer.quantities import Channel, Finite, NonNegative, Temperature
+from observer.sections import Description
 
 # Air at 25 °C, as Yu et al. take it.
 AIR_CONDUCTIVITY_W_MK = 0.0254
