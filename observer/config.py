@@ -20,6 +20,7 @@ from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
 from observer.effects.catalogue import KINDS, Effect
 from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
+from observer.mounting import Compensation
 from observer.quantities import Name, NonNegative, Positive, Section, Temperature
 from observer.sections import Description
 
@@ -98,6 +99,7 @@ class Config(Description):
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
     output: Output = Output()
+    compensation: Compensation = Compensation()
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict)
     publish: Publish = Publish()
     record: Record = Record()
@@ -117,6 +119,25 @@ class Config(Description):
             if x_m > length_m:
                 raise ValueError(
                     f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m; mend one"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _growth_is_known(self) -> Config:
+        wanted = [
+            name
+            for name, there in (("supports", self.supports), ("compensation", self.compensation.enabled))
+            if there
+        ]
+        if wanted and self.screw.expansion_1_K is None:
+            raise ValueError(f"{wanted[0]} needs the screw's expansion coefficient; give screw.expansion_1_K")
+        for key, x_m in (
+            ("travel_m", (self.compensation.travel_m or (0.0,))[-1]),
+            ("reference_m", self.compensation.reference_m or 0.0),
+        ):
+            if x_m > self.screw.length_m:
+                raise ValueError(
+                    f"compensation: {key} reaches {x_m} m, beyond the screw's length_m; mend one of them"
                 )
         return self
 

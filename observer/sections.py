@@ -10,6 +10,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from observer.laws import LAWS, HeatLaw, Surface
+from observer.mounting import Supports
 from observer.quantities import Channel, Name, NonNegative, Positive, Section, Temperature
 
 
@@ -129,5 +130,6 @@ class Description(Section):
     surface: Surface = Surface()
     ambient: Ambient
     boundary: Boundaries = Boundaries()
+    supports: Supports | None = None
     source: tuple[Source, ...] = Field(min_length=1)
     sensor: tuple[Sensor, ...] = Field(min_length=1)

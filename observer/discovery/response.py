@@ -115,7 +115,8 @@ def _lean(config: Config, modes: int) -> Config:
     table = config.model_dump(exclude_unset=True)
     table["output"] = {"positions_m": (0.0, length_m), "reference_degC": 0.0}
     table["screw"].pop("expansion_1_K", None)
-    table.pop("drivers", None)
+    for section in ("drivers", "supports", "compensation"):
+        table.pop(section, None)
     if config.model.criterion == "tail" and config.model.modes is None:
         table["model"] = {**table.get("model", {}), "modes": modes}
     return parse(table)

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, laws, quantities, sections
+from observer import config, laws, mounting, quantities, sections
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 
@@ -31,6 +31,8 @@ CONFIGURATION = {
     "`[estimator]`": config.EstimatorSettings,
     "`[calibrate]`": config.Calibrate,
     "`[output]`": config.Output,
+    "`[supports]`": mounting.Supports,
+    "`[compensation]`": mounting.Compensation,
     "`[publish]`": config.Publish,
     "`[record]`": config.Record,
 }
