@@ -79,6 +79,11 @@ def test_a_nut_that_turns_too() -> None:
     np.testing.assert_allclose(heat(config, "s0", SPEED, nut), 0.3 * k * np.abs(SPEED - nut))
     np.testing.assert_allclose(heat(config, "s1", SPEED, nut), k * (0.3 * np.abs(SPEED) + 0.2 * nut))
     assert {"n_rpm", "nut_rpm"} <= set(config.channels)
+    columns = {c: np.full(4, 20.0) for c in config.channels} | {"n_rpm": SPEED, "nut_rpm": nut}
+    drive = Drive(config, build_plant(config))
+    _, inputs = drive.run(drive.initial(), frames(config, 2.0 * np.arange(4), columns))
+    law = np.column_stack([heat(config, name, SPEED, nut) for name in ("s0", "s1")])
+    np.testing.assert_allclose(inputs.law_W[1:], (law[1:] + law[:-1]) / 2)
 
 
 def test_a_bearing_takes_kims_part_of_the_nuts_heat() -> None:
