@@ -172,6 +172,7 @@ class Config(Description):
         for source in self.source:
             names += [source.position_channel, source.speed_channel, *source.law_channels]  # type: ignore[list-item]
         names += [self.ambient.channel, self.boundary.left.channel, self.boundary.right.channel]  # type: ignore[list-item]
+        names.append(self.surface.speed_channel)  # type: ignore[arg-type]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
 

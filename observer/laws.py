@@ -134,6 +134,7 @@ class Surface(Section):
     air_degC: Temperature = 20.0
     emissivity: Annotated[float, Field(ge=0, le=1)] = 0.0
     speed_rpm: NonNegative = 0.0
+    speed_channel: Channel | None = None
     facing: Literal["vertical", "up", "down"] | None = None
     height_m: Positive | None = None
     gap_m: Positive | None = None
@@ -157,13 +158,24 @@ class Surface(Section):
         for key, law in (("facing", "wall"), ("height_m", "wall"), ("gap_m", "taylor-gap")):
             if (getattr(self, key) is not None) != (self.law == law):
                 raise ValueError(f'{key} belongs to law = "{law}", and is needed there')
-        if self.speed_rpm and self.law in ("churchill-chu", "wall"):
-            raise ValueError(
-                f'speed_rpm has no part in law = "{self.law}"; choose "rotating-cylinder", "kendoush" or '
-                '"taylor-gap", or remove it'
-            )
+        self._turning_is_told_once()
         self._thread_is_complete()
         return self
+
+    def _turning_is_told_once(self) -> None:
+        if self.turns and self.law in ("churchill-chu", "wall"):
+            key = "speed_channel" if self.speed_channel else "speed_rpm"
+            raise ValueError(
+                f'{key} has no part in law = "{self.law}"; choose "rotating-cylinder", "kendoush" or '
+                '"taylor-gap", or remove it'
+            )
+        if self.speed_rpm and self.speed_channel:
+            raise ValueError("speed_rpm and speed_channel both tell the speed; remove one of them")
+
+    @property
+    def turns(self) -> bool:
+        """Whether the law takes in what turning adds to the film."""
+        return self.speed_rpm > 0.0 or self.speed_channel is not None
 
     def _thread_is_complete(self) -> None:
         thread = ("thread_lead_m", "ball_radius_m", "land_m")

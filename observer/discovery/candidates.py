@@ -18,7 +18,7 @@ from observer.discovery.hypothesis import Parameter
 from observer.discovery.parameters import FILM
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.laws import SPEED_LAWS
+from observer.laws import SPEED_LAWS, Surface
 from observer.model.heat.law import law_channels
 
 BY_KIND = dict(zip(KINDS, LIBRARY, strict=True))
@@ -74,9 +74,9 @@ def library(config: Config, keys: tuple[str, ...]) -> tuple[Candidate, ...]:
 def _surface(config: Config, keys: tuple[str, ...]) -> Iterator[Candidate]:
     L = config.screw.length_m
     spins = any(s.speed_channel is not None for s in config.source)
-    if FILM not in keys and config.surface.convection_W_m2K == 0.0:
+    if FILM not in keys and config.surface == Surface():
         yield _one("surface_convection", None, coefficient_W_m2K=5.0)
-    if spins:
+    if spins and not config.surface.turns:
         yield _one("speed_convection", None, gain=0.1)
     stretches = [(i * L / 8, (i + w) * L / 8) for w in (1, 2, 3, 4) for i in range(9 - w)]
     shapes = tuple({"from_m": a, "to_m": b, "extra_W_m2K": 5.0} for a, b in stretches)

@@ -182,7 +182,8 @@ def _driving(config: Config) -> str:
     machine = realise(config)
     laws = [heat_parts(s) for s in machine.config.source]
     own = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]
-    loss = machine.config.screw if any(isinstance(t, SpeedLoss) for t in machine.terms) else None
+    lost = any(isinstance(t, SpeedLoss) for t in machine.terms)
+    loss = (machine.config.screw, config.surface) if lost else None
     return repr((laws, own, loss, config.ambient, config.boundary, config.output.reference_degC))
 
 

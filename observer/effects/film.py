@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from observer.effects.base import EffectTable, on_screw, speed_channel
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
+from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.quantities import Channel, Finite, NonNegative, Temperature
 from observer.sections import Description
@@ -47,6 +48,11 @@ class SpeedConvection(EffectTable):
     source = "Yu et al., rotating cylinder; Kendoush 1996"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        if machine.surface.turns:
+            raise ConfigError(
+                f'effect "{self.kind}": surface.law already tells what turning adds to the film; remove the '
+                "effect, or the speed from [surface]"
+            )
         d_m, gain = machine.screw.diameter_m, self.gain
 
         def film_W_m2K(speed_rpm: FloatArray) -> FloatArray:

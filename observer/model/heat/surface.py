@@ -18,7 +18,8 @@ def surface_film_W_m2K(surface: Surface, diameter_m: float) -> float:
     """Return the base film: the number given, or convection and radiation by the law.
 
     Radiation and natural convection are taken at the rise `rise_K`, turning at the speed `speed_rpm`; with
-    speed 0 this is the film at standstill. The practice factor and the thread multiply convection only.
+    speed 0 this is the film at standstill, to which a speed channel then adds `turning_film`. The practice
+    factor and the thread multiply convection only.
     """
     if surface.law is None:
         return surface.convection_W_m2K
