@@ -56,6 +56,7 @@ def serve(config: Config, seconds: float | None = None) -> None:
     from observer.publish.codec import config_json
     from observer.publish.zenoh import ZenohPublisher, listening
     from observer.service.clock import ServiceClock
+    from observer.service.compensate import Compensator
     from observer.service.loop import Service, run
     from observer.service.record import Recorder
 
@@ -67,12 +68,20 @@ def serve(config: Config, seconds: float | None = None) -> None:
     record = config.record
     if record.directory is not None:
         _can_be_made(record.directory)
+    compensator = Compensator(config, estimator.layout.position_m) if config.compensation.enabled else None
     service = Service(
         drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
         plan=machine.plan,
         drive=machine.drive,
         estimator=estimator,
-        publisher=ZenohPublisher(name.name, name.axis, config.publish, config_json(config), estimator.layout),
+        publisher=ZenohPublisher(
+            name.name,
+            name.axis,
+            config.publish,
+            config_json(config),
+            estimator.layout,
+            compensator.arm if compensator is not None else None,
+        ),
         recorder=Recorder(
             record.directory,
             f"{name.name}-{name.axis}",
@@ -84,6 +93,7 @@ def serve(config: Config, seconds: float | None = None) -> None:
         else None,
         clock=ServiceClock(),
         notify=sdnotify.SystemdNotifier().notify,
+        compensator=compensator,
     )
     run(service, seconds)
 
@@ -287,8 +297,8 @@ def _simulated_columns(
     places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
     columns |= {f"field_{mm}_degC": rows[:, meaning.sensors + i] for i, mm in enumerate(places)}
     if layout.has_error:
-        first = meaning.error_slice.start
-        columns |= {f"error_{mm}_um": rows[:, first + i] for i, mm in enumerate(places)}
+        error_um = meaning.error_um(rows)
+        columns |= {f"error_{mm}_um": error_um[:, i] for i, mm in enumerate(places)}
     return columns
 
 

@@ -252,6 +252,27 @@ def health(
     leave(0 if document and document.get("state") in {"starting", "good", "degraded"} else 1)
 
 
+@app.command()
+def arm(
+    machine: Annotated[str, typer.Option(help="Which machine.")],
+    axis: Annotated[str, typer.Option(help="Which axis.")],
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    timeout_s: Annotated[float, typer.Option(min=0.1, help="How long to wait for an answer.")] = 5.0,
+) -> None:
+    """Arm the compensation of one axis; exit code 0 if it is armed then, else 1."""
+    from observer.publish.watch import arm_compensation
+    from observer.service.shutdown import leave
+
+    for option, name in (("--machine", machine), ("--axis", axis)):
+        if "*" in name:
+            raise UserError(
+                f"{option}: {name} may be several; name the one whose compensation is to be armed"
+            )
+    document = arm_compensation(connect, machine, axis, timeout_s)
+    typer.echo(json.dumps(document) if document else f"no compensation of {machine}/{axis} at {connect}")
+    leave(0 if document and document["armed"] else 1)
+
+
 def main() -> None:
     """Run the command line; what a user can mend ends in one sentence and exit code 2."""
     try:

@@ -20,7 +20,9 @@ from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
 from observer.effects.catalogue import KINDS, Effect
 from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
-from observer.sections import Description, Name, NonNegative, Positive, Section, Temperature
+from observer.mounting import Compensation
+from observer.quantities import Name, NonNegative, Positive, Section, Temperature
+from observer.sections import Description
 
 Endpoint = Annotated[str, AfterValidator(checked_endpoint)]
 
@@ -97,6 +99,7 @@ class Config(Description):
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
     output: Output = Output()
+    compensation: Compensation = Compensation()
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict)
     publish: Publish = Publish()
     record: Record = Record()
@@ -120,6 +123,25 @@ class Config(Description):
         return self
 
     @model_validator(mode="after")
+    def _growth_is_known(self) -> Config:
+        wanted = [
+            name
+            for name, there in (("supports", self.supports), ("compensation", self.compensation.enabled))
+            if there
+        ]
+        if wanted and self.screw.expansion_1_K is None:
+            raise ValueError(f"{wanted[0]} needs the screw's expansion coefficient; give screw.expansion_1_K")
+        for key, x_m in (
+            ("travel_m", (self.compensation.travel_m or (0.0,))[-1]),
+            ("reference_m", self.compensation.reference_m or 0.0),
+        ):
+            if x_m > self.screw.length_m:
+                raise ValueError(
+                    f"compensation: {key} reaches {x_m} m, beyond the screw's length_m; mend one of them"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _names_are_unique(self) -> Config:
         for kind, names in (
             ("source", [s.name for s in self.source]),
@@ -129,6 +151,13 @@ class Config(Description):
             for name in names:
                 if names.count(name) > 1:
                     raise ValueError(f'two entries of {kind} are called "{name}"; give each its own name')
+        laws = {s.name: s.law for s in self.source}
+        for source in self.source:
+            if source.heat_of is not None and laws.get(source.heat_of, "heat_of") in (None, "heat_of"):
+                raise ValueError(
+                    f"source {source.name}: heat_of names no source with a heat law of its own; name one of "
+                    f"{', '.join(n for n, law in laws.items() if law not in (None, 'heat_of')) or 'none yet'}"
+                )
         if not any(s.estimate for s in self.source):
             raise ValueError("every source has estimate = false; leave at least one to be estimated")
         positions_m = self.output.positions_m or ()
@@ -141,9 +170,9 @@ class Config(Description):
         """Every channel the model reads, each once, in the order of the configuration."""
         names = [s.channel for s in self.sensor]
         for source in self.source:
-            names += [source.position_channel, source.speed_channel, source.power_channel]  # type: ignore[list-item]
-            names.append(source.drive_channel)  # type: ignore[arg-type]
+            names += [source.position_channel, source.speed_channel, *source.law_channels]  # type: ignore[list-item]
         names += [self.ambient.channel, self.boundary.left.channel, self.boundary.right.channel]  # type: ignore[list-item]
+        names.append(self.surface.speed_channel)  # type: ignore[arg-type]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
 

@@ -5,22 +5,13 @@ Every unit and every range of these tables is checked here, once.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=64)]
-Channel = Annotated[str, Field(min_length=1, max_length=128)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Temperature = Annotated[float, Field(gt=-273.15, lt=2000)]
-
-
-class Section(BaseModel):
-    """A table of the configuration: frozen, and unknown keys are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+from observer.laws import LAWS, HeatLaw, Surface
+from observer.mounting import Supports
+from observer.quantities import Channel, Name, NonNegative, Positive, Section, Temperature
 
 
 class Screw(Section):
@@ -32,12 +23,6 @@ class Screw(Section):
     density_kg_m3: Positive
     specific_heat_J_kgK: Positive
     expansion_1_K: Positive | None = None
-
-
-class Surface(Section):
-    """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
-
-    convection_W_m2K: NonNegative = 0.0
 
 
 class Ambient(Section):
@@ -76,10 +61,7 @@ class Boundaries(Section):
     right: Boundary = Boundary()
 
 
-LAWS = ("torque_Nm", "heat_W_rpm", "power_channel", "heat_W")
-
-
-class Source(Section):
+class Source(HeatLaw):
     """Heat entering the screw: where (shape) and how much (law)."""
 
     name: Name
@@ -92,15 +74,6 @@ class Source(Section):
     position_m: NonNegative | None = None
     from_m: NonNegative | None = None
     to_m: NonNegative | None = None
-    # how much
-    speed_channel: Channel | None = None
-    torque_Nm: NonNegative | None = None
-    share: Annotated[float, Field(ge=0, le=1)] = 1.0
-    heat_W_rpm: NonNegative | None = None
-    power_channel: Channel | None = None
-    heat_W: Finite | None = None
-    drive_channel: Channel | None = None
-    scale: NonNegative = 1.0
     # how it is estimated
     estimate: bool = True
     random_walk_W_sqrt_s: NonNegative = 0.1
@@ -132,15 +105,12 @@ class Source(Section):
 
     @model_validator(mode="after")
     def _law_is_complete(self) -> Source:
-        laws = [k for k in LAWS if getattr(self, k) is not None]
-        if len(laws) > 1:
-            raise ValueError(f"only one heat law per source, here {' and '.join(laws)}")
-        if laws and laws[0] in ("torque_Nm", "heat_W_rpm") and self.speed_channel is None:
-            raise ValueError(f"{laws[0]} needs speed_channel")
-        if not laws and not self.estimate:
+        if self.law is None and not self.estimate:
             raise ValueError(f"estimate = false needs a heat law ({', '.join(LAWS[:-1])} or {LAWS[-1]})")
-        if self.drive_channel is not None and self.heat_W is None:
-            raise ValueError("drive_channel says when heat_W flows; give heat_W or remove it")
+        if self.stroke_share and self.stroke_m is None:
+            raise ValueError("stroke_share is the stroke's part of the screw; give stroke_m")
+        if self.nut_friction is not None and (self.nut_friction.lead_m is None) == (self.lead_m is None):
+            raise ValueError("nut_friction needs the lead once; give lead_m in one of the two tables")
         return self
 
 
@@ -160,5 +130,6 @@ class Description(Section):
     surface: Surface = Surface()
     ambient: Ambient
     boundary: Boundaries = Boundaries()
+    supports: Supports | None = None
     source: tuple[Source, ...] = Field(min_length=1)
     sensor: tuple[Sensor, ...] = Field(min_length=1)

@@ -144,7 +144,9 @@ def ball_screw_run(steps: int = 60, *, default_bandwidth: bool = False) -> Run:
     if default_bandwidth:
         design = design.model_copy(update={"bandwidth_1_s": None})
     speed_rpm = np.array([500.0])
-    heat_W = np.concatenate([heat_law(source)(speed_rpm) for source in settings.source])
+    heat_W = np.concatenate(
+        [heat_law(source, settings.source, settings.screw.length_m)(speed_rpm) for source in settings.source]
+    )
     blind = _inputs(plant, settings.estimator.period_s, steps, 20.0)
     still = simulate.start(plant, 20.0, np.zeros(len(heat_W)))
     _, rows = simulate.simulate(plant, still, replace(blind, law_W=np.tile(heat_W, (steps, 1))))

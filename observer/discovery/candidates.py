@@ -17,7 +17,8 @@ from observer.discovery.hypothesis import Parameter
 from observer.discovery.parameters import FILM
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.model.heat.law import law_channel
+from observer.laws import SPEED_LAWS, Surface
+from observer.model.heat.law import law_channels
 
 BY_KIND = dict(zip(KINDS, LIBRARY, strict=True))
 NEUTRAL = {"exponent": 1.0}
@@ -95,9 +96,9 @@ def library(config: Config, keys: tuple[str, ...], without: Sequence[str] = ()) 
 def _surface(config: Config, keys: tuple[str, ...]) -> Iterator[Candidate]:
     L = config.screw.length_m
     spins = any(s.speed_channel is not None for s in config.source)
-    if FILM not in keys and config.surface.convection_W_m2K == 0.0:
+    if FILM not in keys and config.surface == Surface():
         yield _one("surface_convection", None, coefficient_W_m2K=5.0)
-    if spins:
+    if spins and not config.surface.turns:
         yield _one("speed_convection", None, gain=0.1)
     stretches = [(i * L / CELLS, (i + w) * L / CELLS) for w in (1, 2, 3, 4) for i in range(CELLS + 1 - w)]
     shapes = tuple({"from_m": a, "to_m": b, "extra_W_m2K": 5.0} for a, b in stretches)
@@ -130,10 +131,10 @@ def _heats(config: Config) -> Iterator[Candidate]:
         if source.shape == "nut":
             yield _mass(source.name)
             yield _one("dwell", source.name, fraction=0.1)
-        if law_channel(source) is None:
+        if not law_channels(source, config.source):
             continue
         yield _one("friction_fade", source.name, per_K=3e-3)
-        if source.torque_Nm is not None or source.heat_W_rpm is not None:
+        if source.law in SPEED_LAWS:
             yield _one("friction_speed", source.name, {"exponent": 0.2}, exponent=1.1)
         shapes = tuple({"fraction": 0.2, "time_s": t} for t in (400.0, 1200.0, 3600.0))
         yield Candidate("run_in", source.name, shapes, {"fraction": 0.2, "time_s": 1200.0}, ("fraction",))

@@ -16,11 +16,12 @@ from observer.config import Config
 from observer.discovery.runs import Run
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
 from observer.frames import FloatArray, Inputs
+from observer.laws import HeatLaw
 from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
-from observer.sections import LAWS, Source
+from observer.sections import Source
 
 TICK_S = 10.0
 TICKS_IN_MEAN = 3
@@ -179,12 +180,13 @@ class CoarseRun:
 def _driving(config: Config) -> str:
     """What of a configuration decides the heats, losses and known inputs, as a key."""
     machine = realise(config)
-    laws = [(heat_parts(s), s.speed_channel) for s in machine.config.source]
+    laws = [heat_parts(s) for s in machine.config.source]
     own = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]
-    loss = machine.config.screw if any(isinstance(t, SpeedLoss) for t in machine.terms) else None
+    lost = any(isinstance(t, SpeedLoss) for t in machine.terms)
+    loss = (machine.config.screw, config.surface) if lost else None
     return repr((laws, own, loss, config.ambient, config.boundary, config.output.reference_degC))
 
 
 def heat_parts(source: Source) -> tuple[object, ...]:
     """The keys of a source that make up its heat law."""
-    return tuple(getattr(source, key) for key in (*LAWS, "share", "scale", "drive_channel"))
+    return tuple(getattr(source, key) for key in (*HeatLaw.model_fields, "stroke_m"))

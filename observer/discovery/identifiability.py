@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.discovery.parameters import FILM
 from observer.discovery.runs import Run
 from observer.frames import FloatArray
-from observer.model.heat.law import law_channel
+from observer.model.heat.law import law_channels
 
 SEEN_SIGMA = 3.0
 """A change by its natural scale must move some 30 s mean by this many standard deviations of its noise."""
@@ -74,8 +74,9 @@ def _unseen(config: Config, key: str, runs: Sequence[Run]) -> Obstacle:
     """The obstacle of a parameter that moves no sensor."""
     if key.startswith("source."):
         source = next(s for s in config.source if key.startswith(f"source.{s.name}."))
-        channel = law_channel(source)
-        if channel is not None and not any(_moves(run, channel) for run in runs):
+        channels = law_channels(source, config.source)
+        if channels and not any(_moves(run, channel) for run in runs for channel in channels):
+            channel = channels[0]
             return Obstacle(
                 key, f"{channel} stays at 0 in these logs", f"add a run in which {channel} is not 0"
             )

@@ -12,7 +12,6 @@ from typing import Any
 
 from observer.config import Config, parse
 from observer.errors import ConfigError
-from observer.model.heat.law import law_channel
 from observer.sections import Source
 
 FILM = "surface.convection_W_m2K"
@@ -29,7 +28,10 @@ class Kind:
 
 
 KINDS: dict[str, dict[str, Kind]] = {
-    "surface": {"convection_W_m2K": Kind("W/m2K", 5.0, 0.0, 1000.0)},
+    "surface": {
+        "convection_W_m2K": Kind("W/m2K", 5.0, 0.0, 1000.0),
+        "factor": Kind("1", 0.5, 1e-3, 100.0),
+    },
     "boundary": {"coefficient_W_m2K": Kind("W/m2K", 50.0, 1e-3, 1e5)},
     "screw": {
         "diameter_m": Kind("m", 0.01, 1e-3, 1.0),
@@ -49,7 +51,7 @@ KINDS: dict[str, dict[str, Kind]] = {
 
 def candidates(config: Config) -> tuple[str, ...]:
     """Return every key of this configuration that may be free."""
-    keys = [f"surface.{key}" for key in KINDS["surface"]]
+    keys = ["surface.factor" if config.surface.law else FILM]
     for side in ("left", "right"):
         if getattr(config.boundary, side).kind == "convective":
             keys += [f"boundary.{side}.{key}" for key in KINDS["boundary"]]
@@ -67,8 +69,9 @@ def free_keys(config: Config) -> tuple[str, ...]:
     """
     known = candidates(config)
     if config.calibrate.free is None:
-        film = (FILM,) if config.surface.convection_W_m2K > 0 else ()
-        keys = film + tuple(f"source.{s.name}.scale" for s in config.source if law_channel(s) is not None)
+        surface = config.surface
+        film = ("surface.factor",) if surface.law else (FILM,) if surface.convection_W_m2K > 0 else ()
+        keys = film + tuple(f"source.{s.name}.scale" for s in config.source if s.law is not None)
     else:
         keys = tuple(dict.fromkeys(config.calibrate.free))
     for key in keys:
@@ -134,13 +137,13 @@ def scale_of(config: Config, key: str) -> float:
 
 
 def _law_keys(source: Source) -> tuple[str, ...]:
-    if source.power_channel is not None:
-        return ("scale",)
     if source.torque_Nm is not None:
         return ("torque_Nm", "share", "scale")
     if source.heat_W_rpm is not None:
         return ("heat_W_rpm", "scale")
-    return ()
+    if source.law in ("bearing", "nut_friction"):
+        return ("share", "scale")
+    return ("scale",) if source.law else ()
 
 
 def _unknown(key: str, known: tuple[str, ...]) -> str:

@@ -1,8 +1,8 @@
 """What no effect explains, as heat: which stretch of the screw takes in how many watts too many, and when.
 
 Every sensor is given a heat of its own in every window of ten minutes. The responses are those of the model;
-the heats are the most likely ones under a wide prior (Tikhonov's solution), so the largest against its standard
-deviation says where and when something happened that the model does not have.
+the heats are the most likely ones under a wide prior (Tikhonov's solution), so the largest against its
+standard deviation says where and when something happened that the model does not have.
 """
 
 from __future__ import annotations

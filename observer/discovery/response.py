@@ -7,6 +7,7 @@ end's contact, the screw's material).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,8 +18,10 @@ from observer.discovery.runs import Run
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.drive import Drive
+from observer.model.heat.law import owner
 from observer.model.plant import Plant
 from observer.model.simulate import SimulationState, simulate, start_from_sensors
+from observer.sections import Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,19 +59,27 @@ class Predictor:
 
 def unit_laws(config: Config) -> tuple[Config, FloatArray]:
     """Return the configuration with heat laws of strength 1, and the strengths (m,) it had."""
-    strength, sources = [], []
-    for source in config.source:
-        if source.torque_Nm is not None:
-            strength.append(source.scale * source.share * source.torque_Nm)
-            unit = {"scale": 1.0, "share": 1.0, "torque_Nm": 1.0}
-        elif source.heat_W_rpm is not None:
-            strength.append(source.scale * source.heat_W_rpm)
-            unit = {"scale": 1.0, "heat_W_rpm": 1.0}
-        else:
-            strength.append(source.scale)
-            unit = {"scale": 1.0}
-        sources.append(source.model_copy(update=unit))
+    sources = [source.model_copy(update=dict.fromkeys(_linear_in(source), 1.0)) for source in config.source]
+    strength = [_strength(source, config) for source in config.source]
     return config.model_copy(update={"source": tuple(sources)}), np.array(strength)
+
+
+def _linear_in(source: Source) -> tuple[str, ...]:
+    """The parameters that only multiply a source's law."""
+    if source.torque_Nm is not None and source.nut_torque_Nm is None:
+        return ("scale", "share", "torque_Nm")
+    if source.law in ("torque_Nm", "bearing", "nut_friction"):
+        return ("scale", "share")
+    if source.heat_W_rpm is not None:
+        return ("scale", "heat_W_rpm")
+    return ("scale", "heat_ratio") if source.law == "heat_of" else ("scale",)
+
+
+def _strength(source: Source, config: Config) -> float:
+    """What the law of strength 1 is to be multiplied by."""
+    if source.law == "heat_of":
+        return source.scale / (source.heat_ratio or 1.0) * _strength(owner(source, config.source), config)
+    return math.prod(float(getattr(source, key)) for key in _linear_in(source))
 
 
 def respond(config: Config, run: Run) -> Response:
@@ -104,7 +115,8 @@ def _lean(config: Config, modes: int) -> Config:
     table = config.model_dump(exclude_unset=True)
     table["output"] = {"positions_m": (0.0, length_m), "reference_degC": 0.0}
     table["screw"].pop("expansion_1_K", None)
-    table.pop("drivers", None)
+    for section in ("drivers", "supports", "compensation"):
+        table.pop(section, None)
     if config.model.criterion == "tail" and config.model.modes is None:
         table["model"] = {**table.get("model", {}), "modes": modes}
     return parse(table)

@@ -9,7 +9,8 @@ from pydantic import Field
 
 from observer.effects.terms import Term
 from observer.errors import ConfigError
-from observer.sections import Description, Section
+from observer.quantities import Section
+from observer.sections import Description
 
 Target = Annotated[str, Field(min_length=1, max_length=64)]
 

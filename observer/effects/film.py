@@ -10,8 +10,10 @@ from pydantic import Field, model_validator
 
 from observer.effects.base import EffectTable, on_screw, speed_channel
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
+from observer.errors import ConfigError
 from observer.frames import FloatArray
-from observer.sections import Channel, Description, Finite, NonNegative, Temperature
+from observer.quantities import Channel, Finite, NonNegative, Temperature
+from observer.sections import Description
 
 # Air at 25 °C, as Yu et al. take it.
 AIR_CONDUCTIVITY_W_MK = 0.0254
@@ -46,6 +48,11 @@ class SpeedConvection(EffectTable):
     source = "Yu et al., rotating cylinder; Kendoush 1996"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        if machine.surface.turns:
+            raise ConfigError(
+                f'effect "{self.kind}": surface.law already tells what turning adds to the film; remove the '
+                "effect, or the speed from [surface]"
+            )
         d_m, gain = machine.screw.diameter_m, self.gain
 
         def film_W_m2K(speed_rpm: FloatArray) -> FloatArray:

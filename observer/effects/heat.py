@@ -19,7 +19,9 @@ from observer.effects.base import (
 from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
-from observer.sections import Channel, Description, Finite, NonNegative, Positive, Source, Temperature
+from observer.laws import SPEED_LAWS
+from observer.quantities import Channel, Finite, NonNegative, Positive, Temperature
+from observer.sections import Description, Source
 
 REFERENCE_RPM = 1000.0
 """The speed at which a law keeps its heat when its exponent changes."""
@@ -192,6 +194,6 @@ def _constant(name: str, position_m: float, heat_W: float, drive_channel: str | 
 
 def _with_speed(machine: Description, name: str, kind: str) -> str:
     source = next(s for s in machine.source if s.name == named_source(machine, name, kind))
-    if source.torque_Nm is None and source.heat_W_rpm is None:
+    if source.law not in SPEED_LAWS:
         raise ConfigError(f'effect "{kind}": the law of "{name}" does not go with speed; remove the effect')
     return name

@@ -11,6 +11,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, QualityArray
 from observer.model.coupling import Coupling
 from observer.model.plant import Plant
+from observer.model.rod.supports import fold
 
 IntArray = NDArray[np.int64]
 # Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it.
@@ -281,14 +282,15 @@ def cut(results: Results, part: slice) -> Results:
 def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBlock:
     """Give the results their names."""
     g = plant.rows.grid
+    error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
     return EstimateBlock(
         time_s=time_s,
         heat_W=results.heat,
         heat_sigma_W=results.heat_sigma,
         field_degC=results.field[:, :g],
         field_sigma_K=results.field_sigma[:, :g],
-        error_um=results.field[:, g:],
-        error_sigma_um=results.field_sigma[:, g:],
+        error_um=error_um,
+        error_sigma_um=error_sigma_um,
         innovation_K=results.innovation,
         sensor_quality=results.sensor_quality,
         quality=results.quality,

@@ -29,10 +29,11 @@ from observer.model.prior import past_heat_covariance, smooth_field_covariance
 from observer.model.realise import realise
 from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.moving import TABLE_POINTS, NutTable
-from observer.model.rod.rows import Places, modal_rows, remainder_rows
+from observer.model.rod.rows import Places, modal_rows, reference_rows, remainder_rows
 from observer.model.rod.screw import Rod, rod_of
 from observer.model.rod.sources import design_stretches, mean_stretch, nut_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, source_field
+from observer.model.rod.supports import restraint_of
 from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input
 from observer.sections import Source
 
@@ -99,6 +100,7 @@ def _plain_plant(config: Config, terms: Sequence[Term], nut_places: int) -> tupl
             F=_known_rows(config, modes, places, known),
             sensors=len(config.sensor),
             grid=len(places.grid_m),
+            restraint=places.restraint,
         ),
         moving=_moving_sources(config, modes, places, lag_decay_1_s, B, ends, nut_places),
         uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
@@ -145,9 +147,11 @@ def grid_of(config: Config) -> FloatArray:
 
 
 def _places(config: Config) -> Places:
-    return Places(
-        np.array([s.position_m for s in config.sensor]), grid_of(config), config.screw.expansion_1_K
-    )
+    screw, grid_m = config.screw, grid_of(config)
+    held = config.supports
+    restraint = None if held is None else restraint_of(held, screw.length_m, screw.diameter_m, grid_m)
+    sensor_m = np.array([s.position_m for s in config.sensor])
+    return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint)
 
 
 def _layout(config: Config, places: Places) -> Layout:
@@ -227,11 +231,7 @@ def _known_rows(config: Config, modes: Modes, places: Places, known: list[KnownI
     for column, k in zip(columns, known[:-1], strict=True):
         if k.name.startswith(OFFSET):
             column[[s.name for s in config.sensor].index(k.name.removeprefix(OFFSET))] = 1.0
-    reference = np.zeros(len(modal_rows(modes, places)))
-    if places.expansion_1_K is not None:
-        reference[-len(places.grid_m) :] = -places.um_per_K_m * places.grid_m
-    columns.append(reference)
-    return np.column_stack(columns)
+    return np.column_stack([*columns, reference_rows(places)])
 
 
 def _moving_sources(

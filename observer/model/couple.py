@@ -10,7 +10,7 @@ import numpy as np
 from observer.effects.terms import Body, Fade, Lag, Radiation, StretchFilm, Term
 from observer.frames import FloatArray
 from observer.model.coupling import no_coupling
-from observer.model.plant import OFFSET, Plant, Rows
+from observer.model.plant import OFFSET, Plant
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, quadrature, source_field
@@ -154,7 +154,7 @@ def _extended(plant: Plant, seen: FloatArray, sensors: Sequence[int], bodies: in
         decay_1_s=_padded(plant.decay_1_s, n_x),
         B=_tall(plant.B, n_x),
         E=_tall(plant.E, n_x),
-        rows=Rows(C, F, plant.rows.sensors, plant.rows.grid),
+        rows=replace(plant.rows, C=C, F=F),
         moving=moving,
         uniform=np.concatenate([plant.uniform, np.ones(e)]),
         prior_P=prior,

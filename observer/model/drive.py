@@ -16,7 +16,7 @@ from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality
 from observer.model.couple import surface_rate
-from observer.model.heat.law import heat_law, law_channel
+from observer.model.heat.law import Law, heat_law, law_channels
 from observer.model.plant import OFFSET, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
@@ -56,8 +56,9 @@ class Drive:
         self._losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
         self._surface_rate = surface_rate(config.screw)
         self._sensor_channels = [s.channel for s in config.sensor]
-        self._laws: list[tuple[str | None, Callable[[FloatArray], FloatArray]]] = [
-            (law_channel(s), heat_law(s)) for s in config.source
+        self._laws: list[tuple[tuple[str, ...], Law]] = [
+            (law_channels(s, config.source), heat_law(s, config.source, config.screw.length_m))
+            for s in config.source
         ]
         ends = {"left": config.boundary.left.channel, "right": config.boundary.right.channel}
         self._known_channels = [ends.get(name) for name in plant.known_names]
@@ -68,7 +69,8 @@ class Drive:
         rate = {OFFSET + s.name: _drift_K_h(s.name, machine.terms) for s in config.sensor}
         rate["ambient"] = sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))
         self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
-        needed = [c for c, _ in self._laws] + self._known_channels + [s.channel for s in plant.moving]
+        needed = [c for read, _ in self._laws for c in read]
+        needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
         needed += [loss.speed_channel for loss in self._losses]
         self._needed = [c for c in dict.fromkeys(needed) if c is not None]
 
@@ -128,14 +130,14 @@ class Drive:
         """
         law = np.zeros((len(frames), len(self._laws)))
         running_s = state.running_s.copy()
-        for j, (channel, heat_W) in enumerate(self._laws):
-            values = np.zeros(len(frames)) if channel is None else frames.values[:, at[channel]]
-            law[:, j] = heat_W(values)
-            ran = np.where(np.nan_to_num(values) != 0.0, frames.dt_s, 0.0)
+        for j, (channels, heat_W) in enumerate(self._laws):
+            read = [frames.values[:, at[c]] for c in channels] or [np.zeros(len(frames))]
+            law[:, j] = heat_W(*read)
+            ran = np.where(np.nan_to_num(read[0]) != 0.0, frames.dt_s, 0.0)
             ran_s = np.cumsum(np.concatenate([running_s[j : j + 1], ran]))[1:]
             running_s[j] = ran_s[-1]
             for factor in self._factors[j]:
-                law[:, j] *= factor(values, ran_s)
+                law[:, j] *= factor(read[0], ran_s)
             law[np.isnan(law[:, j]), j] = 0.0 if np.isnan(state.law_W[j]) else state.law_W[j]
         return law, running_s
 

@@ -14,9 +14,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from observer.frames import BoolArray, FloatArray, Layout
 from observer.model.coupling import Coupling
 from observer.model.rod.moving import NutTable
+from observer.model.rod.supports import Restraint, fold
 
 OFFSET = "offset."
 """How the name of a known input begins that is a sensor's offset; the sensor's name follows."""
@@ -26,14 +29,16 @@ OFFSET = "offset."
 class Rows:
     """Output rows: `C` (R, n_x) and `F` (R, p); temperatures in °C, errors in µm.
 
-    Rows 0 … s-1 are the sensors, then g rows of the field on the grid, then g rows of the thermal error
-    (none without an expansion coefficient).
+    Rows 0 … s-1 are the sensors, then g rows of the field on the grid, then those of the thermal error:
+    none without an expansion coefficient, g of them, or, where `restraint` has a gap, the 2 g + 1 from which
+    `supports.fold` makes g.
     """
 
     C: FloatArray
     F: FloatArray
     sensors: int
     grid: int
+    restraint: Restraint | None = None
 
     @property
     def sensor_slice(self) -> slice:
@@ -49,6 +54,11 @@ class Rows:
     def error_slice(self) -> slice:
         """The thermal error's rows; empty without an expansion coefficient."""
         return slice(self.sensors + self.grid, len(self.C))
+
+    def error_um(self, values: FloatArray) -> FloatArray:
+        """The thermal error (K, g) from the values (K, R) of all rows."""
+        rows = values[:, self.error_slice]
+        return fold(self.restraint, rows, np.zeros_like(rows))[0]
 
 
 @dataclass(frozen=True, slots=True)

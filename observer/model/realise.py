@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass
 
 from observer.config import Config
-from observer.effects.terms import EndConductance, Film, Heat, Term
+from observer.effects.terms import EndConductance, Film, Heat, SpeedLoss, Term
+from observer.laws import Surface
+from observer.model.heat.surface import surface_film_W_m2K, turning_film
 from observer.sections import Boundary, Source
 
 
@@ -20,7 +22,8 @@ class Realised:
 
 def realise(config: Config) -> Realised:
     """Put the terms that change the machine in place. Raises `ConfigError` where an effect cannot stand."""
-    terms = terms_of(config)
+    terms = (*terms_of(config), *_turning(config))
+    config = _with(config, surface=_number(config))
     for term in terms:
         if isinstance(term, Film):
             film = config.surface.convection_W_m2K + term.convection_W_m2K
@@ -32,6 +35,17 @@ def realise(config: Config) -> Realised:
             config = _with(config, source=(*config.source, _named_apart(term.source, config)))
     rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat))
     return Realised(config, rest)
+
+
+def _number(config: Config) -> Surface:
+    """The surface with the number that its law gives."""
+    return Surface(convection_W_m2K=surface_film_W_m2K(config.surface, config.screw.diameter_m))
+
+
+def _turning(config: Config) -> tuple[Term, ...]:
+    """The loss that the surface's law adds as the screw turns, where it follows a channel."""
+    channel, film_W_m2K = config.surface.speed_channel, turning_film(config.surface, config.screw.diameter_m)
+    return () if channel is None or film_W_m2K is None else (SpeedLoss(channel, film_W_m2K),)
 
 
 def terms_of(config: Config) -> tuple[Term, ...]:

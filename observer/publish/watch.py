@@ -166,6 +166,28 @@ def live_line(latest: Mapping[str, Mapping[str, Any]]) -> str:
 
 def ask_health(connect: str, machine: str, axis: str, timeout_s: float) -> dict[str, Any] | None:
     """Ask a running service for its health; None where none answers in time."""
+    return _ask(connect, f"ballscrew/{machine}/{axis}/health", timeout_s)
+
+
+def arm_compensation(connect: str, machine: str, axis: str, timeout_s: float) -> dict[str, Any] | None:
+    """Arm the compensation of a running service; returns what it says then, None where none answers in time.
+
+    Whether it is armed stands in the document: an estimate that is not good refuses.
+    """
+    key = f"ballscrew/{machine}/{axis}/compensation"
+    until_s = time.monotonic() + timeout_s
+    asked = _ask(connect, f"{key}?arm=yes", timeout_s)
+    document = asked
+    while asked and document and not document["armed"] and document["sequence"] <= asked["sequence"] + 1:
+        if time.monotonic() >= until_s:
+            break
+        time.sleep(0.1)
+        document = _ask(connect, key, until_s - time.monotonic())
+    return document
+
+
+def _ask(connect: str, selector: str, timeout_s: float) -> dict[str, Any] | None:
+    """Ask a service; None where none answers in time."""
     until_s = time.monotonic() + timeout_s
     while time.monotonic() < until_s:
         try:
@@ -174,9 +196,7 @@ def ask_health(connect: str, machine: str, axis: str, timeout_s: float) -> dict[
             time.sleep(0.2)
             continue
         try:
-            replies = session.get(
-                f"ballscrew/{machine}/{axis}/health", timeout=max(0.1, until_s - time.monotonic())
-            )
+            replies = session.get(selector, timeout=max(0.1, until_s - time.monotonic()))
             for reply in replies:
                 if reply.ok is not None:
                     document: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())

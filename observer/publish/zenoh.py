@@ -10,6 +10,7 @@ import json
 import math
 import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -108,7 +109,18 @@ class _Link:
 class ZenohPublisher:
     """Publishes estimates and health of one axis; answers for configuration, health and last estimates."""
 
-    def __init__(self, machine: str, axis: str, settings: Publish, config_json: str, layout: Layout) -> None:
+    def __init__(
+        self,
+        machine: str,
+        axis: str,
+        settings: Publish,
+        config_json: str,
+        layout: Layout,
+        on_arm: Callable[[], None] | None = None,
+    ) -> None:
+        """Take what is published; with `on_arm` also a compensation, which a query may arm."""
+        self._on_arm = on_arm
+        self._compensation: bytes | None = None
         self._prefix = key_prefix(machine, axis)
         self._settings = settings
         self._config_json = config_json.encode()
@@ -123,6 +135,11 @@ class ZenohPublisher:
         self._reason: str | None = "Zenoh: the session is not open yet"
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zenoh-open", daemon=True)
+
+    @property
+    def _optional(self) -> tuple[str, ...]:
+        """The keys that are there only if the configuration asks for them."""
+        return () if self._on_arm is None else ("compensation",)
 
     @property
     def status(self) -> PublishStatus:
@@ -150,6 +167,11 @@ class ZenohPublisher:
         """Publish a health document, which also answers those who ask for it."""
         self._health = document
         self._put("health", document)
+
+    def compensation(self, document: bytes) -> None:
+        """Publish a compensation document, which also answers those who ask for it."""
+        self._compensation = document
+        self._put("compensation", document)
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """End the session; says whether it was closed in that time."""
@@ -209,13 +231,13 @@ class ZenohPublisher:
                 congestion_control=zenoh.CongestionControl.DROP,
                 express=key == "estimate",
             )
-            for key in ("estimate", "heat", "field", "error", "health")
+            for key in ("estimate", "heat", "field", "error", "health", *self._optional)
         }
         queryables = {
             key: session.declare_queryable(
                 f"{self._prefix}/{key}", zenoh.handlers.RingChannel(_QUERIES), complete=True
             )
-            for key in ("config", "estimate", "health")
+            for key in ("config", "estimate", "health", *self._optional)
         }
         alive = session.liveliness().declare_token(f"{self._prefix}/alive")
         return _Link(session, publishers, queryables, alive)
@@ -228,8 +250,10 @@ class ZenohPublisher:
             "config": self._reply_config,
             "estimate": self._reply_estimate,
             "health": self._reply_health,
+            "compensation": self._reply_compensation,
         }
-        for key, reply in answers.items():
+        for key in link.queryables:
+            reply = answers[key]
             while (query := link.queryables[key].try_recv()) is not None:
                 with query:
                     reply(query)
@@ -242,6 +266,18 @@ class ZenohPublisher:
             query.reply_err("no health report yet")
         else:
             query.reply(f"{self._prefix}/health", self._health, encoding=JSON_ENCODING)
+
+    def _reply_compensation(self, query: Any) -> None:
+        wanted = query.parameters.get("arm")
+        if wanted is not None and wanted != "yes":
+            query.reply_err(f"arm={wanted}: only arm=yes is known; an estimate that is not good disarms")
+            return
+        if wanted is not None and self._on_arm is not None:
+            self._on_arm()
+        if self._compensation is None:
+            query.reply_err("no compensation yet")
+        else:
+            query.reply(f"{self._prefix}/compensation", self._compensation, encoding=JSON_ENCODING)
 
     def _reply_estimate(self, query: Any) -> None:
         last = query.parameters.get("last")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -20,6 +21,7 @@ from observer.model.rod.modes import solve_modes
 from observer.model.rod.moving import SAMPLES_PER_TRAVERSE
 from observer.model.rod.screw import rod_of
 from observer.model.rod.sources import design_stretches
+from observer.model.rod.supports import force_N
 from observer.model.rod.truncation import tail_left
 from observer.model.transient import transient_error_K_W
 from observer.sections import Source
@@ -55,6 +57,7 @@ def findings(config: Config) -> dict[str, Any]:
         "observability_per_mode": dict(zip(map(str, plant.mode_index), _seen(plant), strict=True)),
         "smallest_singular_value_K": design.smallest_singular_value_K,
         "path_told_up_to_rpm": {s.name: _path_limit_rpm(config, s) for s in config.source if s.lead_m},
+        "supports": _supports(config, plant),
         "warnings": [*design.warnings, *_model_warnings(config, design), *_state_warnings(asked)],
     }
 
@@ -134,6 +137,21 @@ def _model_warnings(config: Config, design: DesignReport) -> list[str]:
     return warnings
 
 
+def _supports(config: Config, plant: Plant) -> dict[str, Any] | None:
+    """What the supports do to a screw that is 10 K warm all over; None where none are configured."""
+    held, screw = plant.rows.restraint, config.screw
+    if held is None or config.supports is None or screw.expansion_1_K is None:
+        return None
+    growth_um = 1e6 * screw.expansion_1_K * 10.0 * screw.length_m
+    return {
+        "mounting": config.supports.mounting,
+        "stiffness_N_um": held.stiffness_N_um,
+        "pretension_lost_at_rise_K": 10.0 * held.lost_um / growth_um,
+        "gap_closed_at_rise_K": 10.0 * (held.lost_um + held.gap_um) / growth_um,
+        "force_at_10_K_N": float(force_N(held, np.array(growth_um))),
+    }
+
+
 def _finite(value: float) -> float | None:
     return value if abs(value) < float("inf") else None
 
@@ -160,6 +178,8 @@ def as_text(found: dict[str, Any]) -> RenderableType:
         table.add_row(f"noise gain {name}", text)
     for name, limit_rpm in found["path_told_up_to_rpm"].items():
         table.add_row(f"path of {name}", f"told by the samples up to {limit_rpm:.0f} rpm, averaged above")
+    if found["supports"] is not None:
+        table.add_row("supports", _held(found["supports"]))
     warnings = [Text(f"warning: {w}", style="yellow") for w in found["warnings"]]
     return Group(table, *(warnings or [Text("no warnings", style="green")]))
 
@@ -167,6 +187,13 @@ def as_text(found: dict[str, Any]) -> RenderableType:
 def _weakest(found: dict[str, Any]) -> str:
     share, sensor = found["weakest_mode_share"], found["weakest_mode_sensor"]
     return f"mode {found['weakest_mode']}, best seen by {sensor}: {share:.0%} of what the best place sees"
+
+
+def _held(supports: dict[str, Any]) -> str:
+    text = f"{supports['mounting']}, {supports['force_at_10_K_N']:.0f} N in a screw 10 K warm"
+    lost_K, closed_K = supports["pretension_lost_at_rise_K"], supports["gap_closed_at_rise_K"]
+    text += f"; pre-tension lost at {lost_K:.3g} K" if lost_K else ""
+    return text + (f"; gap closed at {closed_K:.3g} K" if closed_K > lost_K else "")
 
 
 def _bandwidth(omega_1_s: float | None) -> str:

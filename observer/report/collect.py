@@ -213,7 +213,7 @@ class SimulationCollector:
                 "time_s": inputs.time_s,
                 "law_W": inputs.law_W,
                 "field_degC": rows[:, meaning.field_slice],
-                "error_um": rows[:, meaning.error_slice],
+                "error_um": meaning.error_um(rows),
                 "predicted_degC": rows[:, meaning.sensor_slice],
                 "measured_degC": np.where(inputs.usable, inputs.y_degC, np.nan),
             }

@@ -53,7 +53,7 @@ def write_overview(path: Path, config: Config, samples: EstimateSamples, title: 
             panels.at_positions(
                 axes[2], keys[2], t, layout.position_m, samples.field_degC, samples.field_sigma_K
             )
-        _say_what(axes[2], layout.has_error)
+        _say_what(axes[2], layout.has_error, config)
         panels.surprises(
             axes[3], keys[3], t, layout.sensors, (samples.surprise_low, samples.surprise_high),
             samples.sensor_quality, config.estimator.gate_sigma,
@@ -75,14 +75,15 @@ def write_simulation_overview(path: Path, config: Config, samples: SimulationSam
         panels.field(axes[1], keys[1], t, samples.position_m, samples.field_degC, config)
         shown = samples.error_um if has_error else samples.field_degC
         panels.at_positions(axes[2], keys[2], t, samples.position_m, shown, None)
-        _say_what(axes[2], has_error)
+        _say_what(axes[2], has_error, config)
         names = [s.name for s in config.sensor]
         panels.predictions(axes[3], keys[3], t, names, samples.predicted_degC, samples.measured_degC)
 
 
-def _say_what(axes: Axes, has_error: bool) -> None:
+def _say_what(axes: Axes, has_error: bool, config: Config) -> None:
     """Title and unit of the panel that shows the thermal error, or the temperature where there is none."""
-    title, unit = ("Thermal error of the free screw", "µm") if has_error else ("Temperature", "°C")
+    screw = "free screw" if config.supports is None else "screw between its supports"
+    title, unit = (f"Thermal error of the {screw}", "µm") if has_error else ("Temperature", "°C")
     axes.set_title(title)
     axes.set_ylabel(unit)
 

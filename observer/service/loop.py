@@ -21,6 +21,7 @@ from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.publish.codec import to_json
 from observer.publish.zenoh import PublishStatus
 from observer.service.align import Aligner, AlignPlan
+from observer.service.compensate import Compensator
 from observer.service.health import Facts, Health, assess
 from observer.service.pipeline import Drive, Pipeline
 from observer.service.record import Recorder
@@ -65,6 +66,9 @@ class Publisher(Protocol):
     def health(self, document: bytes) -> None:
         """Publish a health document."""
 
+    def compensation(self, document: bytes) -> None:
+        """Publish a compensation document."""
+
     def close(self, timeout_s: float) -> bool:
         """End the session."""
 
@@ -81,6 +85,7 @@ class Service:
     recorder: Recorder | None
     clock: Clock
     notify: Callable[[str], object]
+    compensator: Compensator | None = None
 
 
 def run(service: Service, seconds: float | None = None) -> None:
@@ -205,6 +210,7 @@ class _Cycles:
 
     def _estimate_of(self, frame: FrameBlock) -> bool:
         """Step and publish; says whether the estimate's quality has changed."""
+        compensator = self._service.compensator
         try:
             estimate = self._pipeline.step(frame)
         except Exception as error:  # reported as invalid; the watchdog is not pinged
@@ -212,8 +218,13 @@ class _Cycles:
             self._failure = f"{type(error).__name__}: {error}"
             if changed:
                 log.error("step failed", exc_info=True)
+            if compensator is not None:
+                document = compensator.fail(float(frame.time_s[0]), self.count, self._failure)
+                self._service.publisher.compensation(document)
             return changed
         self._service.publisher.publish(estimate, self.count)
+        if compensator is not None:
+            self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
         self._service.notify("READY=1\nWATCHDOG=1" if self.count == 1 else "WATCHDOG=1")
         before, self._estimate = self._estimate, EstimateQuality(estimate.quality[0])

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, sections
+from observer import config, laws, mounting, quantities, sections
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 
@@ -20,15 +20,19 @@ REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
     "`[machine]`": config.Machine,
     "`[screw]`": sections.Screw,
-    "`[surface]`": sections.Surface,
+    "`[surface]`": laws.Surface,
     "`[ambient]`": sections.Ambient,
     "`[boundary.left]`, `[boundary.right]`": sections.Boundary,
     "`[[source]]`": sections.Source,
+    "`[source.bearing]`": laws.BearingFriction,
+    "`[source.nut_friction]`": laws.NutFriction,
     "`[[sensor]]`": sections.Sensor,
     "`[model]`": config.Model,
     "`[estimator]`": config.EstimatorSettings,
     "`[calibrate]`": config.Calibrate,
     "`[output]`": config.Output,
+    "`[supports]`": mounting.Supports,
+    "`[compensation]`": mounting.Compensation,
     "`[publish]`": config.Publish,
     "`[record]`": config.Record,
 }
@@ -71,8 +75,9 @@ def test_a_table_of_the_page_is_the_code(page: str, title: str, model: type[Base
 
 
 def test_every_section_of_a_configuration_has_its_table() -> None:
-    found = set(sections.Section.__subclasses__()) - {sections.Description, sections.Boundaries, EffectTable}
-    assert found == set(CONFIGURATION.values())
+    bases = {sections.Description, sections.Boundaries, EffectTable, laws.HeatLaw}
+    found = set(quantities.Section.__subclasses__()) | set(laws.HeatLaw.__subclasses__())
+    assert found - bases == set(CONFIGURATION.values())
 
 
 def test_every_effect_is_in_the_library() -> None:

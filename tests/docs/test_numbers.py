@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer import config, sections
+from observer import config, laws
 from observer.frames import EstimateBlock, Quality
 from observer.logs import Log, read_log
 from tests.reference.service_path import replay
@@ -49,7 +49,7 @@ def _calibrated() -> config.Config:
     nut, left, right = settings.source
     return settings.model_copy(
         update={
-            "surface": sections.Surface(convection_W_m2K=CALIBRATED["film"]),
+            "surface": laws.Surface(convection_W_m2K=CALIBRATED["film"]),
             "source": (
                 nut.model_copy(update={"torque_Nm": CALIBRATED["torque"]}),
                 left.model_copy(update={"heat_W_rpm": CALIBRATED["left"]}),

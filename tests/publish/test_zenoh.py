@@ -109,6 +109,27 @@ def test_field_and_error_keep_their_rate_by_the_time_of_the_estimate():
     assert counts == {"estimate": 1000, "heat": 1000, "field": 20, "error": 20}
 
 
+def test_a_compensation_is_there_only_where_somebody_can_arm_it(publisher):
+    _, endpoint = publisher
+    assert not _get(endpoint, "ballscrew/lathe-7/z/compensation")
+    asked, endpoint = [], f"tcp/127.0.0.1:{free_port()}"
+    settings = Publish(mode="router", listen=(endpoint,))
+    made = ZenohPublisher("lathe-7", "z", settings, "{}", LAYOUT, lambda: asked.append("arm"))
+    made.start()
+    key = "ballscrew/lathe-7/z/compensation"
+    _wait(lambda: made.status.connected)
+    made.compensation(b'{"armed":false}')
+    (told,) = _wait(lambda: _get(endpoint, key))
+    assert told.ok.payload.to_bytes() == b'{"armed":false}'
+    assert not asked
+    (wrong,) = _get(endpoint, f"{key}?arm=true")
+    assert b"only arm=yes is known" in wrong.err.payload.to_bytes()
+    assert not asked
+    (told,) = _get(endpoint, f"{key}?arm=yes")
+    assert asked == ["arm"]
+    assert made.close(2.0)
+
+
 def _get(endpoint, selector):
     with zenoh.open(session_config("client", (endpoint,), ())) as session:
         return list(session.get(selector, timeout=3))

@@ -88,6 +88,7 @@ class FakePublisher:
 
     estimates: list = field(default_factory=list)
     healths: list = field(default_factory=list)
+    compensations: list = field(default_factory=list)
     started: bool = False
     closed: bool = False
 
@@ -103,6 +104,9 @@ class FakePublisher:
 
     def health(self, document: bytes) -> None:
         self.healths.append(document)
+
+    def compensation(self, document: bytes) -> None:
+        self.compensations.append(document)
 
     def close(self, timeout_s: float) -> bool:
         self.closed = True

@@ -91,6 +91,29 @@ async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
     await asyncio.wait([task])
 
 
+class _Follower:
+    """Stands in for a compensator: says what it was told."""
+
+    def step(self, block, frame, sequence):
+        return f"step {sequence} {block.time_s[0] == frame.time_s[0]}".encode()
+
+    def fail(self, time_s, sequence, reason):
+        return f"fail {sequence} {reason}".encode()
+
+
+async def test_a_compensator_follows_every_step_and_hears_of_those_that_fail():
+    service = replace(_service(clock=FastClock()), compensator=_Follower())
+    publisher = service.publisher
+
+    def failing() -> bool:
+        service.estimator.fail |= len(publisher.compensations) >= 3
+        return publisher.compensations[-1:] != [] and publisher.compensations[-1].startswith(b"fail")
+
+    await _serve(service, failing)
+    assert publisher.compensations[:2] == [b"step 0 True", b"step 1 True"]
+    assert b"made to fail" in publisher.compensations[-1]
+
+
 async def test_a_driver_that_fails_is_started_again_and_the_others_go_on():
     bad = FakeDriver([(0, RuntimeError("driver fell over"), {}), (0, {"t1_degC": 20.0}, {})], "bad")
     good = FakeDriver([(0.05 * k, {"t2_degC": 20.0 + k}, {}) for k in range(100)], "good")

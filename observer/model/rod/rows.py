@@ -14,24 +14,32 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.model.rod.modes import Modes
 from observer.model.rod.static import Stretch, quadrature
+from observer.model.rod.supports import Restraint, restrained_rows
 
 UM_PER_M = 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Where the output rows stand: sensors (s,), grid (g,), and the expansion coefficient of the error's
-    rows.
+    """Where the output rows stand: sensors (s,), grid (g,), the expansion coefficient of the error's rows,
+    and what holds the screw (nothing: it grows freely from x = 0).
     """
 
     sensor_m: FloatArray
     grid_m: FloatArray
     expansion_1_K: float | None
+    length_m: float
+    restraint: Restraint | None = None
 
     @property
     def temperature_m(self) -> FloatArray:
         """Places of the rows that are temperatures: sensors, then grid."""
         return np.concatenate([self.sensor_m, self.grid_m])
+
+    @property
+    def growth_m(self) -> FloatArray:
+        """Places to which growth is counted: the grid, then the screw's end."""
+        return np.append(self.grid_m, self.length_m)
 
     @property
     def um_per_K_m(self) -> float:
@@ -41,13 +49,13 @@ class Places:
 
 def modal_rows(modes: Modes, places: Places) -> FloatArray:
     """Rows of the modal amplitudes, (R, N): θ_n(x), then α_T ∫_0^x θ_n dx of the free screw (Li 2022: E =
-    α_T ∫(T − T_A)).
+    α_T ∫(T − T_A)), less what the supports hold back.
     """
     temperature = modes.theta(places.temperature_m)
     if places.expansion_1_K is None:
         return temperature
-    growth = places.um_per_K_m * modes.integral(np.zeros_like(places.grid_m), places.grid_m)
-    return np.vstack([temperature, growth])
+    growth = places.um_per_K_m * modes.integral(np.zeros_like(places.growth_m), places.growth_m)
+    return np.vstack([temperature, restrained_rows(places.restraint, growth)])
 
 
 def remainder_rows(
@@ -65,16 +73,24 @@ def remainder_rows(
     kept = modal_rows(modes, places) @ amplitude
     whole = steady(places.temperature_m)
     if places.expansion_1_K is not None:
-        whole = np.concatenate(
-            [whole, places.um_per_K_m * _running_integral(modes, places.grid_m, steady, kinks)]
-        )
+        growth = places.um_per_K_m * _running_integral(modes, places.growth_m, steady, kinks)
+        whole = np.concatenate([whole, restrained_rows(places.restraint, growth)])
     return np.asarray(whole - kept)
+
+
+def reference_rows(places: Places) -> FloatArray:
+    """The column (R,) of the thermal error's reference temperature: minus the growth per kelvin."""
+    temperature = np.zeros(len(places.temperature_m))
+    if places.expansion_1_K is None:
+        return temperature
+    growth = -places.um_per_K_m * places.growth_m
+    return np.concatenate([temperature, restrained_rows(places.restraint, growth)])
 
 
 def _running_integral(
     modes: Modes, grid_m: FloatArray, steady: Callable[[FloatArray], FloatArray], kinks: Stretch | None
 ) -> FloatArray:
-    """∫_0^x of a steady field at each grid point, by Gauss panels that break at the grid and at the field's
+    """∫_0^x of a steady field at each place, by Gauss panels that break at the grid and at the field's
     kinks.
     """
     breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ())]

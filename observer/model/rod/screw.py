@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from observer.config import Config
+from observer.model.heat.surface import surface_film_W_m2K
 from observer.sections import Boundary
 
 
@@ -61,12 +62,13 @@ def rod_of(config: Config) -> Rod:
     """Return the rod that a configuration describes."""
     screw = config.screw
     k_W_mK, d_m = screw.conductivity_W_mK, screw.diameter_m
+    film_W_m2K = surface_film_W_m2K(config.surface, d_m)
     area_m2, perimeter_m = math.pi * d_m**2 / 4, math.pi * d_m
     return Rod(
         length_m=screw.length_m,
         diffusivity_m2_s=k_W_mK / (screw.density_kg_m3 * screw.specific_heat_J_kgK),
         conductance_W_m=k_W_mK * area_m2,
-        fin_1_m=math.sqrt(config.surface.convection_W_m2K * perimeter_m / (k_W_mK * area_m2)),
+        fin_1_m=math.sqrt(film_W_m2K * perimeter_m / (k_W_mK * area_m2)),
         left=_end(config.boundary.left, k_W_mK),
         right=_end(config.boundary.right, k_W_mK),
     )

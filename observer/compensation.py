@@ -1,0 +1,173 @@
+"""What a control may take the thermal error out with: a table over the travel and a straight line.
+
+Pure: estimates go in, frozen states come out. Everything is the *error* in the machine's coordinates: where
+the nut stands minus where its encoder says it stands. The table and the line follow the estimate at a
+limited rate, with a limited gradient, and only while the compensation is armed. It is armed by hand, and the
+first estimate that is not good, or that comes late, disarms it for good: nothing but a hand arms it again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from observer.config import Config
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray
+
+LATE_PERIODS = 3.0
+"""An armed compensation whose next estimate does not come within so many periods is off."""
+NOT_ARMED = "not armed yet"
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """error(x) = `offset_um` + `slope_um_m` (x − reference), x in the machine's coordinates."""
+
+    offset_um: float
+    slope_um_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Where and how fast a compensation may go.
+
+    `screw_m`, `machine_m` (n,) are the table's points on the screw and in the machine, whose zero is `zero_m`
+    on the screw and which runs in its `direction`, +1 or −1. `reference_m` is the line's reference in the
+    machine's coordinates, `reference` the point of the table next to it; `fit` (2, n) gives a line's offset
+    and slope by least squares.
+    """
+
+    screw_m: FloatArray
+    machine_m: FloatArray
+    zero_m: float
+    direction: float
+    reference: int
+    reference_m: float
+    fit: FloatArray
+    rate_um_s: float
+    gradient_um_m: float
+    late_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CompensationState:
+    """What is in force: `table_um` (n,), and the line by its values at both ends of the travel, (2,), µm.
+
+    `reason` says why it is off, None while it is armed; `time_s` is that of the last estimate it followed.
+    `limited` says that rate or gradient keep it from where the estimate is.
+    """
+
+    reason: str | None
+    time_s: float
+    table_um: FloatArray
+    ends_um: FloatArray
+    limited: bool = False
+
+    @property
+    def armed(self) -> bool:
+        """Whether a control may use it."""
+        return self.reason is None
+
+
+def plan_of(config: Config) -> Plan:
+    """Return the plan of a configuration; the travel is, unless given, the first stroke, else the screw."""
+    settings = config.compensation
+    strokes = [s.stroke_m for s in config.source if s.stroke_m is not None]
+    low, high = settings.travel_m or (strokes[0] if strokes else (0.0, config.screw.length_m))
+    direction = -1.0 if settings.reverse else 1.0
+    screw_m = np.linspace(low, high, settings.points)
+    machine_m = direction * (screw_m - settings.zero_m)
+    reference_m = settings.reference_m if settings.reference_m is not None else (low + high) / 2
+    at_m = direction * (reference_m - settings.zero_m)
+    design = np.column_stack([np.ones_like(machine_m), machine_m - at_m])
+    return Plan(
+        screw_m=screw_m,
+        machine_m=machine_m,
+        zero_m=settings.zero_m,
+        direction=direction,
+        reference=int(np.argmin(np.abs(machine_m - at_m))),
+        reference_m=at_m,
+        fit=np.asarray(np.linalg.pinv(design), dtype=float),
+        rate_um_s=settings.rate_limit_um_s,
+        gradient_um_m=settings.gradient_limit_um_m,
+        late_s=LATE_PERIODS * config.estimator.period_s,
+    )
+
+
+def initial(plan: Plan) -> CompensationState:
+    """Return the state before anybody has armed: off, at zero."""
+    return CompensationState(NOT_ARMED, float("nan"), np.zeros(len(plan.screw_m)), np.zeros(2))
+
+
+def table_of(plan: Plan, grid_m: FloatArray, error_um: FloatArray) -> FloatArray:
+    """Return the error at the table's points (n,) from that on the grid (g,), in the machine's direction."""
+    return np.asarray(plan.direction * np.interp(plan.screw_m, grid_m, error_um))
+
+
+def line_of(plan: Plan, table_um: FloatArray) -> Line:
+    """Return the line that fits a table best, by least squares over the travel, within the gradient limit.
+
+    Where the slope is cut, the line keeps its value at the reference.
+    """
+    offset_um, slope_um_m = plan.fit @ table_um
+    limit = plan.gradient_um_m
+    return Line(float(offset_um), float(np.clip(slope_um_m, -limit, limit)))
+
+
+def within_gradient(plan: Plan, table_um: FloatArray) -> FloatArray:
+    """Return the table with no step between neighbours above the gradient limit, true at the reference."""
+    most = plan.gradient_um_m * np.abs(np.diff(plan.machine_m))
+    steps = np.clip(np.diff(table_um), -most, most)
+    running = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(running - running[plan.reference] + table_um[plan.reference])
+
+
+def toward(now_um: FloatArray, wanted_um: FloatArray, most_um: float) -> FloatArray:
+    """Return values that go from `now_um` toward `wanted_um` by at most `most_um` each.
+
+    What held for both, of gradients between neighbours, holds on the way.
+    """
+    return now_um + np.clip(wanted_um - now_um, -most_um, most_um)
+
+
+def line_through(plan: Plan, ends_um: FloatArray) -> Line:
+    """Return the line through two values at the ends of the travel."""
+    first_m, last_m = plan.machine_m[0], plan.machine_m[-1]
+    slope_um_m = (ends_um[1] - ends_um[0]) / (last_m - first_m)
+    return Line(float(ends_um[0] + slope_um_m * (plan.reference_m - first_m)), float(slope_um_m))
+
+
+def advance(
+    plan: Plan, state: CompensationState, block: EstimateBlock, grid_m: FloatArray, *, arm: bool = False
+) -> CompensationState:
+    """Return the state after an estimate, a block of one; `arm` says that somebody has armed by hand.
+
+    Arming starts from the values last in force (zero after a start), and needs a good estimate.
+    """
+    quality, time_s = EstimateQuality(block.quality[0]), float(block.time_s[0])
+    error_um = block.error_um[0]
+    if quality != EstimateQuality.GOOD or not np.isfinite(error_um).all():
+        if state.armed:
+            return off(state, f"the estimate of {time_s:.3f} is {quality.label}; arm again")
+        return off(state, f"the estimate is {quality.label}, so it cannot be armed") if arm else state
+    if not state.armed and not arm:
+        return state
+    elapsed_s = time_s - state.time_s if state.armed else 0.0
+    if not 0.0 <= elapsed_s <= plan.late_s:
+        return off(state, f"no estimate came for {elapsed_s:.3g} s; arm again")
+    whole_um = table_of(plan, grid_m, error_um)
+    wanted_um = within_gradient(plan, whole_um)
+    line = line_of(plan, whole_um)
+    first_um, last_um = (
+        line.offset_um + line.slope_um_m * (x_m - plan.reference_m) for x_m in plan.machine_m[[0, -1]]
+    )
+    table_um = toward(state.table_um, wanted_um, plan.rate_um_s * elapsed_s)
+    ends_um = toward(state.ends_um, np.array([first_um, last_um]), plan.rate_um_s * elapsed_s)
+    limited = not (np.array_equal(table_um, whole_um) and np.allclose(ends_um, [first_um, last_um]))
+    return CompensationState(None, time_s, table_um, ends_um, limited)
+
+
+def off(state: CompensationState, reason: str) -> CompensationState:
+    """Return the state disarmed; its values stay, for the next arming to start from."""
+    return replace(state, reason=reason)

@@ -1,0 +1,140 @@
+"""The screw between its axial supports: displacement, held-back growth, and the force that holds it back.
+
+With N the axial force (tension positive), P the pre-tension at the reference temperature, D = ∫_0^L β θ dx
+the growth of the free screw, and 1/j_Σ = 1/j_1 + 1/j_2 + L/EF, displacements are counted from the assembled,
+pre-stretched state:
+
+    U(x) = ∫_0^x β θ dx + (N − P) (1/j_1 + x/EF),      N = P − j_Σ H(D).
+
+The held-back growth H is D where the supports hold in both directions. With a gap δ_0 the second support
+only pulls until the pre-tension is lost, at D_1 = P/j_Σ, lets the screw grow freely across the gap, and
+then pushes: H = min(D, D_1) + max(D − D_1 − δ_0, 0).
+
+Source: Kuznetsov 2021, eqs. 12 and 13. Without pre-tension and gap this is (12), with a gap that has closed
+(13). In (13) as printed the bracket holds x·P/EF where the whole screw must count, and the pre-tension's
+stretch x·P/EF is taken off although the machine is set up with it; both are left out here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.frames import FloatArray
+from observer.mounting import Supports
+
+UM_PER_M = 1e6
+_NEAR_SIGMAS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Restraint:
+    """Supports as the grid sees them: U = free growth − `hold` · H(D), everything in µm.
+
+    `hold` (g,) is j_Σ (1/j_1 + x/EF), 0 where the screw is fixed and 1 where all its growth is pushed back;
+    `lost_um` the growth D_1 at which the pre-tension is lost; `gap_um` the gap; `stiffness_N_um` is j_Σ.
+    """
+
+    hold: FloatArray
+    lost_um: float
+    gap_um: float
+    stiffness_N_um: float
+
+    @property
+    def linear(self) -> bool:
+        """Whether displacement is linear in temperature: no gap."""
+        return self.gap_um == 0.0
+
+
+def restraint_of(supports: Supports, length_m: float, diameter_m: float, grid_m: FloatArray) -> Restraint:
+    """Return the restraint of a configuration's supports at positions (g,)."""
+    own = length_m / (supports.elastic_modulus_Pa * math.pi * diameter_m**2 / 4)
+    left, right = _compliances_m_N(supports)
+    share = grid_m / length_m
+    if math.isinf(left) and math.isinf(right):
+        return Restraint(np.full_like(grid_m, 0.5), 0.0, 0.0, 0.0)
+    if math.isinf(left) or math.isinf(right):
+        return Restraint(np.full_like(grid_m, 1.0 if math.isinf(left) else 0.0), 0.0, 0.0, 0.0)
+    total = left + own + right
+    return Restraint(
+        hold=(left + own * share) / total,
+        lost_um=supports.preload_N * total * UM_PER_M,
+        gap_um=supports.gap_m * UM_PER_M,
+        stiffness_N_um=1.0 / total / UM_PER_M,
+    )
+
+
+def _compliances_m_N(supports: Supports) -> tuple[float, float]:
+    """1/j of the left and the right support; infinite where it lets the screw slide."""
+    first = math.inf if supports.mounting == "L-I" else _inverse(supports.stiffness_first_N_m)
+    second = _inverse(supports.stiffness_second_N_m) if supports.mounting == "L-III" else math.inf
+    return (first, second) if supports.first == "left" else (second, first)
+
+
+def _inverse(stiffness_N_m: float | None) -> float:
+    return 0.0 if stiffness_N_m is None else 1.0 / stiffness_N_m
+
+
+def held_back_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
+    """Return H(D), the part of the free screw's growth that the supports hold back."""
+    pulled = np.minimum(growth_um, restraint.lost_um)
+    return np.asarray(pulled + np.maximum(growth_um - restraint.lost_um - restraint.gap_um, 0.0))
+
+
+def force_N(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
+    """Return the axial force in the screw, tension positive: N = j_Σ (D_1 − H(D)).
+
+    Its size is what the supports' bearings carry beside the load of the drive.
+    """
+    return np.asarray(restraint.stiffness_N_um * (restraint.lost_um - held_back_um(restraint, growth_um)))
+
+
+def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray:
+    """Return the rows of the thermal error from those of the free growth.
+
+    `free` (g + 1, …) is the growth from x = 0 to each grid point, then to the screw's end. Returns g rows
+    that are linear in the temperature; with a gap g rows as if the supports always held, g rows as if
+    they never did, and the growth of the whole free screw, from which `fold` makes the error.
+    """
+    growth, whole = free[:-1], free[-1:]
+    if restraint is None:
+        return growth
+    held = growth - np.multiply.outer(restraint.hold, free[-1])
+    return held if restraint.linear else np.concatenate([held, growth, whole])
+
+
+def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return error and σ (K, g) from the rows of `restrained_rows` and their σ, (K, g) or (K, 2 g + 1).
+
+    With H linearised at the estimate, the σ is that of the rows as held where H follows the growth, and as
+    free where it stands still; within two σ of a bend, the larger of both.
+    """
+    if restraint is None or restraint.linear or value.shape[1] == 0:
+        return value, sigma
+    g = len(restraint.hold)
+    growth = value[:, -1:]
+    error = value[:, :g] + restraint.hold * (growth - held_back_um(restraint, growth))
+    near = _NEAR_SIGMAS * sigma[:, -1:]
+    first, last = restraint.lost_um, restraint.lost_um + restraint.gap_um
+    held, free = sigma[:, :g], sigma[:, g : 2 * g]
+    inside = (growth > first + near) & (growth < last - near)
+    outside = (growth < first - near) | (growth > last + near)
+    return error, np.where(inside, free, np.where(outside, held, np.maximum(held, free)))
+
+
+def error_at(
+    position_m: FloatArray, grid_m: FloatArray, error_um: FloatArray, sigma_um: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the thermal error at a position of each step, as of the nut, and its σ; (K,) from (K, g).
+
+    Linear between grid points; the σ between two points is at most the interpolated one. A position beyond
+    the grid takes its end, one that is not known gives NaN.
+    """
+    place = np.interp(position_m, grid_m, np.arange(len(grid_m), dtype=float))
+    known = np.isfinite(place)
+    low = np.minimum(np.where(known, place, 0.0).astype(int), len(grid_m) - 2)
+    right, row = np.where(known, place - low, np.nan), np.arange(len(place))
+    values = [(1.0 - right) * a[row, low] + right * a[row, low + 1] for a in (error_um, sigma_um)]
+    return values[0], values[1]

@@ -1,0 +1,98 @@
+"""The compensation beside the loop: armed by a subscriber, followed at each estimate, told as JSON."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+import numpy as np
+
+from observer import compensation
+from observer.config import Config
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock
+from observer.model.rod.supports import error_at
+from observer.publish.codec import to_json
+
+
+class Compensator:
+    """Follows the estimates of one axis; `arm` may be called from another thread."""
+
+    def __init__(self, config: Config, grid_m: FloatArray) -> None:
+        """Plan the compensation of a configuration whose `[compensation]` is enabled."""
+        self._plan = compensation.plan_of(config)
+        self._state = compensation.initial(self._plan)
+        self._grid_m = grid_m
+        nuts = [s.position_channel for s in config.source if s.position_channel is not None]
+        self._nut_channel = nuts[0] if nuts else None
+        self._asked = threading.Event()
+
+    def arm(self) -> None:
+        """Ask for the compensation to be armed with the next estimate, if that is good."""
+        self._asked.set()
+
+    def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> bytes:
+        """Follow an estimate, a block of one; return the document to publish."""
+        asked = self._asked.is_set()
+        self._asked.clear()
+        self._state = compensation.advance(self._plan, self._state, block, self._grid_m, arm=asked)
+        body: dict[str, Any] = {
+            "time_s": float(block.time_s[0]),
+            "sequence": sequence,
+            "valid_until_s": float(block.time_s[0]) + self._plan.late_s,
+            "armed": self._state.armed,
+            "reason": self._state.reason,
+            **self._values(block),
+            "nut": self._nut(block, frame),
+            "quality": EstimateQuality(block.quality[0]).label,
+        }
+        return to_json(body)
+
+    def fail(self, time_s: float, sequence: int, reason: str) -> bytes:
+        """Disarm because a step gave no estimate; return the document to publish."""
+        self._asked.clear()
+        if self._state.armed:
+            self._state = compensation.off(self._state, f"{reason}; arm again")
+        off = {"time_s": time_s, "sequence": sequence, "valid_until_s": time_s, "armed": False}
+        values = dict.fromkeys((*_VALUES, "nut"))
+        return to_json({**off, "reason": self._state.reason, **values, "quality": "invalid"})
+
+    def _values(self, block: EstimateBlock) -> dict[str, Any]:
+        """Table and line in force; all null while it is off, so that nobody can take them for good."""
+        plan, state = self._plan, self._state
+        if not state.armed:
+            return dict.fromkeys(_VALUES)
+        line = compensation.line_through(plan, state.ends_um)
+        on_line = line.offset_um + line.slope_um_m * (plan.machine_m - plan.reference_m)
+        sigma_um = np.interp(plan.screw_m, self._grid_m, block.error_sigma_um[0])
+        return {
+            "reference_m": plan.reference_m,
+            "offset_um": round(line.offset_um, 6),
+            "slope_um_m": round(line.slope_um_m, 6),
+            "off_line_um": round(float(np.max(np.abs(state.table_um - on_line))), 6),
+            "position_m": np.round(plan.machine_m, 9).tolist(),
+            "error_um": np.round(state.table_um, 6).tolist(),
+            "sigma_um": np.round(sigma_um, 6).tolist(),
+            "limited": state.limited,
+        }
+
+    def _nut(self, block: EstimateBlock, frame: FrameBlock) -> dict[str, Any] | None:
+        """Where the nut stands and the estimated error there, not limited; None where either is unknown."""
+        if self._nut_channel is None or block.quality[0] != EstimateQuality.GOOD:
+            return None
+        position_m = frame.values[:, frame.channels.index(self._nut_channel)]
+        found = error_at(position_m, self._grid_m, block.error_um, block.error_sigma_um)
+        error_um, sigma_um = (float(value[0]) for value in found)
+        if not math.isfinite(error_um):
+            return None
+        plan = self._plan
+        return {
+            "position_m": round(plan.direction * (float(position_m[0]) - plan.zero_m), 9),
+            "error_um": round(plan.direction * error_um, 6),
+            "sigma_um": round(sigma_um, 6),
+        }
+
+
+_VALUES = (
+    "reference_m", "offset_um", "slope_um_m", "off_line_um", "position_m", "error_um", "sigma_um", "limited"
+)  # fmt: skip

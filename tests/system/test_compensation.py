@@ -1,0 +1,64 @@
+"""The compensation of a real service: armed by the command, off at the first fault, off until armed again."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.publish.router import free_port
+from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(90)]
+
+
+def _arm(endpoint: str, *names: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "observer", "arm", "--connect", endpoint, *names]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
+
+
+def test_a_fault_switches_a_compensation_off_until_somebody_arms_it_again(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    demo = ("--machine", "demo", "--axis", "x")
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["compensation"] = {
+            "enabled": True, "controller_compensates": False, "position_feedback": "motor"
+        }  # fmt: skip
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
+            heard.wait_until_good()
+
+            def newest():
+                return (heard.documents.get("compensation") or [{}])[-1]
+
+            until(lambda: newest().get("armed") is False, 5)
+            assert newest()["reason"] == "not armed yet"
+            assert newest()["error_um"] is None
+            done = _arm(endpoint, *demo)
+            assert done.returncode == 0, done.stdout + done.stderr
+            assert json.loads(done.stdout)["armed"] is True
+            until(lambda: newest()["armed"] and newest()["error_um"], 5)
+
+            plant.fault(open=["t1_degC"])
+            until(lambda: not newest()["armed"], 5)
+            assert "arm again" in newest()["reason"]
+            assert newest()["offset_um"] is None
+            refused = _arm(endpoint, *demo)
+            assert refused.returncode == 1
+            assert json.loads(refused.stdout)["armed"] is False
+
+            plant.fault()
+            heard.wait_until_good(20)
+            seen = len(heard.documents["compensation"])
+            until(lambda: len(heard.documents["compensation"]) > seen + 5, 5)
+            assert not any(d["armed"] for d in heard.documents["compensation"][seen:])
+            assert _arm(endpoint, *demo).returncode == 0
+            daemon.stop()
+
+
+def test_the_command_names_one_axis():
+    done = _arm("tcp/127.0.0.1:9", "--machine", "*", "--axis", "x")
+    assert done.returncode == 2
+    assert "--machine: * may be several; name the one" in done.stderr
