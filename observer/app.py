@@ -329,6 +329,37 @@ def calibrate(
     return result
 
 
+def discover(
+    config_path: Path, log_paths: Sequence[Path], output: Path, progress: Callable[[str, float], None]
+) -> dict[str, Any]:
+    """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
+
+    Returns the content of `result.json`.
+    """
+    from observer.discovery.discover import discover as find
+    from observer.discovery.result import discovery_result
+    from observer.discovery.write_back import with_effects, write_back
+    from observer.report.discovery import write_discovery_report
+
+    config = load(config_path)
+    plan = AlignPlan.of(config)
+    progress("reading logs", 0.0)
+    runs = [list(frames_of_log(read_log(path, config.channels), plan)) for path in log_paths]
+    with results_in(output) as part:
+        found = find(config, runs, progress)
+        result = discovery_result(found)
+        if found.verdict.kind == "named":
+            values = {key: entry["value"] for key, entry in result["calibrated"].items()}
+            text = write_back(config_path.read_text(encoding="utf-8"), values)
+            text = with_effects(text, found.verdict.fit.config.effect[len(config.effect) :])
+            (part / "config.toml").write_text(text, encoding="utf-8")
+        progress("writing the report", 0.97)
+        document = json.dumps(result, indent=2, allow_nan=False) + "\n"
+        (part / "result.json").write_text(document, encoding="utf-8")
+        write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
+    return result
+
+
 def place(config: Config, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
     """Rank sensor sites: the best sets of 1 … `count` positions and how well they see."""
     from observer.estimators.placement import rank_sensor_sites

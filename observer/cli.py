@@ -180,6 +180,28 @@ def calibrate(
 
 
 @app.command()
+def discover(
+    log: Annotated[
+        list[Path],
+        typer.Argument(help="Logs of the same machine; the last one, or its end, is kept as proof."),
+    ],
+    config: ConfigOption,
+    output: OutputOption,
+) -> None:
+    """Find the physical effect that the model lacks; add it, and prove that the gap shrinks."""
+    from observer import app as parts
+    from observer.report.discovery import as_sentences
+    from observer.report.progress import advancing
+
+    with advancing("discover") as progress:
+        result = parts.discover(config, log, output, progress)
+    for sentence in as_sentences(result):
+        typer.echo(sentence)
+    files = "config.toml, result.json, report.html" if result["effects"] else "result.json, report.html"
+    typer.echo(f"written to {output}: {files}")
+
+
+@app.command()
 def check(
     config: ConfigOption,
     as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,

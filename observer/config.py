@@ -65,6 +65,19 @@ class Calibrate(Section):
     free: tuple[str, ...] | None = None
 
 
+class Discover(Section):
+    """What a search for missing effects considers; `without`: kinds of effects left out of the library."""
+
+    without: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _kinds_exist(self) -> Discover:
+        for kind in self.without:
+            if kind not in KINDS:
+                raise ValueError(f'without: "{kind}" is no effect; there are {", ".join(KINDS)}')
+        return self
+
+
 class Output(Section):
     """Where the field is reported, and what the thermal error is measured from."""
 
@@ -98,6 +111,7 @@ class Config(Description):
     model: Model = Model()
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
+    discover: Discover = Discover()
     output: Output = Output()
     compensation: Compensation = Compensation()
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict)

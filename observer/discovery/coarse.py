@@ -77,10 +77,13 @@ def ticks_of(run: Run) -> Ticks:
     )
 
 
-def means_of(ticks: Ticks, before: FloatArray, rows: FloatArray) -> FloatArray:
-    """The means (b, s) of output rows (T, s) at the ticks' ends, `before` (s,) those at the start."""
+def means_of(ticks: Ticks, before: FloatArray, rows: FloatArray, ripple_K: FloatArray) -> FloatArray:
+    """The means (b, s) of output rows (T, s) at the ticks' ends, `before` (s,) those at the start.
+
+    `ripple_K` (T, s) is what the mean of a tick has over that of its ends.
+    """
     starts = np.vstack([before, rows[:-1]])
-    within = np.where(ticks.at_end[:, None], rows, 0.5 * (starts + rows))
+    within = np.where(ticks.at_end[:, None], rows, 0.5 * (starts + rows) + ripple_K)
     out = np.zeros_like(ticks.measured_degC)
     np.add.at(out, ticks.mean, within * ticks.share)
     return out
@@ -88,10 +91,14 @@ def means_of(ticks: Ticks, before: FloatArray, rows: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """A nut's averaged columns over the ticks of a run, (T, N) and (T, R), without the lag's own row."""
+    """A nut's averaged columns over the ticks of a run, (T, N) and (T, R), without the lag's own row.
+
+    `early_s` (T, N) is ∫ B (½ − t/τ) dt over each tick of length τ: how much earlier than evenly it came.
+    """
 
     B: FloatArray
     C: FloatArray
+    early_s: FloatArray
 
 
 class CoarseRun:
@@ -117,6 +124,18 @@ class CoarseRun:
                 B[:, i] += source.ends_fraction * (source.ends_B - B[:, i])
                 C[:, i] += source.ends_fraction * (source.ends_C - C[:, i])
         return replace(driven, moving_B=B, moving_C=C)
+
+    def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
+        """What the passing nut adds to the mean of a tick over that of its ends, (T, s).
+
+        A pass early in a tick warms a sensor for longer than one late in it.
+        """
+        out = np.zeros((len(inputs), len(plant.rows.C)))
+        for i, source in enumerate(plant.moving):
+            law_W = inputs.law_W[:, source.index]
+            early_s = self._columns(plant, i, law_W).early_s * (1 - source.ends_fraction)
+            out += law_W[:, None] * (early_s @ plant.rows.C[:, : plant.modes].T)
+        return out
 
     def _drive(self, config: Config, plant: Plant) -> Inputs:
         """The inputs of the ticks without the nut's columns; kept, as the film and the screw do not change
@@ -173,7 +192,14 @@ class CoarseRun:
             over = np.where(over > 0, over, 1.0)
             modal = np.add.reduceat(B[:, : plant.modes] * weight[:, None], self.ticks.first, axis=0) / over
             rows = np.add.reduceat(C * weight[:, None], self.ticks.first, axis=0) / over
-            self._kept[key] = Columns(modal, rows)
+            end_s = frames.time_s
+            length_s = np.maximum(self.ticks.length_s, 1e-9)
+            begin_s = np.append(frames.time_s[0], end_s[self.ticks.first[1:] - 1])
+            which = np.repeat(np.arange(len(self.ticks.first)), np.diff([*self.ticks.first, len(frames)]))
+            middle = (end_s - frames.dt_s / 2 - begin_s[which]) / length_s[which]
+            share = (frames.dt_s * (0.5 - middle))[:, None]
+            early_s = np.add.reduceat(B[:, : plant.modes] * share, self.ticks.first, axis=0)
+            self._kept[key] = Columns(modal, rows, early_s)
         return self._kept[key]
 
 

@@ -18,10 +18,10 @@ from observer.frames import FloatArray
 PROOF, UNUSED = -1, -2
 GAP_SHARE = 0.08
 """Part of a single log left out between what is fitted and what proves."""
-SLOW_S, SLOW_K, SLOW_SHARE = 900.0, 0.008, 0.002
+SLOW_S, SLOW_K, SLOW_SHARE = 900.0, 0.006, 0.0015
 """What a one-dimensional model cannot follow: correlation time, and standard deviation, of which a part is
 a share of the sensor's rms rise."""
-BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.006, 0.0012
+BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.003, 0.0006
 """The same of what beats between a nut's motion and the sampling of its position."""
 RESOLUTION_K = 0.003
 """What quantisation leaves of a mean over half a minute."""
@@ -31,15 +31,16 @@ RESOLUTION_K = 0.003
 class Evidence:
     """The means of all runs, one row per mean and sensor that was measured.
 
-    `run`, `mean`, `sensor` (n,) say which; `measured_degC` (n,); `fold` (n,): PROOF, UNUSED, or a fold from
-    0; `time_s` (n,) the end of the mean since the start of its run. `groups` lists rows of one run, sensor
-    and role, in time, with the matrix that whitens them.
+    `run`, `mean`, `sensor` (n,) say which; `measured_degC` (n,) and its white noise `noise_K` (n,); `fold`
+    (n,): PROOF, UNUSED, or a fold from 0; `time_s` (n,) the end of the mean since the start of its run.
+    `groups` lists rows of one run, sensor and role, in time, with the matrix that whitens them.
     """
 
     run: NDArray[np.int64]
     mean: NDArray[np.int64]
     sensor: NDArray[np.int64]
     measured_degC: FloatArray
+    noise_K: FloatArray
     time_s: FloatArray
     fold: NDArray[np.int64]
     groups: tuple[tuple[NDArray[np.int64], FloatArray], ...]
@@ -87,14 +88,14 @@ def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
         parts.append((np.full(len(mean), i), mean, sensor, measured, time_s, fold, count))
     run_, mean, sensor, measured, time_s, fold, count = (np.concatenate(p) for p in zip(*parts, strict=True))
     rise_K = _rises(run_, sensor, measured, runs)
+    white_K = np.sqrt(noise_K[sensor] ** 2 / count + RESOLUTION_K**2)
     groups = []
     for i in range(len(runs)):
         for s in range(len(noise_K)):
             for role in np.unique(fold[(run_ == i) & (sensor == s)]):
                 index = np.flatnonzero((run_ == i) & (sensor == s) & (fold == role))
-                white_K2 = noise_K[s] ** 2 / count[index] + RESOLUTION_K**2
-                groups.append((index, _whitening(time_s[index], white_K2, rise_K[i, s])))
-    return Evidence(run_, mean, sensor, measured, time_s, fold, tuple(groups))
+                groups.append((index, _whitening(time_s[index], white_K[index] ** 2, rise_K[i, s])))
+    return Evidence(run_, mean, sensor, measured, white_K, time_s, fold, tuple(groups))
 
 
 def _full(count: FloatArray) -> NDArray[np.bool_]:

@@ -55,7 +55,8 @@ class Forward:
             plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
         )
         before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
-        return means_of(run.ticks, before, simulate(plant, state, inputs)[1])
+        rows = simulate(plant, state, inputs)[1]
+        return means_of(run.ticks, before, rows, run.ripple_K(plant, inputs))
 
 
 def lean_config(config: Config, modes: int) -> Config:

@@ -29,6 +29,7 @@ LITTLE = 0.05
 SMALL = 0.03
 """A step of this many standard deviations of every parameter ends a fit."""
 DIFFERENCE = 1e-3
+NORMAL_95 = 1.96
 NARROWEST = 0.05
 """The narrowest stretch of another film, as a part of the screw."""
 
@@ -80,10 +81,17 @@ class Fit:
         return np.asarray(np.linalg.pinv(J.T @ J) * np.multiply.outer(self.scale, self.scale))
 
     @property
-    def sigma(self) -> FloatArray:
-        """The standard deviations (k,) of the effects' parameters."""
-        k = len(self.parameters)
-        return np.sqrt(np.diag(self.covariance)[len(self.scale) - k :])
+    def half_width(self) -> FloatArray:
+        """Half of the 95 % intervals (k,) of the effects' parameters."""
+        return self._half_widths()[len(self.scale) - len(self.parameters) :]
+
+    @property
+    def half_width_free(self) -> FloatArray:
+        """Half of the 95 % intervals (f,) of the free parameters."""
+        return self._half_widths()[: len(self.scale) - len(self.parameters)]
+
+    def _half_widths(self) -> FloatArray:
+        return np.asarray(NORMAL_95 * np.sqrt(np.diag(self.covariance)))
 
     @property
     def at_bound(self) -> bool:

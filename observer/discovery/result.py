@@ -1,4 +1,4 @@
-"""What a calibration found, as plain data for a file."""
+"""What a calibration or a discovery found, as plain data for a file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from observer.discovery.calibrate import Calibration, Gap
+from observer.discovery.discover import Discovery
+from observer.discovery.hypothesis import Fit
 from observer.discovery.identifiability import describe
+from observer.discovery.parameters import kind_of
+from observer.discovery.search import Trial
 from observer.discovery.write_back import rounded
 
 
@@ -33,3 +37,138 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
 
 def _gap(gap: Gap) -> dict[str, float]:
     return {"before_rms_K": rounded(gap.before_rms_K), "after_rms_K": rounded(gap.after_rms_K)}
+
+
+def discovery_result(found: Discovery) -> dict[str, Any]:
+    """Return the content of `result.json` of a discovery."""
+    verdict, proof = found.verdict, found.proof
+    return {
+        "verdict": verdict.kind,
+        "reason": verdict.reason,
+        "effects": effects_of(verdict.fit) if verdict.kind == "named" else [],
+        "alternatives": [[c.name for c in each] for each in verdict.sets]
+        if verdict.kind == "ambiguous"
+        else [],
+        "calibrated": calibrated_of(verdict.fit),
+        "gap": {
+            "before_rms_K": rounded(proof.whole.before_rms_K),
+            "after_rms_K": rounded(proof.whole.after_rms_K),
+            "floor_rms_K": rounded(proof.whole.floor_rms_K),
+            "as_given_rms_K": rounded(proof.as_given_rms_K),
+            "per_sensor": {
+                name: {
+                    "before_rms_K": rounded(gap.before_rms_K),
+                    "after_rms_K": rounded(gap.after_rms_K),
+                    "floor_rms_K": rounded(gap.floor_rms_K),
+                }
+                for name, gap in proof.per_sensor.items()
+            },
+            "on": "proof",
+        },
+        "where": _where(found),
+        "ranking": [_trial(t) for t in found.search.ranking],
+        "not_told": [c.name for c in found.search.blind],
+        "experiment": None
+        if found.experiment is None
+        else {
+            "name": found.experiment.name,
+            "description": found.experiment.description,
+            "duration_s": found.experiment.duration_s,
+            "separation_sigma": rounded(found.experiment.separation_sigma),
+        },
+    }
+
+
+def effects_of(fit: Fit) -> list[dict[str, Any]]:
+    """The effects of a fit with their parameters and 95 % intervals, those configured before left out."""
+    out = []
+    before = len(fit.problem.config.effect)
+    values = zip(fit.parameters, fit.values.tolist(), fit.half_width.tolist(), strict=True)
+    by_effect: dict[int, dict[str, Any]] = {}
+    for p, value, half in values:
+        by_effect.setdefault(p.effect, {})[p.key] = {
+            "value": rounded(value),
+            "ci95": [rounded(max(value - half, p.low)), rounded(min(value + half, p.high))],
+            "unit": unit_of(p.key),
+        }
+    for i, effect in enumerate(fit.config.effect[before:], start=before):
+        target = getattr(effect, "target", None)
+        out.append({"kind": effect.kind, "target": target, "parameters": by_effect.get(i, {})})
+    return out
+
+
+def calibrated_of(fit: Fit) -> dict[str, Any]:
+    """The free parameters of a fit with their 95 % intervals."""
+    problem = fit.problem
+    values = problem.free_values(fit.config).tolist()
+    out = {}
+    for key, value, half in zip(problem.keys, values, fit.half_width_free.tolist(), strict=True):
+        low, high = max(value - half, kind_of(key).low), min(value + half, kind_of(key).high)
+        out[key] = {
+            "value": rounded(value),
+            "ci95": [rounded(low), rounded(high)],
+            "unit": kind_of(key).unit,
+        }
+    return out
+
+
+def unit_of(key: str) -> str:
+    """The unit that ends a parameter's name, as people write it."""
+    return next((unit for ending, unit in _UNITS if key.endswith(ending)), "1")
+
+
+_UNITS = (
+    ("_W_m2K", "W/m2K"),
+    ("_J_K", "J/K"),
+    ("_W_K", "W/K"),
+    ("_W_rpm", "W/rpm"),
+    ("_K_h", "K/h"),
+    ("per_K", "1/K"),
+    ("_degC", "°C"),
+    ("_W", "W"),
+    ("_K", "K"),
+    ("_m", "m"),
+    ("_s", "s"),
+)
+
+
+def _where(found: Discovery) -> list[dict[str, Any]]:
+    places = [
+        {
+            "sensor": p.sensor,
+            "phase": p.phase,
+            "regressor": p.regressor,
+            "rms_K": rounded(p.rms_K),
+            "mean_K": rounded(p.mean_K),
+            "correlation": rounded(p.correlation),
+            "correlation_ci95": [rounded(x) for x in p.ci95],
+        }
+        for p in found.where
+    ]
+    if (e := found.event) is None:
+        return places
+    first = {
+        "sensor": e.sensor,
+        "phase": e.phase,
+        "regressor": "event",
+        "rms_K": rounded(abs(e.error_K)),
+        "mean_K": rounded(e.error_K),
+        "log": e.run + 1,
+        "from_s": e.from_s,
+        "to_s": e.to_s,
+        "heat_W": rounded(e.heat_W),
+        "heat_sigma_W": rounded(e.sigma_W),
+    }
+    return [first, *places]
+
+
+def _trial(trial: Trial) -> dict[str, Any]:
+    """A candidate of the first round: what it explains of the error, and of that on data held out."""
+    effect = effects_of(trial.fit)[-1]
+    return {
+        **effect,
+        "evidence": rounded(trial.drop),
+        "held_out_share": rounded(trial.held_out),
+        "at_bound": trial.fit.at_bound,
+        "accepted": trial.accepted,
+    }

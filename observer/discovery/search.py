@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from observer.discovery.candidates import Candidate
+from observer.discovery.candidates import BY_KIND, Candidate
 from observer.discovery.hypothesis import Fit, Problem, fit_effects, fit_null
 from observer.discovery.signatures import Promise, Signature, promises, signatures
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
-FITTED = 6
-"""How many candidates are fitted in earnest after each screening."""
+FITTED, FITTED_LATER = 6, 4
+"""How many candidates are fitted in earnest after the first screening, and after later ones."""
 ACCEPT = 30.0
 """The least drop of the deviance that names an effect; see `docs/discovery.md` for how it was found."""
 PER_PARAMETER = 6.0
@@ -93,31 +93,65 @@ def search(
         fit = best.fit
     fit, chosen = _pruned(problem, fit, chosen)
     progress("rivals", 0.9)
-    rivals: list[tuple[Trial, ...]] = []
-    for i in range(len(chosen)):
-        others = [t.candidate for j, t in enumerate(chosen) if j != i]
-        if not others:
-            rivals.append(ranking)
-            continue
-        trials = tried(problem, without(problem, fit, i), found, others)
+    rivals: list[tuple[Trial, ...]] = [ranking] if len(chosen) == 1 else []
+    for i in range(len(chosen) if len(chosen) > 1 else 0):
+        fit, chosen, trials = _exchanged(problem, fit, chosen, i, found)
         rivals.append(trials)
     return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind)
+
+
+def _exchanged(
+    problem: Problem, fit: Fit, chosen: list[Trial], number: int, found: Sequence[Signature]
+) -> tuple[Fit, list[Trial], tuple[Trial, ...]]:
+    """Put the best in the place of a chosen effect while the others stand; give its rivals as well."""
+    others = [t.candidate for j, t in enumerate(chosen) if j != number]
+    base = without(problem, fit, number)
+    now, chosen = chosen[number], list(chosen)
+    trials = tried(problem, base, found, others)
+    own = [t for t in trials if t.candidate.name == now.candidate.name]
+    if not own or own[0].fit.deviance > fit.deviance:  # begun elsewhere, it ended worse
+        mine = Trial(now.candidate, fit, base.deviance - fit.deviance, now.held_out, now.kept)
+        trials = tuple(sorted([mine, *(t for t in trials if t not in own)], key=lambda t: -t.score))
+    best = next((t for t in trials if t.accepted), trials[0])
+    if best.candidate.name != now.candidate.name and best.accepted:
+        chosen = [t for j, t in enumerate(chosen) if j != number]
+        chosen.insert(number, best)
+        fit = _in_order(best.fit, number, len(problem.config.effect))
+    return fit, chosen, (best, *(t for t in trials if t is not best))
+
+
+def _in_order(fit: Fit, number: int, before: int) -> Fit:
+    """A fit with its last effect moved to the place of the one it replaces, refitted in no way."""
+    effects, last = list(fit.config.effect), len(fit.config.effect) - 1
+    effects.insert(before + number, effects.pop())
+    order = {last: before + number} | {i: i + (i >= before + number) for i in range(last)}
+    config = fit.config.model_copy(update={"effect": tuple(effects)})
+    parameters = [replace(p, effect=order[p.effect]) for p in fit.parameters]
+    return fit_effects(fit.problem, config, sorted(parameters, key=lambda p: p.effect))
 
 
 def tried(
     problem: Problem, base: Fit, found: Sequence[Signature], present: Sequence[Candidate]
 ) -> tuple[Trial, ...]:
     """Fit the most promising candidates beside a fit in earnest; the best first."""
-    names = {c.name for c in present}
     best: dict[str, Promise] = {}
-    for p in promises(base, [s for s in found if s.candidate.name not in names]):
+    for p in promises(base, [s for s in found if not _taken(s.candidate, present)]):
         name = p.signature.candidate.name
         if p.kept >= BLIND and (name not in best or p.drop > best[name].drop):
             best[name] = p
-    order = sorted(best.values(), key=lambda p: -p.drop)[:FITTED]
+    order = sorted(best.values(), key=lambda p: -p.drop)[: FITTED if not present else FITTED_LATER]
     worthwhile = [p for p in order if p.drop > 0.25 * ACCEPT]
     trials = [_try(problem, base, p) for p in worthwhile]
     return tuple(sorted(trials, key=lambda t: -t.score))
+
+
+def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
+    """Whether a candidate is out of the question beside others: itself, or a second sensor at fault.
+
+    Offsets of several sensors can mimic almost any steady field.
+    """
+    of_sensor = [c for c in (candidate, *present) if BY_KIND[c.kind].targets == "sensor"]
+    return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
 
 
 def _try(problem: Problem, base: Fit, promise: Promise) -> Trial:

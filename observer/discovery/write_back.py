@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tomlkit
 from tomlkit.items import AoT, Array
 
+from observer.effects.base import EffectTable
 from observer.errors import ConfigError
 
 DIGITS = 5
@@ -24,6 +25,18 @@ def write_back(text: str, values: Mapping[str, float]) -> str:
     for key, value in values.items():
         table, last = _owner(document, key)
         table[last] = rounded(value)
+    return tomlkit.dumps(document)
+
+
+def with_effects(text: str, effects: Sequence[EffectTable]) -> str:
+    """Return the text with an `[[effect]]` table more for each effect."""
+    document = tomlkit.parse(text)
+    tables = document.setdefault("effect", tomlkit.aot())
+    for effect in effects:
+        table = tomlkit.table()
+        for key, value in effect.model_dump(exclude_unset=True, exclude_none=True).items():
+            table[key] = rounded(value) if isinstance(value, float) else value
+        tables.append(table)
     return tomlkit.dumps(document)
 
 

@@ -1,0 +1,95 @@
+"""Find what physical effect a model lacks, and prove on data held back that adding it closes the gap.
+
+The order of work: calibrate within every hypothesis, search, open the proof once, decide, and where the
+answer is a doubt say what characterises it: the event that remains, or the test that would tell. Pure: logs
+come in as frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.candidates import library
+from observer.discovery.evidence import gather
+from observer.discovery.excitation import lacking
+from observer.discovery.experiment import Experiment, propose
+from observer.discovery.forward import Forward
+from observer.discovery.hypothesis import Problem
+from observer.discovery.localise import Place, localised
+from observer.discovery.parameters import free_keys
+from observer.discovery.phases import courses_of
+from observer.discovery.proof import Proof, prove
+from observer.discovery.remainder import Event, event
+from observer.discovery.runs import prepare
+from observer.discovery.search import Progress, Search, search
+from observer.discovery.verdict import Verdict, decide
+from observer.effects.base import EffectTable
+from observer.errors import LogError
+from observer.frames import FrameBlock
+
+LEAST_S = 300.0
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Everything a discovery found: see the modules of each part."""
+
+    problem: Problem
+    search: Search
+    verdict: Verdict
+    proof: Proof
+    where: tuple[Place, ...]
+    event: Event | None
+    experiment: Experiment | None
+
+
+def discover(
+    config: Config, runs: Sequence[Sequence[FrameBlock]], progress: Progress = lambda _text, _done: None
+) -> Discovery:
+    """Return what is missing from a configuration, by one or more runs of its machine.
+
+    `progress(what, part done)` is called as the work goes on. Raises `ConfigError` where nothing may be
+    calibrated, `LogError` where the logs hold nothing to compare.
+    """
+    keys = free_keys(config)
+    prepared = [prepare(config, blocks, f"log {i + 1}") for i, blocks in enumerate(runs)]
+    if max(run.duration_s for run in prepared) < LEAST_S:
+        raise LogError(f"the logs are shorter than {LEAST_S:.0f} s; record a longer one")
+    forward = Forward(config, prepared)
+    problem = Problem(
+        config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
+    )
+    found = search(problem, library(config, keys, config.discover.without), progress)
+    progress("opening the proof", 0.92)
+    proof = prove(found.null, found.fit)
+    verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))
+    where = localised(found.null, problem.evidence.used)
+    return Discovery(
+        problem,
+        found,
+        verdict,
+        proof,
+        where,
+        event(found.fit) if verdict.kind == "unknown" else None,
+        _experiment(problem, found, verdict),
+    )
+
+
+def _experiment(problem: Problem, found: Search, verdict: Verdict) -> Experiment | None:
+    """The test that would tell the answers apart, where there are several."""
+    if verdict.kind == "ambiguous":
+        return propose(problem, [fit.config for fit in verdict.fits])
+    if verdict.kind == "not_identifiable":
+        config = found.fit.config
+        unseen = found.blind[:1] or library(config, problem.keys)[:1]
+        added = [c.effect(c.shapes[0]) for c in unseen]
+        return propose(problem, [config, *(_with(config, effect) for effect in added)])
+    return None
+
+
+def _with(config: Config, effect: EffectTable) -> Config:
+    return config.model_copy(update={"effect": (*config.effect, effect)})

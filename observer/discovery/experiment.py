@@ -1,0 +1,208 @@
+"""Which test would tell: cycles that a machine can run, ranked by how far they set two answers apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.evidence import gather
+from observer.discovery.forward import Forward
+from observer.discovery.hypothesis import Problem
+from observer.discovery.phases import courses_of
+from observer.discovery.runs import prepare
+from observer.frames import FloatArray, FrameBlock
+
+STEP_S = 1.0
+LEAD_M = 0.01
+"""Used where the logs do not show how far a turn carries the nut."""
+SEPARATES = 5.0
+"""Standard deviations between the answers from which a test is worth its time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A stretch of a cycle: how long, how fast, between which positions; speed 0 rests."""
+
+    duration_s: float
+    speed_rpm: float
+    low_m: float
+    high_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """How a machine has been run: its most frequent and fastest speed, stroke, lead, ambient."""
+
+    usual_rpm: float
+    fastest_rpm: float
+    low_m: float
+    high_m: float
+    lead_m: float
+    ambient_degC: float
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """A test cycle, and by how many standard deviations it sets the answers apart."""
+
+    name: str
+    description: str
+    duration_s: float
+    separation_sigma: float
+
+
+def propose(problem: Problem, answers: Sequence[Config]) -> Experiment:
+    """Return the cycle of the menu that best tells the two answers that are hardest to tell.
+
+    A cycle that separates them by `SEPARATES` and is shorter is preferred to one that separates more.
+    """
+    found = [
+        Experiment(name, text, sum(p.duration_s for p in phases), separation(problem, answers, phases))
+        for name, text, phases in menu(habits_of(problem))
+    ]
+    enough = [e for e in found if e.separation_sigma >= SEPARATES]
+    if enough:
+        return min(enough, key=lambda e: e.duration_s / e.separation_sigma)
+    return max(found, key=lambda e: e.separation_sigma)
+
+
+def menu(habits: Habits) -> Iterator[tuple[str, str, tuple[Phase, ...]]]:
+    """Yield name, description and phases of the cycles that any machine can run."""
+    low, high = habits.low_m, habits.high_m
+    n, fast = habits.usual_rpm, habits.fastest_rpm
+    slow = 0.4 * n
+    third = (high - low) / 3
+
+    def work(minutes: float, rpm: float, a: float = low, b: float = high) -> Phase:
+        return Phase(60 * minutes, rpm, a, b)
+
+    def rest(minutes: float) -> Phase:
+        return Phase(60 * minutes, 0.0, low, high)
+
+    yield (
+        "another_speed",
+        f"{fast:.0f} rpm for 40 min, rest for 20 min, {slow:.0f} rpm for 60 min, rest for 20 min",
+        (rest(5), work(40, fast), rest(20), work(60, slow), rest(20)),
+    )
+    yield (
+        "standstill",
+        "stand still with the drive on for 90 min, from cold",
+        (rest(90),),
+    )
+    yield (
+        "moved_stroke",
+        f"{n:.0f} rpm for 40 min over the left third of the stroke, rest for 40 min, then the right third",
+        (rest(5), work(40, n, low, low + third), rest(40), work(40, n, high - third, high), rest(20)),
+    )
+    yield (
+        "hot_restart",
+        f"{n:.0f} rpm for 40 min, rest for 10 min, {n:.0f} rpm for 20 min, rest for 60 min",
+        (rest(5), work(40, n), rest(10), work(20, n), rest(60)),
+    )
+    yield (
+        "soak",
+        f"{fast:.0f} rpm for 20 min, then stand still with the drive on for three hours",
+        (work(20, fast), rest(180)),
+    )
+
+
+def habits_of(problem: Problem) -> Habits:
+    """Read from the logs how the machine has been run."""
+    config, courses = problem.config, courses_of(problem)
+    speed = np.concatenate([c.speed_rpm[c.working] for c in courses])
+    speed = speed[speed > 0]
+    usual, fastest = (float(np.median(speed)), float(speed.max())) if len(speed) else (1000.0, 1000.0)
+    nut = next((s for s in config.source if s.position_channel is not None), None)
+    low, high, lead = 0.0, config.screw.length_m, LEAD_M
+    if nut is not None:
+        frames = [run.run.frames for run in problem.forward.runs]
+        x = np.concatenate([f.values[:, f.channels.index(str(nut.position_channel))] for f in frames])
+        low, high = (float(v) for v in np.nanquantile(x, [0.001, 0.999]))
+        lead = nut.lead_m or _lead_m(frames[0], str(nut.position_channel), nut.speed_channel)
+    ambient = float(np.median(np.concatenate([c.ambient_degC for c in courses])))
+    return Habits(usual, fastest, low, high, lead, ambient)
+
+
+def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
+    """How far a turn carries the nut, from the largest distances between samples."""
+    if speed is None:
+        return LEAD_M
+    rpm = np.abs(frames.values[1:, frames.channels.index(speed)])
+    moved_m = np.abs(np.diff(frames.values[:, frames.channels.index(position)]))
+    turns = rpm / 60.0 * frames.dt_s[1:]
+    known = np.isfinite(moved_m) & (turns > 0)
+    if not known.any():
+        return LEAD_M
+    return float(np.quantile(moved_m[known] / turns[known], 0.9)) or LEAD_M
+
+
+def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Phase]) -> float:
+    """The distance in standard deviations of the two answers nearest each other, over a cycle.
+
+    What the free parameters could make up is projected out, and the tolerances are marginalised.
+    """
+    config = problem.config
+    run = prepare(config, [frames_of(config, phases, habits_of(problem))], "cycle")
+    forward = Forward(config, [run, run])
+    test = Problem(
+        config, problem.keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
+    )
+    test.prepare(answers[0], slack=True)
+    rows = test.evidence.proof
+    marginal = test.marginal(rows)
+    Q, _ = np.linalg.qr(marginal(test.nuisance[rows]))
+    seen = [marginal(test.evidence.whitened(test.predicted(a))[rows]) for a in answers]
+    apart = [b - a for i, a in enumerate(seen) for b in seen[i + 1 :]]
+    return min(float(np.linalg.norm(d - Q @ (Q.T @ d))) for d in apart)
+
+
+def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameBlock:
+    """The frames of a cycle that starts at ambient temperature; sensors show nothing but that."""
+    count = [round(p.duration_s / STEP_S) for p in phases]
+    speed, low, high = (
+        np.repeat([float(getattr(p, key)) for p in phases], count) for key in ("speed_rpm", "low_m", "high_m")
+    )
+    K = len(speed) + 1
+    speed = np.append(speed, speed[-1])
+    position = _shuttle(
+        speed * habits.lead_m / 60.0 * STEP_S, np.append(low, low[-1]), np.append(high, high[-1])
+    )
+    known = {s.speed_channel: speed for s in config.source if s.speed_channel}
+    known |= {s.drive_channel: np.ones(K) for s in config.source if s.drive_channel}
+    known |= {s.position_channel: position for s in config.source if s.position_channel}
+    values = np.full((K, len(config.channels)), habits.ambient_degC)
+    for i, channel in enumerate(config.channels):
+        if channel in known:
+            values[:, i] = known[channel]
+        elif channel.endswith("_W"):
+            values[:, i] = np.where(speed > 0, 30.0, 0.0)
+    time_s: FloatArray = np.arange(float(K)) * STEP_S
+    offset = np.arange(K + 1, dtype=np.int64)
+    moving = {s.position_channel for s in config.source if s.position_channel}
+    return FrameBlock(
+        channels=config.channels,
+        time_s=time_s,
+        dt_s=np.diff(time_s, prepend=0.0),
+        values=values,
+        fresh=np.ones(values.shape, dtype=bool),
+        quality=np.zeros(values.shape, dtype=np.int8),
+        age_s=np.zeros(values.shape),
+        path=dict.fromkeys(moving, (time_s, position, offset)),
+    )
+
+
+def _shuttle(travel_m: FloatArray, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
+    """The position of a nut that runs to and fro, turning at the ends of the stroke in force."""
+    out = np.empty(len(travel_m))
+    position, sense = float(low_m[0]), 1.0
+    for k, step in enumerate(travel_m):
+        position += sense * step
+        if position > high_m[k]:
+            position, sense = max(2 * high_m[k] - position, low_m[k]), -1.0
+        elif position < low_m[k]:
+            position, sense = min(2 * low_m[k] - position, high_m[k]), 1.0
+        out[k] = position
+    return out

@@ -1,0 +1,113 @@
+"""The verdict of a search: named, none, unknown, ambiguous, or not identifiable, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from observer.discovery.candidates import Candidate
+from observer.discovery.hypothesis import Fit
+from observer.discovery.proof import Proof
+from observer.discovery.search import Search, Trial
+from observer.effects.film import UnevenConvection
+from observer.effects.heat import LocalHeat
+
+Kind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
+
+UNFIT = 0.6
+"""Mean squared whitened error beyond which something is left that no effect explains."""
+PROOF_UNFIT = 1.2
+"""The same on data held back, which the parameters were not fitted to."""
+WITHIN_REACH = 12.0
+"""A rival whose score is no further below the winner's cannot be told from it."""
+WITHIN_SHARE = 0.02
+"""The same as a share of the winner's own drop, for the model's form is never quite right."""
+AT_END = 0.06
+"""Part of the screw within which a place is at its end."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a search comes to.
+
+    `fit` is what may be written back, or what remains to be explained; `sets` the sets of effects that
+    explain the logs equally well, the best first, and `fits` their fits; `reason` one sentence.
+    """
+
+    kind: Kind
+    fit: Fit
+    sets: tuple[tuple[Candidate, ...], ...]
+    fits: tuple[Fit, ...]
+    reason: str
+
+
+def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
+    """Weigh a search; `lacking` says what the logs do not hold."""
+    fit = search.fit
+    unfit = goodness(fit) > UNFIT or proof.goodness > PROOF_UNFIT
+    if unfit or proof.worse:
+        where = "on data held back" if goodness(fit) <= UNFIT else "in what was fitted"
+        reason = f"an error remains {where} that no effect of the library, nor three together, explains"
+        return Verdict("unknown", fit, (), (), reason)
+    if not search.chosen and lacking:
+        reason = "nothing is missing that shows, but " + "; ".join(lacking)
+        return Verdict("not_identifiable", fit, (), (), reason)
+    if not search.chosen:
+        reason = "the calibrated model explains the logs; nothing is missing that shows"
+        return Verdict("none", fit, (), (), reason)
+    sets, fits = alternatives(search)
+    names = [" and ".join(c.name for c in each) for each in sets]
+    if len(sets) > 1:
+        return Verdict("ambiguous", fit, sets, fits, f"these logs cannot tell {' from '.join(names)}")
+    return Verdict("named", fit, sets, fits, f"missing: {names[0]}")
+
+
+def goodness(fit: Fit) -> float:
+    """The mean squared whitened error of what was used, tolerances marginalised; a quarter is usual."""
+    return fit.deviance / max(len(fit.remainder), 1)
+
+
+def alternatives(search: Search) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Fit, ...]]:
+    """The sets of effects within reach of each other, and their fits: the chosen one, and it with one effect
+    exchanged.
+    """
+    chosen = tuple(t.candidate for t in search.chosen)
+    sets, fits = [chosen], [search.fit]
+    for i, (winner, *trials) in enumerate(search.rivals):
+        reach = max(WITHIN_REACH, WITHIN_SHARE * winner.drop)
+        for rival in trials:
+            near = winner.score - rival.score <= reach and rival.accepted
+            if near and not _same_physics(winner, rival):
+                sets.append(tuple(rival.candidate if j == i else c for j, c in enumerate(chosen)))
+                fits.append(rival.fit)
+    return tuple(sets), tuple(fits)
+
+
+def _same_physics(winner: Trial, rival: Trial) -> bool:
+    """Whether a rival with more parameters comes down to the winner: at an end, or over the whole screw."""
+    config = rival.fit.config
+    effect, other = config.effect[-1], winner.candidate
+    L = config.screw.length_m
+    if isinstance(effect, LocalHeat):
+        end = (
+            "left"
+            if effect.position_m < AT_END * L
+            else "right"
+            if effect.position_m > (1 - AT_END) * L
+            else ""
+        )
+        return other.kind == "motor_heat" and other.target == end
+    if isinstance(effect, UnevenConvection):
+        if _end(effect.from_m, L) and _end(effect.from_m, L) == _end(effect.to_m, L):
+            return (other.kind, other.target) == ("end_conduction", _end(effect.to_m, L))
+        whole = effect.to_m - effect.from_m > (1 - AT_END) * L
+        return whole and other.kind == "surface_convection"
+    return False
+
+
+def _end(position_m: float, length_m: float) -> str | None:
+    """The end that a place belongs to, if any."""
+    if position_m < AT_END * length_m:
+        return "left"
+    return "right" if position_m > (1 - AT_END) * length_m else None
