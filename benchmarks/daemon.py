@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from queue import Queue
 
 import numpy as np
 import zenoh
@@ -19,23 +22,23 @@ import zenoh
 from benchmarks.plants import SCREW
 from benchmarks.table import Result
 from benchmarks.transport import free_port
-from observer.log_writer import write_log
+from drivers.simulated.wires import ThermocoupleServer
 from observer.publish.zenoh import session_config
 
 SENSORS, MODES, POINTS, PERIOD_S = 12, 40, 200, 0.1
+RAW_PER_K, RAW_PER_M = 100, 10_000
 STARTS = 5
 SETTLE_S = 5.0
 HOUR_S = 3600.0
 
 
 def results(seconds: float = 30.0) -> list[Result]:
-    """Run `observer run` on a played log; growth is judged only over an hour (`--daemon-seconds 3600`)."""
-    with tempfile.TemporaryDirectory() as directory:
-        folder = Path(directory)
-        _write_log(folder / "played.csv", seconds + 30.0)
+    """Run `observer run` on a Modbus server; growth is judged only over an hour (`--daemon-seconds 3600`)."""
+    with tempfile.TemporaryDirectory() as directory, _module() as port:
+        config = Path(directory) / "config.toml"
         try:
-            starts_s = [_start_once(folder) for _ in range(STARTS)]
-            load, resident_MB, growth_MB = _load(folder, seconds)
+            starts_s = [_start_once(config, port) for _ in range(STARTS)]
+            load, resident_MB, growth_MB = _load(config, port, seconds)
         except RuntimeError as error:
             return [Result("daemon and start", f"not measured: {error}")]
     start_s = statistics.median(starts_s[1:])  # the first may compile
@@ -56,14 +59,14 @@ def results(seconds: float = 30.0) -> list[Result]:
     ]
 
 
-def _start_once(folder: Path) -> float:
-    with _daemon(folder) as (_, first_s):
+def _start_once(config: Path, port: int) -> float:
+    with _daemon(config, port) as (_, first_s):
         return first_s
 
 
-def _load(folder: Path, seconds: float) -> tuple[float, float, float]:
+def _load(config: Path, port: int, seconds: float) -> tuple[float, float, float]:
     """Share of a core, resident MB at the end, and growth in MB, once the start is over."""
-    with _daemon(folder) as (pid, _):
+    with _daemon(config, port) as (pid, _):
         time.sleep(SETTLE_S)
         busy_s, resident_MB, began_s = _cpu_s(pid), _resident_MB(pid), time.monotonic()
         time.sleep(seconds)
@@ -72,11 +75,10 @@ def _load(folder: Path, seconds: float) -> tuple[float, float, float]:
 
 
 @contextmanager
-def _daemon(folder: Path) -> Iterator[tuple[int, float]]:
+def _daemon(config: Path, port: int) -> Iterator[tuple[int, float]]:
     """A daemon that has published its first heat, and how long that took."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    config = folder / "config.toml"
-    config.write_text(_config_text(folder / "played.csv", endpoint))
+    config.write_text(_config_text(port, endpoint))
     with zenoh.open(session_config("router", (), (endpoint,))) as session:
         heat = session.declare_subscriber("ballscrew/**/heat", zenoh.handlers.RingChannel(1))
         began_s = time.monotonic()
@@ -110,23 +112,48 @@ def _resident_MB(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _write_log(path: Path, seconds: float) -> None:
-    time_s = PERIOD_S * np.arange(round(seconds / PERIOD_S))
-    rng = np.random.default_rng(4)
-    columns = {
-        f"t{i}_degC": np.round(20.0 + 0.05 * rng.standard_normal(len(time_s)), 3)
-        for i in range(1, SENSORS + 1)
-    }
-    columns["nut_position_m"] = 0.5 + 0.2 * np.sin(0.3 * time_s)
-    columns["screw_speed_rpm"] = np.full(len(time_s), 1500.0)
-    write_log(path, time_s, columns)
+@contextmanager
+def _module() -> Iterator[int]:
+    """A Modbus TCP server, in a thread of this process, with noisy thermocouples, nut position and speed."""
+    ports: Queue[int] = Queue()
+    stopped = threading.Event()
+    thread = threading.Thread(target=lambda: asyncio.run(_serve(ports, stopped)), daemon=True)
+    thread.start()
+    try:
+        yield ports.get(timeout=10.0)
+    finally:
+        stopped.set()
+        thread.join()
 
 
-def _config_text(log: Path, endpoint: str) -> str:
+async def _serve(ports: Queue[int], stopped: threading.Event) -> None:
+    server = ThermocoupleServer(0, _registers(0.0))
+    await server.start()
+    ports.put(server.port)
+    began_s = time.monotonic()
+    while not stopped.is_set():
+        server.registers = _registers(time.monotonic() - began_s)
+        await asyncio.sleep(PERIOD_S / 2.0)
+    await server.stop()
+
+
+def _registers(time_s: float) -> list[int]:
+    noise_K = 0.05 * np.random.default_rng().standard_normal(SENSORS)
+    position_m = 0.5 + 0.2 * np.sin(0.3 * time_s)
+    return [*np.round(RAW_PER_K * (20.0 + noise_K)).astype(int).tolist(), round(RAW_PER_M * position_m), 1500]
+
+
+def _config_text(port: int, endpoint: str) -> str:
     screw = "\n".join(f"{key} = {value}" for key, value in SCREW.items())
     sensors = "\n".join(
         f'[[sensor]]\nname = "t{i}"\nchannel = "t{i}_degC"\nposition_m = {x:.4f}\nnoise_K = 0.05'
         for i, x in enumerate(np.linspace(0.05, 0.95, SENSORS), 1)
+    )
+    scales = {f"t{i}_degC": 1 / RAW_PER_K for i in range(1, SENSORS + 1)}
+    scales |= {"nut_position_m": 1 / RAW_PER_M, "screw_speed_rpm": 1.0}
+    channels = "\n".join(
+        f"{name} = {{ register = {register}, scale = {scale} }}"
+        for register, (name, scale) in enumerate(scales.items())
     )
     ends = "\n".join(
         f'[[source]]\nname = "{name}"\nshape = "point"\nposition_m = {x}\nspeed_channel = "screw_speed_rpm"\n'
@@ -160,9 +187,13 @@ modes = {MODES}
 period_s = {PERIOD_S}
 [output]
 positions_m = {np.linspace(0.0, 1.0, POINTS).tolist()}
-[drivers.log]
-kind = "player"
-path = "{log}"
+[drivers.module]
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = {port}
+period_s = {PERIOD_S}
+[drivers.module.channels]
+{channels}
 [publish]
 mode = "client"
 connect = ["{endpoint}"]
