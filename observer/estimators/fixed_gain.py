@@ -100,7 +100,7 @@ class FixedGainEngine:
     def __init__(
         self, plant: Plant, period_s: float, gate_sigma: float, design: Design, *, optimal: bool
     ) -> None:
-        """Design the gain for all sensors and compile; `optimal` corrects by the Kalman gain until the
+        """Design the gain for all sensors; `optimal` corrects by the Kalman gain until the
         covariance has settled.
         """
         self._plant = plant
@@ -109,14 +109,6 @@ class FixedGainEngine:
         self._arrays = packing.pack_plant(plant)
         self._steps = StepCache(plant)
         self._bank = GainBank(plant, period_s, design)
-        self._run(
-            [period_s],
-            packing.no_inputs(self._arrays),
-            self._steps.table([period_s]),
-            packing.thaw(packing.initial_state(plant)),
-            packing.empty_results(plant, 0),
-            packing.scratch(self._arrays),
-        )
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         """Take K steps; a run of K is, to the last bit, K runs of one."""

@@ -19,18 +19,11 @@ class KalmanEstimator:
     """
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
-        """Bring the plant into the kernels' form and compile them, once."""
+        """Bring the plant into the kernels' form, once; they are compiled by the first run."""
         self._plant = plant
         self._gate_sigma = float(settings.gate_sigma)
         self._arrays = packing.pack_plant(plant)
         self._steps = StepCache(plant)
-        self._run(
-            packing.no_inputs(self._arrays),
-            self._steps.table([settings.period_s]),
-            packing.thaw(self.initial()),
-            packing.empty_results(plant, 0),
-            packing.scratch(self._arrays),
-        )
 
     @property
     def layout(self) -> Layout:

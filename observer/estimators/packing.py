@@ -125,7 +125,8 @@ def pad_rows(array: FloatArray, width: int) -> FloatArray:
 
 def contiguous(array: Any, dtype: Any = np.float64) -> Any:
     """Bring an array into the one layout the kernels are compiled for."""
-    return np.require(array, dtype, ["C", "W"])
+    array = np.ascontiguousarray(array, dtype)
+    return array if array.flags.writeable else array.copy()
 
 
 def pack_plant(plant: Plant) -> PlantArrays:
@@ -167,27 +168,6 @@ def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
         contiguous(inputs.degraded[part], np.bool_),
         contiguous(inputs.loss_1_s[part]),
         contiguous(inputs.loss_degC[part]),
-    )
-
-
-def no_inputs(arrays: PlantArrays) -> InputArrays:
-    """Return inputs of no steps; running them makes a kernel compile before the first real step is due."""
-    (m, n_x), p, s, M, R = arrays.B.shape, len(arrays.E), len(arrays.R_K2), len(arrays.moving), len(arrays.C)
-    return InputArrays(
-        step=np.zeros(0, dtype=np.int64),
-        dt=np.zeros(0),
-        y=np.zeros((0, s)),
-        usable=np.zeros((0, s), dtype=np.bool_),
-        quality=np.zeros((0, s), dtype=np.int8),
-        law=np.zeros((0, m)),
-        jump=np.zeros((0, m)),
-        z_start=np.zeros((0, p)),
-        z_end=np.zeros((0, p)),
-        moving_B=np.zeros((0, M, n_x)),
-        moving_C=np.zeros((0, M, R)),
-        degraded=np.zeros(0, dtype=np.bool_),
-        loss=np.zeros(0),
-        loss_degC=np.zeros(0),
     )
 
 

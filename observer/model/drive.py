@@ -28,7 +28,7 @@ class DriveState:
 
     `law_W` (m,) and `z` (p,), NaN before they are first known; `nuts` and `turns`, one state per moving
     source; the time `begin_s` of the first frame, NaN before it, that of the last, and for how long each
-    law's channel has not been zero, `running_s` (m,).
+    law's channel has not been zero, `running_s` (m,), counted only where a factor of the law asks for it.
     """
 
     law_W: FloatArray
@@ -133,9 +133,10 @@ class Drive:
         for j, (channels, heat_W) in enumerate(self._laws):
             read = [frames.values[:, at[c]] for c in channels] or [np.zeros(len(frames))]
             law[:, j] = heat_W(*read)
-            ran = np.where(np.nan_to_num(read[0]) != 0.0, frames.dt_s, 0.0)
-            ran_s = np.cumsum(np.concatenate([running_s[j : j + 1], ran]))[1:]
-            running_s[j] = ran_s[-1]
+            if self._factors[j]:
+                ran = np.where(np.nan_to_num(read[0]) != 0.0, frames.dt_s, 0.0)
+                ran_s = np.cumsum(np.concatenate([running_s[j : j + 1], ran]))[1:]
+                running_s[j] = ran_s[-1]
             for factor in self._factors[j]:
                 law[:, j] *= factor(read[0], ran_s)
             law[np.isnan(law[:, j]), j] = 0.0 if np.isnan(state.law_W[j]) else state.law_W[j]
@@ -146,6 +147,8 @@ class Drive:
     ) -> tuple[FloatArray, FloatArray]:
         """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C."""
         rate, drawn = np.zeros(len(frames)), np.zeros(len(frames))
+        if not self._losses:
+            return rate, drawn
         for loss in self._losses:
             speed_rpm = np.nan_to_num(frames.values[:, at[loss.speed_channel]])
             own = self._surface_rate * loss.film_W_m2K(speed_rpm)

@@ -46,7 +46,7 @@ def test_while_it_is_being_loaded(plant, tmp_path, after_s):
 def test_while_it_compiles_without_a_router(plant, tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
     with Daemon(tmp_path, table_for(plant.wires, **_nobody_there())) as daemon:
-        until(lambda: _started(daemon) and daemon.recording().read_bytes().count(b"\n") > 10, 60.0)
+        until(lambda: _started(daemon) and daemon.recording().read_bytes().count(b"\n") > 10, 30.0)
         assert daemon.step_times_s() == []  # readings keep coming in while it is not through
         assert daemon.stop() < LIMIT_S
     assert len(read_log(daemon.recording())) > 10
