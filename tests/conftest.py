@@ -1,0 +1,29 @@
+"""What holds for all tests: the kernels are compiled before the first of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+DEMO = Path(__file__).parents[1] / "config" / "demo.toml"
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Fill the cache of compiled kernels once, in the process that starts the others.
+
+    On a fresh checkout of a busy computer this takes longer than any test may, and two workers would do it
+    twice.
+    """
+    if hasattr(session.config, "workerinput") or session.config.option.collectonly:
+        return
+    # Imported here, because a worker's import of the product belongs to its tests.
+    from observer import app, config
+    from observer.service.align import Aligner
+    from observer.service.pipeline import Pipeline
+
+    settings = config.load(DEMO)
+    for kind in ("kalman", "luenberger"):
+        estimator = settings.estimator.model_copy(update={"kind": kind})
+        machine = app.Machine.of(settings.model_copy(update={"estimator": estimator}))
+        Pipeline(machine.drive, machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
