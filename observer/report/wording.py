@@ -1,0 +1,173 @@
+"""What a discovery found, in sentences for people; from the content of `result.json` alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import floor, log10
+from typing import Any
+
+from observer.report.style import duration_text
+
+LACKS = {
+    "surface_convection": "a loss of heat to the air over the whole surface",
+    "speed_convection": "cooling that grows with the screw's rotation",
+    "uneven_convection": "a stretch of the screw that is cooled more or less than the rest",
+    "radiation": "heat radiated by the surface",
+    "end_conduction": "heat that flows into the housing at {target}",
+    "attached_mass": "a body that stores heat at {target}",
+    "end_heat": "heat at {target} that grows with speed",
+    "motor_heat": "heat from the drive at {target}, the same at any speed",
+    "friction_fade": "friction of {target} that falls as the screw warms",
+    "friction_speed": "another power of speed in the heat of {target}",
+    "run_in": "friction of {target} that falls as it runs in",
+    "dwell": "heat of {target} that enters where it turns round",
+    "local_heat": "a source of heat at one place of the screw",
+    "ambient_drift": "air near the screw that drifts away from the ambient given",
+    "coolant": "coolant through the hollow screw while it turns",
+    "sensor_lag": "a lag of sensor {target}",
+    "sensor_bias": "a constant error of sensor {target}",
+    "sensor_drift": "a drift of sensor {target}",
+}
+"""Each effect, as what a model without it lacks."""
+PHASES = {
+    "isothermal": "before any work",
+    "heat_up": "heating up",
+    "steady": "warm and working",
+    "dwell": "short rest",
+    "cool_down": "cooling down",
+}
+REGRESSORS = {
+    "speed": "speed",
+    "speed^(2/3)*rise": "speed^⅔ × rise over ambient",
+    "rise": "rise over ambient",
+    "position": "position of the nut",
+    "ambient": "ambient temperature",
+    "dT/dt": "rate of change",
+    "working": "whether the machine works",
+    "running_time": "time spent working",
+    "time": "time since the start",
+    "event": "a single event",
+    "none": "nothing in the logs",
+}
+SUPERSCRIPT = str.maketrans("23", "²³")
+SURE_SIGMA = 5.0
+"""A test that sets two answers apart by less may leave the doubt as it is."""
+
+
+def as_sentences(result: dict[str, Any]) -> Iterator[str]:
+    """Yield what a discovery comes to, line by line: verdict, parameters or what would tell, gap, limits."""
+    yield f"{headline(result)}."
+    for effect in result["effects"]:
+        values = ", ".join(f"{key} = {measured(p)}" for key, p in effect["parameters"].items())
+        yield f"  {name_of(effect)}: {values}"
+    happened = event_of(result)
+    if happened is not None:
+        yield f"{event_sentence(happened, f'log {happened["log"]}')}."
+    if result["experiment"] is not None:
+        yield f"{experiment_sentence(result['experiment'])}."
+    yield f"{gap_sentence(result)}."
+    if result["not_told"]:
+        yield f"These logs cannot show: {joined(result['not_told'])}."
+
+
+def headline(result: dict[str, Any]) -> str:
+    """The verdict in one plain sentence, without its full stop."""
+    verdict, reason = result["verdict"], str(result.get("reason", ""))
+    if verdict == "named":
+        return f"The model lacks {joined([lack_of(e['kind'], e['target']) for e in result['effects']])}"
+    if verdict == "none":
+        return "The calibrated model explains the logs; no effect is missing that shows"
+    if verdict == "ambiguous":
+        answers = [joined([_lack_by_name(name) for name in each]) for each in result["alternatives"]]
+        return f"The model lacks {joined(answers, last='; or ', between='; ')}: these logs cannot tell which"
+    if verdict == "unknown":
+        return f"Something is missing that the library does not hold: {reason}"
+    return f"These logs cannot tell whether an effect is missing: {reason}"
+
+
+def lack_of(kind: str, target: str | None) -> str:
+    """An effect as what a model without it lacks."""
+    of_sensor = kind.startswith("sensor_")
+    place = f"the {target} end" if target in ("left", "right") and not of_sensor else target
+    return LACKS[kind].format(target=place)
+
+
+def _lack_by_name(name: str) -> str:
+    kind, _, target = name.partition(" at ")
+    return lack_of(kind, target or None)
+
+
+def name_of(effect: dict[str, Any]) -> str:
+    """Kind and target of an effect, as a configuration spells them."""
+    return effect["kind"] if effect["target"] is None else f"{effect['kind']} at {effect['target']}"
+
+
+def gap_sentence(result: dict[str, Any]) -> str:
+    """How far measured and predicted are apart on the proof, without a full stop."""
+    gap = result["gap"]
+    before, after, given = (kelvin(gap[f"{key}_rms_K"]) for key in ("before", "after", "as_given"))
+    noise = f"noise alone: {kelvin(gap['floor_rms_K'])}"
+    if gap["before_rms_K"] == gap["after_rms_K"]:
+        return f"On data held back the calibrated model is off by {after} rms (as configured: {given}; {noise})"
+    with_what = {
+        "ambiguous": " with the first of them",
+        "unknown": " with the best that the library offers",
+    }.get(result["verdict"], "")
+    return f"On data held back the gap goes from {before} to {after} rms{with_what} ({noise})"
+
+
+def event_of(result: dict[str, Any]) -> dict[str, Any] | None:
+    """The event that no effect explains, where there is one."""
+    return next((place for place in result["where"] if place["regressor"] == "event"), None)
+
+
+def event_sentence(event: dict[str, Any], log: str) -> str:
+    """Where, when, and by how many watts something happened, without a full stop."""
+    heat, wide = abs(event["heat_W"]), 1.96 * event["heat_sigma_W"]
+    watts = interval(heat, heat - wide, heat + wide)
+    more = "more" if event["heat_W"] > 0 else "less"
+    above = "above" if event["mean_K"] > 0 else "below"
+    return (
+        f"It is largest near sensor {event['sensor']} in {log}, from {duration_text(event['from_s'])} to "
+        f"{duration_text(event['to_s'])} ({PHASES.get(event['phase'], event['phase'])}): {watts} W {more} heat "
+        f"than the model has, measured {kelvin(abs(event['mean_K']))} {above} predicted"
+    )
+
+
+def experiment_sentence(experiment: dict[str, Any]) -> str:
+    """The test that would tell, and how surely, without a full stop."""
+    sigma = experiment["separation_sigma"]
+    doubt = "" if sigma >= SURE_SIGMA else ", which may not be enough"
+    return (
+        f"A test of {duration_text(experiment['duration_s'])} would tell: {experiment['description']}; it sets "
+        f"the answers {sigma:.3g} standard deviations apart{doubt}"
+    )
+
+
+def joined(parts: Sequence[str], last: str = " and ", between: str = ", ") -> str:
+    """Parts as a list in a sentence."""
+    return last.join([between.join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
+
+
+def measured(parameter: dict[str, Any]) -> str:
+    """A value with its 95 % interval and unit."""
+    low, high = parameter["ci95"]
+    return " ".join(filter(None, [interval(parameter["value"], low, high), unit_text(parameter["unit"])]))
+
+
+def interval(value: float, low: float, high: float) -> str:
+    """A value and its 95 % interval, to the digits that the interval leaves."""
+    width = high - low
+    digits = min(max(1 - floor(log10(width / 2)), 0), 9) if width > 0 else None
+    shown = [f"{x:.3g}" if digits is None else f"{x:.{digits}f}" for x in (value, low, high)]
+    return f"{shown[0]} ({shown[1]} … {shown[2]})"
+
+
+def unit_text(unit: str) -> str:
+    """A unit as people write it; nothing for a number."""
+    return "" if unit == "1" else unit.translate(SUPERSCRIPT)
+
+
+def kelvin(value_K: float) -> str:
+    """A difference of temperatures to two or three digits."""
+    return f"{value_K:.3g} K" if abs(value_K) >= 1 else f"{value_K:.2g} K"
