@@ -15,7 +15,7 @@ from observer.effects.catalogue import KINDS
 from tests.campaign import __main__ as command
 from tests.campaign import trial
 from tests.campaign.judge import estimates, hidden_names, is_good, outcome_of
-from tests.campaign.showing import RESTING, RUNNING, Showing
+from tests.campaign.showing import RESTING, RUNNING, Showing, showing_of
 from tests.campaign.summary import Share, detection_limit, limit_lines, parameter_lines, summary
 from tests.truth.machine.effects import LIBRARY, Effect
 from tests.truth.machine.entries import Entry, campaign
@@ -156,6 +156,16 @@ def test_the_summary_counts() -> None:
 def test_a_limit_holds_for_everything_stronger() -> None:
     assert detection_limit((1.0, 2.0, 3.0), [Share(10, 10), Share(8, 10), Share(9, 10)]) == 3.0
     assert detection_limit((1.0, 2.0, 3.0), [Share(10, 10), Share(9, 10), Share(0, 0)]) is None
+
+
+def test_where_a_hidden_thing_shows() -> None:
+    """A sensor that lifts off shows at itself; the refit of the others spreads little."""
+    loose = showing_of(Case("loose", (Effect("loose_sensor", "t2", {"contact": 0.6}),), 1000))
+    assert loose.sensors == ("t2",)
+    assert loose.sigma == pytest.approx(loose.rms_K / 0.05)
+    assert loose.rms_K > 0.5
+    nothing = showing_of(Case("loose", (), 1000))
+    assert nothing.rms_K == 0.0
 
 
 def test_unknowns_are_judged_by_place_and_phase() -> None:
