@@ -16,7 +16,8 @@ from tests.campaign.summary import summary
 from tests.campaign.trial import Row, try_entry
 from tests.truth.machine.entries import FIRST_SEED, Entry, campaign, slice_entries
 
-FOLDER = Path("docs/campaign")
+FOLDER, PAGE = Path("docs/campaign"), Path("docs/discovery.md")
+MARKS = ("<!-- campaign -->", "<!-- end of campaign -->")
 GROUPS = ("null", "ladder", "outside", "pair", "ambiguous", "poor", "absent", "faulty")
 
 
@@ -27,14 +28,15 @@ def main() -> None:
     table = options.folder / "results.csv"
     entries = slice_entries() if options.slice == "ci" else campaign(options.first_seed)
     entries = [e for e in entries if not options.only or options.only in _marks(e)]
-    known = {row["name"] for row in read_rows(table)}
+    known = {row["name"] for row in read_rows(table) if row["outcome"] != "failed"}
     waiting = [e for e in entries if e.name not in known]
     console = Console()
     console.print(f"{len(entries)} cases, {len(entries) - len(waiting)} already in {table}")
     answers = options.answers or Path("build/campaign/answers")
     run_entries(waiting, table, answers, options.workers, console)
-    page = options.folder / "summary.md"
-    page.write_text(summary(read_rows(table)), encoding="utf-8")
+    page = PAGE if options.folder == FOLDER else options.folder / "summary.md"
+    before = page.read_text(encoding="utf-8") if page.exists() else ""
+    page.write_text(with_tables(before, summary(read_rows(table))), encoding="utf-8")
     console.print(f"{table} and {page} written")
 
 
@@ -58,6 +60,13 @@ def run_entries(entries: Sequence[Entry], table: Path, answers: Path, workers: i
             raise SystemExit("interrupted; the same command goes on from here") from None
 
 
+def with_tables(page: str, tables: str) -> str:
+    """The page with its tables, between the two marks, replaced; a page without marks becomes the tables."""
+    head, begin, rest = page.partition(MARKS[0])
+    _, end, tail = rest.partition(MARKS[1])
+    return f"{head}{begin}\n\n{tables}\n{end}{tail}" if begin and end else tables
+
+
 def append_row(table: Path, row: Row) -> None:
     """Add a line to the table, with the header before the first."""
     fresh = not table.exists()
@@ -69,11 +78,12 @@ def append_row(table: Path, row: Row) -> None:
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:
-    """The table's lines, in the order of their names; none where there is no table."""
+    """The table's lines in the order of their names, the last of each; none where there is no table."""
     if not table.exists():
         return []
     with table.open(newline="", encoding="utf-8") as file:
-        return sorted(csv.DictReader(file), key=lambda row: row["name"])
+        last = {row["name"]: row for row in csv.DictReader(file)}
+    return [last[name] for name in sorted(last)]
 
 
 def _marks(entry: Entry) -> set[str]:
@@ -83,7 +93,9 @@ def _marks(entry: Entry) -> set[str]:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make discover-campaign", description=__doc__)
-    parser.add_argument("--folder", type=Path, default=FOLDER, help=f"of table and summary ({FOLDER})")
+    parser.add_argument(
+        "--folder", type=Path, default=FOLDER, help=f"of results.csv ({FOLDER}, told in {PAGE})"
+    )
     parser.add_argument("--answers", type=Path, help="of the answers (build/campaign/answers)")
     parser.add_argument("--slice", choices=("ci",), help="a few cases of every sort")
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
