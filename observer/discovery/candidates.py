@@ -23,13 +23,16 @@ from observer.model.heat.law import law_channels
 BY_KIND = dict(zip(KINDS, LIBRARY, strict=True))
 NEUTRAL = {"exponent": 1.0}
 """Where a parameter changes nothing, if that is not zero."""
+LEAST_LAG_S = 10.0
+"""Sensors that lag less are within tolerance."""
 CELLS = 8
 """Parts of the screw from which stretches of another film are made up."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An effect at a target: the shapes to try, what is fitted with which natural scale, and upper limits.
+    """An effect at a target: the shapes to try, what is fitted with which natural scale, and its limits
+    where they are narrower than the effect's own.
 
     `linear` are the parameters that a strength multiplies, all together.
     """
@@ -39,7 +42,7 @@ class Candidate:
     shapes: tuple[Mapping[str, float], ...]
     scales: Mapping[str, float]
     linear: tuple[str, ...]
-    limits: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -70,8 +73,9 @@ class Candidate:
         """What is fitted where the effect is number `index` of the configuration."""
         effect = BY_KIND[self.kind]
         bounds = {key: bounds_of(effect, key) for key in effect.parameters if key in self.scales}
+        limits = {key: self.limits.get(key, (-np.inf, np.inf)) for key in bounds}
         return tuple(
-            Parameter(index, key, self.scales[key], low, min(high, self.limits.get(key, np.inf)))
+            Parameter(index, key, self.scales[key], max(low, limits[key][0]), min(high, limits[key][1]))
             for key, (low, high) in bounds.items()
         )
 
@@ -103,7 +107,7 @@ def _surface(config: Config, keys: tuple[str, ...]) -> Iterator[Candidate]:
     stretches = [(i * L / CELLS, (i + w) * L / CELLS) for w in (1, 2, 3, 4) for i in range(CELLS + 1 - w)]
     shapes = tuple({"from_m": a, "to_m": b, "extra_W_m2K": 5.0} for a, b in stretches)
     scales = {"from_m": L / CELLS, "to_m": L / CELLS, "extra_W_m2K": 5.0}
-    limits = {"from_m": L, "to_m": L}
+    limits = {"from_m": (0.0, L), "to_m": (0.0, L)}
     yield Candidate("uneven_convection", None, shapes, scales, ("extra_W_m2K",), limits)
     yield _one("radiation", None, emissivity=0.3)
     yield _one("ambient_drift", None, rate_K_h=0.3)
@@ -140,12 +144,15 @@ def _heats(config: Config) -> Iterator[Candidate]:
         yield Candidate("run_in", source.name, shapes, {"fraction": 0.2, "time_s": 1200.0}, ("fraction",))
     shapes = tuple({"position_m": x, "heat_W": 2.0} for x in np.linspace(0.0, L, 13).tolist())
     scales = {"position_m": L / 10, "heat_W": 2.0}
-    yield Candidate("local_heat", None, shapes, scales, ("heat_W",), {"position_m": L})
+    yield Candidate("local_heat", None, shapes, scales, ("heat_W",), {"position_m": (0.0, L)})
 
 
 def _sensors(config: Config) -> Iterator[Candidate]:
     for sensor in config.sensor:
-        yield _one("sensor_lag", sensor.name, time_constant_s=20.0)
+        lags = tuple({"time_constant_s": t} for t in (20.0, 80.0, 320.0))
+        limits = {"time_constant_s": (LEAST_LAG_S, 3600.0)}
+        scales = {"time_constant_s": 20.0}
+        yield Candidate("sensor_lag", sensor.name, lags, scales, ("time_constant_s",), limits)
         yield _one("sensor_bias", sensor.name, offset_K=0.3)
         yield _one("sensor_drift", sensor.name, rate_K_h=0.2)
 

@@ -20,7 +20,7 @@ from observer.laws import HeatLaw
 from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.realise import realise
-from observer.model.rod import moving
+from observer.model.rod import moving, turning
 from observer.sections import Source
 
 TICK_S = 10.0
@@ -121,8 +121,9 @@ class CoarseRun:
             B[:, i, source.table.lag] = source.table.lag_decay_1_s
             C[:, i] = columns.C
             if source.ends_fraction:
-                B[:, i] += source.ends_fraction * (source.ends_B - B[:, i])
-                C[:, i] += source.ends_fraction * (source.ends_C - C[:, i])
+                ends = self._columns(plant, i, driven.law_W[:, source.index], at_ends=True)
+                B[:, i, : plant.modes] += source.ends_fraction * (ends.B - B[:, i, : plant.modes])
+                C[:, i] += source.ends_fraction * (ends.C - C[:, i])
         return replace(driven, moving_B=B, moving_C=C)
 
     def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
@@ -172,35 +173,42 @@ class CoarseRun:
             loss_degC=np.where(loss > 0, drawn / np.where(loss > 0, loss, 1.0), 0.0),
         )
 
-    def _columns(self, plant: Plant, i: int, law_W: FloatArray) -> Columns:
+    def _columns(self, plant: Plant, i: int, law_W: FloatArray, *, at_ends: bool = False) -> Columns:
         """The nut's columns, weighted by its heat; they change with modes and output rows only."""
-        source = plant.moving[i]
-        table = source.table
-        key = b"".join(
+        table = plant.moving[i].table
+        key = bytes([at_ends]) + b"".join(
             np.ascontiguousarray(a).tobytes()
             for a in (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m), table.table_C)
         )
         if key not in self._kept:
             if len(self._kept) >= MOST_KEPT:
                 self._kept.clear()
-            frames = self.run.frames
-            _, B, C = moving.columns(table, moving.start(table), frames.dt_s, frames.path[source.channel])
-            weight = frames.dt_s * (
-                np.repeat(np.abs(law_W), np.diff([*self.ticks.first, len(frames)])) + 1e-6
-            )
-            over = np.add.reduceat(weight, self.ticks.first)[:, None]
-            over = np.where(over > 0, over, 1.0)
-            modal = np.add.reduceat(B[:, : plant.modes] * weight[:, None], self.ticks.first, axis=0) / over
-            rows = np.add.reduceat(C * weight[:, None], self.ticks.first, axis=0) / over
-            end_s = frames.time_s
-            length_s = np.maximum(self.ticks.length_s, 1e-9)
-            begin_s = np.append(frames.time_s[0], end_s[self.ticks.first[1:] - 1])
-            which = np.repeat(np.arange(len(self.ticks.first)), np.diff([*self.ticks.first, len(frames)]))
-            middle = (end_s - frames.dt_s / 2 - begin_s[which]) / length_s[which]
-            share = (frames.dt_s * (0.5 - middle))[:, None]
-            early_s = np.add.reduceat(B[:, : plant.modes] * share, self.ticks.first, axis=0)
-            self._kept[key] = Columns(modal, rows, early_s)
+            self._kept[key] = self._averaged(plant, i, law_W, at_ends)
         return self._kept[key]
+
+    def _averaged(self, plant: Plant, i: int, law_W: FloatArray, at_ends: bool) -> Columns:
+        frames, first = self.run.frames, self.ticks.first
+        table, path = plant.moving[i].table, frames.path[plant.moving[i].channel]
+        if at_ends:
+            _, B, C = turning.columns(table, turning.start(), frames.dt_s, path)
+        else:
+            _, B, C = moving.columns(table, moving.start(table), frames.dt_s, path)
+        B = B[:, : plant.modes]
+        count = np.diff([*first, len(frames)])
+        weight = frames.dt_s * (np.repeat(np.abs(law_W), count) + 1e-6)
+        over = np.add.reduceat(weight, first)[:, None]
+        over = np.where(over > 0, over, 1.0)
+        which = np.repeat(np.arange(len(first)), count)
+        begin_s = np.append(frames.time_s[0], frames.time_s[first[1:] - 1])
+        middle = (frames.time_s - frames.dt_s / 2 - begin_s[which]) / np.maximum(self.ticks.length_s, 1e-9)[
+            which
+        ]
+        early = (frames.dt_s * (0.5 - middle))[:, None]
+        return Columns(
+            B=np.add.reduceat(B * weight[:, None], first, axis=0) / over,
+            C=np.add.reduceat(C * weight[:, None], first, axis=0) / over,
+            early_s=np.add.reduceat(B * early, first, axis=0),
+        )
 
 
 def _driving(config: Config) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from observer.config import Config
 from observer.discovery.evidence import gather
 from observer.discovery.forward import Forward
-from observer.discovery.hypothesis import Problem
+from observer.discovery.hypothesis import Problem, told_lags
 from observer.discovery.phases import courses_of
 from observer.discovery.runs import prepare
 from observer.frames import FloatArray, FrameBlock
@@ -152,7 +152,7 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
     )
     test.prepare(answers[0], slack=True)
     rows = test.evidence.proof
-    marginal = test.marginal(rows)
+    marginal = test.marginal(rows, told_lags(answers[0]))
     Q, _ = np.linalg.qr(marginal(test.nuisance[rows]))
     seen = [marginal(test.evidence.whitened(test.predicted(a))[rows]) for a in answers]
     apart = [b - a for i, a in enumerate(seen) for b in seen[i + 1 :]]

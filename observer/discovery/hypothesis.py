@@ -62,6 +62,10 @@ class Fit:
     jacobian: FloatArray
     scale: FloatArray
 
+    def marginal(self, rows: BoolArray) -> Marginal:
+        """The map that marginalises the tolerances on some rows, but for lags that the fit itself tells."""
+        return self.problem.marginal(rows, told_lags(self.config))
+
     @cached_property
     def deviance(self) -> float:
         """Twice the negative log likelihood of what may be used, up to a constant."""
@@ -71,13 +75,13 @@ class Fit:
     def remainder(self) -> FloatArray:
         """The used rows' whitened residual with the tolerances marginalised."""
         used = self.problem.evidence.used
-        return self.problem.marginal(used)(self.residual[used])
+        return self.marginal(used)(self.residual[used])
 
     @cached_property
     def covariance(self) -> FloatArray:
         """The covariance (p, p) of free and effects' parameters in their units."""
         used = self.problem.evidence.used
-        J = self.problem.marginal(used)(self.jacobian[used])
+        J = self.marginal(used)(self.jacobian[used])
         return np.asarray(np.linalg.pinv(J.T @ J) * np.multiply.outer(self.scale, self.scale))
 
     @property
@@ -112,7 +116,8 @@ class Problem:
         self.low, self.high = bounds.T
         self.nuisance = np.zeros((len(evidence.run), 0))
         self.tolerance = np.zeros((len(evidence.run), 0))
-        self._marginals: dict[bytes, Marginal] = {}
+        self._lag_of: tuple[str | None, ...] = ()
+        self._marginals: dict[tuple[bytes, frozenset[str]], Marginal] = {}
 
     def predicted(self, config: Config) -> FloatArray:
         """The prediction of every row, (n,), °C."""
@@ -145,11 +150,14 @@ class Problem:
             columns.append((self.predicted(self.with_free(config, moved)) - here) * (scale / step))
         self.nuisance = self._columns(columns)
         if slack:
-            slacks = []
-            for changed, each_sensor in tolerances(config):
+            slacks: list[FloatArray] = []
+            lag_of: list[str | None] = []
+            for changed, kind in tolerances(config):
                 change = self.predicted(changed) - here
-                slacks += self.by_sensor(change) if each_sensor else [change]
-            self.tolerance = self._columns(slacks)
+                own = self.by_sensor(change) if kind != "screw" else [change]
+                slacks += own
+                lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
+            self.tolerance, self._lag_of = self._columns(slacks), tuple(lag_of)
             self._marginals.clear()
 
     def by_sensor(self, change: FloatArray) -> list[FloatArray]:
@@ -157,17 +165,24 @@ class Problem:
         sensors = range(len(self.config.sensor))
         return [np.where(self.evidence.sensor == s, change, 0.0) for s in sensors]
 
-    def marginal(self, rows: BoolArray) -> Marginal:
-        """Return the map that marginalises the tolerances on some rows."""
-        key = rows.tobytes()
+    def marginal(self, rows: BoolArray, told: frozenset[str]) -> Marginal:
+        """Return the map that marginalises the tolerances on some rows, but for the lags of some sensors."""
+        key = rows.tobytes(), told
         if key not in self._marginals:
-            self._marginals[key] = Marginal.of(self.tolerance[rows])
+            kept = np.flatnonzero([name not in told for name in self._lag_of])
+            self._marginals[key] = Marginal.of(self.tolerance[rows][:, kept])
         return self._marginals[key]
 
     def _columns(self, columns: Sequence[FloatArray]) -> FloatArray:
         if not columns:
             return np.zeros((len(self.evidence.run), 0))
         return self.evidence.whitened(np.column_stack(columns))
+
+
+def told_lags(config: Config, kind: str = "", target: str | None = None) -> frozenset[str]:
+    """The sensors whose lag an effect of a configuration tells, or one more effect would."""
+    effects = [(e.kind, getattr(e, "target", None)) for e in config.effect]
+    return frozenset(str(t) for k, t in (*effects, (kind, target)) if k == "sensor_lag")
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +224,7 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
     effects = [getattr(config.effect[p.effect], p.key) for p in parameters]
     theta = np.clip(np.concatenate([problem.free_values(config), effects]) / scale, low, high)
     used = problem.evidence.used
-    marginal = problem.marginal(used)
+    marginal = problem.marginal(used, told_lags(config))
 
     def at(theta: FloatArray) -> Config:
         f = len(problem.keys)
@@ -224,6 +239,8 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
     for _ in range(STEPS if len(theta) else 0):
         A, b = marginal(J[used]), marginal(residual[used])
         before = cost(residual)
+        if not np.isfinite(A).all():
+            break
         for _trial in range(TRIALS):
             step, sigma = _bounded_step(A, b, low - theta, high - theta, damping)
             there = problem.residual(at(theta + step))

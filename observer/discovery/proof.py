@@ -59,7 +59,7 @@ def prove(null: Fit, fit: Fit) -> Proof:
         for s, sensor in enumerate(problem.config.sensor)
         if (rows & (evidence.sensor == s)).any()
     }
-    whitened = problem.marginal(rows)(evidence.whitened(after)[rows])
+    whitened = fit.marginal(rows)(evidence.whitened(after)[rows])
     return Proof(
         whole=_gap(rows, before, after, noise_K),
         per_sensor=per_sensor,

@@ -15,6 +15,8 @@ import numpy as np
 from observer.discovery.candidates import BY_KIND, Candidate
 from observer.discovery.hypothesis import Fit, Problem, fit_effects, fit_null
 from observer.discovery.signatures import Promise, Signature, promises, signatures
+from observer.effects.film import UnevenConvection
+from observer.effects.heat import LocalHeat
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
@@ -24,8 +26,14 @@ ACCEPT = 30.0
 """The least drop of the deviance that names an effect; see `docs/discovery.md` for how it was found."""
 PER_PARAMETER = 6.0
 """What each parameter beyond the first has to earn."""
+FORM = 0.01
+"""Part of what is explained already that a further effect has to explain, for no form is quite right."""
 MATERIAL = 0.05
 """The least part of the deviance on data held out that has to go."""
+AT_END = 0.08
+"""Part of the screw within which a place is at its end."""
+SAME = 0.97
+"""Part of the drop that a simple effect must bring to stand for a richer one of the same physics."""
 BLIND = 0.02
 """A signature of which less than this part remains cannot be told from the free parameters."""
 
@@ -34,11 +42,16 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate added to a fit: what it explains, and how it stands on data held out."""
+    """A candidate added to a fit.
+
+    `drop` of the deviance and the `least` that is asked; `held_out`, the part of the deviance on data held
+    out that goes; `kept`, the part of its signature that the free parameters cannot make up.
+    """
 
     candidate: Candidate
     fit: Fit
     drop: float
+    least: float
     held_out: float
     kept: float
 
@@ -50,7 +63,7 @@ class Trial:
     @property
     def accepted(self) -> bool:
         """Whether it explains enough, on data held out as well, within its bounds."""
-        return self.score >= ACCEPT and self.held_out >= MATERIAL and not self.fit.at_bound
+        return self.score >= self.least and self.held_out >= MATERIAL and not self.fit.at_bound
 
 
 @dataclass(frozen=True)
@@ -83,36 +96,37 @@ def search(
     chosen: list[Trial] = []
     ranking: tuple[Trial, ...] = ()
     while len(chosen) < MOST_EFFECTS:
-        trials = tried(problem, fit, found, [t.candidate for t in chosen])
+        trials = tried(null, fit, found, [t.candidate for t in chosen])
         ranking = ranking or trials
         progress(f"effects found: {len(chosen)}", 0.3 + 0.2 * len(chosen))
-        best = next((t for t in trials if t.accepted), None)
+        best = _best(trials)
         if best is None:
             break
         chosen.append(best)
         fit = best.fit
-    fit, chosen = _pruned(problem, fit, chosen)
+    fit, chosen = _pruned(null, fit, chosen)
     progress("rivals", 0.9)
     rivals: list[tuple[Trial, ...]] = [ranking] if len(chosen) == 1 else []
     for i in range(len(chosen) if len(chosen) > 1 else 0):
-        fit, chosen, trials = _exchanged(problem, fit, chosen, i, found)
+        fit, chosen, trials = _exchanged(null, fit, chosen, i, found)
         rivals.append(trials)
     return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind)
 
 
 def _exchanged(
-    problem: Problem, fit: Fit, chosen: list[Trial], number: int, found: Sequence[Signature]
+    null: Fit, fit: Fit, chosen: list[Trial], number: int, found: Sequence[Signature]
 ) -> tuple[Fit, list[Trial], tuple[Trial, ...]]:
     """Put the best in the place of a chosen effect while the others stand; give its rivals as well."""
     others = [t.candidate for j, t in enumerate(chosen) if j != number]
+    problem = null.problem
     base = without(problem, fit, number)
-    now, chosen = chosen[number], list(chosen)
-    trials = tried(problem, base, found, others)
+    now = chosen[number]
+    trials = tried(null, base, found, others)
     own = [t for t in trials if t.candidate.name == now.candidate.name]
     if not own or own[0].fit.deviance > fit.deviance:  # begun elsewhere, it ended worse
-        mine = Trial(now.candidate, fit, base.deviance - fit.deviance, now.held_out, now.kept)
+        mine = replace(now, fit=fit, drop=base.deviance - fit.deviance)
         trials = tuple(sorted([mine, *(t for t in trials if t not in own)], key=lambda t: -t.score))
-    best = next((t for t in trials if t.accepted), trials[0])
+    best = _best(trials) or trials[0]
     if best.candidate.name != now.candidate.name and best.accepted:
         chosen = [t for j, t in enumerate(chosen) if j != number]
         chosen.insert(number, best)
@@ -131,17 +145,18 @@ def _in_order(fit: Fit, number: int, before: int) -> Fit:
 
 
 def tried(
-    problem: Problem, base: Fit, found: Sequence[Signature], present: Sequence[Candidate]
+    null: Fit, base: Fit, found: Sequence[Signature], present: Sequence[Candidate]
 ) -> tuple[Trial, ...]:
     """Fit the most promising candidates beside a fit in earnest; the best first."""
+    least = max(ACCEPT, FORM * (null.deviance - base.deviance))
     best: dict[str, Promise] = {}
     for p in promises(base, [s for s in found if not _taken(s.candidate, present)]):
         name = p.signature.candidate.name
         if p.kept >= BLIND and (name not in best or p.drop > best[name].drop):
             best[name] = p
     order = sorted(best.values(), key=lambda p: -p.drop)[: FITTED if not present else FITTED_LATER]
-    worthwhile = [p for p in order if p.drop > 0.25 * ACCEPT]
-    trials = [_try(problem, base, p) for p in worthwhile]
+    worthwhile = [p for p in order if p.drop > 0.25 * least]
+    trials = [_try(base, p, least) for p in worthwhile]
     return tuple(sorted(trials, key=lambda t: -t.score))
 
 
@@ -154,14 +169,14 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
     return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
 
 
-def _try(problem: Problem, base: Fit, promise: Promise) -> Trial:
+def _try(base: Fit, promise: Promise, least: float) -> Trial:
     """Fit a candidate in earnest, from the promised strength on."""
     candidate, index = promise.signature.candidate, len(base.config.effect)
     effect = candidate.effect(candidate.shapes[promise.signature.shape], promise.strength)
     config = base.config.model_copy(update={"effect": (*base.config.effect, effect)})
-    fit = fit_effects(problem, config, (*base.parameters, *candidate.parameters(index)))
-    before = held_out(base)
-    return Trial(candidate, fit, base.deviance - fit.deviance, 1 - held_out(fit) / before, promise.kept)
+    fit = fit_effects(base.problem, config, (*base.parameters, *candidate.parameters(index)))
+    drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
+    return Trial(candidate, fit, drop, least, share, promise.kept)
 
 
 def held_out(fit: Fit) -> float:
@@ -170,30 +185,60 @@ def held_out(fit: Fit) -> float:
     fold = problem.evidence.fold
     for number in range(problem.evidence.folds):
         mine, others = fold == number, (fold >= 0) & (fold != number)
-        step = _step(problem, fit, others)
+        step = _step(fit, others)
         rest = fit.residual[mine] - fit.jacobian[mine] @ step
-        total += float(np.sum(problem.marginal(mine)(rest) ** 2))
+        total += float(np.sum(fit.marginal(mine)(rest) ** 2))
     return total
 
 
-def _step(problem: Problem, fit: Fit, rows: BoolArray) -> FloatArray:
+def _step(fit: Fit, rows: BoolArray) -> FloatArray:
     """The Gauss-Newton step of all parameters on some rows, no longer than half of a parameter's scale."""
-    marginal = problem.marginal(rows)
+    marginal = fit.marginal(rows)
     A, b = marginal(fit.jacobian[rows]), marginal(fit.residual[rows])
     step = np.linalg.lstsq(A, b, rcond=1e-8)[0]
     return np.clip(step, -0.5, 0.5)
 
 
-def _pruned(problem: Problem, fit: Fit, chosen: list[Trial]) -> tuple[Fit, list[Trial]]:
+def _best(trials: Sequence[Trial]) -> Trial | None:
+    """The best accepted trial; one of fewer parameters in its place, where both come down to the same."""
+    accepted = [t for t in trials if t.accepted]
+    if not accepted:
+        return None
+    same = [t for t in accepted if same_physics(t, accepted[0])]
+    return same[0] if same and same[0].drop > SAME * accepted[0].drop else accepted[0]
+
+
+def same_physics(simple: Trial, rich: Trial) -> bool:
+    """Whether a trial with more parameters comes down to a simple one: at an end, or over the whole screw."""
+    effect, other = rich.fit.config.effect[-1], simple.candidate
+    L = rich.fit.config.screw.length_m
+    if isinstance(effect, LocalHeat):
+        return (other.kind, other.target) == ("motor_heat", _end(effect.position_m, L))
+    if isinstance(effect, UnevenConvection):
+        if _end(effect.from_m, L) and _end(effect.from_m, L) == _end(effect.to_m, L):
+            return (other.kind, other.target) == ("end_conduction", _end(effect.to_m, L))
+        whole = effect.to_m - effect.from_m > (1 - AT_END) * L
+        return whole and other.kind == "surface_convection"
+    return False
+
+
+def _end(position_m: float, length_m: float) -> str | None:
+    """The end that a place belongs to, if any."""
+    if position_m < AT_END * length_m:
+        return "left"
+    return "right" if position_m > (1 - AT_END) * length_m else None
+
+
+def _pruned(null: Fit, fit: Fit, chosen: list[Trial]) -> tuple[Fit, list[Trial]]:
     """Leave out effects that the others have made needless, the least needed first."""
     while len(chosen) > 1:
-        less = [without(problem, fit, i) for i in range(len(chosen))]
+        less = [without(null.problem, fit, i) for i in range(len(chosen))]
         costs = [
             f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.scales) - 1)
             for f, t in zip(less, chosen, strict=True)
         ]
         least = int(np.argmin(costs))
-        if costs[least] >= ACCEPT:
+        if costs[least] >= max(ACCEPT, FORM * (null.deviance - less[least].deviance)):
             break
         fit, chosen = less[least], [t for i, t in enumerate(chosen) if i != least]
     return fit, chosen

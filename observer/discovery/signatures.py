@@ -10,13 +10,13 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import BY_KIND, Candidate
-from observer.discovery.hypothesis import Fit, Problem
+from observer.discovery.hypothesis import Fit, Problem, told_lags
 from observer.frames import FloatArray
 
 
 @dataclass(frozen=True)
 class Signature:
-    """The change (n,) of the used rows with one shape of a candidate, whitened, tolerances marginalised."""
+    """The whitened change (n,) of the prediction with one shape of a candidate."""
 
     candidate: Candidate
     shape: int
@@ -28,15 +28,13 @@ class Promise:
     """What a signature promises beside a fit.
 
     `strength` is that of the shape which explains most within the bounds, `drop` the fall of the deviance it
-    would bring. `kept` is the part of the signature that the free parameters cannot make up, `rest` (n,) that
-    part itself.
+    would bring; `kept` is the part of the signature that the free parameters cannot make up.
     """
 
     signature: Signature
     strength: float
     drop: float
     kept: float
-    rest: FloatArray
 
 
 def signatures(problem: Problem, config: Config, candidates: Sequence[Candidate]) -> list[Signature]:
@@ -46,9 +44,7 @@ def signatures(problem: Problem, config: Config, candidates: Sequence[Candidate]
         for kind, group in groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
         for entry in _changes(problem, config, kind, tuple(group))
     ]
-    used = problem.evidence.used
     columns = problem.evidence.whitened(np.column_stack([change for _, _, change in changes]))
-    columns = problem.marginal(used)(columns[used])
     return [
         Signature(candidate, shape, column)
         for (candidate, shape, _), column in zip(changes, columns.T, strict=True)
@@ -58,20 +54,26 @@ def signatures(problem: Problem, config: Config, candidates: Sequence[Candidate]
 
 def promises(base: Fit, found: Sequence[Signature]) -> list[Promise]:
     """Return what each signature promises beside a fit."""
-    J = base.problem.marginal(base.problem.evidence.used)(base.jacobian[base.problem.evidence.used])
-    Q, _ = np.linalg.qr(J)
-    columns = np.column_stack([s.change for s in found])
-    rest = columns - Q @ (Q.T @ columns)
-    rest = rest - Q @ (Q.T @ rest)  # twice is enough (Giraud, Langou & Rozložník 2005)
-    length, left = np.linalg.norm(columns, axis=0), np.linalg.norm(rest, axis=0)
-    along = rest.T @ base.remainder
-    out = []
-    for j, s in enumerate(found):
-        low, high = s.candidate.strengths(s.candidate.shapes[s.shape])
-        best = float(along[j] / max(left[j] ** 2, 1e-12))
-        strength = min(max(best, low), high)
-        drop = strength * (2 * float(along[j]) - strength * float(left[j] ** 2))
-        out.append(Promise(s, strength, drop, float(left[j] / length[j]), rest[:, j]))
+    out: list[Promise] = []
+    problem, used = base.problem, base.problem.evidence.used
+    by_tolerance: dict[frozenset[str], list[Signature]] = {}
+    for s in found:
+        by_tolerance.setdefault(told_lags(base.config, s.candidate.kind, s.candidate.target), []).append(s)
+    for told, group in by_tolerance.items():
+        marginal = problem.marginal(used, told)
+        Q, _ = np.linalg.qr(marginal(base.jacobian[used]))
+        remainder = marginal(base.residual[used])
+        price = base.deviance - float(np.sum(remainder**2))
+        columns = marginal(np.column_stack([s.change for s in group])[used])
+        rest = columns - Q @ (Q.T @ columns)
+        rest = rest - Q @ (Q.T @ rest)  # twice is enough (Giraud, Langou & Rozložník 2005)
+        length, left = np.linalg.norm(columns, axis=0), np.linalg.norm(rest, axis=0)
+        along = rest.T @ remainder
+        for j, s in enumerate(group):
+            low, high = s.candidate.strengths(s.candidate.shapes[s.shape])
+            strength = min(max(float(along[j] / max(left[j] ** 2, 1e-12)), low), high)
+            drop = price + strength * (2 * float(along[j]) - strength * float(left[j] ** 2))
+            out.append(Promise(s, strength, drop, float(left[j] / length[j])))
     return out
 
 
@@ -86,10 +88,11 @@ def _changes(
         return problem.predicted(more) - here
 
     if BY_KIND[kind].targets == "sensor":  # each moves its own sensor only: all at once
-        whole = change(*(c.effect(c.shapes[0]) for c in group))
         names = [s.name for s in config.sensor]
-        for c in group:
-            yield c, 0, np.where(problem.evidence.sensor == names.index(str(c.target)), whole, 0.0)
+        for i in range(len(group[0].shapes)):
+            whole = change(*(c.effect(c.shapes[i]) for c in group))
+            for c in group:
+                yield c, i, np.where(problem.evidence.sensor == names.index(str(c.target)), whole, 0.0)
         return
     for c in group:
         if kind == "uneven_convection":  # a stretch is the sum of its cells, as long as it is weak

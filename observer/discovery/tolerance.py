@@ -7,12 +7,15 @@ hypothesis, at a price (a Gaussian prior), and is neither reported nor written b
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 
 from observer.config import Config
 from observer.effects.film import UnevenConvection
 from observer.effects.sensing import SensorLag
+
+Kind = Literal["screw", "place", "lag"]
 
 MATERIAL = 0.02
 """Conductivity and heat capacity as printed in tables."""
@@ -25,25 +28,26 @@ LAG_S = 4.0
 """A thermocouple's own lag."""
 
 
-def tolerances(config: Config) -> Iterator[tuple[Config, bool]]:
-    """Yield the configuration changed by one standard deviation of a tolerance, and whether that is one
-    tolerance for each sensor, all changed at once.
+def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
+    """Yield the configuration changed by one standard deviation of a tolerance, and of what it is one.
+
+    "place" and "lag" are one for each sensor, all changed at once.
     """
     screw = config.screw
     for key in ("conductivity_W_mK", "specific_heat_J_kgK"):
         value = getattr(screw, key) * (1 + MATERIAL)
-        yield config.model_copy(update={"screw": screw.model_copy(update={key: value})}), False
+        yield config.model_copy(update={"screw": screw.model_copy(update={key: value})}), "screw"
     inward = [PLACE_M if s.position_m < screw.length_m / 2 else -PLACE_M for s in config.sensor]
     moved = [
         s.model_copy(update={"position_m": s.position_m + by})
         for s, by in zip(config.sensor, inward, strict=True)
     ]
-    yield config.model_copy(update={"sensor": tuple(moved)}), True
+    yield config.model_copy(update={"sensor": tuple(moved)}), "place"
     film = config.surface.convection_W_m2K
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             extra = UnevenConvection(kind="uneven_convection", from_m=a, to_m=b, extra_W_m2K=UNEVEN * film)
-            yield config.model_copy(update={"effect": (*config.effect, extra)}), False
+            yield config.model_copy(update={"effect": (*config.effect, extra)}), "screw"
     lags = [SensorLag(kind="sensor_lag", target=s.name, time_constant_s=LAG_S) for s in config.sensor]
-    yield config.model_copy(update={"effect": (*config.effect, *lags)}), True
+    yield config.model_copy(update={"effect": (*config.effect, *lags)}), "lag"

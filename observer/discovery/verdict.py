@@ -9,22 +9,18 @@ from typing import Literal
 from observer.discovery.candidates import Candidate
 from observer.discovery.hypothesis import Fit
 from observer.discovery.proof import Proof
-from observer.discovery.search import Search, Trial
-from observer.effects.film import UnevenConvection
-from observer.effects.heat import LocalHeat
+from observer.discovery.search import FORM, Search, same_physics
 
 Kind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
 
-UNFIT = 0.6
+UNFIT = 0.45
 """Mean squared whitened error beyond which something is left that no effect explains."""
-PROOF_UNFIT = 1.2
+PROOF_UNFIT = 0.6
 """The same on data held back, which the parameters were not fitted to."""
 WITHIN_REACH = 12.0
 """A rival whose score is no further below the winner's cannot be told from it."""
 WITHIN_SHARE = 0.02
 """The same as a share of the winner's own drop, for the model's form is never quite right."""
-AT_END = 0.06
-"""Part of the screw within which a place is at its end."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +41,10 @@ class Verdict:
 def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     """Weigh a search; `lacking` says what the logs do not hold."""
     fit = search.fit
-    unfit = goodness(fit) > UNFIT or proof.goodness > PROOF_UNFIT
+    form = FORM * (goodness(search.null) - goodness(fit))
+    unfit = goodness(fit) > UNFIT + form or proof.goodness > PROOF_UNFIT + 2 * form
     if unfit or proof.worse:
-        where = "on data held back" if goodness(fit) <= UNFIT else "in what was fitted"
+        where = "in what was fitted" if goodness(fit) > UNFIT + form else "on data held back"
         reason = f"an error remains {where} that no effect of the library, nor three together, explains"
         return Verdict("unknown", fit, (), (), reason)
     if not search.chosen and lacking:
@@ -78,36 +75,7 @@ def alternatives(search: Search) -> tuple[tuple[tuple[Candidate, ...], ...], tup
         reach = max(WITHIN_REACH, WITHIN_SHARE * winner.drop)
         for rival in trials:
             near = winner.score - rival.score <= reach and rival.accepted
-            if near and not _same_physics(winner, rival):
+            if near and not same_physics(winner, rival):
                 sets.append(tuple(rival.candidate if j == i else c for j, c in enumerate(chosen)))
                 fits.append(rival.fit)
     return tuple(sets), tuple(fits)
-
-
-def _same_physics(winner: Trial, rival: Trial) -> bool:
-    """Whether a rival with more parameters comes down to the winner: at an end, or over the whole screw."""
-    config = rival.fit.config
-    effect, other = config.effect[-1], winner.candidate
-    L = config.screw.length_m
-    if isinstance(effect, LocalHeat):
-        end = (
-            "left"
-            if effect.position_m < AT_END * L
-            else "right"
-            if effect.position_m > (1 - AT_END) * L
-            else ""
-        )
-        return other.kind == "motor_heat" and other.target == end
-    if isinstance(effect, UnevenConvection):
-        if _end(effect.from_m, L) and _end(effect.from_m, L) == _end(effect.to_m, L):
-            return (other.kind, other.target) == ("end_conduction", _end(effect.to_m, L))
-        whole = effect.to_m - effect.from_m > (1 - AT_END) * L
-        return whole and other.kind == "surface_convection"
-    return False
-
-
-def _end(position_m: float, length_m: float) -> str | None:
-    """The end that a place belongs to, if any."""
-    if position_m < AT_END * length_m:
-        return "left"
-    return "right" if position_m > (1 - AT_END) * length_m else None

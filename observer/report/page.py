@@ -109,7 +109,7 @@ tr { break-inside: avoid; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 14px 0 0; }
 .tiles div { background: var(--raised); border-radius: 8px; padding: 10px 16px; flex: 1 1 150px; }
 dt { color: var(--quiet); font-size: 14px; }
-dd { margin: 0; font-size: 20px; font-weight: 600; overflow-wrap: anywhere; }
+dd { margin: 0; font-size: 18px; font-weight: 600; overflow-wrap: anywhere; }
 .bar { display: inline-block; width: 70px; height: 9px; background: var(--faint); border-radius: 4px;
   overflow: hidden; }
 .bar i { display: block; height: 100%; background: var(--after); }

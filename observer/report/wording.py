@@ -50,8 +50,8 @@ REGRESSORS = {
     "none": "nothing in the logs",
 }
 SUPERSCRIPT = str.maketrans("23", "²³")
-SURE_SIGMA = 5.0
-"""A test that sets two answers apart by less may leave the doubt as it is."""
+SURE_SIGMA, HOPELESS_SIGMA = 5.0, 1.0
+"""A test that sets two answers apart by less may leave the doubt as it is, or is sure to."""
 
 
 def as_sentences(result: dict[str, Any]) -> Iterator[str]:
@@ -62,7 +62,8 @@ def as_sentences(result: dict[str, Any]) -> Iterator[str]:
         yield f"  {name_of(effect)}: {values}"
     happened = event_of(result)
     if happened is not None:
-        yield f"{event_sentence(happened, f'log {happened["log"]}')}."
+        log = f"log {happened['log']}"
+        yield f"{event_sentence(happened, log)}."
     if result["experiment"] is not None:
         yield f"{experiment_sentence(result['experiment'])}."
     yield f"{gap_sentence(result)}."
@@ -108,7 +109,9 @@ def gap_sentence(result: dict[str, Any]) -> str:
     before, after, given = (kelvin(gap[f"{key}_rms_K"]) for key in ("before", "after", "as_given"))
     noise = f"noise alone: {kelvin(gap['floor_rms_K'])}"
     if gap["before_rms_K"] == gap["after_rms_K"]:
-        return f"On data held back the calibrated model is off by {after} rms (as configured: {given}; {noise})"
+        return (
+            f"On data held back the calibrated model is off by {after} rms (as configured: {given}; {noise})"
+        )
     with_what = {
         "ambiguous": " with the first of them",
         "unknown": " with the best that the library offers",
@@ -124,7 +127,7 @@ def event_of(result: dict[str, Any]) -> dict[str, Any] | None:
 def event_sentence(event: dict[str, Any], log: str) -> str:
     """Where, when, and by how many watts something happened, without a full stop."""
     heat, wide = abs(event["heat_W"]), 1.96 * event["heat_sigma_W"]
-    watts = interval(heat, heat - wide, heat + wide)
+    watts = f"{heat:.{_digits(wide)}f} ± {wide:.{_digits(wide)}f}"
     more = "more" if event["heat_W"] > 0 else "less"
     above = "above" if event["mean_K"] > 0 else "below"
     return (
@@ -137,10 +140,13 @@ def event_sentence(event: dict[str, Any], log: str) -> str:
 def experiment_sentence(experiment: dict[str, Any]) -> str:
     """The test that would tell, and how surely, without a full stop."""
     sigma = experiment["separation_sigma"]
+    if sigma < HOPELESS_SIGMA:
+        return "None of the usual test cycles would tell; another sensor or a measured input is needed"
     doubt = "" if sigma >= SURE_SIGMA else ", which may not be enough"
+    apart = f"{sigma:.1f}" if sigma < 100 else "more than 100"
     return (
         f"A test of {duration_text(experiment['duration_s'])} would tell: {experiment['description']}; it sets "
-        f"the answers {sigma:.3g} standard deviations apart{doubt}"
+        f"the answers {apart} standard deviations apart{doubt}"
     )
 
 
@@ -157,10 +163,15 @@ def measured(parameter: dict[str, Any]) -> str:
 
 def interval(value: float, low: float, high: float) -> str:
     """A value and its 95 % interval, to the digits that the interval leaves."""
-    width = high - low
-    digits = min(max(1 - floor(log10(width / 2)), 0), 9) if width > 0 else None
-    shown = [f"{x:.3g}" if digits is None else f"{x:.{digits}f}" for x in (value, low, high)]
-    return f"{shown[0]} ({shown[1]} … {shown[2]})"
+    if high <= low:
+        return f"{value:.3g}"
+    digits = _digits((high - low) / 20)  # one more than the half width asks for
+    return f"{value:.{digits}f} ({low:.{digits}f} … {high:.{digits}f})"
+
+
+def _digits(uncertainty: float) -> int:
+    """The decimals that show an uncertainty to one digit."""
+    return min(max(-floor(log10(uncertainty)), 0), 9) if uncertainty > 0 else 3
 
 
 def unit_text(unit: str) -> str:
@@ -170,4 +181,6 @@ def unit_text(unit: str) -> str:
 
 def kelvin(value_K: float) -> str:
     """A difference of temperatures to two or three digits."""
-    return f"{value_K:.3g} K" if abs(value_K) >= 1 else f"{value_K:.2g} K"
+    if abs(value_K) >= 100:
+        return f"{value_K:.0f} K"
+    return f"{value_K:#.3g} K" if abs(value_K) >= 1 else f"{value_K:#.2g} K"

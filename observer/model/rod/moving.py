@@ -129,7 +129,7 @@ def _average(  # type: ignore[no-untyped-def]
             share, a_m, b_m, turn_m = 1.0, sample_m[i], sample_m[i], sample_m[i]
             if not np.isnan(scalars[1]):
                 since_s = sample_s[i] - scalars[0]
-                turn_m = _turn(scalars, sample_m[i], since_s)
+                turn_m = turn(scalars, sample_m[i], since_s)
                 if along_path:
                     share, a_m = since_s, scalars[1]
                 else:
@@ -178,7 +178,7 @@ def _told(scalars, dt_s, sample_s, sample_m, begin, end, stroke_m):  # type: ign
 
 
 @numba.njit(cache=True)
-def _turn(scalars, there_m, since_s):  # type: ignore[no-untyped-def]
+def turn(scalars, there_m, since_s):  # type: ignore[no-untyped-def]
     """Where the nut turned on its way from the last sample; the new place itself, if it came straight."""
     here_m, before_m_s, speed_m_s = scalars[1], scalars[2], scalars[3]
     if since_s <= 0.0:

@@ -1,13 +1,13 @@
 """Where a nut turns round: the ends of the stroke it really makes, and its columns while it stands there.
 
-The stroke of the configuration is the longest; a machine may run over part of it. The ends are the extremes
-of the sampled positions over the last one to two minutes.
+The stroke of the configuration is the longest; a machine may run over part of it. The ends are the places of
+the last reversal on either side, found as the folded path finds them.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numba
 import numpy as np
@@ -17,25 +17,24 @@ from observer.frames import FloatArray
 from observer.model.rod import moving
 from observer.model.rod.moving import NutTable
 
-WINDOW_S = 60.0
-LEAST_SAMPLES = 20.0
-
 
 @dataclass(frozen=True, slots=True)
 class TurnState:
-    """The extremes of a nut's positions: `current` of the window since `since_s` with its number of samples,
-    and `before` of the one before it, each (low, high) in m, NaN while not known.
+    """What is remembered of a nut: last sample, velocity over the step to it (0 unless at full speed), recent
+    largest speed, and the places `low_m`, `high_m` where it turned last, NaN while not known.
     """
 
-    current_m: tuple[float, float]
-    before_m: tuple[float, float]
-    since_s: float
-    samples: float
+    time_s: float
+    position_m: float
+    velocity_m_s: float
+    speed_m_s: float
+    low_m: float
+    high_m: float
 
 
 def start() -> TurnState:
     """Return the state before the first position is known."""
-    return TurnState((np.nan, np.nan), (np.nan, np.nan), np.nan, 0.0)
+    return TurnState(np.nan, np.nan, 0.0, 0.0, np.nan, np.nan)
 
 
 def columns(
@@ -50,29 +49,32 @@ def columns(
     last step, the input columns (K, n_x) and the output columns of the source's lag (K, R); those of the
     nut spread over its stroke while no position is known.
     """
-    scalars = np.array([*state.current_m, *state.before_m, state.since_s, state.samples])
+    scalars = np.array(astuple(state))
     ends_m = np.empty((len(dt_s), 2))
     _follow(scalars, *path, ends_m)
     B, C = np.empty((len(dt_s), len(table.mean_B))), np.empty((len(dt_s), len(table.mean_C)))
     new = np.flatnonzero(np.append(True, np.any(ends_m[1:] != ends_m[:-1], axis=1)))
     for begin, end in itertools.pairwise([*new.tolist(), len(dt_s)]):
-        known = np.isfinite(ends_m[begin, 0])
+        known = np.isfinite(ends_m[begin]).all()
         own = moving.standing(table, ends_m[begin].tolist()) if known else (table.mean_B, table.mean_C)
         B[begin:end], C[begin:end] = own
-    low, high, low_before, high_before, since_s, samples = (float(value) for value in scalars)
-    return TurnState((low, high), (low_before, high_before), since_s, samples), B, C
+    time_s, position_m, velocity_m_s, speed_m_s, low_m, high_m = scalars.tolist()
+    return TurnState(time_s, position_m, velocity_m_s, speed_m_s, low_m, high_m), B, C
 
 
 @numba.njit(cache=True)
 def _follow(scalars, sample_s, sample_m, offset, ends_m):  # type: ignore[no-untyped-def]
-    """Fill in the extremes known at each step, (K, 2); `scalars` is the state, changed in place."""
+    """Note where the nut turns; `scalars` are those of `TurnState`, in its order."""
     for k in range(len(ends_m)):
         for i in range(offset[k], offset[k + 1]):
-            position, first = sample_m[i], np.isnan(scalars[0])
-            if first or (sample_s[i] - scalars[4] >= WINDOW_S and scalars[5] >= LEAST_SAMPLES):
-                scalars[2] = position if first else scalars[0]
-                scalars[3] = position if first else scalars[1]
-                scalars[0], scalars[1], scalars[4], scalars[5] = position, position, sample_s[i], 0.0
-            scalars[0], scalars[1] = min(scalars[0], position), max(scalars[1], position)
-            scalars[5] += 1.0
-        ends_m[k, 0], ends_m[k, 1] = min(scalars[0], scalars[2]), max(scalars[1], scalars[3])
+            since_s, before = sample_s[i] - scalars[0], scalars[2]
+            if since_s > 0.0:
+                fade = np.exp(-since_s / (2 * moving.MEMORY_S))
+                scalars[3] = max(scalars[3] * fade, abs(sample_m[i] - scalars[1]) / since_s)
+                turn_m = moving.turn(scalars, sample_m[i], since_s)
+                if before * scalars[2] < 0.0:
+                    if turn_m == sample_m[i]:  # it turned at the sample before
+                        turn_m = scalars[1]
+                    scalars[4 if before < 0.0 else 5] = turn_m
+            scalars[0], scalars[1] = sample_s[i], sample_m[i]
+        ends_m[k, 0], ends_m[k, 1] = scalars[4], scalars[5]

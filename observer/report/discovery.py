@@ -1,0 +1,346 @@
+"""`report.html`: what a discovery found, on one page that is read in two minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.coarse import TICK_S, TICKS_IN_MEAN
+from observer.discovery.discover import Discovery
+from observer.discovery.evidence import PROOF, UNUSED
+from observer.discovery.result import effects_of
+from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER
+from observer.frames import FloatArray
+from observer.report import panels_discovery as panels
+from observer.report.page import (
+    Html,
+    code,
+    document,
+    figure,
+    paragraph,
+    safe,
+    section,
+    share,
+    table,
+    tiles,
+)
+from observer.report.style import duration_text
+from observer.report.wording import (
+    PHASES,
+    REGRESSORS,
+    as_sentences,
+    event_of,
+    event_sentence,
+    experiment_sentence,
+    gap_sentence,
+    headline,
+    interval,
+    joined,
+    kelvin,
+    lack_of,
+    measured,
+    name_of,
+    unit_text,
+)
+
+__all__ = ["as_sentences", "write_discovery_report"]
+
+PLACES = 5
+"""How many of the worst places are told."""
+PANELS = 6
+"""How many sensors share a drawing, so that paper holds it."""
+LEAST_SIGMA = 5.0
+"""The scale of errors reaches this many times a sensor's noise at least, lest noise look like a gap."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What is compared: two configurations as before and after, what each is, and their errors (n,) in K.
+
+    Without any effect added, before is as configured and after is calibrated.
+    """
+
+    added: tuple[str, ...]
+    before: str
+    after: str
+    before_K: FloatArray
+    after_K: FloatArray
+
+
+def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> None:
+    """Write the page about a discovery; `result` is the content of its `result.json`, `logs` the names."""
+    shown = _shown(found)
+    machine = found.problem.config.machine
+    parts = [
+        _header(f"{machine.name}, axis {machine.axis}", result, logs),
+        _doubt(found, result),
+        _maps(found, result, shown, logs),
+        _proof(found, result, shown, logs),
+        _candidates(found, result),
+        _parameters(found, result),
+        _limits(found, result, logs),
+    ]
+    page = document(f"{headline(result)} – {machine.name}, axis {machine.axis}", parts)
+    path.write_text(page, encoding="utf-8")
+
+
+def _shown(found: Discovery) -> Shown:
+    problem, fit, null = found.problem, found.verdict.fit, found.search.null
+    names = tuple(name_of(effect) for effect in effects_of(fit))
+
+    def error_K(config: Config) -> FloatArray:
+        return np.asarray(problem.evidence.measured_degC - problem.predicted(config))
+
+    if names:
+        what = f"calibrated, with {joined(names)}"
+        return Shown(names, "calibrated, no effect added", what, error_K(null.config), error_K(fit.config))
+    return Shown((), "as configured", "calibrated", error_K(problem.config), error_K(fit.config))
+
+
+def _header(machine: str, result: dict[str, Any], logs: Sequence[str]) -> Html:
+    gap = result["gap"]
+    first = (
+        ("as configured", "as_given") if gap["before_rms_K"] == gap["after_rms_K"] else ("before", "before")
+    )
+    facts = [
+        (f"Gap on data held back, {first[0]} → now", _arrow(gap[f"{first[1]}_rms_K"], gap["after_rms_K"])),
+        ("Noise of the sensors alone", kelvin(gap["floor_rms_K"])),
+        ("Logs", str(len(logs))),
+    ]
+    facts += [(name_of(e), _values(e)) for e in result["effects"]]
+    happened = event_of(result)
+    where = "" if happened is None else f" {event_sentence(happened, logs[happened['log'] - 1])}."
+    sure = "" if result["verdict"] in ("named", "none") else ' class="doubt"'
+    return Html(
+        f'<header{sure}><p class="of">{safe(machine)}: what the model lacks</p>'
+        f"<h1>{safe(headline(result))}.</h1>{paragraph(f'{gap_sentence(result)}.{where}')}"
+        f"{tiles(facts)}</header>"
+    )
+
+
+def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
+    """The answers between which these logs cannot decide, and the test that would."""
+    problem, fits = found.problem, found.verdict.fits
+    proof = problem.evidence.proof
+    rows = []
+    for fit in fits if result["verdict"] == "ambiguous" else ():
+        error_K = (problem.evidence.measured_degC - problem.predicted(fit.config))[proof]
+        effects = effects_of(fit)
+        lacks = joined([lack_of(e["kind"], e["target"]) for e in effects])
+        names = Html(", ".join(code(name_of(e)) for e in effects))
+        rows.append([lacks, names, _lines([_values(e) for e in effects]), kelvin(_rms(error_K))])
+    test = result["experiment"]
+    return section(
+        "What would tell" if test is not None else "Answers that explain the logs equally well",
+        table(["The model may lack", "effect", "parameters (95 %)", "gap left"], rows, (3,)),
+        paragraph(f"{experiment_sentence(test)}.") if test is not None else Html(""),
+    )
+
+
+def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence[str]) -> Html:
+    config, evidence = found.problem.config, found.problem.evidence
+    sensors = [s.name for s in config.sensor]
+    tracks = panels.tracks_of(evidence, logs, {"before": shown.before_K, "after": shown.after_K})
+    event, box = found.event, None
+    if event is not None:
+        box = panels.Box(event.run, sensors.index(event.sensor), event.from_s, event.to_s)
+    least_K = LEAST_SIGMA * float(np.median([s.noise_K for s in config.sensor]))
+    headings = {"before": f"Before: {shown.before}", "after": f"After: {shown.after}"}
+    drawn = panels.residual_maps(tracks, sensors, headings, least_K, box)
+    framed = " The frame marks what no effect explains." if box is not None else ""
+    caption = (
+        "Each row is a sensor, each column half a minute; both maps have one scale. Vermilion: measured is "
+        f"warmer than predicted; blue: colder. The strip says what was fitted and what is proof.{framed}"
+    )
+    places = [p for p in result["where"] if p["regressor"] != "event"][:PLACES]
+    rows = [
+        [
+            p["sensor"],
+            PHASES.get(p["phase"], p["phase"]),
+            _signed(p["mean_K"]),
+            kelvin(p["rms_K"]),
+            f"{REGRESSORS.get(p['regressor'], p['regressor'])}: "
+            + interval(p["correlation"], *p["correlation_ci95"]),
+        ]
+        for p in places
+    ]
+    heads = ["Sensor", "while", "mean error", "rms", "goes with (correlation, 95 %)"]
+    note = "Where the calibrated model without any added effect is most wrong, on the data used for fitting:"
+    return section(
+        "Where and when prediction and measurement disagree",
+        figure(drawn, caption),
+        paragraph(note, "note") if rows else Html(""),
+        table(heads, rows, (2, 3)),
+    )
+
+
+def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence[str]) -> Html:
+    config, evidence = found.problem.config, found.problem.evidence
+    proof = evidence.proof
+    run = int(evidence.run[proof][0])
+    measured_degC = evidence.measured_degC
+    rows = {
+        "measured": measured_degC,
+        "before": measured_degC - shown.before_K,
+        "after": measured_degC - shown.after_K,
+    }
+    track = panels.tracks_of(evidence, logs, rows)[run]
+    lines = {"measured": "measured", "before": shown.before, "after": shown.after}
+    titles, cells = [], []
+    for s, sensor in enumerate(config.sensor):
+        mine = proof & (evidence.sensor == s)
+        name = panels.shortened(sensor.name, 24)
+        if not mine.any():
+            titles.append(f"{name}: no data")
+            continue
+        before_K, after_K = _rms(shown.before_K[mine]), _rms(shown.after_K[mine])
+        floor_K = result["gap"]["per_sensor"][sensor.name]["floor_rms_K"]
+        titles.append(f"{name}, °C: {_arrow(before_K, after_K)} rms")
+        cells.append([sensor.name, f"{sensor.position_m:g} m", *map(kelvin, (before_K, after_K, floor_K))])
+    drawn = [
+        figure(panels.comparisons(track, lines, titles[i : i + PANELS], i), _caption(i, logs[run]))
+        for i in range(0, len(titles), PANELS)
+    ]
+    heads = ["Sensor", "at", f"gap, {shown.before}", f"gap, {shown.after}", "noise alone"]
+    return section(
+        "Measured against predicted, on data that took no part in fitting or choosing",
+        *drawn,
+        table(heads, cells, (1, 2, 3, 4)),
+    )
+
+
+def _caption(first: int, log: str) -> str:
+    return f"The proof, in {log}. Predictions run open loop: no reading corrects them." if first == 0 else ""
+
+
+def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
+    """The ranking of the first round, and how each of several effects stood against the next best."""
+    named = {t.candidate.name for t in found.search.chosen}
+    rows = [
+        [
+            Html(f"{code(name_of(t))}<br>{safe(lack_of(t['kind'], t['target']))}"),
+            _values(t),
+            f"{t['evidence']:,.0f}",
+            share(t["held_out_share"]),
+            _standing(t, named),
+        ]
+        for t in result["ranking"]
+    ]
+    note = (
+        "Evidence is the fall of the misfit (twice the log-likelihood) when the effect is added and everything "
+        f"fitted anew. To be accepted an effect must earn {ACCEPT:.0f}, and {PER_PARAMETER:.0f} more for each "
+        f"parameter beyond its first; explain {100 * MATERIAL:.0f} % of the misfit on parts of the logs it "
+        "was not fitted to; and stay off its bounds."
+    )
+    heads = ["Candidate, alone", "parameters (95 %)", "evidence", "explains, held out", ""]
+    more = [
+        [code(trials[0].candidate.name), f"{trials[0].drop:,.0f}", *_next_best(trials[1:])]
+        for trials in found.search.rivals
+        if len(named) > 1
+    ]
+    heads_more = ["Effect, beside the others", "evidence", "next best in its place", "evidence"]
+    return section(
+        "Candidates",
+        paragraph(
+            note if rows else "No effect of the library promised to explain anything that is left.", "note"
+        ),
+        table(heads, rows, (2,)),
+        table(heads_more, more, (1, 3)),
+    )
+
+
+def _standing(trial: dict[str, Any], named: set[str]) -> str:
+    if name_of(trial) in named:
+        return "chosen"
+    if trial["at_bound"]:
+        return "at a bound"
+    return "explains less" if trial["accepted"] else "too little"
+
+
+def _next_best(trials: Sequence[Any]) -> tuple[str, str]:
+    return (code(trials[0].candidate.name), f"{trials[0].drop:,.0f}") if trials else ("none", "")
+
+
+def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
+    problem = found.problem
+    given = dict(zip(problem.keys, problem.free_values(problem.config).tolist(), strict=True))
+    rows = [
+        [code(f"{name_of(e)}: {key}"), interval(p["value"], *p["ci95"]), unit_text(p["unit"]), "new"]
+        for e in result["effects"]
+        for key, p in e["parameters"].items()
+    ]
+    rows += [
+        [code(key), interval(p["value"], *p["ci95"]), unit_text(p["unit"]), f"{given[key]:.4g}"]
+        for key, p in result["calibrated"].items()
+    ]
+    written = " They stand in config.toml beside this page." if result["verdict"] == "named" else ""
+    note = f"Fitted all together, with 95 % intervals.{written}"
+    return section(
+        "Parameters",
+        paragraph(note, "note"),
+        table(["Parameter", "value (95 %)", "unit", "as configured"], rows, (1, 3)),
+    )
+
+
+def _limits(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
+    """What each log was used for, what was missing in it, and what the logs cannot show."""
+    evidence = found.problem.evidence
+    rows = []
+    for i, (name, run) in enumerate(zip(logs, found.problem.forward.runs, strict=True)):
+        mine = evidence.run == i
+        possible = run.ticks.measured_degC.size
+        minutes = [_duration(evidence.time_s, mine & rows_) for rows_ in _roles(evidence.fold)]
+        rows.append(
+            [name, duration_text(run.run.duration_s), *minutes, f"{100 * (1 - mine.sum() / possible):.1f} %"]
+        )
+    blind = result["not_told"]
+    if blind:
+        names = Html(", ".join(code(name) for name in blind))
+        told = Html(f"These logs cannot show {names}: the calibrated parameters could make up all of it.")
+    else:
+        told = Html("Every effect of the library would show in these logs if it were strong enough.")
+    heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
+    note = (
+        "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "
+        "that one tells nothing of the other."
+    )
+    return section(
+        "What was not used for fitting, and what these logs cannot show",
+        table(heads, rows, (1, 2, 3, 4, 5)),
+        paragraph(note, "note"),
+        paragraph(told),
+    )
+
+
+def _roles(fold: Any) -> tuple[Any, Any, Any]:
+    return fold >= 0, fold == PROOF, fold == UNUSED
+
+
+def _duration(time_s: FloatArray, rows: Any) -> str:
+    """How long the half minutes of some rows last together."""
+    return duration_text(len(np.unique(time_s[rows])) * TICK_S * TICKS_IN_MEAN) if rows.any() else "–"
+
+
+def _values(effect: dict[str, Any]) -> Html:
+    return _lines([f"{key} {measured(p)}" for key, p in effect["parameters"].items()])
+
+
+def _lines(parts: Sequence[str]) -> Html:
+    return Html("<br>".join(map(safe, parts)))
+
+
+def _arrow(before_K: float, after_K: float) -> str:
+    return f"{kelvin(before_K)} → {kelvin(after_K)}"
+
+
+def _signed(value_K: float) -> str:
+    return ("+" if value_K > 0 else "−") + kelvin(abs(value_K))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,309 @@
+"""The drawings of a discovery's report, as SVG that takes the colours of the page it stands in."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from html import escape
+from io import StringIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from observer.discovery.coarse import TICK_S, TICKS_IN_MEAN
+from observer.discovery.evidence import PROOF, UNUSED, Evidence
+from observer.frames import FloatArray
+from observer.report.style import CATEGORIES, FAINT, INK, QUIET, RC, elapsed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MEAN_S = TICK_S * TICKS_IN_MEAN
+WIDTH = 9.4
+"""Of a drawing in inches, at 72 units of SVG each."""
+LEFT, RIGHT, BETWEEN = 1.05, 0.1, 0.1
+COLD, WARM = (0x2B, 0x83, 0xC4), (0xD9, 0x64, 0x1C)
+"""Blue below and vermilion above zero, of a lightness that shows on white and on black."""
+PAGE, LINE, AFTER, BEFORE = "#fefefe", RC["axes.edgecolor"], CATEGORIES[0], CATEGORIES[1]
+FOLLOWS = {
+    INK: "currentColor",
+    QUIET: "var(--quiet)",
+    FAINT: "var(--faint)",
+    LINE: "var(--line)",
+    PAGE: "var(--page)",
+    AFTER: "var(--after)",
+    BEFORE: "var(--before)",
+}
+"""What the page's colours replace."""
+SVG_RC = RC | {
+    "svg.fonttype": "none",
+    "image.composite_image": False,
+    "text.parse_math": False,
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 9.0,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "legend.fontsize": 9.5,
+}
+ROLES = {PROOF: "proof", UNUSED: "left out"}
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One log on a regular grid of half minutes: its name, `role` (b,) (a fold, PROOF or UNUSED), and values
+    (s, b) by name, NaN where there is no mean.
+    """
+
+    name: str
+    role: FloatArray
+    values: dict[str, FloatArray]
+
+    @property
+    def time_s(self) -> FloatArray:
+        """When each half minute ends, (b,)."""
+        return MEAN_S * np.arange(1.0, len(self.role) + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A stretch of one sensor's row to point out."""
+
+    run: int
+    sensor: int
+    from_s: float
+    to_s: float
+
+
+def tracks_of(evidence: Evidence, logs: Sequence[str], rows: dict[str, FloatArray]) -> tuple[Track, ...]:
+    """Lay rows (n,) of the evidence out by log, sensor and time."""
+    sensors = int(evidence.sensor.max()) + 1
+    column = np.rint(evidence.time_s / MEAN_S).astype(np.int64) - 1
+    tracks = []
+    for i, name in enumerate(logs):
+        mine = evidence.run == i
+        length = int(column[mine].max(initial=0)) + 1
+        role = np.full(length, np.nan)
+        role[column[mine]] = evidence.fold[mine]
+        values = {key: np.full((sensors, length), np.nan) for key in rows}
+        for key, grid in values.items():
+            grid[evidence.sensor[mine], column[mine]] = rows[key][mine]
+        tracks.append(Track(name, role, values))
+    return tuple(tracks)
+
+
+def residual_maps(
+    tracks: Sequence[Track], sensors: Sequence[str], maps: dict[str, str], least_K: float, box: Box | None
+) -> str:
+    """Draw errors, sensor by time, all logs side by side, one map under another on one scale.
+
+    `maps` gives the values to show with their headings; the scale reaches at least `least_K`.
+    """
+    row = min(max(1.5 / len(sensors), 0.24), 3.6 / len(sensors))
+    tall, head, gap, foot = row * len(sensors), 0.62, 0.34, 0.95
+    height = head + len(maps) * (tall + gap) + foot
+    limit_K = scale_limit([t.values[key] for t in tracks for key in maps], least_K)
+    hours = max(len(t.role) for t in tracks) * MEAN_S > 4 * 3600.0
+    with _drawing(height) as figure:
+        for i, (track, left, width) in enumerate(_lanes(tracks)):
+            _head(_axes(figure, left, 0.0, width, head - 0.02), track, width, names=len(tracks) < 13)
+            for m, (key, heading) in enumerate(maps.items()):
+                top = head + gap + m * (tall + gap)
+                axes = _axes(figure, left, top, width, tall)
+                _map(axes, track, key, limit_K, 3600.0 if hours else 60.0)
+                _rows_named(axes, sensors if i == 0 else [""] * len(sensors), row)
+                axes.tick_params(labelbottom=m == len(maps) - 1, length=2)
+                axes.locator_params(axis="x", nbins=max(1, min(7, round(width / 0.55))))
+                if i == 0:
+                    axes.text(
+                        0, 1 + 0.07 / tall, heading, transform=axes.transAxes, va="bottom", weight="bold"
+                    )
+                if box is not None and box.run == i:
+                    _outline(axes, box, 3600.0 if hours else 60.0)
+        _scale(figure, height, limit_K, f"time since the start of each log, {'h' if hours else 'min'}")
+        return _svg(figure, "maps", "Measured less predicted, sensor by time")
+
+
+def comparisons(track: Track, lines: dict[str, str], titles: Sequence[str], first: int) -> str:
+    """Draw measured and predicted on the proof, a panel with a title for each sensor from number `first` on.
+
+    `lines` says what is drawn: keys of the track's values and their names.
+    """
+    panel, head = 1.75, 0.34
+    rows = (len(titles) + 1) // 2
+    proof = track.role == PROOF
+    begin = int(np.argmax(proof))
+    t, unit = elapsed(np.concatenate([[0.0], track.time_s]))
+    t = t[1:]
+    wide = (WIDTH - 2 * 0.5 - RIGHT) / 2
+    with _drawing(head + rows * panel + 0.2) as figure:
+        for i, title in enumerate(titles):
+            left = 0.45 + (i % 2) * (wide + 0.5)
+            axes = _axes(figure, left, head + (i // 2) * panel + 0.32, wide, panel - 0.66)
+            for key, style in zip(lines, _STYLES, strict=False):
+                values = np.where(proof, track.values[key][first + i], np.nan)
+                axes.plot(t[begin:], values[begin:], **style)
+            axes.set_xlim(t[begin] if begin else 0.0, t[-1])
+            axes.set_title(title, pad=4)
+            axes.locator_params(axis="y", nbins=4)
+            axes.tick_params(labelbottom=i + 2 >= len(titles), length=2)
+            if i + 2 >= len(titles):
+                axes.set_xlabel(f"time since the start of the log, {unit}", color=QUIET, fontsize=8.5)
+        handles = figure.axes[0].get_lines()
+        place = (0.45 / WIDTH, 1.0)
+        figure.legend(
+            handles, list(lines.values()), loc="upper left", bbox_to_anchor=place, ncols=3, borderaxespad=0
+        )
+        return _svg(figure, f"proof{first}", "Measured and predicted on the proof")
+
+
+_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": INK, "lw": 2.6, "alpha": 0.4},
+    {"color": BEFORE, "lw": 1.2, "ls": (0, (4, 2))},
+    {"color": AFTER, "lw": 1.3},
+)
+
+
+def scale_limit(values: Sequence[FloatArray], least_K: float) -> float:
+    """The end of a scale that nearly all values lie within, a round number."""
+    size = np.concatenate([np.abs(v[np.isfinite(v)]) for v in values])
+    most = max(float(np.quantile(size, 0.995)) if len(size) else 0.0, least_K)
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(next(r * power for r in (1, 1.5, 2, 3, 4, 5, 7.5, 10) if r * power >= 0.999 * most))
+
+
+def coloured(error_K: FloatArray, limit_K: float) -> FloatArray:
+    """Colours (s, b, 4): blue below zero, vermilion above, the page itself at zero and where NaN."""
+    part = np.clip(np.nan_to_num(error_K) / limit_K, -1.0, 1.0)
+    colour = np.where(part[..., None] < 0, COLD, WARM) / 255.0
+    return np.asarray(np.concatenate([colour, np.abs(part)[..., None]], axis=-1))
+
+
+def shortened(name: str, most: int) -> str:
+    """A name of at most so many characters, its middle left out."""
+    keep = max(most - 1, 2)
+    return name if len(name) <= most else f"{name[: (keep + 1) // 2]}…{name[len(name) - keep // 2 :]}"
+
+
+def _lanes(tracks: Sequence[Track]) -> list[tuple[Track, float, float]]:
+    """Every log with its left edge and its width in inches, in proportion to duration but for short ones."""
+    length = np.array([len(t.role) for t in tracks], dtype=float)
+    room = WIDTH - LEFT - RIGHT - BETWEEN * (len(tracks) - 1)
+    width = np.maximum(length / length.sum(), 0.4 / len(tracks))
+    width *= room / width.sum()
+    left = LEFT + np.concatenate([[0.0], np.cumsum(width + BETWEEN)[:-1]])
+    return list(zip(tracks, left.tolist(), width.tolist(), strict=True))
+
+
+def _head(axes: Axes, track: Track, width: float, *, names: bool) -> None:
+    """The name of a log over a strip that says what each part of it was used for."""
+    axes.axis("off")
+    axes.set(xlim=(0, len(track.role)), ylim=(0, 1))
+    if names:
+        axes.text(0, 0.98, shortened(track.name, int(width / 0.085)), va="top", weight="bold")
+    known = np.flatnonzero(np.isfinite(track.role))
+    kind = np.where(track.role[known] >= 0, 0, track.role[known])
+    starts = np.flatnonzero(np.diff(kind, prepend=np.nan) != 0)
+    for first, after in zip(starts, np.append(starts[1:], len(kind)), strict=True):
+        begin, end = float(known[first]), float(known[after - 1] + 1)
+        role = ROLES.get(int(kind[first]), "fitted")
+        proof = role == "proof"
+        axes.axvspan(begin, end, 0.02, 0.48, fc=INK if proof else FAINT, ec="none")
+        if (end - begin) / len(track.role) * width > 0.085 * len(role):
+            axes.text(
+                (begin + end) / 2, 0.24, role, ha="center", va="center", fontsize=8.5,
+                color=PAGE if proof else INK,
+            )  # fmt: skip
+
+
+def _map(axes: Axes, track: Track, key: str, limit_K: float, unit_s: float) -> None:
+    error_K = track.values[key]
+    sensors, length = error_K.shape
+    end = length * MEAN_S / unit_s
+    axes.imshow(coloured(error_K, limit_K), extent=(0, end, sensors, 0), aspect="auto", interpolation="none")
+    axes.grid(visible=False)
+    for s in range(1, sensors):
+        axes.axhline(s, color=PAGE, lw=1.5)
+    for s, row in enumerate(np.isfinite(error_K)):
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], row, [True]]).astype(int)))
+        spans = [
+            (a * end / length, (b - a) * end / length) for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
+        if spans:
+            axes.broken_barh(spans, (s + 0.08, 0.84), fc="none", ec=QUIET, hatch="////", lw=0)
+
+
+def _rows_named(axes: Axes, names: Sequence[str], row: float) -> None:
+    size = min(9.0, 60 * row)
+    shown = [shortened(n, int(LEFT / (0.0092 * size))) for n in names]
+    axes.set_yticks(np.arange(len(names)) + 0.5, shown, fontsize=size)
+    axes.tick_params(axis="y", length=0)
+
+
+def _outline(axes: Axes, box: Box, unit_s: float) -> None:
+    """A frame around what is pointed out."""
+    from matplotlib.patches import Rectangle  # noqa: PLC0415 - slow to import
+
+    start, width = box.from_s / unit_s, (box.to_s - box.from_s) / unit_s
+    axes.add_patch(Rectangle((start, box.sensor), width, 1, fc="none", ec=INK, lw=1.6, clip_on=False))
+
+
+def _scale(figure: Figure, height: float, limit_K: float, time: str) -> None:
+    """The key of the colours, and what the time is."""
+    figure.text(LEFT / WIDTH, 0.62 / height, time, color=QUIET, fontsize=8.5, va="center")
+    axes = _axes(figure, LEFT + 2.3, height - 0.5, 2.6, 0.16)
+    values = np.linspace(-limit_K, limit_K, 101)[None, :]
+    axes.imshow(
+        coloured(values, limit_K), extent=(-limit_K, limit_K, 0, 1), aspect="auto", interpolation="none"
+    )
+    axes.grid(visible=False)
+    axes.set_yticks([])
+    ticks = limit_K * np.array([-1, -0.5, 0, 0.5, 1])
+    axes.set_xticks(ticks, [f"{x:+.3g}" if x else "0" for x in ticks])
+    axes.tick_params(length=2)
+    beside = {"va": "center", "transform": axes.transAxes}
+    axes.text(-0.03, 0.5, "measured − predicted, K", ha="right", **beside)
+    axes.text(1.03, 0.5, "hatched: no data", ha="left", color=QUIET, **beside)
+
+
+def _axes(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
+    """Axes by inches from the left and the top."""
+    whole = figure.get_figheight()
+    return figure.add_axes((left / WIDTH, 1 - (top + height) / whole, width / WIDTH, height / whole))
+
+
+@contextmanager
+def _drawing(height: float) -> Iterator[Figure]:
+    """An empty figure, `height` inches high, in the style of a page."""
+    import matplotlib as mpl  # noqa: PLC0415 - slow to import
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    with mpl.rc_context(SVG_RC), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # names are drawn by the browser's fonts
+        yield Figure(figsize=(WIDTH, height))
+
+
+def _svg(figure: Figure, name: str, label: str) -> str:
+    """The figure as SVG for the inside of a page: its colours, no outside names, ids of its own."""
+    import matplotlib as mpl  # noqa: PLC0415 - slow to import
+    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
+
+    buffer = StringIO()
+    with mpl.rc_context({"svg.hashsalt": name}):
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+    drawn = buffer.getvalue()
+    drawn = drawn[drawn.index("<svg") :]
+    root, inside = drawn.split(">", 1)
+    view = re.search(r'viewBox="[^"]*"', root)
+    assert view is not None, "matplotlib gives every drawing a view box"
+    for ink, follows in FOLLOWS.items():
+        inside = inside.replace(f": {ink.lower()}", f": {follows}")
+    inside = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", inside)
+    return f'<svg role="img" aria-label="{escape(label)}" {view[0]}>{inside}'.strip()
