@@ -1,4 +1,4 @@
-"""Logs of known heats, from the finite volumes: Li's axis warming and cooling, and Lathe's spindle."""
+"""Logs of known heats, from the finite volumes: Li's axis, with its nut moving and without, Lathe's spindle."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 
 from observer.config import Config
 from observer.frames import FloatArray, Inputs
+from observer.logs import Log
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from tests.reference.cases import config_of
-from tests.truth.bar import Bar, Mesh, band_share, point_share
+from tests.reference.service_path import log_of
+from tests.truth.bar import Bar, Mesh, band_share, nut_share, point_share, shuttle_m, substep_times
 from tests.truth.rod import Heat, simulate
 
 CELLS = 300
@@ -55,11 +57,13 @@ class HeatCase:
             moving_B=np.zeros((K, 0, len(plant.decay_1_s))),
             moving_C=np.zeros((K, 0, len(plant.rows.C))),
             degraded=np.zeros(K, dtype=bool),
+            loss_1_s=np.zeros(K),
+            loss_degC=np.zeros(K),
         )
 
 
-def li_case(steps: int = 1000, step_s: float = 6.0, modes: int = 8) -> HeatCase:
-    """An hour of running, 40 min of cooling: the nut's heat peaks at the start and decays, as Li finds it."""
+def standing_case(steps: int = 1000, step_s: float = 6.0, modes: int = 8) -> HeatCase:
+    """Li's axis with the nut's heat spread over the stroke, so that every method can take it."""
     bar = Bar(0.6, 0.032, 45.0, 7850.0, 475.0, 12.0)
     mesh = Mesh(bar.length_m, CELLS)
     time_s = step_s * np.arange(steps + 1)
@@ -86,9 +90,62 @@ def li_case(steps: int = 1000, step_s: float = 6.0, modes: int = 8) -> HeatCase:
     return _case(bar, sources, sensor_m, truth.time_s, heats, truth.temperature_degC[:, :, 0], step_s, modes)
 
 
+LI_STEP_S, LI_RUN_S, LI_END_S = 0.5, 3600.0, 6000.0
+LI_CELLS = 150
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """A log and the heats (K, m) behind it, mean over the step that ends at each row."""
+
+    log: Log
+    heat_W: FloatArray
+
+
+def li_experiment(config: Config, traverse_m_s: float, seed: int) -> Experiment:
+    """Li's experiment on the axis of `config`: an hour to and fro, 40 min of standstill, 0.1 K of noise.
+
+    The heats start above what the configuration's laws say, the nut's 80 % and the bearings' 50 %, and decay
+    to them in ten minutes and a quarter of an hour.
+    """
+    screw, nut = config.screw, config.source[0]
+    bar = Bar(
+        screw.length_m, screw.diameter_m, screw.conductivity_W_mK, screw.density_kg_m3,
+        screw.specific_heat_J_kgK, config.surface.convection_W_m2K,
+    )  # fmt: skip
+    mesh, time_s = Mesh(bar.length_m, LI_CELLS), np.arange(0.0, LI_END_S + LI_STEP_S, LI_STEP_S)
+    rpm = 60.0 * traverse_m_s / nut.lead_m
+    middle_s = time_s[1:] - LI_STEP_S / 2
+    laws_W = (
+        nut.share * nut.torque_Nm * rpm * np.pi / 30.0,
+        *(s.heat_W_rpm * rpm for s in config.source[1:]),
+    )
+    heats = [
+        np.where(middle_s < LI_RUN_S, law_W * (1.0 + peak * np.exp(-middle_s / tau_s)), 0.0)
+        for law_W, peak, tau_s in zip(laws_W, (0.8, 0.5, 0.5), (600.0, 900.0, 900.0), strict=True)
+    ]
+
+    def nut_at(t_s: FloatArray) -> FloatArray:
+        return shuttle_m(np.minimum(t_s, LI_RUN_S), *nut.stroke_m, traverse_m_s)
+
+    share = nut_share(mesh, nut.length_m, nut_at(substep_times(time_s, 10)))
+    ends = [Heat(point_share(mesh, x), q, end) for x, q, end in zip(
+        (0.0, bar.length_m), heats[1:], ("left", "right"), strict=True)]  # fmt: skip
+    places = np.array([s.position_m for s in config.sensor])
+    ambient = config.ambient.temperature_degC
+    truth = simulate(
+        bar, mesh, time_s, [Heat(share, heats[0]), *ends], places, ambient_degC=ambient, initial_degC=ambient
+    )
+    shown = truth.temperature_degC[:, :, 0]
+    shown = shown + 0.1 * np.random.default_rng(seed).standard_normal(shown.shape)
+    columns = {s.channel: shown[:, i] for i, s in enumerate(config.sensor)}
+    columns |= {"nut_position_m": nut_at(time_s), "screw_speed_rpm": np.where(time_s < LI_RUN_S, rpm, 0.0)}
+    return Experiment(log_of(time_s, columns), np.vstack([[q[0] for q in heats], np.column_stack(heats)]))
+
+
 SPINDLE = Bar(0.8, 0.07, 44.5, 7850.0, 475.0, 20.0)
 FRONT_M, REAR_M = 0.25, 0.6
-NEAR_M, FAR_M = (0.25, 0.6), (0.7, 0.8)
+NEAR_M, MORE_M, FAR_M = (0.25, 0.6), (0.22, 0.25, 0.6, 0.63), (0.7, 0.8)
 
 
 def lathe_case(sensor_m: tuple[float, ...], steps: int = 240, step_s: float = 60.0) -> HeatCase:
