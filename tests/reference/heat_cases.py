@@ -1,4 +1,4 @@
-"""Logs of known heats, from the finite volumes: Li's axis, with its nut moving and without, Lathe's spindle."""
+"""Logs of known heats by the finite volumes: Li's axis, its nut moving or spread out; Lathe's spindle."""
 
 from __future__ import annotations
 
