@@ -203,7 +203,7 @@ def identify(
     more = {"config": config.digest, "method": options.method} | _verdicts(config, log)
     with results_in(output) as part:
         summary = write_history(part, machine.plant.layout, history, log, more)
-        samples = HistorySamples.of(config, history, blocks)
+        samples = HistorySamples.of(machine.plant.estimated, history, blocks)
         write_heat_history(
             part / "heat.png", config, samples, f"heats in {log_path.name}", f"by {options.method}"
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators.history import HeatHistory
-from observer.frames import FloatArray, Inputs
+from observer.frames import BoolArray, FloatArray, Inputs
 from observer.report.collect import Decimator
 from observer.report.overview import page_of
 from observer.report.panels import Z95, key_of, limits_of
@@ -42,9 +42,11 @@ class HistorySamples:
     residual_rms_K: FloatArray
 
     @classmethod
-    def of(cls, config: Config, history: HeatHistory, blocks: Iterable[Inputs]) -> HistorySamples:
-        """Thin a history, and the inputs it was made from, to what a page can show."""
-        estimated = np.array([s.estimate for s in config.source])
+    def of(cls, estimated: BoolArray, history: HeatHistory, blocks: Iterable[Inputs]) -> HistorySamples:
+        """Thin a history, and the inputs it was made from, to what a page can show.
+
+        `estimated` (m,) says which of the inputs' sources the history has.
+        """
         rows, begin = Decimator(), 0
         for block in blocks:
             here = slice(begin, begin + len(block))

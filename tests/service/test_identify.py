@@ -14,13 +14,13 @@ from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar, End
 
 
-def _config():
+def _config(**tables):
     left, right = point("left", 0.0, initial_sigma_W=20.0), point("right", 1.0, initial_sigma_W=20.0)
     for source in (left, right):
         del source["power_channel"]
     return config_of(
         Bar(), [left, right], [0.0, 1.0], sensor_m=(0.1, 0.9), ends=(End(), End()),
-        ambient={"temperature_degC": 20.0}, estimator={"period_s": 5.0}, model={"modes": 8},
+        ambient={"temperature_degC": 20.0}, estimator={"period_s": 5.0}, model={"modes": 8}, **tables,
     )  # fmt: skip
 
 
@@ -44,6 +44,13 @@ def test_columns_are_those_of_the_contract_and_rows_those_of_the_log(tmp_path):
     assert read.channels == ("heat_left_W", "heat_left_sigma_W", "heat_right_W", "heat_right_sigma_W")
     np.testing.assert_array_equal(read.time_s, read_log(log).time_s)
     assert np.isfinite(read.values).all()
+
+
+def test_a_heat_that_an_effect_adds_is_known_and_not_among_those_found(tmp_path):
+    log = _log(tmp_path / "log.csv")
+    config = _config(effect=[{"kind": "local_heat", "position_m": 0.5, "heat_W": 3.0}])
+    summary = app.identify(log, config, tmp_path / "out", MethodOptions(), progress=lambda _text: None)
+    assert set(summary["heat_mean_W"]) == {"left", "right"}
 
 
 def test_what_is_not_known_is_an_empty_cell_and_the_summary_leaves_it_out(tmp_path):
