@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import daemon, kalman_step, replaying, simulated_hour, table, transport
+from benchmarks import daemon, heat_history, kalman_step, replaying, simulated_hour, table, transport
 
 NOTE = "One BLAS thread; ratios are taken within this run."
 
@@ -23,13 +23,16 @@ def main() -> None:
     """Measure, print, and write a file only if asked."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--output", type=Path, help="also write the rows to this CSV file")
-    parser.add_argument("--only", nargs="+", metavar="PART", help="of step replay hour transport daemon")
+    parser.add_argument(
+        "--only", nargs="+", metavar="PART", help="of step replay hour history transport daemon"
+    )
     parser.add_argument("--daemon-seconds", type=float, default=30.0, help="how long the daemon is watched")
     options = parser.parse_args()
     parts: dict[str, Callable[[], list[table.Result]]] = {
         "step": kalman_step.results,
         "replay": replaying.results,
         "hour": simulated_hour.results,
+        "history": heat_history.results,
         "transport": transport.results,
         "daemon": partial(daemon.results, options.daemon_seconds),
     }

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config, load
+from observer.config import Config, Output, load
 from observer.endpoints import refuse_taken
-from observer.errors import ConfigError, LogError
+from observer.errors import ConfigError, LogError, UserError
 from observer.estimators import build_estimator
+from observer.estimators.options import MethodOptions
 from observer.estimators.protocol import Estimator
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
 from observer.logs import Log, read_log, suffix_of
@@ -139,13 +140,9 @@ def replay(
     """
     from observer.report.collect import Collector
     from observer.report.overview import write_overview
-    from observer.service.can_log import is_can_recording, read_can_log
     from observer.service.replay import estimates_of, write_results
 
-    if is_can_recording(log_path):
-        log = read_can_log(log_path, config)
-    else:
-        log = read_log(log_path, config.channels, accept_truncated=accept_truncated)
+    log = _recorded(log_path, config, accept_truncated=accept_truncated)
     machine = Machine.of(config)
     estimator = machine.estimator()
     collector = Collector(config)
@@ -162,6 +159,54 @@ def replay(
             part, suffix, estimator.layout, blocks(), log, config.digest, _verdicts(config, log) | open_loop
         )
         write_overview(part / "overview.png", config, collector.samples(), f"replay of {log_path.name}")
+    return summary
+
+
+def _recorded(path: Path, config: Config, *, accept_truncated: bool) -> Log:
+    """Read a log, or a recording of a CAN bus."""
+    from observer.service.can_log import is_can_recording, read_can_log
+
+    if is_can_recording(path):
+        return read_can_log(path, config)
+    return read_log(path, config.channels, accept_truncated=accept_truncated)
+
+
+def identify(
+    log_path: Path,
+    config: Config,
+    output: Path,
+    options: MethodOptions,
+    *,
+    accept_truncated: bool = False,
+    progress: Callable[[str], None],
+) -> dict[str, Any]:
+    """Estimate the heats over a whole log at once; write `heat.csv`, `summary.json` and `heat.png`.
+
+    Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
+    """
+    from observer.estimators.identify import heat_history
+    from observer.report.heat_history import HistorySamples, write_heat_history
+    from observer.service.identify import inputs_of, write_history
+
+    options.check()
+    progress("reading the log")
+    log = _recorded(log_path, config, accept_truncated=accept_truncated)
+    # no field is reported, so the inputs of a long log need not carry its rows
+    ends_only = Output(positions_m=(0.0, config.screw.length_m))
+    machine = Machine.of(config.model_copy(update={"output": ends_only}))
+    blocks = inputs_of(log, machine.plan, machine.drive)
+    progress(options.method)
+    try:
+        history = heat_history(machine.plant, config.estimator, blocks, options)
+    except UserError as error:
+        raise LogError(f"{log_path}: {error}") from None
+    more = {"config": config.digest, "method": options.method} | _verdicts(config, log)
+    with results_in(output) as part:
+        summary = write_history(part, machine.plant.layout, history, log, more)
+        samples = HistorySamples.of(machine.plant.estimated, history, blocks)
+        write_heat_history(
+            part / "heat.png", config, samples, f"heats in {log_path.name}", f"by {options.method}"
+        )
     return summary
 
 

@@ -6,7 +6,7 @@ import json
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -118,10 +118,58 @@ def replay(
     typer.echo(f"{summary['rows']} estimates over {summary['duration_s']:.6g} s: {quality}")
     for name, mean_W in summary["heat_mean_W"].items():
         typer.echo(f"  {name}: {'unknown' if mean_W is None else f'{mean_W:.2f} W'} on average")
-    for name, regime in summary["nut_path"].items():
-        if regime != "path":
-            typer.echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
+    _warn_of_paths(summary["nut_path"])
     typer.echo(f"written to {output}: estimates.{format.value}, summary.json, overview.png")
+
+
+@app.command()
+def identify(
+    log: Annotated[
+        Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
+    ],
+    config: ConfigOption,
+    output: OutputOption,
+    method: Annotated[
+        Literal["smoother", "tikhonov", "conjugate-gradient"], typer.Option(help="How the heats are found.")
+    ] = "smoother",
+    regularisation: Annotated[
+        float | None,
+        typer.Option(help="Weight of the prior, 1 as configured; else chosen by the method."),
+    ] = None,
+    parameter_choice: Annotated[
+        Literal["discrepancy", "gcv", "l-curve", "ico"] | None,
+        typer.Option(help="How tikhonov chooses that weight; gcv by default."),
+    ] = None,
+    order: Annotated[
+        int | None,
+        typer.Option(min=0, max=1, help="Prior: 0 each heat by itself, 1 heats that walk (default)."),
+    ] = None,
+    gradient: Annotated[
+        Literal["adjoint", "central-differences"] | None,
+        typer.Option(help="Of the conjugate gradients; adjoint by default."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
+    accept_truncated: Annotated[bool, typer.Option(help="Drop a last row that was cut off.")] = False,
+) -> None:
+    """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
+    from observer import app as parts
+    from observer.config import load
+    from observer.estimators.options import MethodOptions
+    from observer.report.progress import saying
+
+    options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
+    with saying("identify") as progress:
+        summary = parts.identify(
+            log, load(config), output, options, accept_truncated=accept_truncated, progress=progress
+        )
+    typer.echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")
+    for name, mean_W in summary["heat_mean_W"].items():
+        sigma_W = summary["heat_sigma_mean_W"][name]
+        typer.echo(f"  {name}: {mean_W:.2f} W on average, σ {sigma_W:.2f} W at a time")
+    for sentence in summary["warnings"]:
+        typer.echo(f"warning: {sentence}", err=True)
+    _warn_of_paths(summary["nut_path"])
+    typer.echo(f"written to {output}: heat.csv, summary.json, heat.png")
 
 
 _REGIMES = {
@@ -130,6 +178,12 @@ _REGIMES = {
     "undetermined": "the position of {name} is sampled in step with its motion, so its path is not in the "
     "log; record it faster, at least ten samples a traverse",
 }
+
+
+def _warn_of_paths(regimes: dict[str, str]) -> None:
+    for name, regime in regimes.items():
+        if regime != "path":
+            typer.echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
 
 
 @app.command()

@@ -19,6 +19,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         return
     # Imported here, because a worker's import of the product belongs to its tests.
     from observer import app, config
+    from observer.estimators.smoother import smooth_heats
     from observer.service.align import Aligner
     from observer.service.pipeline import Pipeline
 
@@ -27,3 +28,5 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         estimator = settings.estimator.model_copy(update={"kind": kind})
         machine = app.Machine.of(settings.model_copy(update={"estimator": estimator}))
         Pipeline(machine.drive, machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
+    _, nothing = machine.drive.run(machine.drive.initial(), Aligner(machine.plan).tick(0.0))
+    smooth_heats(machine.plant, settings.estimator, [nothing])

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from observer.config import Config
 from observer.frames import FloatArray
@@ -21,6 +21,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH_PX, HEIGHT_PX, DPI = 1600, 1200, 100
+
+
+class Sampled(Protocol):
+    """Whatever a page shows: `time_s` (n,), samples of `steps` steps."""
+
+    @property
+    def time_s(self) -> FloatArray:
+        """The samples' times."""
+
+    @property
+    def steps(self) -> int:
+        """How many steps they stand for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +50,7 @@ def write_overview(path: Path, config: Config, samples: EstimateSamples, title: 
     The file is written whole or not at all.
     """
     layout, note = samples.layout, f"{100 * samples.good:.1f} % of good quality"
-    with _page(path, _heading(config, title), samples, note, (3.0, 3.2, 2.6, 2.6, 0.28)) as page:
+    with page_of(path, _heading(config, title), samples, note, (3.0, 3.2, 2.6, 2.6, 0.28)) as page:
         t, axes, keys = page.t, page.axes, page.keys
         panels.heats(
             axes[0], keys[0], t, layout.sources, samples.heat_W, samples.heat_sigma_W, samples.law_W,
@@ -67,7 +79,7 @@ def write_simulation_overview(path: Path, config: Config, samples: SimulationSam
     The file is written whole or not at all.
     """
     has_error = samples.error_um.shape[1] > 0
-    with _page(path, _heading(config, title), samples, "open loop", (2.4, 3.2, 2.6, 3.0)) as page:
+    with page_of(path, _heading(config, title), samples, "open loop", (2.4, 3.2, 2.6, 3.0)) as page:
         t, axes, keys = page.t, page.axes, page.keys
         sources = [s.name for s in realise(config).config.source]  # effects may add some
         heat = [j for j, name in enumerate(sources) if j < len(config.source) or samples.law_W[:, j].any()]
@@ -93,14 +105,14 @@ def _heading(config: Config, title: str) -> str:
 
 
 @contextmanager
-def _page(
+def page_of(
     path: Path,
     heading: str,
-    samples: EstimateSamples | SimulationSamples,
+    samples: Sampled,
     note: str,
     heights: tuple[float, ...],
 ) -> Iterator[Page]:
-    """An empty page to draw on, and its file once that is done."""
+    """Give an empty page to draw on, with panels of these heights, and write its file once that is done."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415

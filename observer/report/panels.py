@@ -34,14 +34,14 @@ def heats(
         axes.plot(t, heat_W[:, i], color=colour(i), label=name)
         if np.any(law_W[:, i]):
             axes.plot(t, law_W[:, i], color=colour(i), lw=1.0, ls=(0, (4, 2)), alpha=0.9)
-    _limits(axes, np.hstack([heat_W, law_W]))
+    limits_of(axes, np.hstack([heat_W, law_W]))
     axes.set(title="Heat entering the screw", ylabel="W")
     handles, labels = axes.get_legend_handles_labels()
     if np.any(law_W):
         handles += axes.plot([], [], color=QUIET, lw=1.0, ls=(0, (4, 2)))
         labels.append("by its law")
     handles.append(axes.fill_between([], [], color=QUIET, alpha=0.25, lw=0))
-    _key(key, handles, [*labels, "95 %"])
+    key_of(key, handles, [*labels, "95 %"])
 
 
 def laws(axes: Axes, key: Axes, t: FloatArray, names: Sequence[str], law_W: FloatArray) -> None:
@@ -49,9 +49,9 @@ def laws(axes: Axes, key: Axes, t: FloatArray, names: Sequence[str], law_W: Floa
     for i, name in enumerate(names):
         # of lines that coincide the lower one shows at both sides of the upper one
         axes.plot(t, law_W[:, i], color=colour(i), label=name, lw=1.6 + 1.4 * (len(names) - 1 - i))
-    _limits(axes, law_W)
+    limits_of(axes, law_W)
     axes.set(title="Heat entering the screw, by its laws", ylabel="W")
-    _key(key, *axes.get_legend_handles_labels())
+    key_of(key, *axes.get_legend_handles_labels())
 
 
 def field(
@@ -104,12 +104,12 @@ def at_positions(
         if sigma is not None:
             reach = Z95 * sigma[:, i]
             axes.fill_between(t, values[:, i] - reach, values[:, i] + reach, color=ink, alpha=0.2, lw=0)
-    _limits(axes, values[:, chosen])
+    limits_of(axes, values[:, chosen])
     handles, labels = axes.get_legend_handles_labels()
     if sigma is not None:
         handles.insert(0, axes.fill_between([], [], color=QUIET, alpha=0.3, lw=0))
         labels.insert(0, "95 %")
-    _key(key, handles[::-1], labels[::-1], title="at")
+    key_of(key, handles[::-1], labels[::-1], title="at")
 
 
 def surprises(
@@ -136,7 +136,7 @@ def surprises(
     gates = axes.plot([], [], color=QUIET, lw=0.7, ls=(0, (1, 2)))
     seen = [level for level in _BAD if np.any(quality == int(level))]
     bars = [axes.plot([], [], "s", ms=7, color=QUALITY[int(level)])[0] for level in seen]
-    _key(key, [*gates, *bars], [f"gate, ±{gate:g} σ", *(level.label for level in seen)])
+    key_of(key, [*gates, *bars], [f"gate, ±{gate:g} σ", *(level.label for level in seen)])
 
 
 def quality_strip(axes: Axes, key: Axes, t: FloatArray, quality: IntArray) -> None:
@@ -156,7 +156,7 @@ def quality_strip(axes: Axes, key: Axes, t: FloatArray, quality: IntArray) -> No
     axes.set_yticks([0.5], ["quality"])
     axes.grid(visible=False)
     seen = sorted({int(EstimateQuality.GOOD), *np.unique(quality).tolist()})
-    _key(key, [Patch(color=QUALITY[q]) for q in seen], [EstimateQuality(q).label for q in seen])
+    key_of(key, [Patch(color=QUALITY[q]) for q in seen], [EstimateQuality(q).label for q in seen])
 
 
 def predictions(
@@ -172,14 +172,14 @@ def predictions(
     for i, name in enumerate(names):
         axes.plot(t, measured_degC[:, i], color=colour(i), lw=0.8, alpha=0.45)
         axes.plot(t, predicted_degC[:, i], color=colour(i), label=name)
-    _limits(axes, np.hstack([predicted_degC, measured_degC]) if some else predicted_degC)
+    limits_of(axes, np.hstack([predicted_degC, measured_degC]) if some else predicted_degC)
     axes.set(
         title="Sensors: predicted (bold) and measured (faint)" if some else "Sensors, predicted", ylabel="°C"
     )
-    _key(key, *axes.get_legend_handles_labels())
+    key_of(key, *axes.get_legend_handles_labels())
 
 
-def _key(axes: Axes, handles: Sequence[Artist], labels: Sequence[str], title: str | None = None) -> None:
+def key_of(axes: Axes, handles: Sequence[Artist], labels: Sequence[str], title: str | None = None) -> None:
     """A legend alone on its axes."""
     axes.axis("off")
     axes.legend(
@@ -188,7 +188,7 @@ def _key(axes: Axes, handles: Sequence[Artist], labels: Sequence[str], title: st
     )  # fmt: skip
 
 
-def _limits(axes: Axes, values: FloatArray) -> None:
+def limits_of(axes: Axes, values: FloatArray) -> None:
     """Limits from the values themselves, so that a wide band at the start does not flatten everything."""
     if not np.isfinite(values).any():
         return  # nothing was ever known

@@ -1,4 +1,4 @@
-"""What the page about Kim's figures says is what the figures show."""
+"""What the pages about figures say is what the figures show."""
 
 from __future__ import annotations
 
@@ -16,8 +16,18 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.fixture(scope="module")
 def kim() -> ModuleType:
-    """The script that draws the figures."""
-    spec = importlib.util.spec_from_file_location("docs_figures_kim", DOCS / "figures" / "kim.py")
+    """The script that draws Kim's figures."""
+    return script("kim")
+
+
+@pytest.fixture(scope="module")
+def heat_history() -> ModuleType:
+    """The script that draws the figures of the heat histories."""
+    return script("heat_history")
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"docs_figures_{name}", DOCS / "figures" / f"{name}.py")
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)
@@ -50,9 +60,32 @@ def test_the_ball_screw_settles_within_about_twenty_steps(kim: ModuleType) -> No
     assert np.abs(run.estimate.field_degC[20:] - run.field_degC[20:]).max() < 0.05
 
 
-def test_every_figure_of_the_page_is_drawn_by_the_script() -> None:
-    page = (DOCS / "explanation" / "kims-figures.md").read_text(encoding="utf-8")
-    script = (DOCS / "figures" / "kim.py").read_text(encoding="utf-8")
-    shown = set(re.findall(r"\(\.\./figures/([\w-]+\.png)\)", page))
-    assert shown == set(re.findall(r'"([\w-]+\.png)"', script))
-    assert all((DOCS / "figures" / name).exists() for name in shown)
+def test_the_table_of_the_heat_histories(heat_history: ModuleType) -> None:
+    page = (DOCS / "explanation" / "heat-history.md").read_text(encoding="utf-8")
+    table = dict(re.findall(r"^\| ([^|]+) \| ([\d./ ]+) \| \d+ \| \d+ \|$", page, flags=re.M))
+    assert set(table) == set(heat_history.METHODS)
+    quick = {name: o for name, o in heat_history.METHODS.items() if "order 0" in name or "step" in name}
+    quick |= {"smoother": {}}
+    case = heat_history.standing_case(heat_history.STEPS, heat_history.STEP_S)
+    for row in heat_history.compare(case, range(1, 3), quick):
+        printed = [float(value) for value in table[row.method].split("/")]
+        # two logs in place of ten, and two digits on the page
+        np.testing.assert_allclose(row.error_W, printed, rtol=0.4)
+
+
+def test_ico_has_five_times_the_error_of_a_sensible_weight(heat_history: ModuleType) -> None:
+    told = heat_history.weights(heat_history.standing_case(heat_history.STEPS, heat_history.STEP_S), 1)
+    error = {name: np.interp(np.log(a), np.log(told.alpha), told.error_W) for name, a in told.chosen.items()}
+    assert error["ICO"] > 5.0 * error["GCV"]
+    assert error["ICO"] > 5.0 * error["discrepancy"]
+    assert told.chosen["ICO"] < 1e-3 * min(a for name, a in told.chosen.items() if name != "ICO")
+    assert (np.diff(told.residual_K) > -1e-9).all(), "what ICO looks at only ever falls with α"
+
+
+@pytest.mark.parametrize(("page", "name"), [("kims-figures", "kim"), ("heat-history", "heat_history")])
+def test_every_figure_of_the_page_is_drawn_by_the_script(page: str, name: str) -> None:
+    text = (DOCS / "explanation" / f"{page}.md").read_text(encoding="utf-8")
+    drawn = (DOCS / "figures" / f"{name}.py").read_text(encoding="utf-8")
+    shown = set(re.findall(r"\(\.\./figures/([\w-]+\.png)\)", text))
+    assert shown == set(re.findall(r'"([\w-]+\.png)"', drawn))
+    assert all((DOCS / "figures" / figure).exists() for figure in shown)

@@ -126,9 +126,10 @@ def inputs(plant, steps=200, seed=0, dt_s=0.5, missing=0.1, nut_m=None, uneven=F
     z = (AMBIENT_DEGC + 0.001 * (time_s - 1000.0))[:, None]
     nut_m = np.full(steps, 0.3) if nut_m is None else nut_m
     n_x, R = len(plant.decay_1_s), len(plant.rows.C)
-    places_m = np.concatenate([sensors_of(plant), plant.layout.position_m])
-    lag_1_s = plant.decay_1_s[-1]
-    columns = [source_columns(n.index, nut_m, plant.modes, m, lag_1_s, places_m) for n in plant.moving]
+    columns = []
+    for nut in plant.moving:
+        places_m = np.concatenate([sensors_of(plant), plant.layout.position_m])
+        columns.append(source_columns(nut.index, nut_m, plant.modes, m, plant.decay_1_s[-1], places_m))
     return Inputs(
         time_s=time_s,
         dt_s=dt,

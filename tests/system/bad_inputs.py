@@ -164,6 +164,20 @@ def _calibrate_to_a_file(folder: Path) -> list[str]:
     return _calibrate(text(rows(800)))(folder)
 
 
+def _identify(log: str, *more: str) -> Callable[[Path], list[str]]:
+    def arguments(folder: Path) -> list[str]:
+        (folder / "log.csv").write_text(log)
+        made = ["-c", str(write(folder, TABLE)), "-o", str(folder / "out")]
+        return ["identify", str(folder / "log.csv"), *made, *more]
+
+    return arguments
+
+
+def _identify_to_a_file(folder: Path) -> list[str]:
+    (folder / "out").write_text("mine")
+    return _identify(text(rows()))(folder)
+
+
 def _run(**changes: Any) -> Callable[[Path], list[str]]:
     return _of_config(changed(**changes), "run", "--seconds", "0.5")
 
@@ -299,6 +313,25 @@ OTHERS = [
     Case("simulate: unknown suffix", _simulate(text(rows()), "predicted.xls"), ("predicted.xls", ".csv")),
     Case("calibrate: too short", _calibrate(text(rows(2))), ("longest log", "300 s", "record")),
     Case("calibrate: output is a file", _calibrate_to_a_file, ("out", "folder")),
+    Case(
+        "identify: option of another method", _identify(text(rows()), "--order", "0"), ("--order", "smoother")
+    ),
+    Case(
+        "identify: uneven log",
+        _identify(text(rows()[:20] + rows()[25:]), "--method", "tikhonov"),
+        ("log.csv", "uneven", "--method smoother"),
+    ),
+    Case(
+        "identify: two weights",
+        _identify(text(rows()), "--method", "tikhonov", "--regularisation", "1", "--parameter-choice", "gcv"),
+        ("--regularisation", "--parameter-choice", "one of them"),
+    ),
+    Case(
+        "identify: too short",
+        _identify(text(rows(2)), "--method", "conjugate-gradient"),
+        ("log.csv", "three steps", "record"),
+    ),
+    Case("identify: output is a file", _identify_to_a_file, ("out", "folder")),
     Case("place: more than sites", _of_config(TABLE, "place", "--sensors", "9", "--spacing-m", "0.5"), ()),
     Case("run: no driver", _run(), ("t1_degC", "[drivers.")),
     Case("run: a channel without a driver", _run(drivers__tc=MODBUS), ("t2_degC", "add the channel")),
@@ -331,6 +364,7 @@ USAGE = [
     Case("unknown command", lambda f: ["guess"], ("guess",)),
     Case("no configuration", lambda f: ["check"], ("--config",)),
     Case("seconds below nothing", _of_config(TABLE, "run", "--seconds", "-1"), ("--seconds", "greater")),
+    Case("unknown method", _identify("", "--method", "magic"), ("--method", "smoother")),
     Case("no sensors to place", _of_config(TABLE, "place", "--sensors", "0"), ("--sensors", "greater")),
     Case(
         "no spacing",

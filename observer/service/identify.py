@@ -1,0 +1,80 @@
+"""The heat history of a whole log: its inputs through the live path, results as files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.errors import LogError
+from observer.estimators.history import HeatHistory
+from observer.frames import FloatArray, Inputs, Layout
+from observer.log_writer import Column, TableWriter
+from observer.logs import TIME, Log
+from observer.model.drive import Drive
+from observer.service.align import AlignPlan, frames_of_log
+
+
+def inputs_of(log: Log, plan: AlignPlan, drive: Drive) -> list[Inputs]:
+    """Return what drives the plant over a whole log, in blocks, by the path that a live reading takes."""
+    state, blocks = drive.initial(), []
+    for frames in frames_of_log(log, plan):
+        state, inputs = drive.run(state, frames)
+        blocks.append(inputs)
+    return blocks
+
+
+def write_history(
+    output: Path, layout: Layout, history: HeatHistory, log: Log, more: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write `heat.csv` and `summary.json` into `output`; return the content of the latter.
+
+    Raises `LogError` where the log holds nothing to learn a heat from.
+    """
+    if not np.isfinite(history.heat_W).any():
+        raise LogError(
+            f"{log.path}: no sensor has a value while all inputs are known, so no heat can be told; check "
+            "the sensors' channels"
+        )
+    columns: dict[str, Column] = {TIME: history.time_s}
+    for j, name in enumerate(layout.sources):
+        columns[f"heat_{name}_W"] = history.heat_W[:, j]
+        columns[f"heat_{name}_sigma_W"] = history.heat_sigma_W[:, j]
+    with TableWriter(output / "heat.csv") as writer:
+        writer.write(columns)
+    summary = _summary(layout, history, log) | dict(more)
+    document = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    (output / "summary.json").write_text(document, encoding="utf-8")
+    return summary
+
+
+def _summary(layout: Layout, history: HeatHistory, log: Log) -> dict[str, Any]:
+    names = layout.sources
+    return {
+        "log": log.path.name,
+        "rows": len(history),
+        "duration_s": float(history.time_s[-1] - history.time_s[0]),
+        "heat_mean_W": _by_name(names, history.heat_W),
+        "heat_sigma_mean_W": _by_name(names, history.heat_sigma_W),
+        "heat_peak_W": {
+            name: float(np.nanmax(heat)) for name, heat in zip(names, history.heat_W.T, strict=True)
+        },
+        "residual_rms_K": {
+            name: None if mean is None else mean**0.5
+            for name, mean in _by_name(layout.sensors, history.residual_K**2).items()
+        },
+        **history.details,
+        "warnings": list(history.warnings),
+    }
+
+
+def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | None]:
+    """The mean of each column (K, n), None where nothing is known."""
+    known = np.isfinite(values)
+    return {
+        name: float(column[here].mean()) if here.any() else None
+        for name, column, here in zip(names, values.T, known.T, strict=True)
+    }

@@ -1,0 +1,100 @@
+"""The heat history's files: every column of the contract, complete or not there."""
+
+import json
+
+import numpy as np
+import pytest
+
+from observer import app
+from observer.errors import LogError
+from observer.estimators.options import MethodOptions
+from observer.log_writer import write_log
+from observer.logs import read_log
+from tests.reference.cases import config_of, point
+from tests.truth.bar import Bar, End
+
+
+def _config(**tables):
+    left, right = point("left", 0.0, initial_sigma_W=20.0), point("right", 1.0, initial_sigma_W=20.0)
+    for source in (left, right):
+        del source["power_channel"]
+    return config_of(
+        Bar(), [left, right], [0.0, 1.0], sensor_m=(0.1, 0.9), ends=(End(), End()),
+        ambient={"temperature_degC": 20.0}, estimator={"period_s": 5.0}, model={"modes": 8}, **tables,
+    )  # fmt: skip
+
+
+def _log(path, rows=200, missing=()):
+    rng = np.random.default_rng(2)
+    values = 20.0 + 0.05 * rng.standard_normal((rows, 2)) + np.linspace(0, 4, rows)[:, None]
+    values[list(missing)] = np.nan
+    write_log(path, 5.0 * np.arange(rows), {"t1_degC": values[:, 0], "t2_degC": values[:, 1]})
+    return path
+
+
+def _identify(log, output, **options):
+    return app.identify(log, _config(), output, MethodOptions(**options), progress=lambda _text: None)
+
+
+def test_columns_are_those_of_the_contract_and_rows_those_of_the_log(tmp_path):
+    log = _log(tmp_path / "log.csv")
+    _identify(log, tmp_path / "out")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["heat.csv", "heat.png", "summary.json"]
+    read = read_log(tmp_path / "out" / "heat.csv")
+    assert read.channels == ("heat_left_W", "heat_left_sigma_W", "heat_right_W", "heat_right_sigma_W")
+    np.testing.assert_array_equal(read.time_s, read_log(log).time_s)
+    assert np.isfinite(read.values).all()
+
+
+def test_a_heat_that_an_effect_adds_is_known_and_not_among_those_found(tmp_path):
+    log = _log(tmp_path / "log.csv")
+    config = _config(effect=[{"kind": "local_heat", "position_m": 0.5, "heat_W": 3.0}])
+    summary = app.identify(log, config, tmp_path / "out", MethodOptions(), progress=lambda _text: None)
+    assert set(summary["heat_mean_W"]) == {"left", "right"}
+
+
+def test_what_is_not_known_is_an_empty_cell_and_the_summary_leaves_it_out(tmp_path):
+    log = _log(tmp_path / "log.csv", missing=range(10))
+    summary = _identify(log, tmp_path / "out")
+    assert (tmp_path / "out" / "heat.csv").read_text().splitlines()[1] == "0,,,,"
+    assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["rows"] == 200
+    assert np.isfinite(list(summary["heat_mean_W"].values())).all()
+    assert summary["residual_rms_K"]["t1"] == pytest.approx(0.05, rel=0.2)  # the noise that was put in
+
+
+def test_a_log_without_any_value_leaves_nothing_behind(tmp_path):
+    log = _log(tmp_path / "log.csv", missing=range(200))
+    with pytest.raises(LogError, match=r"log\.csv: no sensor has a value .* check the sensors' channels"):
+        _identify(log, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "tikhonov"},
+        {"method": "tikhonov", "order": 0, "parameter_choice": "ico", "seed": 3},
+        {"method": "conjugate-gradient"},
+        {"method": "conjugate-gradient", "gradient": "central-differences"},
+    ],
+    ids=lambda options: "-".join(str(value) for value in options.values()),
+)
+def test_every_method_writes_the_same_files_and_says_how_it_went(tmp_path, options):
+    log = _log(tmp_path / "log.csv")
+    summary = _identify(log, tmp_path / "out", **options)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["heat.csv", "heat.png", "summary.json"]
+    read = read_log(tmp_path / "out" / "heat.csv")
+    assert np.isfinite(read.values).all()
+    assert summary["method"] == options["method"]
+    assert summary["misfit"] > 0.0
+    assert summary.items() >= {k: v for k, v in options.items() if k not in ("order", "seed")}.items()
+
+
+def test_a_log_that_a_method_cannot_take_is_named(tmp_path):
+    log = _log(tmp_path / "log.csv")
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join(lines[:50] + lines[60:]) + "\n")
+    with pytest.raises(LogError, match=r"log\.csv: the log's steps are uneven, .* use --method smoother"):
+        _identify(log, tmp_path / "out", method="tikhonov")
+    assert not (tmp_path / "out").exists()
