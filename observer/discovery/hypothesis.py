@@ -2,8 +2,8 @@
 
 The fit is by Gauss and Newton on the whitened residuals of the open-loop prediction; tolerances are
 marginalised, so a residual that they explain costs what its share of their standard deviations costs and no
-more. The free parameters' derivatives are those at the hypothesis without any effect, the effects' own are
-taken anew in every step, and each step's residual is that of a real prediction.
+more. The free parameters' derivatives are those at the hypothesis without any effect, until they are far from
+there; the effects' own are taken anew in every step, and each step's residual is that of a real prediction.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ LITTLE = 0.05
 """A drop of the deviance by less than this ends a fit."""
 SMALL = 0.03
 """A step of this many standard deviations of every parameter ends a fit."""
+FAR = 0.2
+"""How far a free parameter may go, in its scale, before the derivatives are taken anew."""
 DIFFERENCE = 1e-3
 NORMAL_95 = 1.96
 NARROWEST = 0.05
@@ -114,7 +116,7 @@ class Problem:
         self.scale = np.array([scale_of(config, key) for key in keys])
         bounds = np.array([bounds_of(config, key) for key in keys]).reshape(-1, 2)
         self.low, self.high = bounds.T
-        self.nuisance = np.zeros((len(evidence.run), 0))
+        self.nuisance, self.nuisance_at = np.zeros((len(evidence.run), 0)), np.zeros(0)
         self.tolerance = np.zeros((len(evidence.run), 0))
         self._lag_of: tuple[str | None, ...] = ()
         self._marginals: dict[tuple[bytes, frozenset[str]], Marginal] = {}
@@ -141,14 +143,7 @@ class Problem:
     def prepare(self, config: Config, *, slack: bool) -> None:
         """Take the derivatives by the free parameters at a configuration, and by the tolerances if asked."""
         here = self.predicted(config)
-        values = self.free_values(config)
-        columns = []
-        for i, scale in enumerate(self.scale):
-            step = DIFFERENCE * scale
-            step = step if values[i] + step <= self.high[i] else -step
-            moved = values + step * (np.arange(len(values)) == i)
-            columns.append((self.predicted(self.with_free(config, moved)) - here) * (scale / step))
-        self.nuisance = self._columns(columns)
+        self.nuisance, self.nuisance_at = self.by_free(config), self.free_values(config) / self.scale
         if slack:
             slacks: list[FloatArray] = []
             lag_of: list[str | None] = []
@@ -159,6 +154,16 @@ class Problem:
                 lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
             self.tolerance, self._lag_of = self._columns(slacks), tuple(lag_of)
             self._marginals.clear()
+
+    def by_free(self, config: Config) -> FloatArray:
+        """Derivatives (n, f) of the whitened prediction by the free parameters, in units of their scales."""
+        here, values, columns = self.predicted(config), self.free_values(config), []
+        for i, scale in enumerate(self.scale):
+            step = DIFFERENCE * scale
+            step = step if values[i] + step <= self.high[i] else -step
+            moved = values + step * (np.arange(len(values)) == i)
+            columns.append((self.predicted(self.with_free(config, moved)) - here) * (scale / step))
+        return self._columns(columns)
 
     def by_sensor(self, change: FloatArray) -> list[FloatArray]:
         """Split a change (n,) into one of each sensor alone."""
@@ -223,11 +228,10 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
     high = np.concatenate([problem.high, [p.high for p in parameters]]) / scale
     effects = [getattr(config.effect[p.effect], p.key) for p in parameters]
     theta = np.clip(np.concatenate([problem.free_values(config), effects]) / scale, low, high)
-    used = problem.evidence.used
+    used, f = problem.evidence.used, len(problem.keys)
     marginal = problem.marginal(used, told_lags(config))
 
     def at(theta: FloatArray) -> Config:
-        f = len(problem.keys)
         calibrated = problem.with_free(config, theta[:f] * problem.scale)
         return with_effects(calibrated, parameters, theta[f:] * scale[f:])
 
@@ -235,7 +239,17 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
         return float(np.sum(marginal(residual[used]) ** 2))
 
     residual, damping = problem.residual(at(theta)), 0.0
-    J = np.hstack([problem.nuisance, _by_effects(problem, at(theta), parameters)])
+    free, of = problem.nuisance, problem.nuisance_at
+    if len(parameters) == 0:
+        of = theta[:f]
+
+    def jacobian() -> FloatArray:
+        nonlocal free, of
+        if f and np.max(np.abs(theta[:f] - of)) > FAR:
+            free, of = problem.by_free(at(theta)), theta[:f]
+        return np.hstack([free, _by_effects(problem, at(theta), parameters)])
+
+    J = jacobian()
     for _ in range(STEPS if len(theta) else 0):
         A, b = marginal(J[used]), marginal(residual[used])
         before = cost(residual)
@@ -252,7 +266,7 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
         theta, residual, damping = theta + step, there, damping / 10 if damping > 1e-4 else 0.0
         if np.max(np.abs(step) / sigma) < SMALL or before - cost(residual) < LITTLE:
             break
-        J = np.hstack([problem.nuisance, _by_effects(problem, at(theta), parameters)])
+        J = jacobian()
     values = theta[len(problem.keys) :] * scale[len(problem.keys) :]
     return Fit(problem, at(theta), tuple(parameters), values, residual, -J, scale)
 

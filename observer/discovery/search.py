@@ -173,8 +173,14 @@ def _try(base: Fit, promise: Promise, least: float) -> Trial:
     """Fit a candidate in earnest, from the promised strength on."""
     candidate, index = promise.signature.candidate, len(base.config.effect)
     effect = candidate.effect(candidate.shapes[promise.signature.shape], promise.strength)
-    config = base.config.model_copy(update={"effect": (*base.config.effect, effect)})
-    fit = fit_effects(base.problem, config, (*base.parameters, *candidate.parameters(index)))
+    problem = base.problem
+    as_given = problem.with_free(base.config, problem.free_values(problem.config))
+    starts = [
+        c.model_copy(update={"effect": (*c.effect, effect)}) for c in (base.config, as_given)
+    ]  # a calibration without a strong effect may have gone far astray
+    costs = [float(np.sum(problem.residual(c)[problem.evidence.used] ** 2)) for c in starts]
+    config = starts[int(np.argmin(costs))]
+    fit = fit_effects(problem, config, (*base.parameters, *candidate.parameters(index)))
     drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
     return Trial(candidate, fit, drop, least, share, promise.kept)
 

@@ -110,7 +110,7 @@ def _header(machine: str, result: dict[str, Any], logs: Sequence[str]) -> Html:
     facts = [
         (f"Gap on data held back, {first[0]} → now", _arrow(gap[f"{first[1]}_rms_K"], gap["after_rms_K"])),
         ("Noise of the sensors alone", kelvin(gap["floor_rms_K"])),
-        ("Logs", str(len(logs))),
+        ("Logs", f"{len(logs)}, the last kept as proof" if len(logs) > 1 else "1, its end kept as proof"),
     ]
     facts += [(name_of(e), _values(e)) for e in result["effects"]]
     happened = event_of(result)
@@ -220,28 +220,29 @@ def _caption(first: int, log: str) -> str:
 
 def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     """The ranking of the first round, and how each of several effects stood against the next best."""
-    named = {t.candidate.name for t in found.search.chosen}
+    chosen = {t.candidate.name for t in found.search.chosen}
+    equal = {c.name for each in found.verdict.sets for c in each} - chosen
     rows = [
         [
             Html(f"{code(name_of(t))}<br>{safe(lack_of(t['kind'], t['target']))}"),
             _values(t),
             f"{t['evidence']:,.0f}",
             share(t["held_out_share"]),
-            _standing(t, named),
+            _standing(t, chosen, equal),
         ]
         for t in result["ranking"]
     ]
     note = (
-        "Evidence is the fall of the misfit (twice the log-likelihood) when the effect is added and everything "
-        f"fitted anew. To be accepted an effect must earn {ACCEPT:.0f}, and {PER_PARAMETER:.0f} more for each "
-        f"parameter beyond its first; explain {100 * MATERIAL:.0f} % of the misfit on parts of the logs it "
-        "was not fitted to; and stay off its bounds."
+        "Evidence is the fall of the misfit (twice the log-likelihood) when the effect is added and all "
+        f"else fitted anew. To be accepted an effect must earn {ACCEPT:.0f}, and {PER_PARAMETER:.0f} more for "
+        f"each parameter beyond its first; explain {100 * MATERIAL:.0f} % of the misfit on parts of the logs "
+        "that it was not fitted to; and stay off its bounds."
     )
     heads = ["Candidate, alone", "parameters (95 %)", "evidence", "explains, held out", ""]
     more = [
         [code(trials[0].candidate.name), f"{trials[0].drop:,.0f}", *_next_best(trials[1:])]
         for trials in found.search.rivals
-        if len(named) > 1
+        if len(chosen) > 1
     ]
     heads_more = ["Effect, beside the others", "evidence", "next best in its place", "evidence"]
     return section(
@@ -254,9 +255,11 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     )
 
 
-def _standing(trial: dict[str, Any], named: set[str]) -> str:
-    if name_of(trial) in named:
+def _standing(trial: dict[str, Any], chosen: set[str], equal: set[str]) -> str:
+    if name_of(trial) in chosen:
         return "chosen"
+    if name_of(trial) in equal:
+        return "as good"
     if trial["at_bound"]:
         return "at a bound"
     return "explains less" if trial["accepted"] else "too little"
@@ -303,7 +306,7 @@ def _limits(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
         names = Html(", ".join(code(name) for name in blind))
         told = Html(f"These logs cannot show {names}: the calibrated parameters could make up all of it.")
     else:
-        told = Html("Every effect of the library would show in these logs if it were strong enough.")
+        told = Html("Every effect that was tried would show in these logs if it were strong enough.")
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "

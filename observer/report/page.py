@@ -94,6 +94,7 @@ h2 { font-size: 19px; margin: 36px 0 6px; break-after: avoid; }
 p { margin: 6px 0 10px; max-width: 76ch; overflow-wrap: anywhere; }
 .of, .note, figcaption { color: var(--quiet); }
 .note, figcaption { font-size: 14px; }
+.note { max-width: 88ch; break-after: avoid; }
 code { font: 0.92em ui-monospace, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; }
 figure { margin: 10px 0 14px; break-inside: avoid; }
 figcaption { margin-top: 4px; max-width: 100ch; }
@@ -103,7 +104,8 @@ svg text { font-family: system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif
 table { border-collapse: collapse; width: 100%; margin: 8px 0 10px; font-size: 15px; }
 th { text-align: left; color: var(--quiet); font-weight: 600; border-bottom: 1px solid var(--line); }
 th, td { padding: 5px 14px 5px 0; vertical-align: top; }
-td { border-bottom: 1px solid var(--faint); overflow-wrap: anywhere; }
+td { border-bottom: 1px solid var(--faint); overflow-wrap: break-word; }
+td:last-child, td:has(.bar) { white-space: nowrap; }
 .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 tr { break-inside: avoid; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 14px 0 0; }

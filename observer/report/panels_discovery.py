@@ -251,7 +251,9 @@ def _outline(axes: Axes, box: Box, unit_s: float) -> None:
     from matplotlib.patches import Rectangle  # noqa: PLC0415 - slow to import
 
     start, width = box.from_s / unit_s, (box.to_s - box.from_s) / unit_s
-    axes.add_patch(Rectangle((start, box.sensor), width, 1, fc="none", ec=INK, lw=1.6, clip_on=False))
+    axes.add_patch(
+        Rectangle((start, box.sensor), width, 1, fc="none", ec=INK, lw=1.6, clip_on=False, zorder=5)
+    )
 
 
 def _scale(figure: Figure, height: float, limit_K: float, time: str) -> None:
@@ -265,9 +267,9 @@ def _scale(figure: Figure, height: float, limit_K: float, time: str) -> None:
     axes.grid(visible=False)
     axes.set_yticks([])
     ticks = limit_K * np.array([-1, -0.5, 0, 0.5, 1])
-    axes.set_xticks(ticks, [f"{x:+.3g}" if x else "0" for x in ticks])
+    axes.set_xticks(ticks, [f"{x:+.3g}".replace("-", "−") if x else "0" for x in ticks])
     axes.tick_params(length=2)
-    beside = {"va": "center", "transform": axes.transAxes}
+    beside: dict[str, Any] = {"va": "center", "transform": axes.transAxes}
     axes.text(-0.03, 0.5, "measured − predicted, K", ha="right", **beside)
     axes.text(1.03, 0.5, "hatched: no data", ha="left", color=QUIET, **beside)
 
@@ -292,12 +294,11 @@ def _drawing(height: float) -> Iterator[Figure]:
 def _svg(figure: Figure, name: str, label: str) -> str:
     """The figure as SVG for the inside of a page: its colours, no outside names, ids of its own."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
-    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
 
     buffer = StringIO()
     with mpl.rc_context({"svg.hashsalt": name}):
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+        figure.savefig(buffer, format="svg", metadata=nothing)
     drawn = buffer.getvalue()
     drawn = drawn[drawn.index("<svg") :]
     root, inside = drawn.split(">", 1)

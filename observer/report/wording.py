@@ -38,7 +38,7 @@ PHASES = {
 }
 REGRESSORS = {
     "speed": "speed",
-    "speed^(2/3)*rise": "speed^⅔ × rise over ambient",
+    "speed^(2/3)*rise": "speed^(2/3) × rise over ambient",
     "rise": "rise over ambient",
     "position": "position of the nut",
     "ambient": "ambient temperature",
@@ -83,7 +83,8 @@ def headline(result: dict[str, Any]) -> str:
         return f"The model lacks {joined(answers, last='; or ', between='; ')}: these logs cannot tell which"
     if verdict == "unknown":
         return f"Something is missing that the library does not hold: {reason}"
-    return f"These logs cannot tell whether an effect is missing: {reason}"
+    lacking = reason.removeprefix("nothing is missing that shows, but ")
+    return f"These logs cannot tell whether an effect is missing: {lacking}"
 
 
 def lack_of(kind: str, target: str | None) -> str:
@@ -130,10 +131,11 @@ def event_sentence(event: dict[str, Any], log: str) -> str:
     watts = f"{heat:.{_digits(wide)}f} ± {wide:.{_digits(wide)}f}"
     more = "more" if event["heat_W"] > 0 else "less"
     above = "above" if event["mean_K"] > 0 else "below"
+    begin, end = (duration_text(event[key]) for key in ("from_s", "to_s"))
     return (
-        f"It is largest near sensor {event['sensor']} in {log}, from {duration_text(event['from_s'])} to "
-        f"{duration_text(event['to_s'])} ({PHASES.get(event['phase'], event['phase'])}): {watts} W {more} heat "
-        f"than the model has, measured {kelvin(abs(event['mean_K']))} {above} predicted"
+        f"The error is largest near sensor {event['sensor']} in {log}, from {begin} to {end} "
+        f"({PHASES.get(event['phase'], event['phase'])}): {watts} W {more} heat than the model has, "
+        f"measured {kelvin(abs(event['mean_K']))} {above} predicted"
     )
 
 
@@ -145,8 +147,8 @@ def experiment_sentence(experiment: dict[str, Any]) -> str:
     doubt = "" if sigma >= SURE_SIGMA else ", which may not be enough"
     apart = f"{sigma:.1f}" if sigma < 100 else "more than 100"
     return (
-        f"A test of {duration_text(experiment['duration_s'])} would tell: {experiment['description']}; it sets "
-        f"the answers {apart} standard deviations apart{doubt}"
+        f"A test of {duration_text(experiment['duration_s'])} would tell: {experiment['description']}; "
+        f"it sets the answers {apart} standard deviations apart{doubt}"
     )
 
 
@@ -166,7 +168,8 @@ def interval(value: float, low: float, high: float) -> str:
     if high <= low:
         return f"{value:.3g}"
     digits = _digits((high - low) / 20)  # one more than the half width asks for
-    return f"{value:.{digits}f} ({low:.{digits}f} … {high:.{digits}f})"
+    shown = f"{value:.{digits}f} ({low:.{digits}f} … {high:.{digits}f})"
+    return shown.replace("-", "−")
 
 
 def _digits(uncertainty: float) -> int:

@@ -1,0 +1,286 @@
+from __future__ import annotations
+
+import re
+from copy import deepcopy
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observer.config import Config
+from observer.discovery.discover import Discovery, discover
+from observer.discovery.evidence import PROOF, UNUSED
+from observer.discovery.remainder import Event
+from observer.discovery.result import discovery_result
+from observer.frames import FrameBlock
+from observer.report.discovery import as_sentences, write_discovery_report
+from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
+from observer.report.wording import LACKS, headline, interval
+from tests.discovery.cases import machine, made_log
+
+HOSTILE = '<b>"$x_1$ & -->'
+VOID = {"meta", "br", "link", "img", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """What a page says, and whether its tags match."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.said: list[str] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+        self.text = " ".join(" ".join(self.said).split())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for key, value in attrs:
+            if key == "id":
+                self.ids.append(str(value))
+            if key in ("src", "href", "xlink:href", "data", "srcset", "action"):
+                self.links.append(str(value))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.said.append(data)
+
+
+def _case(name: str) -> tuple[Config, list[list[FrameBlock]]]:
+    """A bar whose sensor `b` reads 0.8 K too much, which its model does not know; one log with a gap."""
+    table = [s.model_dump() for s in machine().sensor]
+    table[1]["name"] = name
+    lacking = machine(sensor=table, calibrate={"free": ["surface.convection_W_m2K"]})
+    truth = machine(effect=[{"kind": "sensor_bias", "target": "b", "offset_K": 0.8}])
+    log = made_log(truth, 1, minutes=90.0)
+    gap = (log.time_s > 1200.0) & (log.time_s < 1500.0)
+    values, fresh = log.values.copy(), log.fresh.copy()
+    column = lacking.channels.index("a_degC")
+    values[gap, column], fresh[gap, column] = np.nan, False
+    return lacking, [[replace(log, values=values, fresh=fresh)]]
+
+
+@pytest.fixture(scope="module")
+def found() -> Discovery:
+    return discover(*_case(HOSTILE))
+
+
+def _page(found: Discovery, folder: Path, logs: tuple[str, ...] = ("run <a>.csv",)) -> tuple[str, Page]:
+    path = folder / "report.html"
+    write_discovery_report(path, found, discovery_result(found), logs)
+    text = path.read_text(encoding="utf-8")
+    return text, Page(text)
+
+
+def test_a_page_is_whole_and_needs_nothing_from_elsewhere(found: Discovery, tmp_path: Path) -> None:
+    text, page = _page(found, tmp_path)
+    assert "://" not in text
+    assert "@import" not in text
+    assert all(link.startswith(("#", "data:image/png")) for link in page.links)
+    assert not {"script", "link", "iframe", "object", "img"} & set(page.tags)
+    assert len(page.ids) == len(set(page.ids))
+    for reference in re.findall(r'url\(#([^)]+)\)|href="#([^"]+)"', text):
+        assert "".join(reference) in page.ids
+    assert len(text) < 1_500_000
+    assert "prefers-color-scheme: dark" in text
+    assert "@media print" in text
+
+
+def test_a_page_names_what_was_found_where_and_in_which_log(found: Discovery, tmp_path: Path) -> None:
+    result = discovery_result(found)
+    assert result["verdict"] == "named"
+    _, page = _page(found, tmp_path)
+    assert page.tags.count("h1") == 1
+    for effect in result["effects"] + result["ranking"]:
+        assert effect["kind"] in page.text
+    for word in ("a", HOSTILE, "c", "run <a>.csv", "surface.convection_W_m2K", "proof", "fitted", "left out"):
+        assert word in page.text
+    title = page.text[: page.text.index(" – ")]
+    assert title == headline(result)
+
+
+def test_names_cannot_become_tags(found: Discovery, tmp_path: Path) -> None:
+    text, page = _page(found, tmp_path)
+    assert "<b>" not in text
+    assert "run <a>" not in text
+    assert "b" not in page.tags
+    assert HOSTILE in page.text  # as it was written, its dollars no formula
+
+
+def test_the_drawings_follow_the_colours_of_the_page(found: Discovery, tmp_path: Path) -> None:
+    text, _ = _page(found, tmp_path)
+    drawn = "".join(re.findall(r"<svg.*?</svg>", text, re.DOTALL))
+    assert "currentColor" in drawn
+    fixed = set(re.findall(r"(?:fill|stroke): (#[0-9a-f]{6})", drawn))
+    assert fixed == set()
+    for name in set(re.findall(r"var\((--\w+)\)", drawn)):
+        assert text.count(f"{name}: #") == 2  # one for light, one for dark
+
+
+def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
+    event = Event(HOSTILE, "heat_up", 0, 600.0, 1800.0, -3.0, 0.5, -0.7)
+    verdict = replace(found.verdict, kind="unknown", reason="an error remains")
+    text, page = _page(replace(found, verdict=verdict, event=event), tmp_path)
+    plain, _ = _page(found, tmp_path)
+    assert "3 ± 1 W less heat than the model has, measured 0.70 K below predicted" in page.text
+    assert text.count("stroke: currentColor") == plain.count("stroke: currentColor") + 2  # one a map
+
+
+def test_what_is_missing_in_a_log_stays_a_gap(found: Discovery) -> None:
+    evidence = found.problem.evidence
+    (track,) = tracks_of(evidence, ["one"], {"measured": evidence.measured_degC})
+    a, b = track.values["measured"][:2]
+    inside = (track.time_s > 1230.0) & (track.time_s < 1500.0)
+    assert np.isnan(a[inside]).all()
+    assert np.isfinite(a[~inside]).mean() > 0.97
+    assert np.isfinite(b).all()
+    assert set(track.role) == {0, 1, UNUSED, PROOF}
+    assert (np.diff(np.flatnonzero(track.role == PROOF)) == 1).all()
+
+
+def test_zero_has_no_colour_and_signs_have_their_own() -> None:
+    cold, zero, nothing, warm = coloured(np.array([[-2.0, 0.0, np.nan, 9.0]]), 2.0)[0]
+    assert cold[3] == warm[3] == 1.0
+    assert zero[3] == nothing[3] == 0.0
+    assert cold[2] > cold[0]  # blue
+    assert warm[0] > warm[2]  # vermilion
+
+
+def test_a_scale_is_round_and_holds_what_it_shows() -> None:
+    assert scale_limit([np.array([0.1, -1.83, np.nan])], 0.25) == 2.0
+    assert scale_limit([np.array([0.001])], 0.25) == pytest.approx(0.3)
+    assert scale_limit([np.array([np.nan])], 0.25) == pytest.approx(0.3)
+    assert shortened("a_name_that_is_long", 9) == "a_na…long"
+    assert shortened("short", 9) == "short"
+
+
+BASE: dict[str, Any] = {
+    "verdict": "none",
+    "reason": "",
+    "effects": [],
+    "alternatives": [],
+    "calibrated": {},
+    "gap": {"before_rms_K": 0.05, "after_rms_K": 0.05, "floor_rms_K": 0.007, "as_given_rms_K": 1.2731},
+    "where": [],
+    "ranking": [],
+    "not_told": [],
+    "experiment": None,
+}
+FELL = {"before_rms_K": 0.63, "after_rms_K": 0.156, "floor_rms_K": 0.007, "as_given_rms_K": 1.27}
+TEST = {"name": "soak", "description": "stand still", "duration_s": 7200.0, "separation_sigma": 21.3}
+
+
+def _lines(**changes: Any) -> list[str]:
+    return list(as_sentences(deepcopy(BASE) | changes))
+
+
+def test_the_sentences_of_none() -> None:
+    lines = _lines(not_told=["end_heat at left"])
+    assert lines[0] == "The calibrated model explains the logs; no effect is missing that shows."
+    assert "off by 0.050 K rms (as configured: 1.27 K; noise alone: 0.0070 K)" in lines[1]
+    assert lines[2:] == ["These logs cannot show: end_heat at left."]
+
+
+def test_the_sentences_of_effects_named() -> None:
+    lag = {"time_constant_s": {"value": 41.23, "ci95": [38.1, 44.4], "unit": "s"}}
+    loss = {"conductance_W_K": {"value": 0.0523, "ci95": [0.0501, 0.0545], "unit": "W/K"}}
+    lines = _lines(
+        verdict="named",
+        effects=[
+            {"kind": "sensor_lag", "target": "left", "parameters": lag},
+            {"kind": "end_conduction", "target": "left", "parameters": loss},
+        ],
+        gap=FELL,
+    )
+    assert lines == [
+        "The model lacks a lag of sensor left and heat that flows into the housing at the left end.",
+        "  sensor_lag at left: time_constant_s = 41.2 (38.1 … 44.4) s",
+        "  end_conduction at left: conductance_W_K = 0.0523 (0.0501 … 0.0545) W/K",
+        "On data held back the gap goes from 0.63 K to 0.16 K rms (noise alone: 0.0070 K).",
+    ]
+
+
+def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
+    lines = _lines(
+        verdict="ambiguous",
+        alternatives=[["motor_heat at right"], ["radiation", "dwell at nut"]],
+        gap=FELL,
+        experiment=TEST,
+    )
+    assert "heat from the drive at the right end, the same at any speed; or heat radiated" in lines[0]
+    assert lines[0].endswith("heat of nut that enters where it turns round: these logs cannot tell which.")
+    assert lines[1].startswith(
+        "A test of 2 h 00 min would tell: stand still; it sets the answers 21.3 standard"
+    )
+    assert "0.63 K to 0.16 K rms with the first of them" in lines[2]
+
+
+@pytest.mark.parametrize(
+    ("sigma", "said"),
+    [(0.01, "None of the usual test cycles"), (3.0, "not be enough"), (1e4, "more than 100")],
+)
+def test_a_test_is_not_praised_beyond_what_it_tells(sigma: float, said: str) -> None:
+    lines = _lines(
+        verdict="not_identifiable",
+        reason="nothing is missing that shows, but the machine never rests",
+        experiment=TEST | {"separation_sigma": sigma},
+    )
+    assert lines[0] == "These logs cannot tell whether an effect is missing: the machine never rests."
+    assert said in lines[1]
+
+
+@pytest.mark.parametrize(("heat_W", "said"), [(24.2, "more heat"), (-24.2, "less heat")])
+def test_the_sentences_of_something_unknown_say_where_when_and_how_many_watts(
+    heat_W: float, said: str
+) -> None:
+    event = {
+        "sensor": "t3", "phase": "steady", "regressor": "event", "rms_K": 3.1, "mean_K": np.sign(heat_W) * 3.1,
+        "log": 2, "from_s": 2400.0, "to_s": 3600.0, "heat_W": heat_W, "heat_sigma_W": 1.0,
+    }  # fmt: skip
+    lines = _lines(verdict="unknown", reason="an error remains", where=[event], gap=FELL)
+    assert lines[0] == "Something is missing that the library does not hold: an error remains."
+    assert lines[1].startswith(
+        "The error is largest near sensor t3 in log 2, from 40 min to 1 h 00 min (warm and"
+    )
+    assert f"24 ± 2 W {said} than the model has" in lines[1]
+    assert "with the best that the library offers" in lines[2]
+
+
+def test_every_effect_of_the_library_can_be_said() -> None:
+    from observer.effects.catalogue import KINDS, LIBRARY
+
+    assert set(LACKS) == set(KINDS)
+    for kind, effect in zip(KINDS, LIBRARY, strict=True):
+        assert ("{target}" in LACKS[kind]) == (effect.targets is not None)
+
+
+@pytest.mark.parametrize(
+    ("triple", "text"),
+    [
+        ((0.067957, 0.066587, 0.069328), "0.0680 (0.0666 … 0.0693)"),
+        ((3473.7, 2966.3, 3981.1), "3474 (2966 … 3981)"),
+        ((-0.76, -0.86, -0.59), "−0.76 (−0.86 … −0.59)"),
+        ((0.5, 0.5, 0.5), "0.5"),
+    ],
+)
+def test_values_are_said_to_the_digits_that_their_interval_leaves(
+    triple: tuple[float, float, float], text: str
+) -> None:
+    assert interval(*triple) == text
