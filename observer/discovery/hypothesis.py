@@ -23,11 +23,13 @@ from observer.effects.base import EffectTable
 from observer.effects.film import UnevenConvection
 from observer.frames import BoolArray, FloatArray
 
-NULL_ROUNDS, STEPS, TRIALS = 4, 10, 6
+NULL_ROUNDS, STEPS, TRIALS = 4, 8, 5
 LITTLE = 0.05
 """A drop of the deviance by less than this ends a fit."""
 SMALL = 0.03
 """A step of this many standard deviations of every parameter ends a fit."""
+HOPELESS = 0.3
+"""A fit whose last step made up less than this part of the distance to its rival is given up."""
 FAR = 0.2
 """How far a free parameter may go, in its scale, before the derivatives are taken anew."""
 DIFFERENCE = 1e-3
@@ -221,8 +223,13 @@ def fit_null(problem: Problem, config: Config) -> Fit:
     return fit_effects(problem, config, ())
 
 
-def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter]) -> Fit:
-    """Fit the free parameters and those of the effects in `config`, from where they stand."""
+def fit_effects(
+    problem: Problem, config: Config, parameters: Sequence[Parameter], rival: float = np.inf
+) -> Fit:
+    """Fit the free parameters and those of the effects in `config`, from where they stand.
+
+    `rival` is a deviance to compete with: a fit that gets no nearer to it is given up where it is.
+    """
     scale = np.concatenate([problem.scale, [p.scale for p in parameters]])
     low = np.concatenate([problem.low, [p.low for p in parameters]]) / scale
     high = np.concatenate([problem.high, [p.high for p in parameters]]) / scale
@@ -264,7 +271,8 @@ def fit_effects(problem: Problem, config: Config, parameters: Sequence[Parameter
         else:
             break
         theta, residual, damping = theta + step, there, damping / 10 if damping > 1e-4 else 0.0
-        if np.max(np.abs(step) / sigma) < SMALL or before - cost(residual) < LITTLE:
+        now = cost(residual)
+        if np.max(np.abs(step) / sigma) < SMALL or before - now < max(LITTLE, HOPELESS * (now - rival)):
             break
         J = jacobian()
     values = theta[len(problem.keys) :] * scale[len(problem.keys) :]

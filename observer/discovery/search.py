@@ -156,7 +156,9 @@ def tried(
             best[name] = p
     order = sorted(best.values(), key=lambda p: -p.drop)[: FITTED if not present else FITTED_LATER]
     worthwhile = [p for p in order if p.drop > 0.25 * least]
-    trials = [_try(base, p, least) for p in worthwhile]
+    trials: list[Trial] = []
+    for p in worthwhile:
+        trials.append(_try(base, p, least, min([t.fit.deviance for t in trials], default=np.inf)))
     return tuple(sorted(trials, key=lambda t: -t.score))
 
 
@@ -169,7 +171,7 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
     return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
 
 
-def _try(base: Fit, promise: Promise, least: float) -> Trial:
+def _try(base: Fit, promise: Promise, least: float, rival: float) -> Trial:
     """Fit a candidate in earnest, from the promised strength on."""
     candidate, index = promise.signature.candidate, len(base.config.effect)
     effect = candidate.effect(candidate.shapes[promise.signature.shape], promise.strength)
@@ -180,7 +182,7 @@ def _try(base: Fit, promise: Promise, least: float) -> Trial:
     ]  # a calibration without a strong effect may have gone far astray
     costs = [float(np.sum(problem.residual(c)[problem.evidence.used] ** 2)) for c in starts]
     config = starts[int(np.argmin(costs))]
-    fit = fit_effects(problem, config, (*base.parameters, *candidate.parameters(index)))
+    fit = fit_effects(problem, config, (*base.parameters, *candidate.parameters(index)), rival)
     drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
     return Trial(candidate, fit, drop, least, share, promise.kept)
 

@@ -234,9 +234,9 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     ]
     note = (
         "Evidence is the fall of the misfit (twice the log-likelihood) when the effect is added and all "
-        f"else fitted anew. To be accepted an effect must earn {ACCEPT:.0f}, and {PER_PARAMETER:.0f} more for "
-        f"each parameter beyond its first; explain {100 * MATERIAL:.0f} % of the misfit on parts of the logs "
-        "that it was not fitted to; and stay off its bounds."
+        f"else fitted anew. To be accepted an effect must earn {ACCEPT:.0f}, and {PER_PARAMETER:.0f} more "
+        f"for each parameter beyond its first; explain {100 * MATERIAL:.0f} % of the misfit on parts of the "
+        "logs that it was not fitted to; and stay off its bounds."
     )
     heads = ["Candidate, alone", "parameters (95 %)", "evidence", "explains, held out", ""]
     more = [

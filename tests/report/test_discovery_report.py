@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import re
-from copy import deepcopy
+from copy import copy, deepcopy
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -63,11 +63,9 @@ class Page(HTMLParser):
             self.said.append(data)
 
 
-def _case(name: str) -> tuple[Config, list[list[FrameBlock]]]:
+def _case() -> tuple[Config, list[list[FrameBlock]]]:
     """A bar whose sensor `b` reads 0.8 K too much, which its model does not know; one log with a gap."""
-    table = [s.model_dump() for s in machine().sensor]
-    table[1]["name"] = name
-    lacking = machine(sensor=table, calibrate={"free": ["surface.convection_W_m2K"]})
+    lacking = machine(calibrate={"free": ["surface.convection_W_m2K"]})
     truth = machine(effect=[{"kind": "sensor_bias", "target": "b", "offset_K": 0.8}])
     log = made_log(truth, 1, minutes=90.0)
     gap = (log.time_s > 1200.0) & (log.time_s < 1500.0)
@@ -79,12 +77,33 @@ def _case(name: str) -> tuple[Config, list[list[FrameBlock]]]:
 
 @pytest.fixture(scope="module")
 def found() -> Discovery:
-    return discover(*_case(HOSTILE))
+    """A real search; its verdict is set, for the page must say whatever the verdict is."""
+    whole = discover(*_case())
+    verdict = replace(whole.verdict, kind="named", fit=whole.search.fit)
+    return replace(whole, verdict=verdict, event=None, experiment=None)
 
 
-def _page(found: Discovery, folder: Path, logs: tuple[str, ...] = ("run <a>.csv",)) -> tuple[str, Page]:
+def _renamed(found: Discovery) -> tuple[Discovery, dict[str, Any]]:
+    """The same, with a sensor's name that no configuration would let through."""
+    a, b, c = found.problem.config.sensor
+    problem = copy(found.problem)
+    problem.config = problem.config.model_copy(
+        update={"sensor": (a, b.model_copy(update={"name": HOSTILE}), c)}
+    )
+
+    def named(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {named(key): named(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [named(each) for each in value]
+        return HOSTILE if value == "b" else value
+
+    return replace(found, problem=problem), named(discovery_result(found))
+
+
+def _page(found: Discovery, folder: Path, result: dict[str, Any] | None = None) -> tuple[str, Page]:
     path = folder / "report.html"
-    write_discovery_report(path, found, discovery_result(found), logs)
+    write_discovery_report(path, found, result or discovery_result(found), ["run <a>.csv"])
     text = path.read_text(encoding="utf-8")
     return text, Page(text)
 
@@ -105,23 +124,35 @@ def test_a_page_is_whole_and_needs_nothing_from_elsewhere(found: Discovery, tmp_
 
 def test_a_page_names_what_was_found_where_and_in_which_log(found: Discovery, tmp_path: Path) -> None:
     result = discovery_result(found)
-    assert result["verdict"] == "named"
+    assert [e["kind"] for e in result["effects"]] == ["sensor_bias"]
     _, page = _page(found, tmp_path)
     assert page.tags.count("h1") == 1
     for effect in result["effects"] + result["ranking"]:
         assert effect["kind"] in page.text
-    for word in ("a", HOSTILE, "c", "run <a>.csv", "surface.convection_W_m2K", "proof", "fitted", "left out"):
+    for word in (
+        "a, °C:",
+        "b, °C:",
+        "c, °C:",
+        "sensor_bias at b",
+        "run <a>.csv",
+        "surface.convection_W_m2K",
+        "proof",
+        "fitted",
+        "left out",
+    ):
         assert word in page.text
     title = page.text[: page.text.index(" – ")]
     assert title == headline(result)
 
 
 def test_names_cannot_become_tags(found: Discovery, tmp_path: Path) -> None:
-    text, page = _page(found, tmp_path)
+    renamed, result = _renamed(found)
+    text, page = _page(renamed, tmp_path, result)
     assert "<b>" not in text
     assert "run <a>" not in text
     assert "b" not in page.tags
-    assert HOSTILE in page.text  # as it was written, its dollars no formula
+    assert f"{HOSTILE}, °C:" in page.text  # as it was written, its dollars no formula
+    assert f"The model lacks a constant error of sensor {HOSTILE}" in page.text
 
 
 def test_the_drawings_follow_the_colours_of_the_page(found: Discovery, tmp_path: Path) -> None:
@@ -135,7 +166,7 @@ def test_the_drawings_follow_the_colours_of_the_page(found: Discovery, tmp_path:
 
 
 def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
-    event = Event(HOSTILE, "heat_up", 0, 600.0, 1800.0, -3.0, 0.5, -0.7)
+    event = Event("b", "heat_up", 0, 600.0, 1800.0, -3.0, 0.5, -0.7)
     verdict = replace(found.verdict, kind="unknown", reason="an error remains")
     text, page = _page(replace(found, verdict=verdict, event=event), tmp_path)
     plain, _ = _page(found, tmp_path)
@@ -251,8 +282,9 @@ def test_the_sentences_of_something_unknown_say_where_when_and_how_many_watts(
     heat_W: float, said: str
 ) -> None:
     event = {
-        "sensor": "t3", "phase": "steady", "regressor": "event", "rms_K": 3.1, "mean_K": np.sign(heat_W) * 3.1,
-        "log": 2, "from_s": 2400.0, "to_s": 3600.0, "heat_W": heat_W, "heat_sigma_W": 1.0,
+        "sensor": "t3", "phase": "steady", "regressor": "event", "rms_K": 3.1,
+        "mean_K": np.sign(heat_W) * 3.1, "log": 2, "from_s": 2400.0, "to_s": 3600.0,
+        "heat_W": heat_W, "heat_sigma_W": 1.0,
     }  # fmt: skip
     lines = _lines(verdict="unknown", reason="an error remains", where=[event], gap=FELL)
     assert lines[0] == "Something is missing that the library does not hold: an error remains."
