@@ -260,12 +260,12 @@ def fit_effects(
     for _ in range(STEPS if len(theta) else 0):
         A, b = marginal(J[used]), marginal(residual[used])
         before = cost(residual)
-        if not np.isfinite(A).all():
+        if not (np.isfinite(A).all() and np.isfinite(before)):
             break
         for _trial in range(TRIALS):
             step, sigma = _bounded_step(A, b, low - theta, high - theta, damping)
             there = problem.residual(at(theta + step))
-            if cost(there) <= before + 1e-9:
+            if cost(there) <= before + 1e-9:  # not where it has overflown
                 break
             damping = max(10 * damping, 1e-3)
         else:

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.coarse import TICK_S, TICKS_IN_MEAN
 from observer.discovery.discover import Discovery
-from observer.discovery.evidence import PROOF, UNUSED
+from observer.discovery.evidence import UNUSED
 from observer.discovery.result import effects_of
-from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER
+from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, Trial
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
 from observer.report.page import (
@@ -221,14 +220,14 @@ def _caption(first: int, log: str) -> str:
 def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     """The ranking of the first round, and how each of several effects stood against the next best."""
     chosen = {t.candidate.name for t in found.search.chosen}
-    equal = {c.name for each in found.verdict.sets for c in each} - chosen
+    best = chosen | {c.name for each in found.verdict.sets for c in each}
     rows = [
         [
             Html(f"{code(name_of(t))}<br>{safe(lack_of(t['kind'], t['target']))}"),
             _values(t),
             f"{t['evidence']:,.0f}",
             share(t["held_out_share"]),
-            _standing(t, chosen, equal),
+            _standing(t, best, result["verdict"]),
         ]
         for t in result["ranking"]
     ]
@@ -255,17 +254,15 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     )
 
 
-def _standing(trial: dict[str, Any], chosen: set[str], equal: set[str]) -> str:
-    if name_of(trial) in chosen:
-        return "chosen"
-    if name_of(trial) in equal:
-        return "as good"
+def _standing(trial: dict[str, Any], best: set[str], verdict: str) -> str:
+    if name_of(trial) in best:
+        return {"ambiguous": "as good", "unknown": "not enough"}.get(verdict, "chosen")
     if trial["at_bound"]:
         return "at a bound"
-    return "explains less" if trial["accepted"] else "too little"
+    return "not needed" if trial["accepted"] else "too little"
 
 
-def _next_best(trials: Sequence[Any]) -> tuple[str, str]:
+def _next_best(trials: Sequence[Trial]) -> tuple[str, str]:
     return (code(trials[0].candidate.name), f"{trials[0].drop:,.0f}") if trials else ("none", "")
 
 
@@ -297,7 +294,8 @@ def _limits(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
     for i, (name, run) in enumerate(zip(logs, found.problem.forward.runs, strict=True)):
         mine = evidence.run == i
         possible = run.ticks.measured_degC.size
-        minutes = [_duration(evidence.time_s, mine & rows_) for rows_ in _roles(evidence.fold)]
+        roles = (evidence.used, evidence.proof, evidence.fold == UNUSED)
+        minutes = [_duration(evidence.time_s[mine & role]) for role in roles]
         rows.append(
             [name, duration_text(run.run.duration_s), *minutes, f"{100 * (1 - mine.sum() / possible):.1f} %"]
         )
@@ -320,13 +318,9 @@ def _limits(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
     )
 
 
-def _roles(fold: Any) -> tuple[Any, Any, Any]:
-    return fold >= 0, fold == PROOF, fold == UNUSED
-
-
-def _duration(time_s: FloatArray, rows: Any) -> str:
-    """How long the half minutes of some rows last together."""
-    return duration_text(len(np.unique(time_s[rows])) * TICK_S * TICKS_IN_MEAN) if rows.any() else "–"
+def _duration(time_s: FloatArray) -> str:
+    """How long the half minutes that end at these times last together."""
+    return duration_text(len(np.unique(time_s)) * panels.MEAN_S) if len(time_s) else "–"
 
 
 def _values(effect: dict[str, Any]) -> Html:

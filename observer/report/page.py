@@ -74,7 +74,8 @@ def code(text: str) -> Html:
 def share(part: float) -> Html:
     """Return a part of one as a bar with its percentage; none of it where negative."""
     width = 100 * min(max(part, 0.0), 1.0)
-    return Html(f'<span class="bar"><i style="width:{width:.0f}%"></i></span> {100 * part:.0f}&nbsp;%')
+    text = f"{100 * part:.0f}".replace("-", "−")
+    return Html(f'<span class="bar"><i style="width:{width:.0f}%"></i></span> {text}&nbsp;%')
 
 
 STYLE = """
@@ -107,6 +108,7 @@ th, td { padding: 5px 14px 5px 0; vertical-align: top; }
 td { border-bottom: 1px solid var(--faint); overflow-wrap: break-word; }
 td:last-child, td:has(.bar) { white-space: nowrap; }
 .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+th.n { white-space: normal; }
 tr { break-inside: avoid; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 14px 0 0; }
 .tiles div { background: var(--raised); border-radius: 8px; padding: 10px 16px; flex: 1 1 150px; }

@@ -168,8 +168,8 @@ def interval(value: float, low: float, high: float) -> str:
     if high <= low:
         return f"{value:.3g}"
     digits = _digits((high - low) / 20)  # one more than the half width asks for
-    shown = f"{value:.{digits}f} ({low:.{digits}f} … {high:.{digits}f})"
-    return shown.replace("-", "−")
+    shown = [f"{x:z.{digits}f}".replace("-", "−") for x in (value, low, high)]
+    return f"{shown[0]} ({shown[1]} … {shown[2]})"
 
 
 def _digits(uncertainty: float) -> int:

@@ -166,7 +166,7 @@ def test_the_drawings_follow_the_colours_of_the_page(found: Discovery, tmp_path:
 
 
 def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
-    event = Event("b", "heat_up", 0, 600.0, 1800.0, -3.0, 0.5, -0.7)
+    event = Event("b", "heat_up", 0, 600.0, 1800.0, -3.0, 0.6, -0.7)
     verdict = replace(found.verdict, kind="unknown", reason="an error remains")
     text, page = _page(replace(found, verdict=verdict, event=event), tmp_path)
     plain, _ = _page(found, tmp_path)
@@ -309,6 +309,7 @@ def test_every_effect_of_the_library_can_be_said() -> None:
         ((0.067957, 0.066587, 0.069328), "0.0680 (0.0666 … 0.0693)"),
         ((3473.7, 2966.3, 3981.1), "3474 (2966 … 3981)"),
         ((-0.76, -0.86, -0.59), "−0.76 (−0.86 … −0.59)"),
+        ((-1e-9, -0.004, 0.132), "0.000 (−0.004 … 0.132)"),
         ((0.5, 0.5, 0.5), "0.5"),
     ],
 )

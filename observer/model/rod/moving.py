@@ -5,7 +5,8 @@ is spread along the path between the samples. Straight lines would cut off the r
 little heat), so the path is folded: a nut that ran at full speed and then came less far than it should has
 turned on the way, and where it turned follows from what is missing. Where the nut is sampled more coarsely
 still, the footprint at the sampled points alone, averaged over about 20 s, is the better account: short
-against diffusion between sensors, long against a traverse.
+against diffusion between sensors, long against a traverse. Across a gap of more than ten seconds the nut
+counts as spread over its stroke.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ class NutState:
     """What is remembered of a nut between steps.
 
     Last sample; velocity over the step to it, and 0 unless that was at full speed; recent largest speed; the
-    columns in force, `B` (n_x,), `C` (R,); and the fading sums `sum_B`, `sum_C` of the footprints at the
-    sampled points, with their `weight_s`.
+    columns in force, `B` (n_x,), `C` (R,); and the fading sums `sum_B`, `sum_C` of the footprints of
+    the last seconds, with their `weight_s`.
     """
 
     time_s: float
@@ -95,7 +96,7 @@ def columns(
     _average(
         scalars, B, C, sum_B, sum_C, dt_s, *path, out_B, out_C, table.mu_1_m, table.phase, table.scale,
         table.conductance_W_m, table.nut_m, table.screw_m, table.stroke_m, table.lag, table.lag_decay_1_s,
-        table.table_C,
+        table.table_C, table.mean_B, table.mean_C,
     )  # fmt: skip
     time_s, position_m, velocity_m_s, speed_m_s, weight_s = scalars.tolist()
     return NutState(time_s, position_m, velocity_m_s, speed_m_s, weight_s, B, C, sum_B, sum_C), out_B, out_C
@@ -116,7 +117,7 @@ def standing(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, Fl
 @numba.njit(cache=True)
 def _average(  # type: ignore[no-untyped-def]
     scalars, B, C, sum_B, sum_C, dt_s, sample_s, sample_m, offset, out_B, out_C,
-    mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C,
+    mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C, mean_B, mean_C,
 ):  # fmt: skip
     """Advance the averaged columns B, C through K steps; `scalars` are those of `NutState`, in its order."""
     step_B, step_C = np.empty_like(B), np.empty_like(C)
@@ -124,11 +125,12 @@ def _average(  # type: ignore[no-untyped-def]
         step_B[:] = 0.0
         step_C[:] = 0.0
         along_path = _told(scalars, dt_s[k], sample_s, sample_m, offset[k], offset[k + 1], stroke_m)
-        weight = 0.0
+        weight, gap_s = 0.0, 0.0
         for i in range(offset[k], offset[k + 1]):
             share, a_m, b_m, turn_m = 1.0, sample_m[i], sample_m[i], sample_m[i]
             if not np.isnan(scalars[1]):
                 since_s = sample_s[i] - scalars[0]
+                gap_s = max(gap_s, since_s)
                 turn_m = turn(scalars, sample_m[i], since_s)
                 if along_path:
                     share, a_m = since_s, scalars[1]
@@ -145,19 +147,23 @@ def _average(  # type: ignore[no-untyped-def]
                     centre = turn_m + (run_m - out_m) * np.sign(b_m - turn_m)
                 _add(step_B, step_C, share / points, centre, mu, phase, scale, kA, nut_m, screw_m, table_C)
             scalars[0], scalars[1] = sample_s[i], sample_m[i]
-        # A fading mean, fair from its first sample on; it begins anew when the path is no longer told.
-        fade = 0.0 if along_path else np.exp(-dt_s[k] / MEMORY_S)
         if weight > 0.0:
-            share = max(dt_s[k], 1e-6)
-            scalars[4] = fade * scalars[4] + share
-            for n in range(len(mu)):
-                sum_B[n] = fade * sum_B[n] + share * step_B[n] / weight
-                B[n] = sum_B[n] / scalars[4]
+            share = min(dt_s[k], MEMORY_S / 4)  # a longer step knows no more than where the nut is after it
+            fade = np.exp(-share / MEMORY_S)
+            scalars[4] = fade * scalars[4] + max(share, 1e-6)
             # What the dropped modes hold follows the nut as fast as they settle, not at once.
             settle = 1.0 - np.exp(-dt_s[k] * lag_decay)
+            for n in range(len(mu)):
+                sum_B[n] = fade * sum_B[n] + max(share, 1e-6) * step_B[n] / weight
+                B[n] = step_B[n] / weight if along_path else sum_B[n] / scalars[4]
             for r in range(len(C)):
-                sum_C[r] = fade * sum_C[r] + share * step_C[r] / weight
-                C[r] += settle * (sum_C[r] / scalars[4] - C[r])
+                sum_C[r] = fade * sum_C[r] + max(share, 1e-6) * step_C[r] / weight
+                C[r] += settle * ((step_C[r] / weight if along_path else sum_C[r] / scalars[4]) - C[r])
+            if gap_s > MEMORY_S:
+                for n in range(len(mu)):
+                    B[n] = mean_B[n]
+                for r in range(len(C)):
+                    C[r] = mean_C[r]
         B[lag] = lag_decay
         out_B[k, :] = B
         out_C[k, :] = C
