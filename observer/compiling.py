@@ -24,12 +24,12 @@ inlined = njit(forceinline=True, **_OPTIONS)
 rarely = njit(**_OPTIONS)
 
 
-def cached_loop(*modules: ModuleType) -> Callable[[Callable[..., Any]], Any]:
+def cached_loop(*modules: ModuleType, allocates: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Compile a loop on first use, cached under the sources of its own module and of `modules`."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         sources = [inspect.getsource(module) for module in (sys.modules[function.__module__], *modules)]
         function.__qualname__ += f"-{zlib.crc32(chr(0).join(sources).encode()):08x}"
-        return njit(cache=True, **_OPTIONS)(function)
+        return njit(cache=True, **({} if allocates else _OPTIONS))(function)
 
     return decorate

@@ -21,6 +21,7 @@ from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
+from observer.model.rod.path import PathState
 from observer.sections import Source
 
 TICK_S = 10.0
@@ -190,7 +191,7 @@ class CoarseRun:
         frames, first = self.run.frames, self.ticks.first
         table, path = plant.moving[i].table, frames.path[plant.moving[i].channel]
         if at_ends:
-            _, B, C = turning.columns(table, turning.start(), frames.dt_s, path)
+            _, B, C = turning.columns(table, PathState(), frames.dt_s, path)
         else:
             _, B, C = moving.columns(table, moving.start(table), frames.dt_s, path)
         B = B[:, : plant.modes]

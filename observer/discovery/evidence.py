@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +24,12 @@ SLOW_S, SLOW_K, SLOW_SHARE = 900.0, 0.006, 0.0015
 a share of the sensor's rms rise."""
 BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.003, 0.0006
 """The same of what beats between a nut's motion and the sampling of its position."""
+TRUSTED, LEAST_SAMPLES = 3.0, 200
 RESOLUTION_K = 0.003
 """What quantisation leaves of a mean over half a minute."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Evidence:
     """The means of all runs, one row per mean and sensor that was measured.
 
@@ -60,6 +62,12 @@ class Evidence:
             out[index] = matrix @ columns[index]
         return out
 
+    @cached_property
+    def expected(self) -> float:
+        """What white noise alone makes of the mean squared whitened error of a model without fault."""
+        total = sum(float(np.sum((matrix * self.noise_K[index]) ** 2)) for index, matrix in self.groups)
+        return total / max(len(self.run), 1)
+
     @property
     def folds(self) -> int:
         """How many folds there are."""
@@ -77,7 +85,8 @@ class Evidence:
 
 
 def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
-    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise."""
+    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured."""
+    noise_K = shown_noise(runs, noise_K)
     parts = []
     for i, run in enumerate(runs):
         mean, sensor = np.nonzero(_full(run.ticks.count))
@@ -96,6 +105,18 @@ def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
                 index = np.flatnonzero((run_ == i) & (sensor == s) & (fold == role))
                 groups.append((index, _whitening(time_s[index], white_K[index] ** 2, rise_K[i, s])))
     return Evidence(run_, mean, sensor, measured, white_K, time_s, fold, tuple(groups))
+
+
+def shown_noise(runs: Sequence[CoarseRun], noise_K: FloatArray) -> FloatArray:
+    """The noise (s,) that the logs show from sample to sample, within a factor `TRUSTED` of `noise_K`."""
+    out = noise_K.copy()
+    for s in range(len(noise_K)):
+        steps = [np.diff(r.run.values_degC[r.run.usable[:, s], s]) for r in runs]
+        step_K = np.concatenate(steps)
+        if len(step_K) >= LEAST_SAMPLES:
+            shown_K = float(np.sqrt(np.mean(np.clip(step_K, -6 * noise_K[s], 6 * noise_K[s]) ** 2) / 2))
+            out[s] = min(max(shown_K, noise_K[s] / TRUSTED), noise_K[s] * TRUSTED)
+    return out
 
 
 def _full(count: FloatArray) -> NDArray[np.bool_]:

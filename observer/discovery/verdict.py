@@ -13,9 +13,9 @@ from observer.discovery.search import FORM, Search, same_physics
 
 Kind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
 
-UNFIT = 0.45
-"""Mean squared whitened error beyond which something is left that no effect explains."""
-PROOF_UNFIT = 0.6
+UNFIT = 0.12
+"""Mean squared whitened error beyond that of noise, from which on something is left unexplained."""
+PROOF_UNFIT = 0.3
 """The same on data held back, which the parameters were not fitted to."""
 WITHIN_REACH = 12.0
 """A rival whose score is no further below the winner's cannot be told from it."""
@@ -42,9 +42,10 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     """Weigh a search; `lacking` says what the logs do not hold."""
     fit = search.fit
     form = FORM * (goodness(search.null) - goodness(fit))
-    unfit = goodness(fit) > UNFIT + form or proof.goodness > PROOF_UNFIT + 2 * form
+    noise = fit.problem.evidence.expected
+    unfit = goodness(fit) > noise + UNFIT + form or proof.goodness > noise + PROOF_UNFIT + 2 * form
     if unfit or proof.worse:
-        where = "in what was fitted" if goodness(fit) > UNFIT + form else "on data held back"
+        where = "in what was fitted" if goodness(fit) > noise + UNFIT + form else "on data held back"
         reason = f"an error remains {where} that no effect of the library, nor three together, explains"
         return Verdict("unknown", fit, (), (), reason)
     if not search.chosen and lacking:

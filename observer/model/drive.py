@@ -20,6 +20,7 @@ from observer.model.heat.law import Law, heat_law, law_channels
 from observer.model.plant import OFFSET, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
+from observer.model.rod.path import PathState
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class DriveState:
     law_W: FloatArray
     z: FloatArray
     nuts: tuple[moving.NutState, ...]
-    turns: tuple[turning.TurnState, ...]
+    turns: tuple[PathState, ...]
     begin_s: float
     last_s: float
     running_s: FloatArray
@@ -81,7 +82,7 @@ class Drive:
             law_W=np.full(len(self._laws), np.nan),
             z=z,
             nuts=tuple(moving.start(s.table) for s in self._plant.moving),
-            turns=tuple(turning.start() for _ in self._plant.moving),
+            turns=tuple(PathState() for _ in self._plant.moving),
             begin_s=np.nan,
             last_s=np.nan,
             running_s=np.zeros(len(self._laws)),
@@ -173,7 +174,7 @@ class Drive:
 
     def _nuts(
         self, state: DriveState, frames: FrameBlock
-    ) -> tuple[tuple[moving.NutState, ...], tuple[turning.TurnState, ...], FloatArray, FloatArray]:
+    ) -> tuple[tuple[moving.NutState, ...], tuple[PathState, ...], FloatArray, FloatArray]:
         """The averaged columns of every moving source: states, (K, M, n_x), (K, M, R)."""
         plant = self._plant
         followed = plant.moving if self._follow_nuts else ()

@@ -18,7 +18,7 @@ from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.modes import solve_modes
-from observer.model.rod.moving import SAMPLES_PER_TRAVERSE
+from observer.model.rod.path import SAMPLES_PER_TRAVERSE
 from observer.model.rod.screw import rod_of
 from observer.model.rod.sources import design_stretches
 from observer.model.rod.supports import force_N
