@@ -416,7 +416,9 @@ def place(config: Config, count: int, spacing_m: float | None) -> list[dict[str,
         update={
             "effect": tuple(e for e in config.effect if e.targets != "sensor"),
             "sensor": tuple(
-                config.sensor[0].model_copy(update={"name": f"c{i}", "channel": f"c{i}", "position_m": x})
+                config.sensor[0].model_copy(
+                    update={"name": f"c{i}", "channel": f"c{i}", "position_m": x, "on": None}
+                )
                 for i, x in enumerate(positions_m.tolist())
             ),
         }

@@ -121,7 +121,9 @@ class Config(Description):
     @model_validator(mode="after")
     def _fits_the_screw(self) -> Config:
         length_m = self.screw.length_m
-        places = [(f"sensor {s.name}: position_m", s.position_m) for s in self.sensor]
+        places = [
+            (f"sensor {s.name}: position_m", s.position_m) for s in self.sensor if s.position_m is not None
+        ]
         for source in self.source:
             for key in ("position_m", "to_m"):
                 if getattr(source, key) is not None:

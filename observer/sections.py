@@ -5,13 +5,15 @@ Every unit and every range of these tables is checked here, once.
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from observer.laws import LAWS, HeatLaw, Surface
 from observer.mounting import Supports
-from observer.quantities import Channel, Name, NonNegative, Positive, Section, Temperature
+from observer.nodes import Link, Node, check_places
+from observer.quantities import Channel, Name, NonNegative, Positive, Section, Share, Temperature
 
 
 class Screw(Section):
@@ -65,7 +67,7 @@ class Source(HeatLaw):
     """Heat entering the screw: where (shape) and how much (law)."""
 
     name: Name
-    shape: Literal["nut", "point", "band"]
+    shape: Literal["nut", "point", "band", "node"]
     # where
     length_m: Positive | None = None
     stroke_m: tuple[NonNegative, NonNegative] | None = None
@@ -74,6 +76,7 @@ class Source(HeatLaw):
     position_m: NonNegative | None = None
     from_m: NonNegative | None = None
     to_m: NonNegative | None = None
+    nodes: dict[Name, Share] = Field(default_factory=dict)
     # how it is estimated
     estimate: bool = True
     random_walk_W_sqrt_s: NonNegative = 0.1
@@ -83,7 +86,9 @@ class Source(HeatLaw):
 
     @model_validator(mode="after")
     def _shape_is_complete(self) -> Source:
-        needed = {"nut": ("length_m",), "point": ("position_m",), "band": ("from_m", "to_m")}[self.shape]
+        needed = {"nut": ("length_m",), "point": ("position_m",), "band": ("from_m", "to_m"), "node": ()}[
+            self.shape
+        ]
         for key in needed:
             if getattr(self, key) is None:
                 raise ValueError(f'shape = "{self.shape}" needs {key}')
@@ -104,6 +109,21 @@ class Source(HeatLaw):
         return self
 
     @model_validator(mode="after")
+    def _heat_goes_somewhere(self) -> Source:
+        total = sum(self.nodes.values())
+        if self.shape == "node" and not math.isclose(total, 1.0, abs_tol=1e-6):
+            raise ValueError(f'shape = "node": the shares of nodes are to add up to 1, not {total:g}')
+        if total > 1.0 + 1e-6:
+            raise ValueError(f"the shares of nodes add up to {total:g}, more than 1; lower them")
+        return self
+
+    @property
+    def screw_share(self) -> float:
+        """The part of the heat that enters the screw itself, the rest going into nodes."""
+        left = 1.0 - sum(self.nodes.values())
+        return left if left > 1e-6 else 0.0
+
+    @model_validator(mode="after")
     def _law_is_complete(self) -> Source:
         if self.law is None and not self.estimate:
             raise ValueError(f"estimate = false needs a heat law ({', '.join(LAWS[:-1])} or {LAWS[-1]})")
@@ -115,12 +135,19 @@ class Source(HeatLaw):
 
 
 class Sensor(Section):
-    """A thermocouple on the screw."""
+    """A thermocouple on the screw, or on a node beside it."""
 
     name: Name
     channel: Channel
-    position_m: NonNegative
+    position_m: NonNegative | None = None
+    on: Name | None = None
     noise_K: Positive = 0.1
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Sensor:
+        if (self.position_m is None) == (self.on is None):
+            raise ValueError("give exactly one of position_m (on the screw) and on (a node)")
+        return self
 
 
 class Description(Section):
@@ -131,5 +158,33 @@ class Description(Section):
     ambient: Ambient
     boundary: Boundaries = Boundaries()
     supports: Supports | None = None
+    node: tuple[Node, ...] = ()
+    link: tuple[Link, ...] = ()
     source: tuple[Source, ...] = Field(min_length=1)
     sensor: tuple[Sensor, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _nodes_are_known(self) -> Description:
+        names = {n.name for n in self.node}
+        self._linked_ends_are_free()
+        standing = tuple(s.name for s in self.source if s.shape != "node")
+        check_places(self.node, self.link, tuple(s.name for s in self.source), standing)
+        for place, used in (
+            *((f"source {s.name}: nodes", name) for s in self.source for name in s.nodes),
+            *((f"sensor {s.name}: on", s.on) for s in self.sensor if s.on is not None),
+        ):
+            if used not in names:
+                known = ", ".join(sorted(names)) or "none yet, write [[node]]"
+                raise ValueError(f'{place} names "{used}", which is no node; the nodes are: {known}')
+        return self
+
+    def _linked_ends_are_free(self) -> None:
+        linked = {end for one in self.link for end in one.between}
+        for source in self.source:
+            end = {0.0: "left", self.screw.length_m: "right"}.get(source.position_m or 0.0)
+            prescribed = end is not None and getattr(self.boundary, end).kind == "prescribed"
+            if prescribed and source.name in linked and source.shape == "point":
+                raise ValueError(
+                    f'link to "{source.name}": the {end} end has a prescribed temperature, which no heat can '
+                    "change; remove the link or the prescription"
+                )

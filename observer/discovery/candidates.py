@@ -132,12 +132,14 @@ def _ends(config: Config) -> Iterator[Candidate]:
 def _heats(config: Config) -> Iterator[Candidate]:
     L = config.screw.length_m
     for source in config.source:
-        if source.shape == "nut":
+        on_screw = source.screw_share > 0.0
+        if source.shape == "nut" and on_screw:
             yield _mass(source.name)
             yield _one("dwell", source.name, fraction=0.1)
         if not law_channels(source, config.source):
             continue
-        yield _one("friction_fade", source.name, per_K=3e-3)
+        if on_screw:
+            yield _one("friction_fade", source.name, per_K=3e-3)
         if source.law in SPEED_LAWS:
             yield _one("friction_speed", source.name, {"exponent": 0.2}, exponent=1.1)
         shapes = tuple({"fraction": 0.2, "time_s": t} for t in (400.0, 1200.0, 3600.0))

@@ -118,8 +118,8 @@ class CoarseRun:
         B, C = np.zeros((T, M, len(plant.decay_1_s))), np.zeros((T, M, len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
             columns = self._columns(plant, i, driven.law_W[:, source.index])
+            B[:, i] = source.table.mean_B
             B[:, i, : plant.modes] = columns.B
-            B[:, i, source.table.lag] = source.table.lag_decay_1_s
             C[:, i] = columns.C
             if source.ends_fraction:
                 ends = self._columns(plant, i, driven.law_W[:, source.index], at_ends=True)

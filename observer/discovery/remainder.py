@@ -16,6 +16,7 @@ from observer.discovery.hypothesis import Fit
 from observer.discovery.phases import PHASES, courses_of
 from observer.effects.heat import LocalHeat
 from observer.frames import FloatArray
+from observer.sections import Sensor, Source
 
 WINDOW_S = 600.0
 PRIOR_W = 10.0
@@ -96,10 +97,18 @@ def _step_responses(config: Config, fit: Fit, run: int) -> list[FloatArray]:
     here = forward(config)[run]
     out = []
     for sensor in config.sensor:
-        heat = LocalHeat(kind="local_heat", position_m=sensor.position_m, heat_W=1.0)
-        more = config.model_copy(update={"effect": (*config.effect, heat)})
-        out.append(forward(more)[run] - here)
+        out.append(forward(_one_watt_at(config, sensor))[run] - here)
     return out
+
+
+def _one_watt_at(config: Config, sensor: Sensor) -> Config:
+    """The configuration with 1 W where a sensor sits, on the screw or on a node."""
+    if sensor.position_m is not None:
+        heat = LocalHeat(kind="local_heat", position_m=sensor.position_m, heat_W=1.0)
+        return config.model_copy(update={"effect": (*config.effect, heat)})
+    into = {sensor.on: 1.0}
+    one = Source(name="one_watt", shape="node", nodes=into, heat_W=1.0, estimate=False)  # type: ignore[arg-type]
+    return config.model_copy(update={"source": (*config.source, one)})
 
 
 def _later(step: FloatArray, by: int) -> FloatArray:

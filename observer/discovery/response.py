@@ -93,16 +93,17 @@ def respond(config: Config, run: Run) -> Response:
     def start_at(law_W: FloatArray) -> SimulationState:
         return start_from_sensors(plant, run.start_degC, run.start_R_K2, law_W, z)
 
-    silent = np.zeros(len(config.source))
-    cold = start_at(silent)
-    quiet = replace(inputs, law_W=np.zeros_like(inputs.law_W))
-    base = run.means(simulate(plant, cold, quiet)[1])
+    # sources that effects and links have added keep their laws
+    index, count = np.arange(len(plant.source_names)), len(config.source)
+    added_W = np.where(index < count, 0.0, inputs.law_W)
+    cold = start_at(added_W[0])
+    base = run.means(simulate(plant, cold, replace(inputs, law_W=added_W))[1])
     no_z = replace(inputs, z_start=np.zeros_like(inputs.z_start), z_end=np.zeros_like(inputs.z_end))
-    unit = np.zeros((len(silent), *base.shape))
-    for j in range(len(silent)):
-        alone = np.arange(len(silent)) == j
+    unit = np.zeros((count, *base.shape))
+    for j in range(count):
+        alone = index == j
         if np.any(inputs.law_W[:, j]):
-            state = SimulationState(start_at(np.where(alone, inputs.law_W[0], 0.0)).x - cold.x)
+            state = SimulationState(start_at(added_W[0] + np.where(alone, inputs.law_W[0], 0.0)).x - cold.x)
             unit[j] = run.means(simulate(plant, state, replace(no_z, law_W=inputs.law_W * alone))[1])
     return Response(base, unit)
 

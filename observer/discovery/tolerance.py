@@ -14,6 +14,7 @@ import numpy as np
 from observer.config import Config
 from observer.effects.film import UnevenConvection
 from observer.effects.sensing import SensorLag
+from observer.sections import Sensor
 
 Kind = Literal["screw", "place", "lag"]
 
@@ -37,11 +38,7 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
     for key in ("conductivity_W_mK", "specific_heat_J_kgK"):
         value = getattr(screw, key) * (1 + MATERIAL)
         yield config.model_copy(update={"screw": screw.model_copy(update={key: value})}), "screw"
-    inward = [PLACE_M if s.position_m < screw.length_m / 2 else -PLACE_M for s in config.sensor]
-    moved = [
-        s.model_copy(update={"position_m": s.position_m + by})
-        for s, by in zip(config.sensor, inward, strict=True)
-    ]
+    moved = [_moved_inward(s, screw.length_m) for s in config.sensor]
     yield config.model_copy(update={"sensor": tuple(moved)}), "place"
     film = config.surface.convection_W_m2K
     if film > 0:
@@ -51,3 +48,11 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
             yield config.model_copy(update={"effect": (*config.effect, extra)}), "screw"
     lags = [SensorLag(kind="sensor_lag", target=s.name, time_constant_s=LAG_S) for s in config.sensor]
     yield config.model_copy(update={"effect": (*config.effect, *lags)}), "lag"
+
+
+def _moved_inward(sensor: Sensor, length_m: float) -> Sensor:
+    """The sensor a little nearer to the middle of the screw; one beside the screw stays."""
+    if sensor.position_m is None:
+        return sensor
+    by_m = PLACE_M if sensor.position_m < length_m / 2 else -PLACE_M
+    return sensor.model_copy(update={"position_m": sensor.position_m + by_m})

@@ -10,7 +10,7 @@ from pydantic import Field
 from observer.effects.terms import Term
 from observer.errors import ConfigError
 from observer.quantities import Section
-from observer.sections import Description
+from observer.sections import Description, Source
 
 Target = Annotated[str, Field(min_length=1, max_length=64)]
 
@@ -70,10 +70,17 @@ def source_free_to_warm(machine: Description, name: str, kind: str) -> str:
     Raises `ConfigError`.
     """
     source = next(s for s in machine.source if s.name == named_source(machine, name, kind))
+    heats_screw(source, kind)
     end = {0.0: "left", machine.screw.length_m: "right"}.get(source.position_m or 0.0)
     if source.shape == "point" and end is not None:
         free_end(machine, end, kind)
     return name
+
+
+def heats_screw(source: Source, kind: str) -> None:
+    """Raise `ConfigError` where all of a source's heat goes into nodes."""
+    if source.screw_share == 0.0:
+        raise ConfigError(f'effect "{kind}": "{source.name}" heats nodes only; name one that heats the screw')
 
 
 def on_screw(machine: Description, key: str, position_m: float, kind: str) -> None:

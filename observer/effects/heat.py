@@ -11,6 +11,7 @@ from observer.effects.base import (
     EffectTable,
     Target,
     free_end,
+    heats_screw,
     named_source,
     on_screw,
     source_free_to_warm,
@@ -175,8 +176,10 @@ class Dwell(EffectTable):
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         name = named_source(machine, self.target, self.kind)
-        if next(s for s in machine.source if s.name == name).shape != "nut":
+        source = next(s for s in machine.source if s.name == name)
+        if source.shape != "nut":
             raise ConfigError(f'effect "{self.kind}": target "{name}" is no nut; name a source of that shape')
+        heats_screw(source, self.kind)
         return (StrokeEnds(name, self.fraction),)
 
 

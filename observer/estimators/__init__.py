@@ -36,6 +36,6 @@ def refuse_what_it_cannot_follow(plant: Plant, settings: EstimatorSettings) -> N
     fixed = settings.kind == "luenberger" or settings.engine == "constant"
     if fixed and plant.coupling.states:
         raise ConfigError(
-            "estimator: an effect that stores heat or delays a sensor adds a state "
+            "estimator: a node, or an effect that stores heat or delays a sensor, adds a state "
             'that fixed gains cannot follow; set kind = "kalman" and engine = "compiled"'
         )

@@ -18,7 +18,8 @@ from scipy.optimize import linear_sum_assignment
 
 from observer.estimators.kim import gains_on_chain, gains_on_eigenvectors, kim_poles
 from observer.frames import BoolArray, FloatArray
-from observer.model.discretise import StepMatrices, augmented
+from observer.model.discretise import StepMatrices
+from observer.model.generator import design_step
 from observer.model.plant import Plant
 
 ComplexArray = NDArray[np.complex128]
@@ -79,7 +80,7 @@ class Refusal:
 
 def slow_pair(plant: Plant, step: StepMatrices, bandwidth_1_s: float) -> SlowPair:
     """Split off the modes slower than the bandwidth, with the heats; lags always stay."""
-    Ad, _ = augmented(plant, step)
+    Ad, _ = design_step(plant, step)
     n_x = len(plant.decay_1_s)
     heats = np.arange(n_x, len(Ad))
     mode = np.arange(n_x) < plant.modes
@@ -187,7 +188,7 @@ def is_stable(M: FloatArray) -> bool:
 
 def closed_loop(plant: Plant, step: StepMatrices, K: FloatArray) -> FloatArray:
     """Return (I - K C) Ad (n, n)."""
-    Ad, _ = augmented(plant, step)
+    Ad, _ = design_step(plant, step)
     C = sensor_rows(plant)
     return Ad - K @ (C @ Ad)
 

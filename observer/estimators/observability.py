@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from observer.frames import FloatArray
+from observer.model.generator import settled_inputs, settled_rows
 from observer.model.plant import Plant
 
 # Modes that decay faster than this many times the slowest leave no trace a sensor could tell from noise.
@@ -61,7 +62,11 @@ def plant_responses(plant: Plant, C: FloatArray, horizon_s: float | None = None)
     horizon = horizon_s or 1.0 / float(np.min(decay[decay > 0]))
     scale = np.concatenate([np.sqrt(np.diag(plant.prior_P))[slow], plant.initial_sigma_W])
     return responses(
-        decay, plant.B[np.ix_(slow, np.flatnonzero(plant.estimated))], C[:, slow], scale, horizon
+        decay,
+        settled_inputs(plant)[np.ix_(slow, np.flatnonzero(plant.estimated))],
+        C[:, slow],
+        scale,
+        horizon,
     )
 
 
@@ -71,7 +76,7 @@ def weakest_mode(plant: Plant) -> tuple[int, int, float]:
 
     How much is the mode's shape at that sensor against its largest value anywhere on the grid.
     """
-    temperatures = plant.rows.C[: plant.rows.sensors + plant.rows.grid, : plant.modes]
+    temperatures = settled_rows(plant)[: plant.rows.sensors + plant.rows.grid, : plant.modes]
     largest = np.abs(temperatures).max(axis=0)
     share = np.abs(temperatures[: plant.rows.sensors]) / np.where(largest > 0, largest, 1.0)
     best = share.max(axis=0)

@@ -22,6 +22,7 @@ from observer.estimators.observability import plant_responses, smallest_singular
 from observer.estimators.riccati import steady_kalman
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
+from observer.model.generator import generator, settled_rows
 from observer.model.plant import Plant
 
 _MOST_SUBSET_SENSORS = 8
@@ -71,7 +72,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
     return DesignReport(
         kind=settings.kind,
         bandwidth_1_s=omega,
-        eigenvalues_1_s=np.sort(-np.concatenate([plant.decay_1_s, plant.heat_decay_1_s]))[::-1],
+        eigenvalues_1_s=np.sort(np.concatenate([_rates(plant), -plant.heat_decay_1_s]))[::-1],
         poles_requested_1_s=requested,
         poles_reached_1_s=reached,
         noise_gain_W_K={name: float(g) for name, g in zip(plant.layout.sources, noise, strict=True)},
@@ -79,7 +80,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
         weakest_mode_sensor=names[sensor],
         weakest_mode_share=share,
         smallest_singular_value_K=smallest_singular_value(
-            plant_responses(plant, plant.rows.C[plant.rows.sensor_slice])
+            plant_responses(plant, settled_rows(plant)[plant.rows.sensor_slice])
         ),
         undetermined=undetermined,
         warnings=(
@@ -88,6 +89,13 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
             *_loss_warnings(undetermined),
         ),
     )
+
+
+def _rates(plant: Plant) -> FloatArray:
+    """The plant's own eigenvalues, 1/s; links are as passive as the screw, so that they are real."""
+    if not plant.coupling.nodes:
+        return -plant.decay_1_s
+    return np.asarray(np.linalg.eigvals(generator(plant)).real)
 
 
 def _design(

@@ -9,7 +9,8 @@ from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from observer.estimators.gains import Refusal, closed_loop, is_stable, sensor_rows
 from observer.frames import BoolArray, FloatArray
-from observer.model.discretise import StepMatrices, augmented
+from observer.model.discretise import StepMatrices
+from observer.model.generator import design_step
 from observer.model.plant import Plant
 
 # Relative residual above which a solution of the Riccati equation is not believed: forecasts of σ need three
@@ -36,7 +37,7 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
     names = tuple(name for name, here in zip(plant.layout.sensors, present, strict=True) if here)
     if not present.any():
         return Refusal(names, "without a sensor there is nothing to correct by")
-    Ad, Qd = augmented(plant, step)
+    Ad, Qd = design_step(plant, step)
     scale = _scale(plant)
     A = Ad * scale / scale[:, None]
     Q = Qd / np.multiply.outer(scale, scale)
@@ -65,7 +66,7 @@ def steady_covariance(plant: Plant, step: StepMatrices, K: FloatArray) -> Steady
 
     P = M P Mᵀ + (I - K C) Qd (I - K C)ᵀ + K R Kᵀ, with M = (I - K C) Ad.
     """
-    Ad, Qd = augmented(plant, step)
+    Ad, Qd = design_step(plant, step)
     scale = _scale(plant)
     weigh = np.multiply.outer(scale, scale)
     M = closed_loop(plant, step, K) * scale / scale[:, None]

@@ -143,8 +143,8 @@ def stacked_problem(
     """
     if plant.coupling.active:
         raise UserError(
-            "an effect changes the plant with speed, temperature or time, and this method needs one that "
-            "stays as it is; use --method smoother"
+            "nodes couple the plant's states, or an effect changes the plant with speed, temperature or "
+            "time, and this method needs one that stays as it is; use --method smoother"
         )
     inputs = joined(blocks)
     known = np.isfinite(inputs.z_end).all(axis=1) & np.isfinite(inputs.z_start).all(axis=1)

@@ -31,7 +31,7 @@ from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.rows import Places, modal_rows, reference_rows, remainder_rows
 from observer.model.rod.screw import Rod, rod_of
-from observer.model.rod.sources import design_stretches, mean_stretch, nut_stretch
+from observer.model.rod.sources import footprints, mean_stretch, nut_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, source_field
 from observer.model.rod.supports import restraint_of
 from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input
@@ -62,8 +62,9 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS) -> Plant:
     """
     machine = realise(config)
     plant, modes = _plain_plant(machine.config, machine.terms, nut_places)
-    if any(isinstance(t, COUPLING) for t in machine.terms):
-        return with_coupling(plant, modes, machine.config, machine.terms)
+    if machine.config.node or any(isinstance(t, COUPLING) for t in machine.terms):
+        sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
+        return with_coupling(plant, modes, machine.config, machine.terms, sigma_W)
     return plant
 
 
@@ -130,7 +131,7 @@ def keep_modes(config: Config, candidates: Modes) -> list[int]:
     settings = config.model
     if settings.modes is not None:
         return list(range(settings.modes))
-    stretches = [s for source in config.source for s in design_stretches(source, config.screw)]
+    stretches = footprints(config.source, config.screw)
     if settings.criterion == "kim":
         return sorted(set().union(*(keep_by_ratio(candidates, s, settings.truncation) for s in stretches)))
     by_tail = max(len(keep_by_tail(candidates, s, settings.truncation)) for s in stretches)
@@ -150,7 +151,8 @@ def _places(config: Config) -> Places:
     screw, grid_m = config.screw, grid_of(config)
     held = config.supports
     restraint = None if held is None else restraint_of(held, screw.length_m, screw.diameter_m, grid_m)
-    sensor_m = np.array([s.position_m for s in config.sensor])
+    # one beside the screw gets its row with the node it sits on
+    sensor_m = np.array([s.position_m or 0.0 for s in config.sensor])
     return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint)
 
 
@@ -174,7 +176,8 @@ def _footprint(
 ) -> tuple[FloatArray, FloatArray]:
     """A source's modal column (N,) and its lag's output column (R,), averaged over its motion."""
     stretch = mean_stretch(source, config.screw)
-    b, c = modal_input(modes, stretch), _lag_row(config, modes, places, stretch)
+    share = source.screw_share
+    b, c = share * modal_input(modes, stretch), share * _lag_row(config, modes, places, stretch)
     if ends_fraction == 0.0:
         return b, c
     ends_b, ends_c = _at_stroke_ends(config, modes, places, source)
@@ -189,7 +192,7 @@ def _at_stroke_ends(
     stretches = [nut_stretch(x, source.length_m or 0.0, L) for x in source.stroke_m or (0.0, L)]
     b = [modal_input(modes, s) for s in stretches]
     c = [_lag_row(config, modes, places, s) for s in stretches]
-    return (b[0] + b[1]) / 2, (c[0] + c[1]) / 2
+    return source.screw_share * (b[0] + b[1]) / 2, source.screw_share * (c[0] + c[1]) / 2
 
 
 def _lag_row(config: Config, modes: Modes, places: Places, stretch: Stretch) -> FloatArray:
@@ -254,14 +257,14 @@ def _moving_sources(
         table = NutTable(
             mu_1_m=modes.mu_1_m,
             phase=modes.phase,
-            scale=modes.scale,
+            scale=source.screw_share * modes.scale,
             conductance_W_m=modes.rod.conductance_W_m,
             nut_m=source.length_m or 0.0,
             screw_m=modes.rod.length_m,
             stroke_m=_stroke_m(source, modes.rod),
             lag=lag,
             lag_decay_1_s=lag_decay_1_s,
-            table_C=_nut_rows(config, modes, places, source.length_m or 0.0, nut_places),
+            table_C=_nut_rows(config, modes, places, source, nut_places),
             mean_B=mean_B,
             mean_C=mean_C,
         )
@@ -278,11 +281,11 @@ def _stroke_m(source: Source, rod: Rod) -> float:
     return high - low
 
 
-def _nut_rows(config: Config, modes: Modes, places: Places, nut_m: float, nut_places: int) -> FloatArray:
+def _nut_rows(config: Config, modes: Modes, places: Places, source: Source, nut_places: int) -> FloatArray:
     """The lag's output column with the nut at evenly spaced places, (P, R)."""
-    L = modes.rod.length_m
-    centres = np.linspace(0.0, L, nut_places)
-    return np.array([_lag_row(config, modes, places, nut_stretch(float(x), nut_m, L)) for x in centres])
+    L, nut_m = modes.rod.length_m, source.length_m or 0.0
+    stretches = [nut_stretch(x, nut_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
+    return source.screw_share * np.array([_lag_row(config, modes, places, s) for s in stretches])
 
 
 def _padded(matrix: FloatArray, size: int) -> FloatArray:

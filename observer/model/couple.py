@@ -1,15 +1,20 @@
-"""Extend a plant by the terms that couple its states: bodies and lagging sensors get states of their own."""
+"""Extend a plant by what couples its states: nodes and lagging sensors get states of their own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from observer.effects.terms import Body, Fade, Lag, Radiation, StretchFilm, Term
+from observer.effects.terms import Fade, Lag, Radiation, StretchFilm, Term
 from observer.frames import FloatArray
 from observer.model.coupling import no_coupling
+from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
+from observer.model.network.attach import Attached, attached, past_covariance
+from observer.model.network.network import NodeModes, node_modes
+from observer.model.network.sweep import spreads
 from observer.model.plant import OFFSET, Plant
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
@@ -22,56 +27,101 @@ NEGLIGIBLE = 1e-9
 """Rate of a film's shape against the largest, below which it is left out."""
 
 
-def with_coupling(plant: Plant, modes: Modes, machine: Description, terms: Sequence[Term]) -> Plant:
-    """Return the plant with the couplings of `terms`; terms of other kinds are passed over.
+def with_coupling(
+    plant: Plant, modes: Modes, machine: Description, terms: Sequence[Term], sigma_W: FloatArray
+) -> Plant:
+    """Return the plant with the nodes beside it and the couplings of `terms`; other kinds are passed over.
 
-    New states come after the lags of the sources: one per body, in °C, then one per lagging sensor, in °C.
+    New states come after the lags of the sources: the amplitudes of the nodes' own modes (a node that
+    touches the screw only is its own, in °C), then one per lagging sensor, in °C. `sigma_W` (m,) is how large
+    the heats may have been before the start.
     """
-    bodies = [t for t in terms if isinstance(t, Body)]
-    lags = [t for t in terms if isinstance(t, Lag) and t.time_constant_s > 0]
-    fades = [t for t in terms if isinstance(t, Fade)]
-    names, m, p = plant.source_names, len(plant.source_names), len(plant.known_names)
-    body_source = [names.index(b.source) for b in bodies]
-    first, sensors = len(plant.decay_1_s), [plant.layout.sensors.index(t.sensor) for t in lags]
-    watched = dict.fromkeys([*body_source, *(names.index(t.source) for t in fades)])
-    under_C, under_F = np.zeros((m, first)), np.zeros((m, p))
-    for j in watched:
-        under_C[j, plant.lag_slice], under_F[j] = _dropped_under(plant, modes, machine, j)
-    rows = under_C[body_source]
-    rows[:, : plant.modes] += modes.rod.conductance_W_m * plant.B[: plant.modes, body_source].T
-    seen = np.vstack([rows, plant.rows.C[sensors]])
-    lag_F = np.where(_offsets(plant), 0.0, plant.rows.F[sensors])
-    plant = _extended(plant, seen, sensors, len(bodies))
-    n_x, N = len(plant.decay_1_s), plant.modes
+    beside, screw = attached(machine, terms), len(plant.decay_1_s)
+    own, gain = node_modes(beside.network), _place_gain(machine)
+    under_C, under_F = _dropped(plant, modes, machine, _watched(plant, beside, terms))
+    before = past_covariance(beside, sigma_W, modes.rod.length_m, modes.rod.diffusivity_m2_s)
+    places = under_C.copy()
+    places[:, : plant.modes] += modes.rod.conductance_W_m * (plant.B[: plant.modes] * gain).T
+    plant = extended(plant, node_states(plant, beside, own, places, _mean(modes, screw), before))
+    plant = reading_nodes(plant, machine, beside, own, screw)
+    plant, lags = _with_lags(plant, terms)
+    n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
     film_1_s, film_shape, film_ambient = _films(modes, terms, surface_rate(machine.screw))
-    fade_1_K, fade_degC = np.zeros(m), np.zeros(m)
-    for fade in fades:
-        fade_1_K[names.index(fade.source)] = fade.per_K
-        fade_degC[names.index(fade.source)] = fade.reference_degC
     emissivity = sum(t.emissivity for t in terms if isinstance(t, Radiation))
-    coupling = no_coupling(n_x, m, p, N)._replace(
+    coupling = no_coupling(n_x, m, p, plant.modes)._replace(
         active=1,
         conductance_W_m=modes.rod.conductance_W_m,
-        under_C=_wide(under_C, n_x),
+        under_C=wide(under_C, n_x),
         under_F=under_F,
-        uniform=_padded(plant.uniform[:N], n_x),
-        mean=_padded(modes.integral(0.0, modes.rod.length_m)[0] / modes.rod.length_m, n_x),
+        uniform=padded(plant.uniform[: plant.modes], n_x),
+        mean=padded(_mean(modes, screw), n_x),
         radiation=emissivity * STEFAN_BOLTZMANN_W_M2K4 * surface_rate(machine.screw),
         film_1_s=film_1_s,
         film_shape=film_shape,
         film_ambient=film_ambient,
-        body_state=np.arange(first, first + len(bodies)),
-        body_source=np.array(body_source, dtype=np.int64),
-        body_capacity_J_K=np.array([b.capacity_J_K for b in bodies]),
-        body_conductance_W_K=np.array([b.conductance_W_K for b in bodies]),
-        lag_state=np.arange(first + len(bodies), n_x),
-        lag_rate_1_s=np.array([1 / t.time_constant_s for t in lags]),
-        lag_C=_wide(seen[len(bodies) :], n_x),
-        lag_F=lag_F,
-        fade_1_K=fade_1_K,
-        fade_degC=fade_degC,
+        screw=screw,
+        nodes=len(beside.names),
+        place_gain=gain,
+        **_links(beside, own, screw, n_x),
+        **spreads(modes, machine, beside)._asdict(),
+        **lags,
+        **_fades(plant, terms),
     )
     return replace(plant, coupling=coupling)
+
+
+def _watched(plant: Plant, beside: Attached, terms: Sequence[Term]) -> set[int]:
+    """The sources under which a temperature is read."""
+    fading = {plant.source_names.index(t.source) for t in terms if isinstance(t, Fade)}
+    return fading | {source for _, source, _ in beside.ties}
+
+
+def _place_gain(machine: Description) -> FloatArray:
+    """What makes a source's column, which holds its part for the screw, that of 1 W into the screw, (m,)."""
+    share = np.array([s.screw_share for s in machine.source])
+    return np.where(share > 0, 1.0 / np.where(share > 0, share, 1.0), 0.0)
+
+
+def _links(beside: Attached, own: NodeModes, screw: int, n_x: int) -> dict[str, Any]:
+    """The fields of `Coupling` for the links between nodes and the screw."""
+    tied = [node for node, _, _ in beside.ties]
+    before = np.zeros((len(tied), screw))
+    return {
+        "link_source": np.array([source for _, source, _ in beside.ties], dtype=np.int64),
+        "link_W_K": np.array([G for _, _, G in beside.ties]),
+        "link_C": wide(np.hstack([before, own.shape[tied]]), n_x),
+        "link_B": wide(np.hstack([before, own.input[:, tied].T]), n_x),
+    }
+
+
+def _with_lags(plant: Plant, terms: Sequence[Term]) -> tuple[Plant, dict[str, Any]]:
+    """The plant with a state for each lagging sensor, and the fields of `Coupling` for them."""
+    lags = [t for t in terms if isinstance(t, Lag) and t.time_constant_s > 0]
+    sensors = [plant.layout.sensors.index(t.sensor) for t in lags]
+    lag_C, lag_F = plant.rows.C[sensors], np.where(_offsets(plant), 0.0, plant.rows.F[sensors])
+    states = lag_states(lag_C, len(plant.source_names), len(plant.known_names))
+    plant = lagging(extended(plant, states), sensors)
+    n_x = len(plant.decay_1_s)
+    return plant, {
+        "lag_state": np.arange(n_x - len(lags), n_x),
+        "lag_rate_1_s": np.array([1 / t.time_constant_s for t in lags]),
+        "lag_C": wide(lag_C, n_x),
+        "lag_F": lag_F,
+    }
+
+
+def _fades(plant: Plant, terms: Sequence[Term]) -> dict[str, Any]:
+    """The fields of `Coupling` for friction that fades."""
+    per_K, reference_degC = np.zeros((2, len(plant.source_names)))
+    for fade in (t for t in terms if isinstance(t, Fade)):
+        per_K[plant.source_names.index(fade.source)] = fade.per_K
+        reference_degC[plant.source_names.index(fade.source)] = fade.reference_degC
+    return {"fade_1_K": per_K, "fade_degC": reference_degC}
+
+
+def _mean(modes: Modes, n_x: int) -> FloatArray:
+    """The row (n_x,) of the screw's mean temperature."""
+    return padded(modes.integral(0.0, modes.rod.length_m)[0] / modes.rod.length_m, n_x)
 
 
 def surface_rate(screw: Screw) -> float:
@@ -79,8 +129,19 @@ def surface_rate(screw: Screw) -> float:
     return 4 / (screw.density_kg_m3 * screw.specific_heat_J_kgK * screw.diameter_m)
 
 
+def _dropped(
+    plant: Plant, modes: Modes, machine: Description, sources: set[int]
+) -> tuple[FloatArray, FloatArray]:
+    """What the dropped modes hold under each source, (m, n_x) and (m, p); nothing for all but `sources`."""
+    m, p = len(plant.source_names), len(plant.known_names)
+    of_states, of_known = np.zeros((m, len(plant.decay_1_s))), np.zeros((m, p))
+    for j in sources:
+        of_states[j, plant.lag_slice], of_known[j] = _dropped_under(plant, modes, machine, j)
+    return of_states, of_known
+
+
 def _dropped_under(
-    plant: Plant, modes: Modes, machine: Description, source: int
+    plant: Plant, modes: Modes, machine: Description, index: int
 ) -> tuple[FloatArray, FloatArray]:
     """What the dropped modes hold of the mean temperature under a source, per W of each (m,) and per °C of
     each known input (p,).
@@ -88,13 +149,14 @@ def _dropped_under(
     Near a nut that moves it is left out: its footprint is long against what the dropped modes see.
     """
     m, p = len(plant.source_names), len(plant.known_names)
-    if any(moving.index == source for moving in plant.moving):
+    if any(moving.index == index for moving in plant.moving):
         return np.zeros(m), np.zeros(p)
     rod, stretches = modes.rod, [mean_stretch(s, machine.screw) for s in machine.source]
-    nodes, weights = _inside(modes, stretches[source], stretches)
+    nodes, weights = _inside(modes, stretches[index], stretches)
     kept = weights @ modes.theta(nodes)
     of_heats = [
-        float(weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s)) for s in stretches
+        source.screw_share * float(weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s))
+        for source, s in zip(machine.source, stretches, strict=True)
     ]
     known = np.zeros(p)
     for q, name in enumerate(plant.known_names):
@@ -121,48 +183,6 @@ def _offsets(plant: Plant) -> FloatArray:
     return np.array([name.startswith(OFFSET) for name in plant.known_names])
 
 
-def _extended(plant: Plant, seen: FloatArray, sensors: Sequence[int], bodies: int) -> Plant:
-    """The plant with one more state per row of `seen` (e, n_x), whose value it starts at."""
-    if not len(seen):
-        return plant
-    e, n_x = len(seen), len(plant.decay_1_s) + len(seen)
-    J = np.vstack([np.eye(len(plant.decay_1_s)), seen])
-    prior, smooth = J @ plant.prior_P @ J.T, J @ plant.smooth_P @ J.T
-    own = np.arange(n_x - e, n_x - e + bodies)  # a body need not be as warm as the screw it touches
-    prior[own, own] += smooth[own, own]
-    C, F = _wide(plant.rows.C, n_x), plant.rows.F.copy()
-    for i, sensor in enumerate(sensors):
-        C[sensor] = 0.0
-        C[sensor, n_x - len(sensors) + i] = 1.0
-        F[sensor] = np.where(_offsets(plant), F[sensor], 0.0)
-    moving = tuple(
-        replace(
-            s,
-            table=replace(
-                s.table,
-                mean_B=_padded(s.table.mean_B, n_x),
-                mean_C=_without(s.table.mean_C, sensors),
-                table_C=_without(s.table.table_C, sensors),
-            ),
-            ends_B=_padded(s.ends_B, n_x),
-            ends_C=_without(s.ends_C, sensors),
-        )
-        for s in plant.moving
-    )
-    return replace(
-        plant,
-        decay_1_s=_padded(plant.decay_1_s, n_x),
-        B=_tall(plant.B, n_x),
-        E=_tall(plant.E, n_x),
-        rows=replace(plant.rows, C=C, F=F),
-        moving=moving,
-        uniform=np.concatenate([plant.uniform, np.ones(e)]),
-        prior_P=prior,
-        smooth_P=smooth,
-        field_noise_Q=_tall(_wide(plant.field_noise_Q, n_x), n_x),
-    )
-
-
 def _films(modes: Modes, terms: Sequence[Term], rate: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Films along stretches: rates (f,), the shapes (f, N) that decay at them, the ambient's input (N,).
 
@@ -184,22 +204,3 @@ def _films(modes: Modes, terms: Sequence[Term], rate: float) -> tuple[FloatArray
     rates, shapes = np.linalg.eigh(matrix)
     felt = np.abs(rates) > NEGLIGIBLE * np.abs(rates).max()
     return rates[felt], np.ascontiguousarray(shapes[:, felt].T), ambient
-
-
-def _padded(vector: FloatArray, size: int) -> FloatArray:
-    return np.concatenate([vector, np.zeros(size - len(vector))])
-
-
-def _wide(matrix: FloatArray, columns: int) -> FloatArray:
-    return np.hstack([matrix, np.zeros((len(matrix), columns - matrix.shape[1]))])
-
-
-def _tall(matrix: FloatArray, rows: int) -> FloatArray:
-    return np.vstack([matrix, np.zeros((rows - len(matrix), matrix.shape[1]))])
-
-
-def _without(columns: FloatArray, sensors: Sequence[int]) -> FloatArray:
-    """A lag's output column, or a table of them, with those sensors' entries at zero."""
-    out = columns.copy()
-    out[..., list(sensors)] = 0.0
-    return out

@@ -1,10 +1,10 @@
 """What couples the plant's states to each other and to the temperature of the moment.
 
 The plant itself is diagonal. A loss that changes with speed or temperature, a film that differs along the
-screw, a body that stores heat and a sensor that lags are taken in half a step before and half a step after
-the exact diagonal step (Strang 1968), and within each half in an order that reads the same backwards: the
-error is of second order in the step, and these couplings are slow against it. Each is solved exactly by
-itself, so none can become unstable.
+screw, a link to a body that stores heat and a sensor that lags are taken in half a step before and half a
+step after the exact diagonal step (Strang 1968), and within each half in an order that reads the same
+backwards: the error is of second order in the step, and these couplings are slow against it. Each is solved
+exactly by itself, so none can become unstable.
 """
 
 # numba compiles the functions at the end: their types are those of the arrays they get.
@@ -31,9 +31,16 @@ class Coupling(NamedTuple):
     modes hold there. `uniform`, `mean` (n_x,): the modes of 1 °C everywhere, and the row of the mean
     temperature. `radiation` is ε σ P/(ρ c A), 1/(s K³). Films along stretches: their rates `film_1_s` (f,)
     with the orthonormal shapes `film_shape` (f, N) that decay at them, and `film_ambient` (N,), the input of
-    1 °C of ambient. Bodies: `body_state`, `body_source` (b,), `body_capacity_J_K`, `body_conductance_W_K`
-    (b,). Lagging sensors: `lag_state` (l,), `lag_rate_1_s` (l,), `lag_C` (l, n_x), `lag_F` (l, p). Fading
-    friction: `fade_1_K`, `fade_degC` (m,).
+    1 °C of ambient. Links between nodes and the screw: `link_source` (k,), where on the screw, `link_W_K`
+    (k,), the row `link_C` (k, n_x) that reads the node, and the column `link_B` (k, n_x) of 1 J into it;
+    `screw` states come before those of the nodes, `nodes` is how many these are, and `place_gain` (m,) makes
+    up for the part of a source's heat that its input column leaves to nodes. Under a nut that sweeps over
+    its stroke, colder places take more: the orthonormal shapes `spread_shape` (e, N) of the links at source
+    `spread_source` (e,) decay at `spread_1_s` (e,) where its column is that of the whole stroke, of the
+    squared size `swept` (m,), and not at all where it is that of a nut in one place, `standing` (m,). Lagging
+    sensors: `lag_state`
+    (l,), `lag_rate_1_s` (l,), `lag_C` (l, n_x), `lag_F` (l, p). Fading friction: `fade_1_K`, `fade_degC`
+    (m,).
     """
 
     active: int
@@ -47,10 +54,18 @@ class Coupling(NamedTuple):
     film_1_s: FloatArray
     film_shape: FloatArray
     film_ambient: FloatArray
-    body_state: NDArray[np.int64]
-    body_source: NDArray[np.int64]
-    body_capacity_J_K: FloatArray
-    body_conductance_W_K: FloatArray
+    screw: int
+    nodes: int
+    place_gain: FloatArray
+    link_source: NDArray[np.int64]
+    link_W_K: FloatArray
+    link_C: FloatArray
+    link_B: FloatArray
+    spread_source: NDArray[np.int64]
+    spread_1_s: FloatArray
+    spread_shape: FloatArray
+    swept: FloatArray
+    standing: FloatArray
     lag_state: NDArray[np.int64]
     lag_rate_1_s: FloatArray
     lag_C: FloatArray
@@ -61,7 +76,7 @@ class Coupling(NamedTuple):
     @property
     def states(self) -> int:
         """How many states the couplings add to the plant."""
-        return len(self.body_state) + len(self.lag_state)
+        return self.nodes + len(self.lag_state)
 
 
 def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
@@ -79,10 +94,18 @@ def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
         film_1_s=nothing,
         film_shape=np.zeros((0, modes)),
         film_ambient=nothing,
-        body_state=none,
-        body_source=none,
-        body_capacity_J_K=nothing,
-        body_conductance_W_K=nothing,
+        screw=n_x,
+        nodes=0,
+        place_gain=np.ones(sources),
+        link_source=none,
+        link_W_K=nothing,
+        link_C=np.zeros((0, n_x)),
+        link_B=np.zeros((0, n_x)),
+        spread_source=none,
+        spread_1_s=nothing,
+        spread_shape=np.zeros((0, modes)),
+        swept=np.zeros(sources),
+        standing=np.zeros(sources),
         lag_state=none,
         lag_rate_1_s=nothing,
         lag_C=np.zeros((0, n_x)),
@@ -98,11 +121,13 @@ def coupled(c, loss_1_s, loss_degC, z, B, half_s, x, M, b):  # type: ignore[no-u
 
     `loss_1_s` is the uniform loss of the moment, towards `loss_degC`; z (p,) the known inputs, the ambient
     first; B (m, n_x) the input columns in force, as rows; x the state, of which the first n_x count. The
-    films act for the whole time, bodies and sensors half before and half after them.
+    films act for the whole time, links and sensors half before and half after them.
     """
     _films(c, loss_1_s, loss_degC, z, half_s, x, M, b)
-    for i in range(len(c.body_state)):
-        _body(c, i, z, B, 0.5 * half_s, M, b)
+    for i in range(len(c.link_source)):
+        _link(c, i, z, B, 0.5 * half_s, M, b)
+    for i in range(len(c.spread_1_s)):
+        _spread(c, i, B, 0.5 * half_s, M, b)
     for i in range(len(c.lag_state)):
         _sensor(c, i, z, 0.5 * half_s, M, b)
 
@@ -146,42 +171,84 @@ def _films(c, loss_1_s, loss_degC, z, time_s, x, M, b):  # type: ignore[no-untyp
 
 
 @inlined
-def _body(c, i, z, B, time_s, M, b):  # type: ignore[no-untyped-def]
-    """A body gives Q = G (T_b − T) to the screw, before and after what M and b already do.
+def _link(c, i, z, B, time_s, M, b):  # type: ignore[no-untyped-def]
+    """A node gives Q = G (T_node − T) to the screw, before and after what M and b do already.
 
-    Both temperatures meet at the rate κ = G (1/C + r·B), r the row of the temperature under the body.
+    With d the row of the difference and v the column of 1 J passed, dx/dt = G v d x: both temperatures meet
+    at the rate κ = −G d·v.
     """
-    state, source, n_x = c.body_state[i], c.body_source[i], M.shape[0]
-    compliance = 1.0 / c.body_capacity_J_K[i]
+    source, n_x = c.link_source[i], M.shape[0]
+    compliance = 0.0
     for a in range(n_x):
-        compliance += under(c, source, B, a) * B[source, a]
-    G = c.body_conductance_W_K[i]
-    heat_J_K = -np.expm1(-G * compliance * time_s) / compliance
+        compliance -= _apart(c, i, B, a) * _passed(c, i, B, a)
+    heat_J_K = -np.expm1(-c.link_W_K[i] * compliance * time_s) / compliance
     around_degC = 0.0
     for q in range(len(z)):
         around_degC += c.under_F[source, q] * z[q]
-    for a in range(n_x):  # first the body, then M
-        moved = -M[a, state] / c.body_capacity_J_K[i]
+    for a in range(n_x):  # first the link, then M
+        moved = 0.0
         for q in range(n_x):
-            moved += M[a, q] * B[source, q]
+            moved += M[a, q] * _passed(c, i, B, q)
         moved *= heat_J_K
         for q in range(n_x):
-            M[a, q] -= moved * under(c, source, B, q)
-        M[a, state] += moved
+            M[a, q] += moved * _apart(c, i, B, q)
         b[a] -= moved * around_degC
-    for q in range(n_x):  # then the body again
-        heat_J = heat_J_K * M[state, q]
+    for q in range(n_x):  # then the link again
+        heat_J = 0.0
         for a in range(n_x):
-            heat_J -= heat_J_K * under(c, source, B, a) * M[a, q]
+            heat_J += heat_J_K * _apart(c, i, B, a) * M[a, q]
         for a in range(n_x):
-            M[a, q] += B[source, a] * heat_J
-        M[state, q] -= heat_J / c.body_capacity_J_K[i]
-    heat_J = heat_J_K * (b[state] - around_degC)
+            M[a, q] += _passed(c, i, B, a) * heat_J
+    heat_J = -heat_J_K * around_degC
     for a in range(n_x):
-        heat_J -= heat_J_K * under(c, source, B, a) * b[a]
+        heat_J += heat_J_K * _apart(c, i, B, a) * b[a]
     for a in range(n_x):
-        b[a] += B[source, a] * heat_J
-    b[state] -= heat_J / c.body_capacity_J_K[i]
+        b[a] += _passed(c, i, B, a) * heat_J
+
+
+@inlined
+def _apart(c, i, B, a):  # type: ignore[no-untyped-def]
+    """Entry a of the row that reads how much warmer the node of a link is than the screw."""
+    return c.link_C[i, a] - under(c, c.link_source[i], B, a)
+
+
+@inlined
+def _passed(c, i, B, a):  # type: ignore[no-untyped-def]
+    """Entry a of what 1 J from the node of a link to the screw does."""
+    source = c.link_source[i]
+    return c.place_gain[source] * B[source, a] if a < c.screw else -c.link_B[i, a]
+
+
+@inlined
+def _spread(c, i, B, time_s, M, b):  # type: ignore[no-untyped-def]
+    """What a sweeping nut passes on top of its mean: one shape fades, before and after what M and b do.
+
+    The rate goes with the variance of the places swept: with the square of the stretch, which is about the
+    reciprocal of the column's squared size.
+    """
+    source, n_x = c.spread_source[i], M.shape[0]
+    size = 0.0
+    for a in range(c.modes):
+        size += (c.place_gain[source] * B[source, a]) ** 2
+    nut, now = (c.swept[source] / c.standing[source]) ** 2, (c.swept[source] / size) ** 2
+    lost = -np.expm1(-c.spread_1_s[i] * min(max((now - nut) / (1.0 - nut), 0.0), 1.0) * time_s)
+    for a in range(n_x):
+        warm = 0.0
+        for q in range(c.modes):
+            warm += M[a, q] * c.spread_shape[i, q]
+        for q in range(c.modes):
+            M[a, q] -= lost * warm * c.spread_shape[i, q]
+    for q in range(n_x):
+        warm = 0.0
+        for a in range(c.modes):
+            warm += c.spread_shape[i, a] * M[a, q]
+        for a in range(c.modes):
+            M[a, q] -= lost * warm * c.spread_shape[i, a]
+    warm = 0.0
+    for a in range(c.modes):
+        warm += c.spread_shape[i, a] * b[a]
+    for a in range(c.modes):
+        b[a] -= lost * warm * c.spread_shape[i, a]
 
 
 @inlined
@@ -213,7 +280,7 @@ def _sensor(c, i, z, time_s, M, b):  # type: ignore[no-untyped-def]
 def under(c, source, B, a):  # type: ignore[no-untyped-def]
     """Entry a of the row that reads the temperature under a source."""
     seen = c.under_C[source, a]
-    return seen + c.conductance_W_m * B[source, a] if a < c.modes else seen
+    return seen + c.conductance_W_m * c.place_gain[source] * B[source, a] if a < c.modes else seen
 
 
 @inlined

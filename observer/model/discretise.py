@@ -69,7 +69,7 @@ def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:
 def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
     """Dense transition Ad and noise Qd, both (n, n), of the pair [x | δ] with the plant's own (mean) columns.
 
-    Ad = [[diag e, G], [0, diag γ]] with G_ij = B_ij couple_ji.
+    Ad = [[diag e, G], [0, diag γ]] with G_ij = B_ij couple_ji. What couples the states is not in it.
     """
     B = plant.B[:, plant.estimated]
     n_x, m_e = B.shape

@@ -33,6 +33,7 @@ def realise(config: Config) -> Realised:
             config = _with(config, boundary=config.boundary.model_copy(update={term.end: end}))
         elif isinstance(term, Heat):
             config = _with(config, source=(*config.source, _named_apart(term.source, config)))
+    config = _with_places(config)
     rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat))
     return Realised(config, rest)
 
@@ -51,6 +52,31 @@ def _turning(config: Config) -> tuple[Term, ...]:
 def terms_of(config: Config) -> tuple[Term, ...]:
     """Return the terms of all effects of a configuration, in its order."""
     return tuple(term for effect in config.effect for term in effect.terms(config))
+
+
+def _with_places(config: Config) -> Config:
+    """Give each link that leads to a source without a part in the screw's heat a place there to lead to."""
+    ends = {end for link in config.link for end in link.between}
+    moved = [s for s in config.source if s.name in ends and s.screw_share == 0.0]
+    places = {s.name: _named_apart(_place(s), config) for s in moved}
+    sources = tuple(s.model_copy(update={"shape": "node"}) if s in moved else s for s in config.source)
+    links = tuple(
+        link.model_copy(update={"between": tuple(places[e].name if e in places else e for e in link.between)})
+        for link in config.link
+    )
+    return _with(config, source=(*sources, *places.values()), link=links)
+
+
+def _place(source: Source) -> Source:
+    """A source that stands where another does and delivers nothing."""
+    where = ("shape", "length_m", "stroke_m", "position_channel", "position_m", "from_m", "to_m")
+    return Source(
+        name=f"{source.name}.place",
+        heat_W=0.0,
+        estimate=False,
+        initial_sigma_W=1.0,
+        **{key: getattr(source, key) for key in where},
+    )
 
 
 def _named_apart(source: Source, config: Config) -> Source:

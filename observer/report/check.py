@@ -15,12 +15,14 @@ from observer.effects.terms import Body, Lag, Radiation, SpeedLoss, StretchFilm
 from observer.estimators import refuse_what_it_cannot_follow
 from observer.estimators.report import DesignReport, design_report
 from observer.model.build import build_plant
+from observer.model.generator import settled_rows
+from observer.model.network.attach import attached
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.modes import solve_modes
 from observer.model.rod.path import SAMPLES_PER_TRAVERSE
 from observer.model.rod.screw import rod_of
-from observer.model.rod.sources import design_stretches
+from observer.model.rod.sources import footprints
 from observer.model.rod.supports import force_N
 from observer.model.rod.truncation import tail_left
 from observer.model.transient import transient_error_K_W
@@ -42,7 +44,7 @@ def findings(config: Config) -> dict[str, Any]:
         "mode_numbers": list(plant.mode_index),
         "criterion": "given" if config.model.modes is not None else config.model.criterion,
         "steady_part_left_out": _left_out(config, plant),
-        "dropped_modes_settle_s": 1.0 / float(plant.decay_1_s[-1]),
+        "dropped_modes_settle_s": 1.0 / float(plant.decay_1_s[plant.modes]),
         "transient_error_K_W": dict(zip((f"{t:g} s" for t in TRANSIENT_S), errors.tolist(), strict=True)),
         "estimator": design.kind,
         "bandwidth_1_s": design.bandwidth_1_s,
@@ -58,6 +60,7 @@ def findings(config: Config) -> dict[str, Any]:
         "smallest_singular_value_K": design.smallest_singular_value_K,
         "path_told_up_to_rpm": {s.name: _path_limit_rpm(config, s) for s in config.source if s.lead_m},
         "supports": _supports(config, plant),
+        "nodes": _nodes(config),
         "warnings": [*design.warnings, *_model_warnings(config, design), *_state_warnings(asked)],
     }
 
@@ -67,13 +70,13 @@ def _left_out(config: Config, plant: Plant) -> float:
     machine = realise(config).config
     modes = solve_modes(rod_of(machine), max(plant.mode_index))
     kept = modes.take([i - 1 for i in plant.mode_index])
-    stretches = [s for source in machine.source for s in design_stretches(source, machine.screw)]
+    stretches = footprints(machine.source, machine.screw)
     return max(tail_left(kept, len(kept), stretch) for stretch in stretches)
 
 
 def _seen(plant: Plant) -> list[float]:
     """How much of each mode the best sensor sees, against the mode's largest value on the grid."""
-    modal = abs(plant.rows.C[:, : plant.modes])
+    modal = abs(settled_rows(plant)[:, : plant.modes])
     highest = modal[plant.rows.field_slice].max(axis=0)
     share = modal[plant.rows.sensor_slice].max(axis=0) / highest
     return [min(1.0, float(x)) for x in share]
@@ -118,6 +121,13 @@ def _model_warnings(config: Config, design: DesignReport) -> list[str]:
             "no heat can leave the screw (insulated ends, no film): its mean temperature can only rise; set "
             "surface.convection_W_m2K or an end"
         )
+    beside, period_s = attached(config, ()), config.estimator.period_s
+    warnings += [
+        f"node {beside.names[node]} and the screw meet within {beside.network.capacity_J_K[node] / G:.2g} s, "
+        f"faster than the period of {period_s:g} s: the step is not exact there; join it with a neighbour"
+        for node, _, G in beside.ties
+        if beside.network.capacity_J_K[node] < G * period_s
+    ]
     for source in config.source:
         if source.shape == "nut" and source.position_channel is None:
             warnings.append(
@@ -152,6 +162,19 @@ def _supports(config: Config, plant: Plant) -> dict[str, Any] | None:
     }
 
 
+def _nodes(config: Config) -> dict[str, dict[str, float]]:
+    """Each node's time constant, and how much 1 W into it warms it at rest, with the screw at ambient
+    temperature where it touches that.
+    """
+    held = attached(realise(config).config, ()).held
+    through = np.diag(held.conductance_W_K)
+    rise_K_W = np.diag(np.linalg.pinv(held.conductance_W_K))
+    return {
+        node.name: {"time_constant_s": node.capacity_J_K / float(G), "rise_K_W": float(rise)}
+        for node, G, rise in zip(config.node, through, rise_K_W, strict=True)
+    }
+
+
 def _finite(value: float) -> float | None:
     return value if abs(value) < float("inf") else None
 
@@ -180,6 +203,9 @@ def as_text(found: dict[str, Any]) -> RenderableType:
         table.add_row(f"path of {name}", f"told by the samples up to {limit_rpm:.0f} rpm, averaged above")
     if found["supports"] is not None:
         table.add_row("supports", _held(found["supports"]))
+    for name, node in found["nodes"].items():
+        seconds, rise = node["time_constant_s"], node["rise_K_W"]
+        table.add_row(f"node {name}", f"follows within {seconds:.3g} s; 1 W warms it by {rise:.3g} K")
     warnings = [Text(f"warning: {w}", style="yellow") for w in found["warnings"]]
     return Group(table, *(warnings or [Text("no warnings", style="green")]))
 

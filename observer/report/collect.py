@@ -123,7 +123,7 @@ class Collector:
             config.screw.expansion_1_K is not None,
         )
         self._estimated = np.flatnonzero([s.estimate for s in config.source])
-        self._sensor_m = np.array([s.position_m for s in config.sensor])
+        self._sensor_m = np.array([np.nan if s.position_m is None else s.position_m for s in config.sensor])
         self._noise_K = np.array([s.noise_K for s in config.sensor])
         self._rows = Decimator()
         self._good = 0
@@ -148,15 +148,17 @@ class Collector:
         )
 
     def _innovation_sigma_K(self, estimates: EstimateBlock) -> FloatArray:
-        """σ of the innovations (K, s) by the sensors' noise and the field's σ around them."""
+        """σ of the innovations (K, s) by the sensors' noise and the field's σ around them; that of a sensor
+        beside the screw by its noise alone.
+        """
         grid_m = self._layout.position_m
         right = np.clip(np.searchsorted(grid_m, self._sensor_m), 1, len(grid_m) - 1)
         share = (self._sensor_m - grid_m[right - 1]) / (grid_m[right] - grid_m[right - 1])
-        share = np.clip(share, 0.0, 1.0)
+        share, beside = np.clip(share, 0.0, 1.0), np.isnan(self._sensor_m)
         sigma_K = (
             estimates.field_sigma_K[:, right - 1] * (1 - share) + estimates.field_sigma_K[:, right] * share
         )
-        return np.asarray(np.sqrt(sigma_K**2 + self._noise_K**2))
+        return np.asarray(np.sqrt(np.where(beside, 0.0, sigma_K) ** 2 + self._noise_K**2))
 
     def samples(self) -> EstimateSamples:
         """Return what was kept."""

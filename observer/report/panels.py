@@ -63,6 +63,8 @@ def field(
     )
     axes.grid(visible=False)
     for sensor in config.sensor:
+        if sensor.position_m is None:
+            continue
         y_mm = sensor.position_m * MM_PER_M
         axes.axhline(y_mm, color="white", lw=0.7, ls=(0, (1, 4)), alpha=0.8)
         axes.annotate(

@@ -3,12 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.config import parse
 from observer.discovery.parameters import replaced
 from observer.discovery.response import Predictor
 from observer.discovery.runs import joined, prepare
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start_from_sensors
+from observer.nodes import Node
 from tests.discovery.cases import machine, made_log, rig
 
 CHANGED = {
@@ -34,6 +36,35 @@ def test_the_sum_of_responses_is_the_simulation() -> None:
     rows = simulate(plant, state, inputs)[1][:, plant.rows.sensor_slice]
     [predicted] = Predictor(config, [run])(replaced(config, CHANGED))
     # sums of the same numbers in another order: rounding of temperatures of 50 °C over 2e4 steps
+    np.testing.assert_allclose(predicted, run.means(rows), rtol=0, atol=1e-9)
+
+
+def test_the_sum_of_responses_is_the_simulation_beside_a_network_and_an_effect_that_heats() -> None:
+    """What links and effects add to the sources belongs to the machine, not to the laws that are fitted."""
+    bare = machine()
+    block, heater = Node(name="block", capacity_J_K=300.0), bare.source[0].name
+    config = parse(
+        bare.model_dump(exclude_unset=True)
+        | {
+            "node": [block.model_dump()],
+            "link": [{"between": ["block", heater], "conductance_W_K": 2.0}],
+            "source": [
+                s.model_dump(exclude_unset=True) | ({"nodes": {"block": 1.0}} if s.name == heater else {})
+                for s in bare.source
+            ],
+            "effect": [{"kind": "motor_heat", "target": "right", "heat_W": 3.0}],
+            "model": {"modes": 12},
+        }
+    )
+    log = made_log(bare, seed=2, minutes=10.0)
+    run = prepare(config, [log], "log")
+    plant = build_plant(config)
+    assert len(plant.source_names) == len(config.source) + 2
+    drive = Drive(config, plant)
+    _, inputs = drive.run(drive.initial(), run.frames)
+    state = start_from_sensors(plant, run.start_degC, run.start_R_K2, inputs.law_W[0], inputs.z_end[0])
+    rows = simulate(plant, state, inputs)[1][:, plant.rows.sensor_slice]
+    [predicted] = Predictor(config, [run])(config)
     np.testing.assert_allclose(predicted, run.means(rows), rtol=0, atol=1e-9)
 
 

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, laws, mounting, quantities, sections
+from observer import config, laws, mounting, nodes, quantities, sections
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 
@@ -26,6 +26,8 @@ CONFIGURATION = {
     "`[[source]]`": sections.Source,
     "`[source.bearing]`": laws.BearingFriction,
     "`[source.nut_friction]`": laws.NutFriction,
+    "`[[node]]`": nodes.Node,
+    "`[[link]]`": nodes.Link,
     "`[[sensor]]`": sections.Sensor,
     "`[model]`": config.Model,
     "`[estimator]`": config.EstimatorSettings,

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from observer import config
+from observer.report.check import findings
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "config").glob("*.toml"))
@@ -37,6 +38,31 @@ def test_li_lies_inside_its_screw_and_matches_its_table() -> None:
     assert positions_m is not None
     steps_m = [b - a for a, b in itertools.pairwise(positions_m)]
     assert steps_m == pytest.approx([0.042] * 10)
+
+
+@pytest.mark.parametrize("name", ["li-network.toml", "yu-dual-drive.toml"])
+def test_the_sensors_of_a_network_tell_its_heats(name: str) -> None:
+    found = findings(config.load(ROOT / "config" / name))
+    assert all(gain is not None and gain < 20.0 for gain in found["noise_gain_W_K"].values())
+    assert not any("do not serve" in w or "the step is not exact" in w for w in found["warnings"])
+
+
+# The node balances of Yu et al.: who exchanges heat with whom; S the screw, I the air in the nut, A outside.
+YU_LINKS = """
+5-6 6-7 7-8 5-9 6-10 7-11 8-12 9-10 10-11 11-12 10-14 11-15 13-14 14-15 13-16 14-17 15-18 16-17 17-18
+9-I 13-I I-A
+12-A 16-A 17-A 18-A 5-S 6-S 7-S 8-S
+"""
+
+
+def test_the_layout_of_yu_is_the_papers() -> None:
+    loaded = config.load(ROOT / "config" / "yu-dual-drive.toml")
+    short = {"air_inside": "I", "ambient": "A", "nut": "S"} | {f"n{i}": str(i) for i in range(5, 19)}
+    linked = {frozenset(short[end] for end in link.between) for link in loaded.link}
+    assert linked == {frozenset(pair.split("-")) for pair in YU_LINKS.split()}
+    assert len(linked) == len(loaded.link)
+    heated = {name for source in loaded.source for name in source.nodes}
+    assert heated == {"n5", "n6", "n7", "n8", "n10", "n11"}
 
 
 def test_the_unit_is_valid_for_systemd(tmp_path: Path) -> None:

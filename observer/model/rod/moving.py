@@ -94,13 +94,13 @@ def columns(
 
 def standing(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:
     """Return the columns (n_x,), (R,) of a nut that stands at each of some places for equal times."""
-    B, C = np.zeros_like(table.mean_B), np.zeros_like(table.mean_C)
+    B, C = table.mean_B.copy(), np.zeros_like(table.mean_C)
+    B[: len(table.mu_1_m)] = 0.0
     for place_m in places_m:
         _add(
             B, C, 1.0 / len(places_m), place_m, table.mu_1_m, table.phase, table.scale,
             table.conductance_W_m, table.nut_m, table.screw_m, table.table_C,
         )  # fmt: skip
-    B[table.lag] = table.lag_decay_1_s
     return B, C
 
 

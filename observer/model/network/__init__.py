@@ -1,0 +1,1 @@
+"""Thermal networks: bodies of one temperature each, and what passes between them."""

@@ -1,0 +1,81 @@
+"""Which bodies stand beside the screw, from nodes and links of the configuration and from effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.effects.terms import Body, Term
+from observer.frames import FloatArray
+from observer.model.network.network import Network, assemble, node_modes
+from observer.model.network.resistance import conductance_W_K
+from observer.model.prior import PAST
+from observer.nodes import AMBIENT
+from observer.sections import Description
+
+
+@dataclass(frozen=True, slots=True)
+class Attached:
+    """A network beside the screw: its `names` (n,), the `network` by itself, what of each source's heat goes
+    into each node, `shares` (n, m), and the `ties` (node, source, W/K) to the screw where a source stands.
+    """
+
+    names: tuple[str, ...]
+    network: Network
+    shares: FloatArray
+    ties: tuple[tuple[int, int, float], ...]
+
+    @property
+    def held(self) -> Network:
+        """The network with the screw, wherever it touches that, at ambient temperature."""
+        to_ambient = np.zeros(len(self.names))
+        for node, _, G in self.ties:
+            to_ambient[node] += G
+        K, g = self.network.conductance_W_K + np.diag(to_ambient), self.network.ambient_W_K + to_ambient
+        return Network(self.network.capacity_J_K, K, g)
+
+
+def attached(machine: Description, terms: Sequence[Term]) -> Attached:
+    """Return the nodes of a machine, then one for each body of its effects."""
+    bodies = [t for t in terms if isinstance(t, Body)]
+    names = [n.name for n in machine.node]
+    sources = [s.name for s in machine.source]
+    links, to_ambient, ties = [], [], []
+    for link in machine.link:
+        G = conductance_W_K(link)
+        first, second = sorted(link.between, key=lambda end: names.index(end) if end in names else len(names))
+        if second in names:
+            links.append((names.index(first), names.index(second), G))
+        elif second == AMBIENT:
+            to_ambient.append((names.index(first), G))
+        else:
+            ties.append((names.index(first), sources.index(second), G))
+    for i, body in enumerate(bodies):
+        ties.append((len(names) + i, sources.index(body.source), body.conductance_W_K))
+    capacity = [n.capacity_J_K for n in machine.node] + [b.capacity_J_K for b in bodies]
+    shares = np.zeros((len(capacity), len(sources)))
+    for j, source in enumerate(machine.source):
+        for name, share in source.nodes.items():
+            shares[names.index(name), j] = share
+    all_names = (*names, *(f"body at {b.source}" for b in bodies))
+    return Attached(all_names, assemble(capacity, links, to_ambient), shares, tuple(ties))
+
+
+def past_covariance(
+    beside: Attached, sigma_W: FloatArray, length_m: float, diffusivity_m2_s: float
+) -> FloatArray:
+    """Covariance (n, n), K², of the nodes' temperatures left by heats of unknown size before the start.
+
+    As `prior.past_heat_covariance` for the screw, which is held at ambient temperature here; `sigma_W` (m,).
+    """
+    modes = node_modes(beside.held)
+    decay = modes.decay_1_s[:, None]
+    covariance = np.zeros((len(decay), len(decay)))
+    for share in PAST:
+        t = share * length_m**2 / diffusivity_m2_s
+        gathered = np.where(decay > 0, -np.expm1(-decay * t) / np.where(decay > 0, decay, 1.0), t)
+        response = modes.shape @ (gathered * (modes.input @ (beside.shares * sigma_W)))
+        covariance += response @ response.T
+    return covariance
