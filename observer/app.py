@@ -375,7 +375,12 @@ def calibrate(
 
 
 def discover(
-    config_path: Path, log_paths: Sequence[Path], output: Path, progress: Callable[[str, float], None]
+    config_path: Path,
+    log_paths: Sequence[Path],
+    output: Path,
+    progress: Callable[[str, float], None],
+    *,
+    report: bool = True,
 ) -> dict[str, Any]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
@@ -398,10 +403,11 @@ def discover(
             text = write_back(config_path.read_text(encoding="utf-8"), values)
             text = with_effects(text, found.verdict.fit.config.effect[len(config.effect) :])
             (part / "config.toml").write_text(text, encoding="utf-8")
-        progress("writing the report", 0.97)
         document = json.dumps(result, indent=2, allow_nan=False) + "\n"
         (part / "result.json").write_text(document, encoding="utf-8")
-        write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
+        if report:
+            progress("writing the report", 0.97)
+            write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
     return result
 
 

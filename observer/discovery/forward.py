@@ -10,10 +10,13 @@ import numpy as np
 from observer.config import Config
 from observer.discovery.coarse import CoarseRun, means_of
 from observer.discovery.runs import Run
+from observer.effects.heat import LocalHeat
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.simulate import simulate, start_from_sensors
+
+GAP_S, MOST_GAPS = 30.0, 12
 
 
 class Forward:
@@ -37,6 +40,36 @@ class Forward:
         plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
         return [self._predict(lean, plant, run) for run in self.runs]
 
+    def by_gaps(self, config: Config) -> list[list[FloatArray]]:
+        """The change (b, s) of each prediction with a heat across each gap of a log: that of each source
+        and one at each sensor.
+
+        Nobody knows what the machine did there; a heat may have been off, or on, or elsewhere.
+        """
+        if not any((run.ticks.length_s > GAP_S).any() for run in self.runs):
+            return []
+        lean = lean_config(config, self._modes)
+        places = [s.position_m for s in config.sensor if s.position_m is not None]
+        local = [LocalHeat(kind="local_heat", position_m=x, heat_W=0.0) for x in places]
+        lean = lean.model_copy(update={"effect": (*lean.effect, *local)})
+        plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
+        here = [self._predict(lean, plant, run) for run in self.runs]
+        changes = []
+        for i, run in enumerate(self.runs):
+            law_W = run.inputs(lean, plant).law_W
+            usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
+            usual_W = np.where(usual_W > 0, usual_W, 0.3 * usual_W.max())
+            gaps = np.flatnonzero(run.ticks.length_s > GAP_S)
+            longest = gaps[np.argsort(-run.ticks.length_s[gaps])][:MOST_GAPS]
+            for tick in longest.tolist():
+                for j in np.flatnonzero(usual_W > 0).tolist():
+                    more_W = np.zeros_like(law_W)
+                    more_W[tick, j] = usual_W[j]
+                    change = [np.zeros_like(h) for h in here]
+                    change[i] = self._predict(lean, plant, run, more_W) - here[i]
+                    changes.append(change)
+        return changes
+
     def _with_tables(self, plant: Plant) -> Plant:
         """The plant with the tables of the first: what the dropped modes add goes with 1/kA, and hardly
         with the film.
@@ -49,8 +82,12 @@ class Forward:
             moving.append(replace(m, table=replace(m.table, table_C=table_C)))
         return replace(plant, moving=tuple(moving))
 
-    def _predict(self, config: Config, plant: Plant, run: CoarseRun) -> FloatArray:
+    def _predict(
+        self, config: Config, plant: Plant, run: CoarseRun, more_W: FloatArray | None = None
+    ) -> FloatArray:
         inputs = run.inputs(config, plant)
+        if more_W is not None:
+            inputs = replace(inputs, law_W=inputs.law_W + more_W)
         state = start_from_sensors(
             plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
         )

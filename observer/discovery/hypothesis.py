@@ -154,6 +154,8 @@ class Problem:
                 own = self.by_sensor(change) if kind != "screw" else [change]
                 slacks += own
                 lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
+            gaps = [self.evidence.rows(change) for change in self.forward.by_gaps(config)]
+            slacks, lag_of = [*slacks, *gaps], [*lag_of, *[None] * len(gaps)]
             self.tolerance, self._lag_of = self._columns(slacks), tuple(lag_of)
             self._marginals.clear()
 

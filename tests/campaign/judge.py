@@ -54,6 +54,8 @@ def outcome_of(entry: Entry, result: Mapping[str, Any]) -> str:
     if verdict == "ambiguous":
         sets = result["alternatives"]
         return "in_set" if hidden and any(_same(names, hidden) for names in sets) else "wrong_set"
+    if verdict == "named" and entry.doubt is not None and entry.doubt.same and found <= {*entry.doubt.alike}:
+        return "right"
     if verdict == "named" or (verdict == "unknown" and found):
         if not found <= hidden:
             return "extra" if hidden and hidden < found else "wrong"
@@ -87,7 +89,7 @@ def is_good(entry: Entry, outcome: str) -> bool:
         case "outside" | "absent":
             return outcome == "unknown"
         case "ambiguous":
-            return outcome in ("in_set", "not_identifiable")
+            return outcome in ("in_set", "not_identifiable", "right")
         case "poor":
             unseen = entry.doubt is not None and entry.doubt.unseen
             return outcome in ("right", "in_set", "not_identifiable") or (unseen and outcome == "none")

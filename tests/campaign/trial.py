@@ -61,7 +61,8 @@ def search(entry: Entry, folder: Path) -> tuple[dict[str, Any], float]:
 
     logs = write_case(entry.case, folder / "logs", entry.without)
     begin_s = time.monotonic()
-    result = discover(folder / "logs" / "config.toml", logs, folder / "found", lambda _stage, _part: None)
+    config = folder / "logs" / "config.toml"
+    result = discover(config, logs, folder / "found", lambda _stage, _part: None, report=False)
     return result, time.monotonic() - begin_s
 
 

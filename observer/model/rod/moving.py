@@ -121,13 +121,15 @@ def _average(  # type: ignore[no-untyped-def]
             turn_m = advance(scalars, sample_s[i], there_m, stroke_m)
             runs_on = np.isnan(turn_m) and since_s > 0.0 and before != 0.0 and scalars[4] < scalars[5]
             run_m = np.sign(before) * scalars[3] * since_s
+            if abs(run_m) > 4 * stroke_m:  # it has been everywhere equally long
+                run_m = 2 * (high_m - low_m)
             if np.isnan(turn_m) and not runs_on:
                 told, here_m, turn_m = False, there_m, there_m
                 gap_s = max(gap_s, since_s)
             share = max(since_s, 1e-6) if since_s > 0.0 else 1e-6
             weight += share
             out_m, back_m = abs(turn_m - here_m), abs(there_m - turn_m)
-            length_m = min(abs(run_m), 4 * stroke_m) if runs_on else out_m + back_m
+            length_m = abs(run_m) if runs_on else out_m + back_m
             points = 1 + int(length_m / (nut_m / 4))
             for j in range(points):
                 part = (j + 0.5) / points

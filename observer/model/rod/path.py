@@ -19,6 +19,8 @@ MEMORY_S = 10.0
 """Time constant of what is remembered of a nut's speed (twice this) and footprint."""
 SAMPLES_PER_TRAVERSE = 2.0
 """Fewer would not tell one reversal from two. Seen on an independent 2-D screw."""
+FORGOTTEN_S = 3600.0
+"""After so long nobody knows what a nut is at."""
 FULL = 0.95
 """Part of the recent speed below which a step holds a reversal."""
 
@@ -78,16 +80,18 @@ def advance(scalars, at_s, there_m, stroke_m):  # type: ignore[no-untyped-def]
     since_s, here_m, before = at_s - scalars[0], scalars[1], scalars[2]
     turn_m = np.nan
     if since_s > 0.0:
-        scalars[3] = max(scalars[3] * np.exp(-since_s / (2 * MEMORY_S)), abs(there_m - here_m) / since_s)
-        if scalars[3] * since_s * SAMPLES_PER_TRAVERSE <= stroke_m:
+        made_m_s = abs(there_m - here_m) / since_s
+        told = max(scalars[3], made_m_s) * since_s * SAMPLES_PER_TRAVERSE <= stroke_m
+        if told:
+            scalars[3] = max(scalars[3] * np.exp(-since_s / (2 * MEMORY_S)), made_m_s)
             turn_m = _turn(scalars, there_m, since_s)
             if before * scalars[2] < 0.0:
                 scalars[4 if before < 0.0 else 5] = here_m if turn_m == there_m else turn_m
-        elif before != 0.0 and scalars[4] < scalars[5]:
+        elif since_s < FORGOTTEN_S and before != 0.0 and scalars[4] < scalars[5]:
             _, sense = on_the_way(here_m, np.sign(before) * scalars[3] * since_s, scalars[4], scalars[5])
             scalars[2] = sense * np.sign(before) * scalars[3]
         else:
-            scalars[2] = 0.0
+            scalars[2], scalars[3] = 0.0, max(scalars[3] * np.exp(-since_s / (2 * MEMORY_S)), made_m_s)
     scalars[0], scalars[1] = at_s, there_m
     return turn_m
 

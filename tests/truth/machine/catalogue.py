@@ -133,6 +133,7 @@ class Doubtful:
     """A machine on which names cannot be told apart, or nothing can be seen: what an honest answer is.
 
     `alike`: the names, as (kind, target), whose signatures agree within the noise; the true one is first.
+    `same`: whether they are one and the same physics, so that either name is right.
     `unseen`: whether the free parameters explain the effect entirely, so that "none" is right too.
     """
 
@@ -142,6 +143,7 @@ class Doubtful:
     alike: tuple[tuple[str, str | None], ...]
     unknown: tuple[str, ...] = ()
     unseen: bool = False
+    same: bool = False
 
 
 AMBIGUOUS: tuple[Doubtful, ...] = (
@@ -169,12 +171,14 @@ AMBIGUOUS: tuple[Doubtful, ...] = (
         (Effect("uneven_convection", None, {"from_m": 0.0, "to_m": 0.02, "extra_W_m2K": 80.0}),),
         "standard",
         (("uneven_convection", None), ("end_conduction", "left")),
+        same=True,
     ),
     Doubtful(
         "spot_at_end_or_motor",
         (Effect("local_heat", None, {"position_m": 0.0, "heat_W": 3.0}),),
         "standard",
         (("local_heat", None), ("motor_heat", "left")),
+        same=True,
     ),
 )
 """The same effect under two names."""
@@ -222,7 +226,7 @@ FAULTY: tuple[tuple[str, ...], ...] = (("gaps",), ("uneven",), ("stuck",), ("mis
 """Logs as they come."""
 
 ALIKE: dict[str, tuple[str, ...]] = {
-    "surface_convection": ("uneven_convection",),
+    "surface_convection": ("uneven_convection", "radiation"),
     "motor_heat": ("local_heat",),
     "end_conduction": ("uneven_convection",),
 }
