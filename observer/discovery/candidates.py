@@ -151,7 +151,7 @@ def _heats(config: Config) -> Iterator[Candidate]:
 
 def _sensors(config: Config) -> Iterator[Candidate]:
     for sensor in config.sensor:
-        lags = tuple({"time_constant_s": t} for t in (20.0, 80.0, 320.0))
+        lags = tuple({"time_constant_s": t} for t in (20.0, 60.0, 150.0, 400.0))
         limits = {"time_constant_s": (LEAST_LAG_S, 3600.0)}
         scales = {"time_constant_s": 20.0}
         yield Candidate("sensor_lag", sensor.name, lags, scales, ("time_constant_s",), limits)

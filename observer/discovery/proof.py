@@ -11,18 +11,23 @@ from observer.discovery.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
 
 WORSE = 1.2
-"""A sensor whose gap grows by this factor, and beyond what nobody would notice, has got worse."""
-NOTICED = 3.0
-"""In units of the floor."""
+"""A sensor whose whitened error grows by this factor, and beyond `NOTICED`, has got worse."""
+NOTICED = 0.4
+"""Mean squared whitened error beyond that of noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorGap:
-    """Root mean square of measured less predicted on the proof, in K: before, after, and the noise alone."""
+    """Root mean square of measured less predicted on the proof, in K: before, after, and the noise alone.
+
+    `before`, `after`: the mean squared whitened error, tolerances marginalised.
+    """
 
     before_rms_K: float
     after_rms_K: float
     floor_rms_K: float
+    before: float
+    after: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +35,13 @@ class Proof:
     """The gap over all sensors and by sensor.
 
     Before: with the free parameters calibrated and no effect added. `as_given_rms_K`: with the configuration
-    as it was given. `goodness`: the mean of the squared whitened error of the proof after.
+    as it was given. `expected`: what noise alone makes of the mean squared whitened error.
     """
 
     whole: SensorGap
     per_sensor: dict[str, SensorGap]
     as_given_rms_K: float
-    goodness: float
+    expected: float
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -44,7 +49,7 @@ class Proof:
         return tuple(
             name
             for name, gap in self.per_sensor.items()
-            if gap.after_rms_K > max(WORSE * gap.before_rms_K, NOTICED * gap.floor_rms_K)
+            if gap.after > max(WORSE * gap.before, self.expected + NOTICED)
         )
 
 
@@ -53,27 +58,28 @@ def prove(null: Fit, fit: Fit) -> Proof:
     problem, evidence = fit.problem, fit.problem.evidence
     rows = evidence.proof
     before, after, given = (_error_K(null, c) for c in (null.config, fit.config, problem.config))
-    noise_K = evidence.noise_K
-    per_sensor = {
-        sensor.name: _gap(rows & (evidence.sensor == s), before, after, noise_K)
-        for s, sensor in enumerate(problem.config.sensor)
-        if (rows & (evidence.sensor == s)).any()
-    }
-    whitened = fit.marginal(rows)(evidence.whitened(after)[rows])
+    whitened = [f.marginal(rows)(evidence.whitened(e)[rows]) ** 2 for f, e in ((null, before), (fit, after))]
+
+    def gap(mine: BoolArray) -> SensorGap:
+        within = mine[rows]
+        return SensorGap(
+            _rms(before[mine]),
+            _rms(after[mine]),
+            _rms(evidence.noise_K[mine]),
+            *(float(w[within].mean()) for w in whitened),
+        )
+
+    sensors = {s.name: rows & (evidence.sensor == i) for i, s in enumerate(problem.config.sensor)}
     return Proof(
-        whole=_gap(rows, before, after, noise_K),
-        per_sensor=per_sensor,
+        whole=gap(rows),
+        per_sensor={name: gap(mine) for name, mine in sensors.items() if mine.any()},
         as_given_rms_K=_rms(given[rows]),
-        goodness=float(np.mean(whitened**2)),
+        expected=evidence.expected,
     )
 
 
 def _error_K(fit: Fit, config: Config) -> FloatArray:
     return np.asarray(fit.problem.evidence.measured_degC - fit.problem.predicted(config))
-
-
-def _gap(rows: BoolArray, before: FloatArray, after: FloatArray, noise_K: FloatArray) -> SensorGap:
-    return SensorGap(_rms(before[rows]), _rms(after[rows]), _rms(noise_K[rows]))
 
 
 def _rms(values: FloatArray) -> float:

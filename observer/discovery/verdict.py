@@ -42,8 +42,8 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     """Weigh a search; `lacking` says what the logs do not hold."""
     fit = search.fit
     form = FORM * (goodness(search.null) - goodness(fit))
-    noise = fit.problem.evidence.expected
-    unfit = goodness(fit) > noise + UNFIT + form or proof.goodness > noise + PROOF_UNFIT + 2 * form
+    noise = proof.expected
+    unfit = goodness(fit) > noise + UNFIT + form or proof.whole.after > noise + PROOF_UNFIT + 2 * form
     if unfit or proof.worse:
         where = "in what was fitted" if goodness(fit) > noise + UNFIT + form else "on data held back"
         reason = f"an error remains {where} that no effect of the library, nor three together, explains"
