@@ -16,7 +16,7 @@ from observer.config import Config
 from observer.discovery.candidates import library
 from observer.discovery.evidence import gather
 from observer.discovery.excitation import lacking
-from observer.discovery.experiment import Experiment, propose
+from observer.discovery.experiment import SEPARATES, Experiment, propose
 from observer.discovery.forward import Forward
 from observer.discovery.hypothesis import Problem
 from observer.discovery.localise import Place, localised
@@ -32,6 +32,8 @@ from observer.errors import LogError
 from observer.frames import FrameBlock
 
 LEAST_S = 300.0
+MOST_ASKED = 5
+"""Effects that the logs cannot show and for which a test is sought."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,10 @@ def _experiment(problem: Problem, found: Search, verdict: Verdict) -> Experiment
         return propose(problem, [fit.config for fit in verdict.fits])
     if verdict.kind == "not_identifiable":
         config = found.fit.config
-        unseen = found.blind[:1] or library(config, problem.keys)[:1]
-        added = [c.effect(c.shapes[0]) for c in unseen]
-        return propose(problem, [config, *(_with(config, effect) for effect in added)])
+        for unseen in found.blind[:MOST_ASKED]:
+            test = propose(problem, [config, _with(config, unseen.effect(unseen.shapes[0]))])
+            if test.separation_sigma >= SEPARATES:
+                return test
     return None
 
 

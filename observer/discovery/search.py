@@ -269,4 +269,5 @@ def _blind(found: Sequence[Promise]) -> tuple[Candidate, ...]:
         most[candidate.name] = max(
             most.get(candidate.name, (0.0, candidate)), (p.kept, candidate), key=lambda e: e[0]
         )
-    return tuple(candidate for kept, candidate in most.values() if kept < BLIND)
+    blind = [candidate for kept, candidate in most.values() if kept < BLIND]
+    return tuple(sorted(blind, key=lambda c: c.kind == "end_heat"))  # a law that is free takes it up always
