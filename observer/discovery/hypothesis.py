@@ -30,6 +30,8 @@ SMALL = 0.03
 """A step of this many standard deviations of every parameter ends a fit."""
 HOPELESS = 0.3
 """A fit whose last step made up less than this part of the distance to its rival is given up."""
+MOST_STEP = 0.5
+"""How far a free parameter may go in one step, in its scale: beyond, its derivatives mean little."""
 FAR = 0.2
 """How far a free parameter may go, in its scale, before the derivatives are taken anew."""
 DIFFERENCE = 1e-3
@@ -265,7 +267,9 @@ def fit_effects(
         if not (np.isfinite(A).all() and np.isfinite(before)):
             break
         for _trial in range(TRIALS):
-            step, sigma = _bounded_step(A, b, low - theta, high - theta, damping)
+            reach = np.where(np.arange(len(theta)) < f, MOST_STEP, np.inf)
+            bounds = np.maximum(low - theta, -reach), np.minimum(high - theta, reach)
+            step, sigma = _bounded_step(A, b, *bounds, damping)
             there = problem.residual(at(theta + step))
             if cost(there) <= before + 1e-9:  # not where it has overflown
                 break
