@@ -161,7 +161,7 @@ def _sensors(config: Config) -> Iterator[Candidate]:
 
 def _mass(target: str) -> Candidate:
     """Bodies by time constant and by how much of their heat the screw feels."""
-    pairs = ((100.0, 3.0), (300.0, 1.0), (1000.0, 1.0), (1000.0, 5.0), (4000.0, 1.0), (4000.0, 5.0))
+    pairs = ((100.0, 3.0), (500.0, 1.0), (2000.0, 5.0), (4000.0, 1.0))
     shapes = tuple({"capacity_J_K": C, "conductance_W_K": G} for C, G in pairs)
     scales = {"capacity_J_K": 1000.0, "conductance_W_K": 2.0}
     return Candidate("attached_mass", target, shapes, scales, ("capacity_J_K", "conductance_W_K"))

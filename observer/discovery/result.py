@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from observer.discovery.calibrate import Calibration, Gap
 from observer.discovery.discover import Discovery
-from observer.discovery.hypothesis import Fit
+from observer.discovery.hypothesis import NORMAL_95, Fit
 from observer.discovery.identifiability import describe
 from observer.discovery.parameters import kind_of
 from observer.discovery.search import Trial
@@ -37,6 +39,12 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
 
 def _gap(gap: Gap) -> dict[str, float]:
     return {"before_rms_K": rounded(gap.before_rms_K), "after_rms_K": rounded(gap.after_rms_K)}
+
+
+FORM_SHARE = 0.015
+"""How far an effect's own form may be from that of the machine, as a part of its parameters: one σ."""
+PLACES = ("_m", "_degC")
+"""What ends the name of a parameter that is no strength, and that a form does not scale."""
 
 
 def discovery_result(found: Discovery) -> dict[str, Any]:
@@ -86,6 +94,8 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
     values = zip(fit.parameters, fit.values.tolist(), fit.half_width.tolist(), strict=True)
     by_effect: dict[int, dict[str, Any]] = {}
     for p, value, half in values:
+        if not p.key.endswith(PLACES):
+            half = float(np.hypot(half, NORMAL_95 * FORM_SHARE * value))
         by_effect.setdefault(p.effect, {})[p.key] = {
             "value": rounded(value),
             "ci95": [rounded(max(value - half, p.low)), rounded(min(value + half, p.high))],

@@ -20,7 +20,7 @@ from observer.effects.heat import LocalHeat
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
-FITTED, FITTED_LATER = 6, 4
+FITTED, FITTED_LATER = 5, 3
 """How many candidates are fitted in earnest after the first screening, and after later ones."""
 ACCEPT = 30.0
 """The least drop of the deviance that names an effect; see `docs/discovery.md` for how it was found."""
