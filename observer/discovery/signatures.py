@@ -63,6 +63,7 @@ def promises(base: Fit, found: Sequence[Signature]) -> list[Promise]:
         marginal = problem.marginal(used, told)
         Q, _ = np.linalg.qr(marginal(base.jacobian[used]))
         remainder = marginal(base.residual[used])
+        remainder = remainder - Q @ (Q.T @ remainder)  # the free parameters fitted to these tolerances
         price = base.deviance - float(np.sum(remainder**2))
         columns = marginal(np.column_stack([s.change for s in group])[used])
         rest = columns - Q @ (Q.T @ columns)
