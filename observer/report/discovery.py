@@ -14,6 +14,8 @@ from observer.discovery.discover import Discovery
 from observer.discovery.evidence import UNUSED
 from observer.discovery.result import effects_of
 from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, Trial
+from observer.discovery.tolerance import LAG_S, PLACE_M, UNEVEN
+from observer.discovery.tolerance import MATERIAL as MATERIAL_KNOWN
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
 from observer.report.page import (
@@ -44,8 +46,10 @@ from observer.report.wording import (
     lack_of,
     measured,
     name_of,
+    not_told_sentence,
     unit_text,
 )
+from observer.sections import Sensor
 
 __all__ = ["as_sentences", "write_discovery_report"]
 
@@ -55,6 +59,12 @@ PANELS = 6
 """How many sensors share a drawing, so that paper holds it."""
 LEAST_SIGMA = 5.0
 """The scale of errors reaches this many times a sensor's noise at least, lest noise look like a gap."""
+
+TOLERATED = (
+    "A model never comes down to the noise alone: conductivity and heat capacity are known to "
+    f"{100 * MATERIAL_KNOWN:.0f} %, a sensor's place to {1000 * PLACE_M:.0f} mm, its lag to {LAG_S:.0f} s, "
+    f"how even the film is to {100 * UNEVEN:.0f} %. What these can explain is no effect and not written back."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +210,7 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
         before_K, after_K = _rms(shown.before_K[mine]), _rms(shown.after_K[mine])
         floor_K = result["gap"]["per_sensor"][sensor.name]["floor_rms_K"]
         titles.append(f"{name}, °C: {_arrow(before_K, after_K)} rms")
-        cells.append([sensor.name, f"{sensor.position_m:g} m", *map(kelvin, (before_K, after_K, floor_K))])
+        cells.append([sensor.name, site(sensor), *map(kelvin, (before_K, after_K, floor_K))])
     drawn = [
         figure(panels.comparisons(track, lines, titles[i : i + PANELS], i), _caption(i, logs[run]))
         for i in range(0, len(titles), PANELS)
@@ -210,7 +220,13 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
         "Measured against predicted, on data that took no part in fitting or choosing",
         *drawn,
         table(heads, cells, (1, 2, 3, 4)),
+        paragraph(TOLERATED, "note"),
     )
+
+
+def site(sensor: Sensor) -> str:
+    """Where a sensor sits, on the screw or on a node."""
+    return f"{sensor.position_m:g} m" if sensor.on is None else sensor.on
 
 
 def _caption(first: int, log: str) -> str:
@@ -299,12 +315,9 @@ def _limits(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
         rows.append(
             [name, duration_text(run.run.duration_s), *minutes, f"{100 * (1 - mine.sum() / possible):.1f} %"]
         )
-    blind = result["not_told"]
-    if blind:
-        names = Html(", ".join(code(name) for name in blind))
-        told = Html(f"These logs cannot show {names}: the calibrated parameters could make up all of it.")
-    else:
-        told = Html("Every effect that was tried would show in these logs if it were strong enough.")
+    told = "Every effect that was tried would show in these logs if it were strong enough."
+    if result["not_told"]:
+        told = f"{not_told_sentence(result)}."
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "

@@ -68,7 +68,7 @@ def as_sentences(result: dict[str, Any]) -> Iterator[str]:
         yield f"{experiment_sentence(result['experiment'])}."
     yield f"{gap_sentence(result)}."
     if result["not_told"]:
-        yield f"These logs cannot show: {joined(result['not_told'])}."
+        yield f"{not_told_sentence(result)}."
 
 
 def headline(result: dict[str, Any]) -> str:
@@ -82,7 +82,8 @@ def headline(result: dict[str, Any]) -> str:
         answers = [joined([_lack_by_name(name) for name in each]) for each in result["alternatives"]]
         return f"The model lacks {joined(answers, last='; or ', between='; ')}: these logs cannot tell which"
     if verdict == "unknown":
-        return f"Something is missing that the library does not hold: {reason}"
+        what = reason.partition(" that no effect of the library")[0]
+        return f"Something is missing that the library does not hold: {what}"
     lacking = reason.removeprefix("nothing is missing that shows, but ")
     return f"These logs cannot tell whether an effect is missing: {lacking}"
 
@@ -118,6 +119,12 @@ def gap_sentence(result: dict[str, Any]) -> str:
         "unknown": " with the best that the library offers",
     }.get(result["verdict"], "")
     return f"On data held back the gap goes from {before} to {after} rms{with_what} ({noise})"
+
+
+def not_told_sentence(result: dict[str, Any]) -> str:
+    """What would not show in these logs even if it were there, without a full stop."""
+    lacks = joined([_lack_by_name(name) for name in result["not_told"]])
+    return f"These logs cannot show {lacks}: the calibrated parameters could make up all of it"
 
 
 def event_of(result: dict[str, Any]) -> dict[str, Any] | None:

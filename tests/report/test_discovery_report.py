@@ -16,9 +16,10 @@ from observer.discovery.evidence import PROOF, UNUSED
 from observer.discovery.remainder import Event
 from observer.discovery.result import discovery_result
 from observer.frames import FrameBlock
-from observer.report.discovery import as_sentences, write_discovery_report
+from observer.report.discovery import as_sentences, site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
 from observer.report.wording import LACKS, headline, interval
+from observer.sections import Sensor
 from tests.discovery.cases import machine, made_log
 
 HOSTILE = '<b>"$x_1$ & -->'
@@ -226,7 +227,16 @@ def test_the_sentences_of_none() -> None:
     lines = _lines(not_told=["end_heat at left"])
     assert lines[0] == "The calibrated model explains the logs; no effect is missing that shows."
     assert "off by 0.050 K rms (as configured: 1.27 K; noise alone: 0.0070 K)" in lines[1]
-    assert lines[2:] == ["These logs cannot show: end_heat at left."]
+    assert lines[2:] == [
+        "These logs cannot show heat at the left end that grows with speed: the calibrated parameters could "
+        "make up all of it."
+    ]
+
+
+def test_a_sensor_is_on_the_screw_or_on_a_node() -> None:
+    on_screw = Sensor(name="t1", channel="t1_degC", position_m=0.25, noise_K=0.05)
+    assert site(on_screw) == "0.25 m"
+    assert site(Sensor(name="t2", channel="t2_degC", on="housing", noise_K=0.05)) == "housing"
 
 
 def test_the_sentences_of_effects_named() -> None:
@@ -286,8 +296,11 @@ def test_the_sentences_of_something_unknown_say_where_when_and_how_many_watts(
         "mean_K": np.sign(heat_W) * 3.1, "log": 2, "from_s": 2400.0, "to_s": 3600.0,
         "heat_W": heat_W, "heat_sigma_W": 1.0,
     }  # fmt: skip
-    lines = _lines(verdict="unknown", reason="an error remains", where=[event], gap=FELL)
-    assert lines[0] == "Something is missing that the library does not hold: an error remains."
+    reason = "an error remains in what was fitted that no effect of the library, nor three together, explains"
+    lines = _lines(verdict="unknown", reason=reason, where=[event], gap=FELL)
+    assert lines[0] == (
+        "Something is missing that the library does not hold: an error remains in what was fitted."
+    )
     assert lines[1].startswith(
         "The error is largest near sensor t3 in log 2, from 40 min to 1 h 00 min (warm and"
     )
