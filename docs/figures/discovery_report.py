@@ -15,8 +15,8 @@ HERE = Path(__file__).parent
 RIG = HERE.parents[1] / "tests" / "data" / "rig"
 LOGS = [RIG / "end_conduction-0.1" / f"run_{run}.csv.gz" for run in "abc"]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-WIDTH, HEIGHT = 1040, 960
-SCALE, COLOURS = 1.5, 128
+WIDTH, HEIGHT = 1040, 965
+SCALE, COLOURS = 1.5, 256
 
 
 def draw_report(target: Path) -> None:
@@ -30,7 +30,7 @@ def draw_report(target: Path) -> None:
         app.discover(RIG / "config.toml", LOGS, place, lambda _what, _done: None)
         photograph(browser, place / "report.html", place / "page.png")
         with Image.open(place / "page.png") as picture:
-            picture.convert("RGB").quantize(COLOURS).save(target, optimize=True)
+            picture.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(target, optimize=True)
 
 
 def photograph(browser: str, page: Path, target: Path) -> None:

@@ -1,4 +1,4 @@
-"""Numbers that the pages about the estimators and decision 0009 give for the shipped rig."""
+"""Numbers that the pages about estimators and discovery and decisions 0009 and 0010 give for the shipped rig."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 
 from observer import config, laws
+from observer.discovery.candidates import library
+from observer.discovery.forward import Forward
+from observer.discovery.parameters import free_keys
+from observer.discovery.runs import prepare
+from observer.discovery.tolerance import tolerances
 from observer.frames import EstimateBlock, Quality
 from observer.logs import Log, read_log
+from observer.service.align import AlignPlan, frames_of_log
 from tests.reference.service_path import replay
 
 ROOT = Path(__file__).parents[2]
@@ -69,3 +75,16 @@ def test_a_start_on_a_warm_machine_knows_the_ends_within_its_sigmas() -> None:
     off_K = started.field_degC[minute, ends] - from_the_beginning.field_degC[begin + minute, ends]
     assert (np.abs(off_K) < 3 * started.field_sigma_K[minute, ends]).all()
     assert started.field_sigma_K[minute, ends].max() < 0.6, "so wide a band would hold anything"
+
+
+def test_what_tolerances_move_and_how_many_candidates_there_are() -> None:
+    settings, _ = rig()
+    plan = AlignPlan.of(settings)
+    logs = [read_log(RIG / "end_conduction-0.1" / f"run_{run}.csv.gz", settings.channels) for run in "abc"]
+    forward = Forward(settings, [prepare(settings, list(frames_of_log(log, plan)), "") for log in logs])
+    here = np.concatenate(forward(settings))
+    moved_K = [np.sqrt(np.mean((np.concatenate(forward(c)) - here) ** 2)) for c, _ in tolerances(settings)]
+    conductivity, heat, place, *film, lag = np.round(moved_K, 2).tolist()
+    assert (conductivity, heat, place, min(film), max(film), lag) == (0.05, 0.14, 0.07, 0.04, 0.07, 0.03)
+    candidates = library(settings, free_keys(settings))
+    assert (len(candidates), sum(len(c.shapes) for c in candidates)) == (40, 115)
