@@ -32,6 +32,7 @@ CONFIGURATION = {
     "`[model]`": config.Model,
     "`[estimator]`": config.EstimatorSettings,
     "`[calibrate]`": config.Calibrate,
+    "`[discover]`": config.Discover,
     "`[output]`": config.Output,
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,

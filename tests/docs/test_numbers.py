@@ -1,4 +1,4 @@
-"""Numbers that the pages about estimators and discovery and decisions 0009 and 0010 give for the shipped rig."""
+"""Numbers that the pages about estimators and discovery and decisions 0009, 0010 give for the shipped rig."""
 
 from __future__ import annotations
 
