@@ -80,7 +80,8 @@ def headline(result: dict[str, Any]) -> str:
         return "The calibrated model explains the logs; no effect is missing that shows"
     if verdict == "ambiguous":
         answers = [joined([_lack_by_name(name) for name in each]) for each in result["alternatives"]]
-        return f"The model lacks {joined(answers, last='; or ', between='; ')}: these logs cannot tell which"
+        every = joined(answers, last="; or ", between="; ")
+        return f"The model lacks one of these, and the logs cannot tell which: {every}"
     if verdict == "unknown":
         what = reason.partition(" that no effect of the library")[0]
         return f"Something is missing that the library does not hold: {what}"
@@ -88,11 +89,11 @@ def headline(result: dict[str, Any]) -> str:
     return f"These logs cannot tell whether an effect is missing: {lacking}"
 
 
-def lack_of(kind: str, target: str | None) -> str:
-    """An effect as what a model without it lacks."""
+def lack_of(kind: str, *targets: str | None) -> str:
+    """An effect, at one target or at several, as what a model without it lacks."""
     of_sensor = kind.startswith("sensor_")
-    place = f"the {target} end" if target in ("left", "right") and not of_sensor else target
-    return LACKS[kind].format(target=place)
+    places = [f"the {t} end" if t in ("left", "right") and not of_sensor else str(t) for t in targets]
+    return LACKS[kind].format(target=joined(places))
 
 
 def _lack_by_name(name: str) -> str:
@@ -123,7 +124,10 @@ def gap_sentence(result: dict[str, Any]) -> str:
 
 def not_told_sentence(result: dict[str, Any]) -> str:
     """What would not show in these logs even if it were there, without a full stop."""
-    lacks = joined([_lack_by_name(name) for name in result["not_told"]])
+    targets: dict[str, list[str]] = {}
+    for kind, _, target in (name.partition(" at ") for name in result["not_told"]):
+        targets.setdefault(kind, []).append(target)
+    lacks = joined([lack_of(kind, *at) for kind, at in targets.items()], last=", nor ")
     return f"These logs cannot show {lacks}: the calibrated parameters could make up all of it"
 
 

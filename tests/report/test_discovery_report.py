@@ -224,12 +224,12 @@ def _lines(**changes: Any) -> list[str]:
 
 
 def test_the_sentences_of_none() -> None:
-    lines = _lines(not_told=["end_heat at left"])
+    lines = _lines(not_told=["end_heat at left", "radiation", "end_heat at right"])
     assert lines[0] == "The calibrated model explains the logs; no effect is missing that shows."
     assert "off by 0.050 K rms (as configured: 1.27 K; noise alone: 0.0070 K)" in lines[1]
     assert lines[2:] == [
-        "These logs cannot show heat at the left end that grows with speed: the calibrated parameters could "
-        "make up all of it."
+        "These logs cannot show heat at the left end and the right end that grows with speed, nor heat "
+        "radiated by the surface: the calibrated parameters could make up all of it."
     ]
 
 
@@ -266,7 +266,7 @@ def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
         experiment=TEST,
     )
     assert "heat from the drive at the right end, the same at any speed; or heat radiated" in lines[0]
-    assert lines[0].endswith("heat of nut that enters where it turns round: these logs cannot tell which.")
+    assert lines[0].endswith("heat radiated by the surface and heat of nut that enters where it turns round.")
     assert lines[1].startswith(
         "A test of 2 h 00 min would tell: stand still; it sets the answers 21.3 standard"
     )
