@@ -73,6 +73,7 @@ def assert_page(path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)  # a busy computer takes four times as long
 def test_a_machine_as_configured_lacks_nothing(command: Command, tmp_path: Path) -> None:
     result = discovered(command, NULL, tmp_path)
     assert result["verdict"] == "none"
@@ -86,6 +87,7 @@ def test_a_machine_as_configured_lacks_nothing(command: Command, tmp_path: Path)
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)  # a busy computer takes four times as long
 @pytest.mark.parametrize("case", HIDDEN)
 def test_what_is_hidden_is_named_proved_and_of_use(case: str, command: Command, tmp_path: Path) -> None:
     kind, target, key, true = HIDDEN[case]
@@ -117,7 +119,8 @@ def assert_the_service_predicts(command: Command, case: str, folder: Path, gap: 
         rms_K[name] = math.sqrt(sum(value**2 for value in per_sensor) / len(per_sensor))
     # the proof's are means of half a minute, the summary's the samples themselves: more by their noise
     expected_K = {
-        name: math.hypot(gap[key], NOISE_K) for name, key in (("old", "as_given_rms_K"), ("new", "after_rms_K"))
+        name: math.hypot(gap[key], NOISE_K)
+        for name, key in (("old", "as_given_rms_K"), ("new", "after_rms_K"))
     }
     print(f"{case}: open loop {rms_K['old']:.3f} K → {rms_K['new']:.3f} K rms; expected {expected_K}")
     # the service starts from its first row alone, the proof from the mean of ten seconds: 0.05 K over 5 sensors

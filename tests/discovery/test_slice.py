@@ -1,4 +1,7 @@
-"""A slice of the campaign: one case of every sort, searched in earnest through the public face."""
+"""A slice of the campaign: one case of every sort, searched in earnest through the public face.
+
+Nine cases of some 30 s of one core each, so two and a half minutes on two.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,8 @@ FAR = 0.2
 """Relative error of a strong effect's parameter that would be a mistake, not chance."""
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(300)  # a busy computer takes four times as long
 @pytest.mark.parametrize("entry", slice_entries(), ids=lambda entry: entry.name)
 def test_a_hidden_effect_is_found_or_left_open_rightly(entry: Entry, tmp_path: Path) -> None:
     row = try_entry(entry, tmp_path / "answers")
