@@ -118,11 +118,9 @@ def assert_the_service_predicts(command: Command, case: str, folder: Path, gap: 
         per_sensor = summary["open_loop_rms_K"].values()
         rms_K[name] = math.sqrt(sum(value**2 for value in per_sensor) / len(per_sensor))
     # the proof's are means of half a minute, the summary's the samples themselves: more by their noise
-    expected_K = {
-        name: math.hypot(gap[key], NOISE_K)
-        for name, key in (("old", "as_given_rms_K"), ("new", "after_rms_K"))
-    }
+    keys = {"old": "as_given_rms_K", "new": "after_rms_K"}
+    expected_K = {name: math.hypot(gap[key], NOISE_K) for name, key in keys.items()}
     print(f"{case}: open loop {rms_K['old']:.3f} K → {rms_K['new']:.3f} K rms; expected {expected_K}")
-    # the service starts from its first row alone, the proof from the mean of ten seconds: 0.05 K over 5 sensors
-    assert rms_K == pytest.approx(expected_K, abs=0.05 / math.sqrt(5))
+    # the service starts from its first row alone, the proof from the mean of ten seconds
+    assert rms_K == pytest.approx(expected_K, abs=NOISE_K / math.sqrt(len(per_sensor)))
     assert rms_K["new"] < 0.2 * rms_K["old"]
