@@ -17,8 +17,8 @@ from observer.discovery.coarse import CoarseRun
 from observer.frames import FloatArray
 
 PROOF, UNUSED = -1, -2
-GAP_SHARE = 0.08
-"""Part of a single log left out between what is fitted and what proves."""
+FITTED_SHARE, GAP_SHARE = 0.62, 0.08
+"""Part of a single log that is fitted, and part left out between that and what proves."""
 SLOW_S, SLOW_K, SLOW_SHARE = 900.0, 0.006, 0.0015
 """What a one-dimensional model cannot follow: correlation time, and standard deviation, of which a part is
 a share of the sensor's rms rise."""
@@ -96,7 +96,7 @@ def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
         fold = _folds(time_s, run.ticks.time_s[-1], i, len(runs))
         parts.append((np.full(len(mean), i), mean, sensor, measured, time_s, fold, count))
     run_, mean, sensor, measured, time_s, fold, count = (np.concatenate(p) for p in zip(*parts, strict=True))
-    rise_K = _rises(run_, sensor, measured, runs)
+    rise_K = _rises(run_, sensor, measured, fold)
     white_K = np.sqrt(noise_K[sensor] ** 2 / count + RESOLUTION_K**2)
     groups = []
     for i in range(len(runs)):
@@ -108,10 +108,16 @@ def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
 
 
 def shown_noise(runs: Sequence[CoarseRun], noise_K: FloatArray) -> FloatArray:
-    """The noise (s,) that the logs show from sample to sample, within a factor `TRUSTED` of `noise_K`."""
+    """The noise (s,) that the logs show from sample to sample, within a factor `TRUSTED` of `noise_K`.
+
+    The proof is not looked at.
+    """
     out = noise_K.copy()
+    fitted = [r.run for r in (runs[:-1] if len(runs) > 1 else runs)]
+    share = FITTED_SHARE if len(runs) == 1 else 1.0
+    early = [r.frames.time_s - r.frames.time_s[0] <= share * r.duration_s for r in fitted]
     for s in range(len(noise_K)):
-        steps = [np.diff(r.run.values_degC[r.run.usable[:, s], s]) for r in runs]
+        steps = [np.diff(r.values_degC[e & r.usable[:, s], s]) for r, e in zip(fitted, early, strict=True)]
         step_K = np.concatenate(steps)
         if len(step_K) >= LEAST_SAMPLES:
             shown_K = float(np.sqrt(np.mean(np.clip(step_K, -6 * noise_K[s], 6 * noise_K[s]) ** 2) / 2))
@@ -131,20 +137,24 @@ def _folds(time_s: FloatArray, end_s: float, run: int, runs: int) -> NDArray[np.
         return np.full(len(time_s), PROOF if run == runs - 1 else run)
     if runs == 2:
         return np.full(len(time_s), PROOF) if run else np.where(time_s < end_s / 2, 0, 1)
-    begin = 0.62 * end_s
+    begin = FITTED_SHARE * end_s
     fold = np.where(time_s < begin / 2, 0, 1)
     fold = np.where(time_s > begin, UNUSED, fold)
     return np.where(time_s > begin + GAP_SHARE * end_s, PROOF, fold)
 
 
 def _rises(
-    run: NDArray[np.int64], sensor: NDArray[np.int64], measured: FloatArray, runs: Sequence[CoarseRun]
+    run: NDArray[np.int64], sensor: NDArray[np.int64], measured: FloatArray, fold: NDArray[np.int64]
 ) -> FloatArray:
-    """How far each sensor rises over the start of each run, rms, (runs, s), K."""
-    out = np.zeros((len(runs), int(sensor.max()) + 1))
+    """How far each sensor rises over the start of each run, rms, (runs, s), K; a log's end that proves is
+    not looked at.
+    """
+    out = np.zeros((int(run.max()) + 1, int(sensor.max()) + 1))
     for i in range(len(out)):
         for s in range(out.shape[1]):
-            mine = measured[(run == i) & (sensor == s)]
+            whole = (run == i) & (sensor == s)
+            fitted = whole & (fold >= 0)
+            mine = measured[fitted if fitted.any() else whole]
             if len(mine):
                 out[i, s] = np.sqrt(np.mean((mine - mine[0]) ** 2))
     return out
