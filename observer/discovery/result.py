@@ -94,11 +94,11 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
     values = zip(fit.parameters, fit.values.tolist(), fit.half_width.tolist(), strict=True)
     by_effect: dict[int, dict[str, Any]] = {}
     for p, value, half in values:
-        if not p.key.endswith(PLACES):
-            half = float(np.hypot(half, NORMAL_95 * FORM_SHARE * value))
+        form = 0.0 if p.key.endswith(PLACES) else NORMAL_95 * FORM_SHARE * value
+        wide = float(np.hypot(half, form))
         by_effect.setdefault(p.effect, {})[p.key] = {
             "value": rounded(value),
-            "ci95": [rounded(max(value - half, p.low)), rounded(min(value + half, p.high))],
+            "ci95": [rounded(max(value - wide, p.low)), rounded(min(value + wide, p.high))],
             "unit": unit_of(p.key),
         }
     for i, effect in enumerate(fit.config.effect[before:], start=before):
