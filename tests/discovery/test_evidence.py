@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -115,7 +116,7 @@ def test_one_log_is_halves_a_gap_and_a_proof() -> None:
     evidence = problem_of(CONFIG, logs(1)).evidence
     ends = {fold: evidence.time_s[evidence.fold == fold] for fold in (0, 1, UNUSED, PROOF)}
     order = [ends[fold] for fold in (0, 1, UNUSED, PROOF)]
-    assert all(a.max() < b.min() for a, b in zip(order[:-1], order[1:], strict=True))
+    assert all(a.max() < b.min() for a, b in itertools.pairwise(order))
     apart_s = ends[PROOF].min() - ends[1].max()
     assert apart_s >= GAP_SHARE * evidence.time_s.max()
     assert not (evidence.used & evidence.proof).any()
