@@ -89,7 +89,8 @@ def is_good(entry: Entry, outcome: str) -> bool:
         case "outside" | "absent":
             return outcome == "unknown"
         case "ambiguous":
-            return outcome in ("in_set", "not_identifiable", "right")
+            told = entry.doubt is not None and (entry.doubt.same or entry.doubt.tellable)
+            return outcome in ("in_set", "not_identifiable") or (told and outcome == "right")
         case "poor":
             unseen = entry.doubt is not None and entry.doubt.unseen
             return outcome in ("right", "in_set", "not_identifiable") or (unseen and outcome == "none")

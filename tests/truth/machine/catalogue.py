@@ -133,7 +133,8 @@ class Doubtful:
     """A machine on which names cannot be told apart, or nothing can be seen: what an honest answer is.
 
     `alike`: the names, as (kind, target), whose signatures agree within the noise; the true one is first.
-    `same`: whether they are one and the same physics, so that either name is right.
+    `same`: whether they are one and the same physics, so that either name is right; `tellable`: whether the
+    weather may tell them apart after all.
     `unseen`: whether the free parameters explain the effect entirely, so that "none" is right too.
     """
 
@@ -144,6 +145,7 @@ class Doubtful:
     unknown: tuple[str, ...] = ()
     unseen: bool = False
     same: bool = False
+    tellable: bool = False
 
 
 AMBIGUOUS: tuple[Doubtful, ...] = (
@@ -165,6 +167,7 @@ AMBIGUOUS: tuple[Doubtful, ...] = (
         (Effect("speed_convection", None, {"gain": 0.3}),),
         "single_speed",
         (("speed_convection", None), ("coolant", None)),
+        tellable=True,
     ),
     Doubtful(
         "housing_or_blast_at_end",

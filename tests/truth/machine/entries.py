@@ -127,5 +127,5 @@ def slice_entries(seed: int = 900) -> list[Entry]:
         *(strong[kind, 3] for kind in kinds),
         *plain_entries("outside", [(OUTSIDE[2],)], [seed]),
         *plain_entries("pair", [PAIRS[0]], [seed]),
-        *doubtful_entries("ambiguous", [AMBIGUOUS[2]], [seed]),
+        *doubtful_entries("ambiguous", [AMBIGUOUS[0]], [seed]),
     ]
