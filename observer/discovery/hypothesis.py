@@ -276,7 +276,8 @@ def fit_effects(
             damping = max(10 * damping, 1e-3)
         else:
             break
-        theta, residual, damping = theta + step, there, damping / 10 if damping > 1e-4 else 0.0
+        theta, residual = np.clip(theta + step, low, high), there
+        damping = damping / 10 if damping > 1e-4 else 0.0
         now = cost(residual)
         if np.max(np.abs(step) / sigma) < SMALL or before - now < max(LITTLE, HOPELESS * (now - rival)):
             break
