@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -71,9 +71,7 @@ def test_whitened_noise_is_even_and_neighbours_are_independent() -> None:
     evidence = problem_of(CONFIG, logs(3)).evidence
     white = evidence.whitened(coloured(evidence, np.random.default_rng(0)))
     n = white.size
-    assert np.var(white) == pytest.approx(
-        1.0, abs=5 * np.sqrt(2 / n)
-    )  # five standard deviations of a variance
+    assert np.var(white) == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))  # 5 of its σ
     for lag in (1, 2, 30):
         pairs = [white[i[lag:]] * white[i[:-lag]] for i, _ in evidence.groups]
         mean = float(np.mean(np.concatenate(pairs)))
@@ -116,7 +114,7 @@ def test_one_log_is_halves_a_gap_and_a_proof() -> None:
     evidence = problem_of(CONFIG, logs(1)).evidence
     ends = {fold: evidence.time_s[evidence.fold == fold] for fold in (0, 1, UNUSED, PROOF)}
     order = [ends[fold] for fold in (0, 1, UNUSED, PROOF)]
-    assert all(a.max() < b.min() for a, b in itertools.pairwise(order))
+    assert all(a.max() < b.min() for a, b in pairwise(order))
     apart_s = ends[PROOF].min() - ends[1].max()
     assert apart_s >= GAP_SHARE * evidence.time_s.max()
     assert not (evidence.used & evidence.proof).any()

@@ -1,0 +1,167 @@
+"""Tolerances, gaps of a log, and bounds inside every hypothesis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from observer.config import Config
+from observer.discovery.candidates import library
+from observer.discovery.hypothesis import Marginal, fit_effects, fit_null
+from observer.discovery.parameters import replaced
+from observer.discovery.search import tried
+from observer.discovery.signatures import promises, signatures
+from observer.discovery.tolerance import MATERIAL, tolerances
+from observer.effects.bodies import EndConduction
+from observer.frames import FrameBlock
+from observer.model.build import build_plant
+from observer.model.drive import Drive
+from observer.model.simulate import simulate, start
+from tests.discovery.cases import machine, made_log
+from tests.discovery.small import problem_of
+
+
+@given(st.integers(0, 10**6), st.integers(1, 12), st.integers(0, 4))
+def test_what_a_tolerance_explains_costs_its_share_of_standard_deviations(seed: int, n: int, t: int) -> None:
+    """‖M r‖² = min over a of ‖r − T a‖² + ‖a‖² = rᵀ (I + T Tᵀ)⁻¹ r."""
+    rng = np.random.default_rng(seed)
+    T, r = 3 * rng.normal(size=(n, t)), rng.normal(size=n)
+    left = float(np.sum(Marginal.of(T)(r) ** 2))
+    closed = float(r @ np.linalg.solve(np.eye(n) + T @ T.T, r))
+    a = np.linalg.solve(np.eye(t) + T.T @ T, T.T @ r)
+    least = float(np.sum((r - T @ a) ** 2) + np.sum(a**2))
+    assert left == pytest.approx(closed, rel=1e-9)  # rounding of solves of well-conditioned matrices
+    assert left == pytest.approx(least, rel=1e-9)
+
+
+def test_columns_are_marginalised_as_one_by_one() -> None:
+    rng = np.random.default_rng(3)
+    M, columns = Marginal.of(rng.normal(size=(8, 2))), rng.normal(size=(8, 3))
+    one_by_one = np.column_stack([M(c) for c in columns.T])
+    np.testing.assert_allclose(M(columns), one_by_one, rtol=0, atol=1e-12)
+
+
+def test_a_conductivity_within_its_tolerance_is_nothing_and_far_beyond_is_something() -> None:
+    """A logged machine whose k is off by one tolerance fits as well as without; by 15 it does not."""
+    config = machine()
+    k = config.screw.conductivity_W_mK
+    left = {}
+    for sigmas in (0, 1, 15):
+        screw = config.screw.model_copy(update={"conductivity_W_mK": k * (1 + sigmas * MATERIAL)})
+        truth = config.model_copy(update={"screw": screw})
+        problem = problem_of(config, [made_log(truth, seed, minutes=60.0) for seed in range(3)])
+        fit = fit_null(problem, config)
+        left[sigmas] = fit.deviance
+        bare = float(np.sum(fit.residual[problem.evidence.used] ** 2))
+        print(f"{sigmas} σ: {fit.deviance:.1f}, not marginalised {bare:.1f}")
+        if sigmas == 1:
+            assert bare > fit.deviance + 10.0  # it would count as something, if it were not marginalised
+    assert left[1] < left[0] + 5.0  # a price of one standard deviation squared, and the fit's own chance
+    assert left[15] > left[0] + 50.0  # 15² at most: free parameters make up for a part
+
+
+def test_every_tolerance_moves_the_prediction_and_stays_small() -> None:
+    config = machine()
+    problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
+    here = problem.predicted(config)
+    rise_K = float(np.ptp(problem.evidence.measured_degC))
+    for changed, kind in tolerances(config):
+        moved_K = float(np.max(np.abs(problem.predicted(changed) - here)))
+        assert 1e-3 < moved_K < 0.05 * rise_K, kind
+
+
+# ---- gaps ----
+
+
+def with_gap(log: FrameBlock, from_s: float, to_s: float) -> FrameBlock:
+    """The log without the rows of some minutes."""
+    kept = (log.time_s < from_s) | (log.time_s > to_s)
+    rows = {key: getattr(log, key)[kept] for key in ("time_s", "values", "fresh", "quality", "age_s")}
+    return replace(log, dt_s=np.diff(rows["time_s"], prepend=rows["time_s"][0]), **rows)
+
+
+def with_a_secret(config: Config, from_s: float, to_s: float) -> FrameBlock:
+    """The log of a machine whose heater was off for some minutes, though the log says it was on."""
+    log = made_log(config, 1, minutes=60.0)
+    heater, secretly = config.channels.index("heater_W"), (log.time_s >= from_s) & (log.time_s <= to_s)
+    assert log.values[secretly, heater].min() > 0.0
+    true = log.values.copy()
+    true[secretly, heater] = 0.0
+    plant = build_plant(config)
+    drive = Drive(config, plant)
+    told, was = (drive.run(drive.initial(), replace(log, values=v))[1] for v in (log.values, true))
+    state = start(plant, 20.0, told.law_W[0])
+    less_K = simulate(plant, state, was)[1] - simulate(plant, state, told)[1]
+    values = log.values.copy()
+    for i, sensor in enumerate(config.sensor):
+        values[:, config.channels.index(sensor.channel)] += less_K[:, i]
+    return replace(log, values=values)
+
+
+def test_what_a_machine_did_in_a_gap_is_nobodys_fault() -> None:
+    config = machine()
+    log = with_a_secret(config, 1000.0, 1500.0)
+    problem = problem_of(config, [with_gap(log, 1000.0, 1500.0)])
+    used = problem.evidence.used
+    fit = fit_null(problem, config)
+    honest = fit_null(
+        problem_of(config, [with_gap(made_log(config, 1, minutes=60.0), 1000.0, 1500.0)]), config
+    )
+    bare = float(np.sum(problem.residual(config)[used] ** 2))
+    print(f"deviance {fit.deviance:.0f}, without a secret {honest.deviance:.0f}, bare {bare:.0f}")
+    assert bare > 100 * honest.deviance
+    # the tick that holds the gap lasts some seconds longer, so its heat is not that of the gap alone
+    assert fit.deviance < 2 * honest.deviance
+    whole = problem_of(config, [log])  # the same where nothing is missing is not forgiven
+    assert fit_null(whole, config).deviance / np.count_nonzero(whole.evidence.used) > 10.0
+
+
+def test_a_log_without_gaps_needs_no_tolerance_for_them() -> None:
+    config = machine()
+    problem = problem_of(config, [made_log(config, 1, minutes=30.0)])
+    assert problem.forward.by_gaps(config) == []
+    gapped = problem_of(config, [with_gap(made_log(config, 1, minutes=30.0), 600.0, 700.0)])
+    changes = gapped.forward.by_gaps(config)
+    assert len(changes) >= len(config.sensor)
+    before = gapped.forward.runs[0].ticks.time_s <= 600.0
+    assert all(np.all(run[before] == 0.0) for change in changes for run in change)
+    assert all(np.any(run != 0.0) for change in changes for run in change)
+
+
+# ---- bounds ----
+
+
+def test_a_free_parameter_stays_within_its_bounds() -> None:
+    """A machine whose bearing cools its end would need a negative heat."""
+    config = replaced(machine(), {"source.bearing.l.heat_W_rpm": 0.0})
+    truth = machine(effect=[{"kind": "end_heat", "target": "right", "heat_W_rpm": -0.004}])
+    truth = replaced(truth, {"source.bearing.l.heat_W_rpm": 0.0})
+    free = config.model_copy(
+        update={"calibrate": config.calibrate.model_copy(update={"free": ("source.bearing.l.heat_W_rpm",)})}
+    )
+    problem = problem_of(free, [made_log(truth, seed, minutes=60.0) for seed in range(3)])
+    fit = fit_null(problem, free)
+    (value,) = problem.free_values(fit.config)
+    assert value == 0.0
+    beyond = problem.with_free(free, np.array([-1.0]))
+    assert problem.free_values(beyond).tolist() == [0.0]
+
+
+def test_an_effect_at_its_bound_is_not_accepted() -> None:
+    """Less loss than is modelled cannot be a negative conductance."""
+    config = machine(boundary={"right": {"kind": "convective", "coefficient_W_m2K": 300.0}})
+    problem = problem_of(config, [made_log(machine(), seed, minutes=60.0) for seed in range(3)])
+    null = fit_null(problem, config)
+    [candidate] = [c for c in library(config, problem.keys) if c.name == "end_conduction at right"]
+    found = signatures(problem, null.config, [candidate])
+    (promise,) = promises(null, found)
+    assert promise.strength == 0.0
+    assert tried(null, null, found, ()) == ()
+    start = EndConduction(kind="end_conduction", target="right", conductance_W_K=0.05)
+    fit = fit_effects(problem, null.config.model_copy(update={"effect": (start,)}), candidate.parameters(0))
+    assert fit.values.tolist() == [0.0]
+    assert fit.at_bound
