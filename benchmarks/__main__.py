@@ -14,7 +14,16 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import daemon, heat_history, kalman_step, replaying, simulated_hour, table, transport
+from benchmarks import (
+    daemon,
+    heat_history,
+    kalman_step,
+    replaying,
+    searching,
+    simulated_hour,
+    table,
+    transport,
+)
 
 NOTE = "One BLAS thread; ratios are taken within this run."
 
@@ -24,7 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--output", type=Path, help="also write the rows to this CSV file")
     parser.add_argument(
-        "--only", nargs="+", metavar="PART", help="of step replay hour history transport daemon"
+        "--only", nargs="+", metavar="PART", help="of step replay hour history search transport daemon"
     )
     parser.add_argument("--daemon-seconds", type=float, default=30.0, help="how long the daemon is watched")
     options = parser.parse_args()
@@ -33,6 +42,7 @@ def main() -> None:
         "replay": replaying.results,
         "hour": simulated_hour.results,
         "history": heat_history.results,
+        "search": searching.results,
         "transport": transport.results,
         "daemon": partial(daemon.results, options.daemon_seconds),
     }

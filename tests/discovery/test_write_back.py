@@ -7,7 +7,9 @@ import pytest
 
 from observer.config import parse
 from observer.discovery.parameters import get
-from observer.discovery.write_back import rounded, write_back
+from observer.discovery.write_back import rounded, with_effects, write_back
+from observer.effects.bodies import EndConduction
+from observer.effects.sensing import SensorLag
 from observer.errors import ConfigError
 from tests.discovery.cases import RIG
 
@@ -57,3 +59,23 @@ def test_an_unknown_source_is_refused() -> None:
 )
 def test_values_keep_five_digits(value: float, digits: float) -> None:
     assert rounded(value) == digits
+
+
+def test_effects_are_added_and_every_line_of_before_stays() -> None:
+    own = '[[effect]] # ours\nkind = "sensor_bias"\ntarget = "t1"\noffset_K = 0.10  # from the last check\n'
+    found = [
+        EndConduction(kind="end_conduction", target="left", conductance_W_K=0.1000123),
+        SensorLag(kind="sensor_lag", target="t3", time_constant_s=59.87654),
+    ]
+    for text in (TEXT, f"{TEXT}\n{own}"):
+        written = with_effects(text, found)
+        lost = [line for line in difflib.ndiff(text.splitlines(), written.splitlines()) if line[0] == "-"]
+        assert lost == []
+        before = tomllib.loads(text)
+        table = tomllib.loads(written)
+        assert table["effect"] == [
+            *before.pop("effect", []),
+            {"kind": "end_conduction", "target": "left", "conductance_W_K": 0.10001},
+            {"kind": "sensor_lag", "target": "t3", "time_constant_s": 59.877},
+        ]
+        assert {key: value for key, value in table.items() if key != "effect"} == before

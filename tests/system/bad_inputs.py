@@ -159,6 +159,25 @@ def _calibrate(log: str, output: str = "out", table: dict[str, Any] = TABLE) -> 
     return arguments
 
 
+def _discover(log: str, output: str = "out", **changes: Any) -> Callable[[Path], list[str]]:
+    def arguments(folder: Path) -> list[str]:
+        (folder / "log.csv").write_text(log)
+        config = write(folder, changed(**changes))
+        return ["discover", str(folder / "log.csv"), "-c", str(config), "-o", str(folder / output)]
+
+    return arguments
+
+
+def _without_sensors() -> str:
+    """A log whose sensors never have a value."""
+    return text([row if k == 0 else [row[0], "", "", *row[3:]] for k, row in enumerate(rows(800))])
+
+
+def _discover_into_a_file(folder: Path) -> list[str]:
+    (folder / "out").write_text("mine")
+    return _discover(text(rows(800)))(folder)
+
+
 def _calibrate_to_a_file(folder: Path) -> list[str]:
     (folder / "out").write_text("mine")
     return _calibrate(text(rows(800)))(folder)
@@ -312,6 +331,24 @@ OTHERS = [
     Case("simulate: output is a folder", _simulate_into_a_folder, ("predicted.csv", "cannot be written")),
     Case("simulate: unknown suffix", _simulate(text(rows()), "predicted.xls"), ("predicted.xls", ".csv")),
     Case("calibrate: too short", _calibrate(text(rows(2))), ("longest log", "300 s", "record")),
+    Case("discover: too short", _discover(text(rows(2))), ("shorter than 300 s", "record")),
+    Case("discover: no sensor has a value", _discover(_without_sensors()), ("no sensor", "check")),
+    Case(
+        "discover: no ambient",
+        _discover(text(rows(800)), ambient={"channel": "air_degC"}),
+        ('"air_degC"', "is missing"),
+    ),
+    Case(
+        "discover: unknown kind left out",
+        _discover(text(rows(800)), discover={"without": ["gravity"]}),
+        ('"gravity"', "is no effect", "sensor_lag"),
+    ),
+    Case(
+        "discover: nothing is free",
+        _discover(text(rows(800)), calibrate={"free": []}),
+        ("nothing is free", "[calibrate] free"),
+    ),
+    Case("discover: output is a file", _discover_into_a_file, ("out", "folder")),
     Case("calibrate: output is a file", _calibrate_to_a_file, ("out", "folder")),
     Case(
         "identify: option of another method", _identify(text(rows()), "--order", "0"), ("--order", "smoother")

@@ -1,0 +1,127 @@
+"""What a machine was doing, read from a log that is written by hand, and what logs lack."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observer.config import Config
+from observer.discovery.coarse import CoarseRun
+from observer.discovery.excitation import lacking, speeds_rpm
+from observer.discovery.phases import PHASES, Course, course_of
+from observer.discovery.runs import prepare
+from observer.frames import FloatArray
+from tests.discovery.cases import frames, machine
+
+# Minutes: at rest, at work, a short rest, at work again, a long rest.
+ENDS_MIN = (10.0, 50.0, 60.0, 80.0, 140.0)
+AT_WORK = (False, True, False, True, False)
+
+
+def course(working: Any) -> Course:
+    """A log of the small bar whose bearing turns while `working(minute)`, and warms it with a lag."""
+    config = machine(source=[machine().source[1].model_dump(exclude_unset=True)])
+    time_s = np.arange(0.0, 60 * ENDS_MIN[-1], 2.0)
+    on = np.array([working(t / 60) for t in time_s])
+    level_degC = np.full(len(time_s), 20.0)
+    for k in range(1, len(time_s)):
+        level_degC[k] = level_degC[k - 1] + 2.0 / 600.0 * (20.0 + 15.0 * on[k] - level_degC[k - 1])
+    columns = {"n_rpm": 1200.0 * on} | {s.channel: level_degC for s in config.sensor}
+    run = prepare(config, [frames(config, time_s, columns)], "log")
+    return course_of(config, CoarseRun(run))
+
+
+def at_work(minute: float) -> bool:
+    return bool(AT_WORK[int(np.searchsorted(ENDS_MIN, minute, side="right"))])
+
+
+def test_the_phases_of_a_shift() -> None:
+    found = course(at_work)
+    minute = 0.5 * (np.arange(len(found.phase)) + 0.5)
+
+    def phases(begin: float, end: float) -> set[str]:
+        """Half a minute's grace at each change."""
+        return {PHASES[p] for p in found.phase[(minute > begin + 0.5) & (minute < end - 0.5)]}
+
+    assert phases(0.0, 10.0) == {"isothermal"}
+    assert phases(13.0, 22.0) == {"heat_up"}  # a time constant of ten minutes; the rate is smoothed
+    assert phases(35.0, 50.0) == {"steady"}  # after 25 min, 8 % of the first rate
+    assert phases(50.0, 60.0) == {"dwell"}
+    assert phases(63.0, 66.0) == {"heat_up"}
+    assert phases(80.0, 140.0) == {"cool_down"}
+    assert not found.working[minute > 80.5].any()
+    assert found.running_s[-1] == pytest.approx(60 * 60.0, abs=60.0)
+    assert found.speed_rpm[(minute > 11) & (minute < 49)] == pytest.approx(1200.0)
+    assert found.ambient_degC == pytest.approx(20.0)
+
+
+def test_a_machine_that_never_works_is_isothermal() -> None:
+    found = course(lambda _minute: False)
+    assert {PHASES[p] for p in found.phase} == {"isothermal"}
+    assert found.running_s[-1] == 0.0
+
+
+# ---- what logs lack ----
+
+
+def made(speeds: FloatArray, working: FloatArray | None = None) -> Course:
+    turns = speeds > 0 if working is None else working.astype(bool)
+    zero = np.zeros(len(speeds))
+    return Course(zero.astype(np.int64), speeds, zero, turns, zero, zero)
+
+
+def run(*, minutes: float = 60.0, rise_K: float = 5.0) -> Any:
+    """As much of a run as is asked for."""
+    measured = np.linspace(20.0, 20.0 + rise_K, 10)[:, None] * np.ones(3)
+    return SimpleNamespace(duration_s=60 * minutes, measured_degC=measured, start_degC=np.full(3, 20.0))
+
+
+GOOD = made(np.repeat([0.0, 500.0, 1500.0], 20))
+
+
+def clauses(config: Config, course: Course, **of_run: float) -> tuple[str, ...]:
+    return lacking(config, [run(**of_run)], [course])
+
+
+def test_good_logs_lack_nothing() -> None:
+    assert clauses(machine(), GOOD) == ()
+
+
+@pytest.mark.parametrize(
+    ("course", "of_run", "words"),
+    [
+        (GOOD, {"minutes": 20.0}, ("20 min", "30 min are needed")),
+        (GOOD, {"rise_K": 0.5}, ("0.50 K", "1.0 K are needed")),  # 20 × 0.05 K
+        (made(np.zeros(40)), {}, ("never turns",)),
+        (made(np.repeat([0.0, 800.0], 20)), {}, ("800 rpm only", "with speed cannot be told")),
+        (made(np.repeat([0.0, 800.0, 840.0], 20)), {}, ("rpm only",)),  # a twentieth apart is no other speed
+        (made(np.repeat([0.0, 800.0, 1600.0], [20, 20, 5])), {}, ("800 rpm only",)),  # 2.5 min do not count
+        (made(np.repeat([500.0, 1500.0], 20)), {}, ("never rests",)),
+    ],
+)
+def test_each_lack_is_one_clause(course: Course, of_run: dict[str, float], words: tuple[str, ...]) -> None:
+    (clause,) = clauses(machine(), course, **of_run)
+    for word in words:
+        assert word in clause
+
+
+def test_lacks_add_up_and_the_best_log_counts() -> None:
+    poor = clauses(machine(), made(np.zeros(40)), minutes=10.0, rise_K=0.1)
+    assert len(poor) == 3
+    both = lacking(machine(), [run(minutes=10.0, rise_K=0.1), run()], [made(np.zeros(40)), GOOD])
+    assert both == ()
+
+
+def test_a_machine_without_a_speed_is_not_asked_for_one() -> None:
+    config = machine(source=[machine().source[0].model_dump(exclude_unset=True)])
+    heated = replace(made(np.zeros(40)), working=np.repeat([False, True], 20))
+    assert clauses(config, heated) == ()
+
+
+def test_speeds_are_those_that_last() -> None:
+    assert speeds_rpm([GOOD]) == [500.0, 1500.0]
+    assert speeds_rpm([made(np.linspace(100.0, 3000.0, 12))]) == []  # a ramp is no speed

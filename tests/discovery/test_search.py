@@ -1,0 +1,93 @@
+"""The search on a small bar: what it names, what it leaves out, and what counts as the same."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from observer.config import Config
+from observer.discovery.candidates import library
+from observer.discovery.discover import Discovery, discover
+from observer.discovery.parameters import free_keys
+from observer.discovery.search import same_physics
+from observer.effects.catalogue import KINDS
+from observer.effects.film import UnevenConvection
+from observer.effects.heat import LocalHeat
+from tests.discovery.cases import machine, made_log
+
+BIAS = {"kind": "sensor_bias", "target": "b", "offset_K": 0.8}
+
+
+def found_in(config: Config, **hidden: Any) -> Discovery:
+    truth = machine(**hidden)
+    return discover(config, [[made_log(truth, seed, minutes=90.0)] for seed in range(3)])
+
+
+def named(found: Discovery) -> list[str]:
+    return [" and ".join(c.name for c in each) for each in found.verdict.sets]
+
+
+def test_a_bias_is_named_and_a_bar_as_modelled_is_not() -> None:
+    found = found_in(machine(), effect=[BIAS])
+    assert (found.verdict.kind, named(found)) == ("named", ["sensor_bias at b"])
+    assert found.verdict.fit.values[0] == pytest.approx(0.8, abs=0.02)
+    plain = found_in(machine())
+    assert plain.search.chosen == ()
+    assert plain.verdict.kind == "not_identifiable"  # one speed only
+    assert "1000 rpm only" in plain.verdict.reason
+
+
+def test_what_is_left_out_is_neither_tried_nor_named() -> None:
+    found = found_in(machine(discover={"without": ["sensor_bias"]}), effect=[BIAS])
+    tried = [found.search.ranking, *found.search.rivals, found.search.chosen]
+    assert found.search.ranking
+    assert "sensor_bias" not in {t.candidate.kind for trials in tried for t in trials}
+    assert "sensor_bias" not in {c.kind for c in found.search.blind}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_leaves_out_its_kind_and_no_other(kind: str) -> None:
+    config = machine()
+    keys = free_keys(config)
+    whole, less = library(config, keys), library(config, keys, (kind,))
+    assert [c for c in whole if c.kind != kind] == list(less)
+    assert kind not in {c.kind for c in less}
+
+
+def trial(candidate: tuple[str, str | None] | None = None, effect: Any = None) -> Any:
+    """As much of a trial as is compared."""
+    config = SimpleNamespace(screw=SimpleNamespace(length_m=1.0), effect=(effect,))
+    kind, target = candidate or ("none", None)
+    return SimpleNamespace(
+        candidate=SimpleNamespace(kind=kind, target=target), fit=SimpleNamespace(config=config)
+    )
+
+
+def spot(position_m: float) -> LocalHeat:
+    return LocalHeat(kind="local_heat", position_m=position_m, heat_W=1.0)
+
+
+def stretch(from_m: float, to_m: float) -> UnevenConvection:
+    return UnevenConvection(kind="uneven_convection", from_m=from_m, to_m=to_m, extra_W_m2K=5.0)
+
+
+@pytest.mark.parametrize(
+    ("simple", "rich", "same"),
+    [
+        (("motor_heat", "left"), spot(0.03), True),
+        (("motor_heat", "right"), spot(0.97), True),
+        (("motor_heat", "right"), spot(0.03), False),
+        (("motor_heat", "left"), spot(0.5), False),
+        (("end_conduction", "left"), spot(0.03), False),
+        (("end_conduction", "left"), stretch(0.0, 0.06), True),
+        (("end_conduction", "right"), stretch(0.95, 1.0), True),
+        (("end_conduction", "left"), stretch(0.0, 0.4), False),
+        (("surface_convection", None), stretch(0.0, 1.0), True),
+        (("surface_convection", None), stretch(0.0, 0.8), False),
+        (("end_conduction", "left"), stretch(0.0, 1.0), False),
+    ],
+)  # fmt: skip
+def test_a_place_at_an_end_is_that_end(simple: tuple[str, str | None], rich: Any, same: bool) -> None:
+    assert same_physics(trial(simple), trial(effect=rich)) is same
