@@ -101,7 +101,7 @@ class Fit:
         return self._half_widths()[: len(self.scale) - len(self.parameters)]
 
     def _half_widths(self) -> FloatArray:
-        return np.asarray(NORMAL_95 * np.sqrt(np.diag(self.covariance)))
+        return np.asarray(NORMAL_95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
     def at_bound(self) -> bool:

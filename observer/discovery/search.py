@@ -158,7 +158,9 @@ def tried(
     worthwhile = [p for p in order if p.drop > 0.25 * least]
     trials: list[Trial] = []
     for p in worthwhile:
-        trials.append(_try(base, p, least, min([t.fit.deviance for t in trials], default=np.inf)))
+        rival = min([t.fit.deviance for t in trials], default=np.inf)
+        if (trial := _try(base, p, least, rival)) is not None:
+            trials.append(trial)
     return tuple(sorted(trials, key=lambda t: -t.score))
 
 
@@ -171,8 +173,8 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
     return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
 
 
-def _try(base: Fit, promise: Promise, least: float, rival: float) -> Trial:
-    """Fit a candidate in earnest, from the promised strength on."""
+def _try(base: Fit, promise: Promise, least: float, rival: float) -> Trial | None:
+    """Fit a candidate in earnest, from the promised strength on; None where no prediction is finite."""
     candidate, index = promise.signature.candidate, len(base.config.effect)
     effect = candidate.effect(candidate.shapes[promise.signature.shape], promise.strength)
     problem = base.problem
@@ -183,6 +185,8 @@ def _try(base: Fit, promise: Promise, least: float, rival: float) -> Trial:
     costs = [float(np.sum(problem.residual(c)[problem.evidence.used] ** 2)) for c in starts]
     config = starts[int(np.argmin(costs))]
     fit = fit_effects(problem, config, (*base.parameters, *candidate.parameters(index)), rival)
+    if not (np.isfinite(fit.residual).all() and np.isfinite(fit.jacobian).all()):
+        return None
     drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
     return Trial(candidate, fit, drop, least, share, promise.kept)
 
