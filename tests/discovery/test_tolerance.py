@@ -69,7 +69,17 @@ def test_every_tolerance_moves_the_prediction_and_stays_small() -> None:
     problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
     here = problem.predicted(config)
     rise_K = float(np.ptp(problem.evidence.measured_degC))
-    for changed, kind in tolerances(config):
+    every = list(tolerances(config))
+    told = {
+        key: getattr(changed.screw, key) / getattr(config.screw, key) - 1
+        for changed, _ in every
+        for key in ("conductivity_W_mK", "density_kg_m3", "specific_heat_J_kgK", "diameter_m")
+        if changed.screw != config.screw and getattr(changed.screw, key) != getattr(config.screw, key)
+    }
+    # ρ goes with c, and a diameter is measured
+    assert told == pytest.approx({"conductivity_W_mK": MATERIAL, "specific_heat_J_kgK": MATERIAL})
+    assert {kind for _, kind in every} == {"screw", "place", "lag"}
+    for changed, kind in every:
         moved_K = float(np.max(np.abs(problem.predicted(changed) - here)))
         assert 1e-3 < moved_K < 0.05 * rise_K, kind
 
