@@ -173,7 +173,7 @@ def identify(
 
 
 _REGIMES = {
-    "points": "the position of {name} is sampled less than twice a traverse; its heat is spread over "
+    "points": "the position of {name} is sampled less than 2.5 times a traverse; its heat is spread over "
     "the sampled places of the last 20 s",
     "undetermined": "the position of {name} is sampled in step with its motion, so its path is not in the "
     "log; record it faster, at least ten samples a traverse",
