@@ -18,7 +18,7 @@ from observer.frames import FloatArray
 MEMORY_S = 10.0
 """Time constant of what is remembered of a nut's speed (twice this) and footprint."""
 SAMPLES_PER_TRAVERSE = 2.5
-"""With fewer, some traverses show the full speed once or never. Seen on an independent screw with housings."""
+"""With fewer, some traverses show the full speed once or never; seen on an independent screw."""
 FORGOTTEN_S = 3600.0
 """After so long nobody knows what a nut is at."""
 FULL = 0.95
