@@ -122,7 +122,6 @@ def sensor_plant(plant: Plant) -> Plant:
                 table_C=np.ascontiguousarray(m.table.table_C[:, :s]),
                 mean_C=m.table.mean_C[:s].copy(),
             ),
-            ends_C=m.ends_C[:s].copy(),
         )
         for m in plant.moving
     )

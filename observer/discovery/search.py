@@ -45,7 +45,7 @@ class Trial:
     """A candidate added to a fit.
 
     `drop` of the deviance and the `least` that is asked; `held_out`, the part of the deviance on data held
-    out that goes; `kept`, the part of its signature that the free parameters cannot make up.
+    out that goes.
     """
 
     candidate: Candidate
@@ -53,7 +53,6 @@ class Trial:
     drop: float
     least: float
     held_out: float
-    kept: float
 
     @property
     def score(self) -> float:
@@ -188,7 +187,7 @@ def _try(base: Fit, promise: Promise, least: float, rival: float) -> Trial | Non
     if not (np.isfinite(fit.residual).all() and np.isfinite(fit.jacobian).all()):
         return None
     drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
-    return Trial(candidate, fit, drop, least, share, promise.kept)
+    return Trial(candidate, fit, drop, least, share)
 
 
 def held_out(fit: Fit) -> float:

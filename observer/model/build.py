@@ -268,11 +268,8 @@ def _moving_sources(
             mean_B=mean_B,
             mean_C=mean_C,
         )
-        ends_b, ends_C = _at_stroke_ends(config, modes, places, source)
-        ends_B = B[:, index].copy()
-        ends_B[: len(modes)] = ends_b
         fraction = ends.get(source.name, 0.0)
-        found.append(MovingSource(index, source.position_channel, table, fraction, ends_B, ends_C))
+        found.append(MovingSource(index, source.position_channel, table, fraction))
     return tuple(found)
 
 

@@ -124,7 +124,7 @@ def wide(matrix: FloatArray, columns: int) -> FloatArray:
 def _moving_with(source: MovingSource, more: FloatArray) -> MovingSource:
     """A moving source that heats the new states too, wherever it is."""
     table = replace(source.table, mean_B=np.concatenate([source.table.mean_B, more]))
-    return replace(source, table=table, ends_B=np.concatenate([source.ends_B, more]))
+    return replace(source, table=table)
 
 
 def _reading_no_more(plant: Plant, sensors: Sequence[int]) -> Plant:
@@ -141,7 +141,6 @@ def _reading_no_more(plant: Plant, sensors: Sequence[int]) -> Plant:
                 mean_C=_without(s.table.mean_C, sensors),
                 table_C=_without(s.table.table_C, sensors),
             ),
-            ends_C=_without(s.ends_C, sensors),
         )
         for s in plant.moving
     )

@@ -66,16 +66,13 @@ class MovingSource:
     """A source whose footprint follows a position channel.
 
     `index` is its column in B; `table` holds what the averaging of its columns over a path needs. A share
-    `ends_fraction` of the heat enters at the ends of the stroke, with the columns `ends_B` (n_x,) and
-    `ends_C` (R,).
+    `ends_fraction` of the heat enters where the nut turns.
     """
 
     index: int
     channel: str
     table: NutTable
     ends_fraction: float
-    ends_B: FloatArray
-    ends_C: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
