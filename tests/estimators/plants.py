@@ -82,7 +82,7 @@ def rod(
         B=B,
         E=E,
         rows=Rows(C, np.full((len(places), 1), 0.0), s, grid),
-        moving=tuple(MovingSource(j, "nut_position_m", None, 0.0, np.zeros(0), np.zeros(0)) for j in moving),
+        moving=tuple(MovingSource(j, "nut_position_m", None, 0.0) for j in moving),
         uniform=uniform,
         prior_P=initial_sigma_K**2 * smooth,
         smooth_P=initial_sigma_K**2 * smooth,
