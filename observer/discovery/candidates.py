@@ -25,6 +25,10 @@ NEUTRAL = {"exponent": 1.0}
 """Where a parameter changes nothing, if that is not zero."""
 LEAST_LAG_S = 10.0
 """Sensors that lag less are within tolerance."""
+MOST_CAPACITY_J_K = 5e4
+"""A hundred kilograms of steel; a body that stores more hardly warms, and is a loss."""
+INLET_degC = (-20.0, 90.0)
+"""Of any coolant."""
 CELLS = 8
 """Parts of the screw from which stretches of another film are made up."""
 
@@ -34,7 +38,8 @@ class Candidate:
     """An effect at a target: the shapes to try, what is fitted with which natural scale, and its limits
     where they are narrower than the effect's own.
 
-    `linear` are the parameters that a strength multiplies, all together.
+    `linear` are the parameters that a strength multiplies, all together; `told` those whose interval must end
+    below their upper limit, for beyond it the effect is another one.
     """
 
     kind: str
@@ -43,6 +48,7 @@ class Candidate:
     scales: Mapping[str, float]
     linear: tuple[str, ...]
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    told: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -114,7 +120,8 @@ def _surface(config: Config, keys: tuple[str, ...]) -> Iterator[Candidate]:
     if spins:
         shapes = tuple({"conductance_W_K": 0.3, "inlet_degC": t} for t in (12.0, 20.0, 28.0))
         scales = {"conductance_W_K": 0.3, "inlet_degC": 5.0}
-        yield Candidate("coolant", None, shapes, scales, ("conductance_W_K",))
+        limits = {"inlet_degC": INLET_degC}
+        yield Candidate("coolant", None, shapes, scales, ("conductance_W_K",), limits)
 
 
 def _ends(config: Config) -> Iterator[Candidate]:
@@ -164,7 +171,9 @@ def _mass(target: str) -> Candidate:
     pairs = ((100.0, 3.0), (500.0, 1.0), (2000.0, 5.0), (4000.0, 1.0))
     shapes = tuple({"capacity_J_K": C, "conductance_W_K": G} for C, G in pairs)
     scales = {"capacity_J_K": 1000.0, "conductance_W_K": 2.0}
-    return Candidate("attached_mass", target, shapes, scales, ("capacity_J_K", "conductance_W_K"))
+    limits = {"capacity_J_K": (0.0, MOST_CAPACITY_J_K)}
+    linear = ("capacity_J_K", "conductance_W_K")
+    return Candidate("attached_mass", target, shapes, scales, linear, limits, told=("capacity_J_K",))
 
 
 def _one(

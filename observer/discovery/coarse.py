@@ -7,26 +7,32 @@ contributes the mean of its two ends.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
+from observer.discovery.footprint import PLACES, Footprint, footprint
 from observer.discovery.runs import Run
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
 from observer.frames import FloatArray, Inputs
 from observer.laws import HeatLaw
 from observer.model.drive import Drive
-from observer.model.plant import Plant
+from observer.model.plant import MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
 from observer.model.rod.path import PathState
+from observer.model.rod.sources import mean_stretch
 from observer.sections import Source
 
 TICK_S = 10.0
 TICKS_IN_MEAN = 3
 MOST_KEPT = 64
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 INPUT_TERMS = (LawFactor, AmbientShift, Offset, SpeedLoss)
 
 
@@ -90,25 +96,15 @@ def means_of(ticks: Ticks, before: FloatArray, rows: FloatArray, ripple_K: Float
     return out
 
 
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """A nut's averaged columns over the ticks of a run, (T, N) and (T, R), without the lag's own row.
-
-    `early_s` (T, N) is ∫ B (½ − t/τ) dt over each tick of length τ: how much earlier than evenly it came.
-    """
-
-    B: FloatArray
-    C: FloatArray
-    early_s: FloatArray
-
-
 class CoarseRun:
-    """A run whose inputs can be had in ticks for any configuration; the nut's columns are kept."""
+    """A run whose inputs can be had in ticks for any configuration; the nuts' paths are followed once."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
         self.ticks = ticks_of(run)
-        self._kept: dict[bytes, Columns] = {}
+        self._footprints: dict[tuple[int, bool], Footprint] = {}
+        self._of_modes: dict[tuple[int, bool, bytes], tuple[FloatArray, FloatArray]] = {}
+        self._lags: dict[tuple[int, bool, bytes], FloatArray] = {}
         self._driven: dict[str, Inputs] = {}
 
     def inputs(self, config: Config, plant: Plant) -> Inputs:
@@ -117,38 +113,44 @@ class CoarseRun:
         T, M = len(driven), len(plant.moving)
         B, C = np.zeros((T, M, len(plant.decay_1_s))), np.zeros((T, M, len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
-            columns = self._columns(plant, i, driven.law_W[:, source.index])
-            B[:, i] = source.table.mean_B
-            B[:, i, : plant.modes] = columns.B
-            C[:, i] = columns.C
+            self._follow(config, source, i, driven.law_W)
+            B[:, i], C[:, i] = source.table.mean_B, self._lag_rows(source, i)
+            B[:, i, : plant.modes] = self._columns(source, i)[0]
             if source.ends_fraction:
-                ends = self._columns(plant, i, driven.law_W[:, source.index], at_ends=True)
-                B[:, i, : plant.modes] += source.ends_fraction * (ends.B - B[:, i, : plant.modes])
-                C[:, i] += source.ends_fraction * (ends.C - C[:, i])
+                ends_B = self._columns(source, i, at_ends=True)[0]
+                B[:, i, : plant.modes] += source.ends_fraction * (ends_B - B[:, i, : plant.modes])
+                C[:, i] += source.ends_fraction * (self._lag_rows(source, i, at_ends=True) - C[:, i])
         return replace(driven, moving_B=B, moving_C=C)
 
     def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
         """What the passing nut adds to the mean of a tick over that of its ends, (T, s).
 
-        A pass early in a tick warms a sensor for longer than one late in it.
+        A pass early in a tick warms a sensor for longer than one late in it. To be asked after `inputs`.
         """
         out = np.zeros((len(inputs), len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
-            law_W = inputs.law_W[:, source.index]
-            early_s = self._columns(plant, i, law_W).early_s * (1 - source.ends_fraction)
-            out += law_W[:, None] * (early_s @ plant.rows.C[:, : plant.modes].T)
+            early_s = self._columns(source, i)[1] * (1 - source.ends_fraction)
+            out += inputs.law_W[:, source.index, None] * (early_s @ plant.rows.C[:, : plant.modes].T)
+        return out
+
+    def sweep(self, plant: Plant) -> FloatArray | None:
+        """The shapes (T, M, e, N) of which the squares add up to the covariance of each nut's column over
+        the ticks; nothing where no nut has a body. To be asked after `inputs`.
+        """
+        bodies = set(plant.coupling.link_source.tolist())
+        if not bodies & {m.index for m in plant.moving}:
+            return None
+        out = np.zeros((len(self.ticks.first), len(plant.moving), PLACES, plant.modes))
+        for i, source in enumerate(plant.moving):
+            if source.index in bodies:
+                out[:, i] = self._footprints[i, False].swept(source.table)
         return out
 
     def _drive(self, config: Config, plant: Plant) -> Inputs:
         """The inputs of the ticks without the nut's columns; kept, as the film and the screw do not change
         them.
         """
-        key = _driving(config)
-        if key not in self._driven:
-            if len(self._driven) >= MOST_KEPT:
-                self._driven.clear()
-            self._driven[key] = self._aggregated(config, plant)
-        return self._driven[key]
+        return _kept(self._driven, _driving(config), lambda: self._aggregated(config, plant))
 
     def _aggregated(self, config: Config, plant: Plant) -> Inputs:
         drive = Drive(config, plant, follow_nuts=False)
@@ -174,42 +176,51 @@ class CoarseRun:
             loss_degC=np.where(loss > 0, drawn / np.where(loss > 0, loss, 1.0), 0.0),
         )
 
-    def _columns(self, plant: Plant, i: int, law_W: FloatArray, *, at_ends: bool = False) -> Columns:
-        """The nut's columns, weighted by its heat; they change with modes and output rows only."""
-        table = plant.moving[i].table
-        key = bytes([at_ends]) + b"".join(
-            np.ascontiguousarray(a).tobytes()
-            for a in (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m), table.table_C)
-        )
-        if key not in self._kept:
-            if len(self._kept) >= MOST_KEPT:
-                self._kept.clear()
-            self._kept[key] = self._averaged(plant, i, law_W, at_ends)
-        return self._kept[key]
-
-    def _averaged(self, plant: Plant, i: int, law_W: FloatArray, at_ends: bool) -> Columns:
+    def _follow(self, config: Config, source: MovingSource, i: int, law_W: FloatArray) -> None:
+        """Follow a nut's path, weighted by its heat when it is first asked for."""
         frames, first = self.run.frames, self.ticks.first
-        table, path = plant.moving[i].table, frames.path[plant.moving[i].channel]
-        if at_ends:
-            _, B, C = turning.columns(table, PathState(), frames.dt_s, path)
-        else:
-            _, B, C = moving.columns(table, moving.start(table), frames.dt_s, path)
-        B = B[:, : plant.modes]
-        count = np.diff([*first, len(frames)])
-        weight = frames.dt_s * (np.repeat(np.abs(law_W), count) + 1e-6)
-        over = np.add.reduceat(weight, first)[:, None]
-        over = np.where(over > 0, over, 1.0)
-        which = np.repeat(np.arange(len(first)), count)
-        begin_s = np.append(frames.time_s[0], frames.time_s[first[1:] - 1])
-        middle = (frames.time_s - frames.dt_s / 2 - begin_s[which]) / np.maximum(self.ticks.length_s, 1e-9)[
-            which
-        ]
-        early = (frames.dt_s * (0.5 - middle))[:, None]
-        return Columns(
-            B=np.add.reduceat(B * weight[:, None], first, axis=0) / over,
-            C=np.add.reduceat(C * weight[:, None], first, axis=0) / over,
-            early_s=np.add.reduceat(B * early, first, axis=0),
-        )
+        for at_ends in (False, True) if source.ends_fraction else (False,):
+            if (i, at_ends) not in self._footprints:
+                heat_W = np.repeat(np.abs(law_W[:, source.index]), np.diff([*first, len(frames)]))
+                stroke = mean_stretch(config.source[source.index], config.screw)
+                self._footprints[i, at_ends] = footprint(
+                    self.run, first, source.table, source.channel, stroke, frames.dt_s * (heat_W + 1e-6),
+                    at_ends=at_ends,
+                )  # fmt: skip
+
+    def _columns(
+        self, source: MovingSource, i: int, *, at_ends: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """The nut's input columns (T, N), and how much earlier than evenly (T, N) they came."""
+        table = source.table
+        shape = (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m))
+        key = (i, at_ends, b"".join(a.tobytes() for a in shape))
+        return _kept(self._of_modes, key, lambda: self._footprints[i, at_ends].of_modes(table))
+
+    def _lag_rows(self, source: MovingSource, i: int, *, at_ends: bool = False) -> FloatArray:
+        """The output columns (T, R) of the nut's lag."""
+        table, frames, first = source.table.of_lag(), self.run.frames, self.ticks.first
+
+        def averaged() -> FloatArray:
+            path = frames.path[source.channel]
+            if at_ends:
+                rows = turning.columns(table, PathState(), frames.dt_s, path)[2]
+            else:
+                rows = moving.columns(table, moving.start(table), frames.dt_s, path)[2]
+            over_s = np.maximum(np.add.reduceat(frames.dt_s, first), 1e-9)
+            return np.asarray(np.add.reduceat(rows * frames.dt_s[:, None], first) / over_s[:, None])
+
+        key = (i, at_ends, table.table_C.tobytes() + table.mean_C.tobytes())
+        return _kept(self._lags, key, averaged)
+
+
+def _kept(store: dict[Key, Value], key: Key, work_out: Callable[[], Value]) -> Value:
+    """What is in the store under a key, or is worked out and put there; a full store begins anew."""
+    if key not in store:
+        if len(store) >= MOST_KEPT:
+            store.clear()
+        store[key] = work_out()
+    return store[key]
 
 
 def _driving(config: Config) -> str:

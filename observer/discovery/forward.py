@@ -38,7 +38,8 @@ class Forward:
         self.count += 1
         lean = lean_config(config, self._modes)
         plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
-        return [self._predict(lean, plant, run) for run in self.runs]
+        with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis may be absurd
+            return [self._predict(lean, plant, run) for run in self.runs]
 
     def by_gaps(self, config: Config) -> list[list[FloatArray]]:
         """The change (b, s) of each prediction with a heat across each gap of a log: that of each source
@@ -77,9 +78,10 @@ class Forward:
         lagging = ~plant.rows.C[:, : plant.modes].any(axis=1)
         moving = []
         for m, first in zip(plant.moving, self._tables, strict=True):
-            table_C = first.table_C * (first.conductance_W_m / m.table.conductance_W_m)
-            table_C[:, lagging] = 0.0
-            moving.append(replace(m, table=replace(m.table, table_C=table_C)))
+            ratio = first.conductance_W_m / m.table.conductance_W_m
+            table_C, mean_C = first.table_C * ratio, first.mean_C * ratio
+            table_C[:, lagging], mean_C[lagging] = 0.0, 0.0
+            moving.append(replace(m, table=replace(m.table, table_C=table_C, mean_C=mean_C)))
         return replace(plant, moving=tuple(moving))
 
     def _predict(
@@ -92,8 +94,21 @@ class Forward:
             plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
         )
         before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
-        rows = simulate(plant, state, inputs)[1]
+        sweep = run.sweep(plant)
+        rows = simulate(plant if sweep is None else _told(plant), state, inputs, sweep)[1]
         return means_of(run.ticks, before, rows, run.ripple_K(plant, inputs))
+
+
+def _told(plant: Plant) -> Plant:
+    """The plant without what it holds of the sweeps of nuts that move, since these are known."""
+    c = plant.coupling
+    kept = ~np.isin(c.spread_source, [m.index for m in plant.moving])
+    less = c._replace(
+        spread_source=c.spread_source[kept],
+        spread_1_s=c.spread_1_s[kept],
+        spread_shape=c.spread_shape[kept],
+    )
+    return replace(plant, coupling=less)
 
 
 def lean_config(config: Config, modes: int) -> Config:

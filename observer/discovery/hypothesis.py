@@ -23,13 +23,11 @@ from observer.effects.base import EffectTable
 from observer.effects.film import UnevenConvection
 from observer.frames import BoolArray, FloatArray
 
-NULL_ROUNDS, STEPS, TRIALS = 4, 8, 5
+NULL_ROUNDS, STEPS, TRIALS = 4, 10, 8
 LITTLE = 0.05
 """A drop of the deviance by less than this ends a fit."""
 SMALL = 0.03
 """A step of this many standard deviations of every parameter ends a fit."""
-HOPELESS = 0.3
-"""A fit whose last step made up less than this part of the distance to its rival is given up."""
 MOST_STEP = 0.5
 """How far a free parameter may go in one step, in its scale: beyond, its derivatives mean little."""
 FAR = 0.2
@@ -232,7 +230,8 @@ def fit_effects(
 ) -> Fit:
     """Fit the free parameters and those of the effects in `config`, from where they stand.
 
-    `rival` is a deviance to compete with: a fit that gets no nearer to it is given up where it is.
+    `rival` is a deviance to compete with: a fit that at its pace would not get there in the steps that are
+    left is given up where it is.
     """
     scale = np.concatenate([problem.scale, [p.scale for p in parameters]])
     low = np.concatenate([problem.low, [p.low for p in parameters]]) / scale
@@ -261,7 +260,7 @@ def fit_effects(
         return np.hstack([free, _by_effects(problem, at(theta), parameters)])
 
     J = jacobian()
-    for _ in range(STEPS if len(theta) else 0):
+    for left in reversed(range(STEPS if len(theta) else 0)):
         A, b = marginal(J[used]), marginal(residual[used])
         before = cost(residual)
         if not (np.isfinite(A).all() and np.isfinite(before)):
@@ -279,7 +278,8 @@ def fit_effects(
         theta, residual = np.clip(theta + step, low, high), there
         damping = damping / 10 if damping > 1e-4 else 0.0
         now = cost(residual)
-        if np.max(np.abs(step) / sigma) < SMALL or before - now < max(LITTLE, HOPELESS * (now - rival)):
+        hopeless = (before - now) * left < now - rival
+        if np.max(np.abs(step) / sigma) < SMALL or before - now < LITTLE or hopeless:
             break
         J = jacobian()
     values = theta[len(problem.keys) :] * scale[len(problem.keys) :]
@@ -333,5 +333,5 @@ def _bounded_step(
     bounds = (np.minimum(low, 0.0) - 1e-12, np.maximum(high, 0.0) + 1e-12)
     damp = np.diag(np.sqrt(damping) * np.linalg.norm(R[:p, :p], axis=0))
     solved = lsq_linear(np.vstack([R[:p, :p], damp]), np.concatenate([R[:p, p], np.zeros(p)]), bounds=bounds)
-    sigma = np.sqrt(np.diag(np.linalg.pinv(R[:p, :p].T @ R[:p, :p]))) + 1e-12
+    sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(R[:p, :p].T @ R[:p, :p])), 0.0)) + 1e-12
     return np.asarray(solved.x), sigma

@@ -34,6 +34,8 @@ AT_END = 0.08
 """Part of the screw within which a place is at its end."""
 SAME = 0.97
 """Part of the drop that a simple effect must bring to stand for a richer one of the same physics."""
+WEAK = 0.1
+"""Part of the promised strength with which a fit begins where the whole leads astray."""
 BLIND = 0.02
 """A signature of which less than this part remains cannot be told from the free parameters."""
 
@@ -62,7 +64,18 @@ class Trial:
     @property
     def accepted(self) -> bool:
         """Whether it explains enough, on data held out as well, within its bounds."""
-        return self.score >= self.least and self.held_out >= MATERIAL and not self.fit.at_bound
+        sound = not self.fit.at_bound and self.told
+        return self.score >= self.least and self.held_out >= MATERIAL and sound
+
+    @property
+    def told(self) -> bool:
+        """Whether the parameters without which the effect would be another one have an upper bound."""
+        each = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
+        return all(
+            value + half < p.high
+            for p, value, half in each
+            if p.key in self.candidate.told and self.fit.config.effect[p.effect].kind == self.candidate.kind
+        )
 
 
 @dataclass(frozen=True)
@@ -175,15 +188,20 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
 def _try(base: Fit, promise: Promise, least: float, rival: float) -> Trial | None:
     """Fit a candidate in earnest, from the promised strength on; None where no prediction is finite."""
     candidate, index = promise.signature.candidate, len(base.config.effect)
-    effect = candidate.effect(candidate.shapes[promise.signature.shape], promise.strength)
-    problem = base.problem
+    problem, shape = base.problem, candidate.shapes[promise.signature.shape]
+    effect = candidate.effect(shape, promise.strength)
     as_given = problem.with_free(base.config, problem.free_values(problem.config))
     starts = [
         c.model_copy(update={"effect": (*c.effect, effect)}) for c in (base.config, as_given)
     ]  # a calibration without a strong effect may have gone far astray
     costs = [float(np.sum(problem.residual(c)[problem.evidence.used] ** 2)) for c in starts]
-    config = starts[int(np.argmin(costs))]
-    fit = fit_effects(problem, config, (*base.parameters, *candidate.parameters(index)), rival)
+    parameters = (*base.parameters, *candidate.parameters(index))
+    fit = fit_effects(problem, starts[int(np.argmin(costs))], parameters, rival)
+    if (
+        not fit.deviance <= base.deviance
+    ):  # it led astray, for with next to nothing of the effect it is `base`
+        weak = (*base.config.effect, candidate.effect(shape, WEAK * promise.strength))
+        fit = fit_effects(problem, base.config.model_copy(update={"effect": weak}), parameters, rival)
     if not (np.isfinite(fit.residual).all() and np.isfinite(fit.jacobian).all()):
         return None
     drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)

@@ -17,10 +17,12 @@ UNFIT = 0.12
 """Mean squared whitened error beyond that of noise, from which on something is left unexplained."""
 PROOF_UNFIT = 0.3
 """The same on data held back, which the parameters were not fitted to."""
-WITHIN_REACH = 12.0
-"""A rival whose score is no further below the winner's cannot be told from it."""
-WITHIN_SHARE = 0.02
-"""The same as a share of the winner's own drop, for the model's form is never quite right."""
+WITHIN_REACH = 9.0
+"""A rival whose score is no further below the winner's cannot be told from it: three standard deviations."""
+WITHIN_UNFIT = 4.0
+"""The same as a multiple of what the winner leaves unexplained beyond noise: a winner whose form is a little
+wrong may owe up to this much of its lead to that.
+"""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     if not search.chosen:
         reason = "the calibrated model explains the logs; nothing is missing that shows"
         return Verdict("none", fit, (), (), reason)
-    sets, fits = alternatives(search)
+    sets, fits = alternatives(search, noise)
     names = [" and ".join(c.name for c in each) for each in sets]
     if len(sets) > 1:
         return Verdict("ambiguous", fit, sets, fits, f"these logs cannot tell {' from '.join(names)}")
@@ -66,14 +68,15 @@ def goodness(fit: Fit) -> float:
     return fit.deviance / max(len(fit.remainder), 1)
 
 
-def alternatives(search: Search) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Fit, ...]]:
+def alternatives(search: Search, noise: float) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Fit, ...]]:
     """The sets of effects within reach of each other, and their fits: the chosen one, and it with one effect
-    exchanged.
+    exchanged. `noise` is the mean squared whitened error that noise alone makes.
     """
     chosen = tuple(t.candidate for t in search.chosen)
     sets, fits = [chosen], [search.fit]
+    unfit = max(goodness(search.fit) - noise, 0.0) * len(search.fit.remainder)
+    reach = WITHIN_REACH + WITHIN_UNFIT * unfit
     for i, (winner, *trials) in enumerate(search.rivals):
-        reach = max(WITHIN_REACH, WITHIN_SHARE * winner.drop)
         for rival in trials:
             near = winner.score - rival.score <= reach and rival.accepted
             if near and not same_physics(winner, rival):

@@ -120,10 +120,35 @@ def coupled(c, loss_1_s, loss_degC, z, B, half_s, x, M, b):  # type: ignore[no-u
     """Fill M (n_x, n_x) and b (n_x,) so that x⁺ = M x + b is what the couplings do in `half_s`.
 
     `loss_1_s` is the uniform loss of the moment, towards `loss_degC`; z (p,) the known inputs, the ambient
-    first; B (m, n_x) the input columns in force, as rows; x the state, of which the first n_x count. The
-    films act for the whole time, links and sensors half before and half after them.
+    first; B (m, n_x) the input columns in force, as rows; x the state, of which the first n_x count.
     """
-    _films(c, loss_1_s, loss_degC, z, half_s, x, M, b)
+    n_x = M.shape[0]
+    for a in range(n_x):
+        b[a] = 0.0
+        for i in range(n_x):
+            M[a, i] = 0.0
+        M[a, a] = 1.0
+    couple(c, loss_1_s, loss_degC, z, B, half_s, x, M, b)
+
+
+@inlined
+def couple(c, loss_1_s, loss_degC, z, B, half_s, x, M, b):  # type: ignore[no-untyped-def]
+    """Do to the columns of M (n_x, r) and to b (n_x,) what the couplings do to a state in `half_s`: M takes
+    their linear part alone. The rest is as for `coupled`; a state itself is x and b in one, with r = 0.
+
+    The films act for the whole time, sensors and links half before and half after them.
+    """
+    rate_1_s, drawn = _uniform_loss(c, loss_1_s, loss_degC, z, x)
+    for i in range(len(c.lag_state) - 1, -1, -1):
+        _sensor(c, i, z, 0.5 * half_s, M, b)
+    for i in range(len(c.spread_1_s) - 1, -1, -1):
+        _spread(c, i, B, 0.5 * half_s, M, b)
+    for i in range(len(c.link_source) - 1, -1, -1):
+        _link(c, i, z, B, 0.5 * half_s, M, b)
+    _lose(c, rate_1_s, drawn, 0.5 * half_s, M, b)
+    for f in range(len(c.film_1_s)):
+        _film(c, f, z, half_s, M, b)
+    _lose(c, rate_1_s, drawn, 0.5 * half_s, M, b)
     for i in range(len(c.link_source)):
         _link(c, i, z, B, 0.5 * half_s, M, b)
     for i in range(len(c.spread_1_s)):
@@ -133,14 +158,10 @@ def coupled(c, loss_1_s, loss_degC, z, B, half_s, x, M, b):  # type: ignore[no-u
 
 
 @inlined
-def _films(c, loss_1_s, loss_degC, z, time_s, x, M, b):  # type: ignore[no-untyped-def]
-    """Uniform losses, radiation in its tangent at the mean temperature, and films along stretches."""
-    n_x = M.shape[0]
-    for a in range(n_x):
-        b[a] = 0.0
-        for i in range(n_x):
-            M[a, i] = 0.0
-        M[a, a] = 1.0
+def _uniform_loss(c, loss_1_s, loss_degC, z, x):  # type: ignore[no-untyped-def]
+    """The rate of the losses that are the same along the screw, 1/s, and rate × what they draw to; radiation
+    in its tangent at the mean temperature.
+    """
     rate, drawn = loss_1_s, loss_1_s * loss_degC
     if c.radiation > 0.0:
         mean_degC = 0.0
@@ -149,30 +170,51 @@ def _films(c, loss_1_s, loss_degC, z, time_s, x, M, b):  # type: ignore[no-untyp
         mean_K, around_K = mean_degC + ZERO_DEGC_K, z[0] + ZERO_DEGC_K
         rate += 4.0 * c.radiation * mean_K**3
         drawn += c.radiation * (4.0 * mean_K**3 * mean_degC - (mean_K**4 - around_K**4))
-    keep = np.exp(-0.5 * rate * time_s)
-    towards = (1.0 - keep) * drawn / rate if rate > 0.0 else 0.0
+    return rate, drawn
+
+
+@inlined
+def _lose(c, rate_1_s, drawn, time_s, M, b):  # type: ignore[no-untyped-def]
+    """Losses that are the same along the screw."""
+    if rate_1_s == 0.0:
+        return
+    keep = np.exp(-rate_1_s * time_s)
+    towards_degC = (1.0 - keep) * drawn / rate_1_s
     for a in range(c.modes):
-        M[a, a] = keep * keep
-        b[a] = towards * (1.0 + keep) * c.uniform[a]
-        if len(c.film_1_s) > 0:
-            b[a] += keep * time_s * c.film_ambient[a] * z[0]
-    for f in range(len(c.film_1_s)):
-        lost = -np.expm1(-c.film_1_s[f] * time_s)
-        warm, drive = 0.0, 0.0
-        for a in range(c.modes):
-            warm += c.film_shape[f, a] * towards * c.uniform[a]
-            drive += c.film_shape[f, a] * c.film_ambient[a] * z[0]
-        change = keep * ((lost / c.film_1_s[f] - time_s) * drive - lost * warm)
-        for a in range(c.modes):
-            b[a] += change * c.film_shape[f, a]
-            share = keep * keep * lost * c.film_shape[f, a]
-            for i in range(c.modes):
-                M[a, i] -= share * c.film_shape[f, i]
+        b[a] = keep * b[a] + towards_degC * c.uniform[a]
+        for q in range(M.shape[1]):
+            M[a, q] *= keep
+
+
+@inlined
+def _film(c, f, z, time_s, M, b):  # type: ignore[no-untyped-def]
+    """One of the orthonormal shapes of films along stretches decays towards what the ambient makes of it."""
+    lost = -np.expm1(-c.film_1_s[f] * time_s)
+    drive = 0.0
+    for a in range(c.modes):
+        drive += c.film_shape[f, a] * c.film_ambient[a]
+    change = lost / c.film_1_s[f] * drive * z[0]
+    for a in range(c.modes):
+        change -= lost * c.film_shape[f, a] * b[a]
+    for a in range(c.modes):
+        b[a] += change * c.film_shape[f, a]
+    _fade(c.film_shape[f], lost, M)
+
+
+@inlined
+def _fade(shape, lost, M):  # type: ignore[no-untyped-def]
+    """The part `lost` of an orthonormal shape goes from the columns of M."""
+    for q in range(M.shape[1]):
+        warm = 0.0
+        for a in range(len(shape)):
+            warm += shape[a] * M[a, q]
+        for a in range(len(shape)):
+            M[a, q] -= lost * warm * shape[a]
 
 
 @inlined
 def _link(c, i, z, B, time_s, M, b):  # type: ignore[no-untyped-def]
-    """A node gives Q = G (T_node − T) to the screw, before and after what M and b do already.
+    """A node gives Q = G (T_node − T) to the screw.
 
     With d the row of the difference and v the column of 1 J passed, dx/dt = G v d x: both temperatures meet
     at the rate κ = −G d·v.
@@ -182,28 +224,19 @@ def _link(c, i, z, B, time_s, M, b):  # type: ignore[no-untyped-def]
     for a in range(n_x):
         compliance -= _apart(c, i, B, a) * _passed(c, i, B, a)
     heat_J_K = -np.expm1(-c.link_W_K[i] * compliance * time_s) / compliance
-    around_degC = 0.0
+    apart_K = 0.0
     for q in range(len(z)):
-        around_degC += c.under_F[source, q] * z[q]
-    for a in range(n_x):  # first the link, then M
-        moved = 0.0
-        for q in range(n_x):
-            moved += M[a, q] * _passed(c, i, B, q)
-        moved *= heat_J_K
-        for q in range(n_x):
-            M[a, q] += moved * _apart(c, i, B, q)
-        b[a] -= moved * around_degC
-    for q in range(n_x):  # then the link again
-        heat_J = 0.0
-        for a in range(n_x):
-            heat_J += heat_J_K * _apart(c, i, B, a) * M[a, q]
-        for a in range(n_x):
-            M[a, q] += _passed(c, i, B, a) * heat_J
-    heat_J = -heat_J_K * around_degC
+        apart_K -= c.under_F[source, q] * z[q]
     for a in range(n_x):
-        heat_J += heat_J_K * _apart(c, i, B, a) * b[a]
+        apart_K += _apart(c, i, B, a) * b[a]
     for a in range(n_x):
-        b[a] += _passed(c, i, B, a) * heat_J
+        b[a] += _passed(c, i, B, a) * heat_J_K * apart_K
+    for q in range(M.shape[1]):
+        apart_K = 0.0
+        for a in range(n_x):
+            apart_K += _apart(c, i, B, a) * M[a, q]
+        for a in range(n_x):
+            M[a, q] += _passed(c, i, B, a) * heat_J_K * apart_K
 
 
 @inlined
@@ -221,59 +254,63 @@ def _passed(c, i, B, a):  # type: ignore[no-untyped-def]
 
 @inlined
 def _spread(c, i, B, time_s, M, b):  # type: ignore[no-untyped-def]
-    """What a sweeping nut passes on top of its mean: one shape fades, before and after what M and b do.
+    """What a sweeping nut passes on top of its mean: one shape fades.
 
     The rate goes with the variance of the places swept: with the square of the stretch, which is about the
     reciprocal of the column's squared size.
     """
-    source, n_x = c.spread_source[i], M.shape[0]
+    source = c.spread_source[i]
     size = 0.0
     for a in range(c.modes):
         size += (c.place_gain[source] * B[source, a]) ** 2
     nut, now = (c.swept[source] / c.standing[source]) ** 2, (c.swept[source] / size) ** 2
     lost = -np.expm1(-c.spread_1_s[i] * min(max((now - nut) / (1.0 - nut), 0.0), 1.0) * time_s)
-    for a in range(n_x):
-        warm = 0.0
-        for q in range(c.modes):
-            warm += M[a, q] * c.spread_shape[i, q]
-        for q in range(c.modes):
-            M[a, q] -= lost * warm * c.spread_shape[i, q]
-    for q in range(n_x):
-        warm = 0.0
-        for a in range(c.modes):
-            warm += c.spread_shape[i, a] * M[a, q]
-        for a in range(c.modes):
-            M[a, q] -= lost * warm * c.spread_shape[i, a]
     warm = 0.0
     for a in range(c.modes):
         warm += c.spread_shape[i, a] * b[a]
     for a in range(c.modes):
         b[a] -= lost * warm * c.spread_shape[i, a]
+    _fade(c.spread_shape[i], lost, M)
+
+
+@inlined
+def swept(c, source, shapes, time_s, x, order):  # type: ignore[no-untyped-def]
+    """What a nut passes to its nodes on top of its mean, where the places swept are known: the squares of
+    the `shapes` (e, N) add up to the covariance of its input column over the time. They are taken from the
+    first on (`order` 1) or from the last (-1).
+    """
+    rate_1_s = 0.0
+    for i in range(len(c.link_source)):
+        if c.link_source[i] == source:
+            rate_1_s += c.link_W_K[i] * c.conductance_W_m * c.place_gain[source] ** 2
+    for number in range(shapes.shape[0]):
+        e = number if order > 0 else shapes.shape[0] - 1 - number
+        size, warm = 0.0, 0.0
+        for a in range(c.modes):
+            size += shapes[e, a] ** 2
+            warm += shapes[e, a] * x[a]
+        if size > 0.0:
+            part = -np.expm1(-rate_1_s * size * time_s) * warm / size
+            for a in range(c.modes):
+                x[a] -= part * shapes[e, a]
 
 
 @inlined
 def _sensor(c, i, z, time_s, M, b):  # type: ignore[no-untyped-def]
-    """A sensor goes towards the temperature below it, before and after what M and b already do."""
+    """A sensor goes towards the temperature below it."""
     state, n_x = c.lag_state[i], M.shape[0]
     taken = -np.expm1(-time_s * c.lag_rate_1_s[i])
-    around = 0.0
+    below = 0.0
     for q in range(len(z)):
-        around += taken * c.lag_F[i, q] * z[q]
+        below += c.lag_F[i, q] * z[q]
     for a in range(n_x):
-        own = M[a, state]
-        M[a, state] -= taken * own
-        for q in range(n_x):
-            M[a, q] += taken * own * c.lag_C[i, q]
-        b[a] += own * around
-    for q in range(n_x):
+        below += c.lag_C[i, a] * b[a]
+    b[state] += taken * (below - b[state])
+    for q in range(M.shape[1]):
         below = 0.0
         for a in range(n_x):
             below += c.lag_C[i, a] * M[a, q]
         M[state, q] += taken * (below - M[state, q])
-    below = 0.0
-    for a in range(n_x):
-        below += c.lag_C[i, a] * b[a]
-    b[state] += taken * (below - b[state]) + around
 
 
 @inlined

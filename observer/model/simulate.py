@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.compiling import cached_loop, inlined
+from observer.compiling import cached_loop
 from observer.frames import FloatArray, Inputs
 from observer.model import coupling, discretise
-from observer.model.coupling import coupled, faded
+from observer.model.coupling import couple, faded, swept
 from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
 
@@ -55,12 +55,16 @@ def start_from_sensors(
     return SimulationState(x + gain @ (y - C @ x - plant.rows.F[seen] @ z))
 
 
-def simulate(plant: Plant, state: SimulationState, inputs: Inputs) -> tuple[SimulationState, FloatArray]:
+def simulate(
+    plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray | None = None
+) -> tuple[SimulationState, FloatArray]:
     """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
 
     Exact for heats constant and known inputs linear over each step; where states are coupled, of second
-    order in the step (see `coupling`).
+    order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of which the squares
+    add up to the covariance of each moving source's input column over the step, where that is known.
     """
+    sweep = np.zeros((len(inputs), len(plant.moving), 0, plant.modes)) if sweep is None else sweep
     B, C = plant.B.copy(), plant.rows.C.copy()
     for source in plant.moving:
         if not plant.coupling.active:
@@ -76,7 +80,7 @@ def simulate(plant: Plant, state: SimulationState, inputs: Inputs) -> tuple[Simu
             _march_coupled(
                 plant.coupling, x, states, plant.decay_1_s, u.dt_s, known, rise, u.z_start, u.z_end, u.law_W,
                 u.loss_1_s, u.loss_degC, np.ascontiguousarray(B.T), moving, u.moving_B,
-                np.empty((len(x), len(x))), np.empty((5, len(x))),
+                sweep[begin : begin + _CHUNK], np.empty((len(x), 0)), np.empty((3, len(x))),
             )  # fmt: skip
         else:
             known += u.law_W @ B.T
@@ -113,13 +117,13 @@ def _march(x, states, decay, dt_s, rate, rise, work):  # type: ignore[no-untyped
 @cached_loop(coupling, discretise)
 def _march_coupled(  # type: ignore[no-untyped-def]
     c, x, states, decay, dt_s, known, rise, z_start, z_end, law_W, loss_1_s, loss_degC, B, moving, moving_B,
-    M, work,
+    sweep, none, work,
 ):  # fmt: skip
     """March x in place under known inputs (K, n_x) and laws (K, m) with half a coupling before and after;
-    `M` (n_x, n_x) and `work` (5, n_x) are scratch.
+    `none` (n_x, 0) has no columns, `work` (3, n_x) is scratch.
     """
     n_x = len(x)
-    keep, held, ramped, b, was = work[0], work[1], work[2], work[3], work[4]
+    keep, held, ramped = work[0], work[1], work[2]
     dt_known = -1.0
     for k in range(len(dt_s)):
         if dt_s[k] != dt_known:
@@ -131,27 +135,17 @@ def _march_coupled(  # type: ignore[no-untyped-def]
             for a in range(n_x):
                 B[moving[i], a] = moving_B[k, i, a]
         half_s = 0.5 * dt_known
-        coupled(c, loss_1_s[k], loss_degC[k], z_start[k], B, half_s, x, M, b)
-        _apply(M, b, x, was)
+        couple(c, loss_1_s[k], loss_degC[k], z_start[k], B, half_s, x, none, x)
+        for i in range(len(moving)):
+            swept(c, moving[i], sweep[k, i], half_s, x, 1)
         for j in range(B.shape[0]):
             law = law_W[k, j] * faded(c, j, z_start[k], B, x)
             for a in range(n_x):
                 known[k, a] += law * B[j, a]
         for a in range(n_x):
             x[a] = keep[a] * x[a] + held[a] * known[k, a] + ramped[a] * rise[k, a]
-        coupled(c, loss_1_s[k], loss_degC[k], z_end[k], B, half_s, x, M, b)
-        _apply(M, b, x, was)
+        for i in range(len(moving) - 1, -1, -1):
+            swept(c, moving[i], sweep[k, i], half_s, x, -1)
+        couple(c, loss_1_s[k], loss_degC[k], z_end[k], B, half_s, x, none, x)
         for a in range(n_x):
             states[k, a] = x[a]
-
-
-@inlined
-def _apply(M, b, x, was):  # type: ignore[no-untyped-def]
-    """x ← M x + b; `was` is scratch."""
-    for a in range(len(x)):
-        was[a] = x[a]
-    for a in range(len(x)):
-        total = b[a]
-        for i in range(len(x)):
-            total += M[a, i] * was[i]
-        x[a] = total

@@ -10,7 +10,7 @@ ten seconds of which nothing is known the nut counts as spread over its stroke.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numba
@@ -46,6 +46,11 @@ class NutTable:
     table_C: FloatArray
     mean_B: FloatArray
     mean_C: FloatArray
+
+    def of_lag(self) -> NutTable:
+        """The table of the lag's output column alone, for a plant without modes."""
+        none = np.zeros(0)
+        return replace(self, mu_1_m=none, phase=none, scale=none, lag=0, mean_B=np.zeros(1))
 
 
 @dataclass(frozen=True, slots=True)
