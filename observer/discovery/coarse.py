@@ -180,7 +180,8 @@ class CoarseRun:
         """Follow a nut's path, weighted by its heat when it is first asked for."""
         frames, first = self.run.frames, self.ticks.first
         for at_ends in (False, True) if source.ends_fraction else (False,):
-            if (i, at_ends) not in self._footprints:
+            known = self._footprints.get((i, at_ends))
+            if known is None or not known.holds(source.table):
                 heat_W = np.repeat(np.abs(law_W[:, source.index]), np.diff([*first, len(frames)]))
                 stroke = mean_stretch(config.source[source.index], config.screw)
                 self._footprints[i, at_ends] = footprint(

@@ -41,6 +41,10 @@ class Footprint:
     early_s: FloatArray
     present: FloatArray
 
+    def holds(self, table: NutTable) -> bool:
+        """Whether all modes of a table lie within the tabulated wave numbers."""
+        return bool(table.mu_1_m.max() < (self.waves.shape[1] // 2 - NEIGHBOURS) * self.step_1_m)
+
     def of_modes(self, table: NutTable) -> tuple[FloatArray, FloatArray]:
         """The means (T, N) of a table's columns over the ticks, and how much earlier (T, N) they came."""
         G = self.waves.shape[1] // 2

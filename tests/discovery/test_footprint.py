@@ -1,0 +1,118 @@
+"""What a search makes of a nut's path in ticks of ten seconds, against the path followed row by row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from observer.config import Config
+from observer.discovery.coarse import CoarseRun
+from observer.discovery.footprint import PLACES, interpolation
+from observer.discovery.forward import Forward, lean_config, sensor_plant
+from observer.discovery.runs import Run, prepare
+from observer.effects.base import EffectTable
+from observer.effects.bodies import AttachedMass, EndConduction
+from observer.effects.heat import Dwell
+from observer.frames import FloatArray
+from observer.model.build import build_plant
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+from observer.model.rod import moving
+from observer.model.simulate import simulate, start_from_sensors
+from tests.discovery.cases import rig
+
+MODES = 20
+
+
+def with_effects(*effects: EffectTable) -> Config:
+    return lean_config(rig()[0].model_copy(update={"effect": effects}), MODES)
+
+
+def the_run() -> Run:
+    return prepare(rig()[0], rig()[1], "the rig's log")
+
+
+def averaged(run: CoarseRun, plant: Plant, weight: FloatArray) -> FloatArray:
+    """The nut's columns row by row, then averaged over the ticks, (T, N)."""
+    frames, first, nut = run.run.frames, run.ticks.first, plant.moving[0]
+    rows = moving.columns(nut.table, moving.start(nut.table), frames.dt_s, frames.path[nut.channel])[1]
+    over = np.add.reduceat(weight, first)[:, None]
+    return np.asarray(np.add.reduceat(rows[:, : plant.modes] * weight[:, None], first) / over)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [(), (EndConduction(kind="end_conduction", target="left", conductance_W_K=4.0),)],
+    ids=["insulated", "lossy"],
+)
+def test_columns_of_any_modes_are_those_of_the_path_followed_row_by_row(
+    effects: tuple[EffectTable, ...],
+) -> None:
+    """The table is made with the modes of the rig as it is, and asked for those of another end."""
+    config, run = with_effects(*effects), CoarseRun(the_run())
+    run.inputs(with_effects(), build_plant(with_effects()))
+    plant = build_plant(config)
+    inputs = run.inputs(config, plant)
+    count = np.diff([*run.ticks.first, len(run.run.frames)])
+    weight = run.run.frames.dt_s * (np.repeat(np.abs(inputs.law_W[:, 0]), count) + 1e-6)
+    direct = averaged(run, plant, weight)
+    error = np.abs(inputs.moving_B[:, 0, : plant.modes] - direct).max() / np.abs(direct).max()
+    print(f"{error:.1e} of the largest")
+    assert error < 1e-5  # eight neighbours at a step of π/4L
+
+
+def test_interpolates_polynomials_exactly() -> None:
+    place = np.array([0.0, 0.3, 7.0, 11.8, 15.0])
+    weights = interpolation(place, 16)
+    x = np.arange(16) / 16
+    for power in range(8):
+        assert x**power @ weights == pytest.approx((place / 16) ** power, abs=1e-12)
+
+
+def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
+    """A nut at each of the places for its share: the covariance of its columns, from their products."""
+    config, run = with_effects(), CoarseRun(the_run())
+    plant = build_plant(config)
+    run.inputs(config, plant)
+    footprint, table = run._footprints[0, False], plant.moving[0].table
+    shapes = footprint.swept(table)
+    columns = np.array(
+        [moving.standing(table, [x])[0][: plant.modes] for x in np.linspace(0.0, table.screw_m, PLACES)]
+    )
+    for tick in np.argsort(-(footprint.present > 0).sum(axis=1))[:3]:
+        share = footprint.present[tick]
+        mean = share @ columns
+        covariance = (columns * share[:, None]).T @ columns - np.multiply.outer(mean, mean)
+        assert np.count_nonzero(share) > 5
+        assert np.abs(shapes[tick].T @ shapes[tick] - covariance).max() < 1e-12 * np.abs(covariance).max()
+
+
+def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row() -> None:
+    """What the body takes depends on where the nut has been within a tick, not on the mean place alone."""
+    body = AttachedMass(kind="attached_mass", target="nut", capacity_J_K=4000.0, conductance_W_K=5.0)
+    config = with_effects(body)
+    forward = Forward(config, [the_run()])
+    in_ticks = forward(config)[0]
+    run = forward.runs[0]
+    plant = sensor_plant(build_plant(config))
+    drive = Drive(config, plant)
+    inputs = drive.run(drive.initial(), run.run.frames)[1]
+    state = start_from_sensors(
+        plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
+    )
+    rows = simulate(plant, state, inputs)[1]
+    mean = run.ticks.mean[np.repeat(np.arange(len(run.ticks.first)), np.diff([*run.ticks.first, len(rows)]))]
+    by_row = np.zeros_like(in_ticks)
+    np.add.at(by_row, mean, rows)
+    by_row /= np.bincount(mean)[:, None]
+    error_K, rise_K = np.sqrt(np.mean((in_ticks - by_row) ** 2)), np.ptp(by_row)
+    print(f"{error_K:.4f} K of {rise_K:.1f} K")
+    assert error_K < 1e-3 * rise_K  # by the mean place and the stroke: 3e-3
+
+
+def test_dwelling_at_the_ends_follows_the_path_a_second_time() -> None:
+    config, run = with_effects(Dwell(kind="dwell", target="nut", fraction=0.5)), CoarseRun(the_run())
+    plant = build_plant(config)
+    dwelling = run.inputs(config, plant).moving_B
+    even = run.inputs(with_effects(), build_plant(with_effects())).moving_B
+    assert np.abs(dwelling - even).max() > 0.1 * np.abs(even).max()
