@@ -55,6 +55,7 @@ def with_coupling(
         under_F=under_F,
         uniform=padded(plant.uniform[: plant.modes], n_x),
         mean=padded(_mean(modes, screw), n_x),
+        square=modes.rod.diffusivity_m2_s / modes.rod.length_m,
         radiation=emissivity * STEFAN_BOLTZMANN_W_M2K4 * surface_rate(machine.screw),
         film_1_s=film_1_s,
         film_shape=film_shape,

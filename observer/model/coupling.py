@@ -29,7 +29,8 @@ class Coupling(NamedTuple):
     `active` is 0 where there is none. `conductance_W_m` is kA, which turns an input column B_j into the row
     that reads the mean temperature under source j; `under_C` (m, n_x), `under_F` (m, p) add what the dropped
     modes hold there. `uniform`, `mean` (n_x,): the modes of 1 °C everywhere, and the row of the mean
-    temperature. `radiation` is ε σ P/(ρ c A), 1/(s K³). Films along stretches: their rates `film_1_s` (f,)
+    temperature. `square` turns the sum of the modes' squares into the mean square of the temperature, and
+    `radiation` is ε σ P/(ρ c A), 1/(s K³). Films along stretches: their rates `film_1_s` (f,)
     with the orthonormal shapes `film_shape` (f, N) that decay at them, and `film_ambient` (N,), the input of
     1 °C of ambient. Links between nodes and the screw: `link_source` (k,), where on the screw, `link_W_K`
     (k,), the row `link_C` (k, n_x) that reads the node, and the column `link_B` (k, n_x) of 1 J into it;
@@ -50,6 +51,7 @@ class Coupling(NamedTuple):
     under_F: FloatArray
     uniform: FloatArray
     mean: FloatArray
+    square: float
     radiation: float
     film_1_s: FloatArray
     film_shape: FloatArray
@@ -90,6 +92,7 @@ def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
         under_F=np.zeros((sources, known)),
         uniform=np.zeros(n_x),
         mean=np.zeros(n_x),
+        square=0.0,
         radiation=0.0,
         film_1_s=nothing,
         film_shape=np.zeros((0, modes)),
@@ -160,16 +163,18 @@ def couple(c, loss_1_s, loss_degC, z, B, half_s, x, M, b):  # type: ignore[no-un
 @inlined
 def _uniform_loss(c, loss_1_s, loss_degC, z, x):  # type: ignore[no-untyped-def]
     """The rate of the losses that are the same along the screw, 1/s, and rate × what they draw to; radiation
-    in its tangent at the mean temperature.
+    in its tangent at the mean temperature, and with the variance along the screw in its mean.
     """
     rate, drawn = loss_1_s, loss_1_s * loss_degC
     if c.radiation > 0.0:
-        mean_degC = 0.0
+        mean_degC, square = 0.0, 0.0
         for a in range(c.modes):
             mean_degC += c.mean[a] * x[a]
+            square += c.square * x[a] ** 2
         mean_K, around_K = mean_degC + ZERO_DEGC_K, z[0] + ZERO_DEGC_K
+        lost = mean_K**4 + 6.0 * mean_K**2 * max(square - mean_degC**2, 0.0) - around_K**4
         rate += 4.0 * c.radiation * mean_K**3
-        drawn += c.radiation * (4.0 * mean_K**3 * mean_degC - (mean_K**4 - around_K**4))
+        drawn += c.radiation * (4.0 * mean_K**3 * mean_degC - lost)
     return rate, drawn
 
 

@@ -51,10 +51,12 @@ def outcome_of(entry: Entry, result: Mapping[str, Any]) -> str:
     none, unknown, not_identifiable as the verdict says, where nothing is claimed besides.
     """
     hidden, found, verdict = hidden_names(entry), found_names(result), str(result["verdict"])
+    one_physics = entry.doubt is not None and entry.doubt.same
+    alike = [frozenset({name}) for name in entry.doubt.alike] if entry.doubt and one_physics else []
     if verdict == "ambiguous":
-        sets = result["alternatives"]
-        return "in_set" if hidden and any(_same(names, hidden) for names in sets) else "wrong_set"
-    if verdict == "named" and entry.doubt is not None and entry.doubt.same and found <= {*entry.doubt.alike}:
+        told = any(_same(names, each) for names in result["alternatives"] for each in (hidden, *alike))
+        return "in_set" if hidden and told else "wrong_set"
+    if verdict == "named" and found in alike:
         return "right"
     if verdict == "named" or (verdict == "unknown" and found):
         if not found <= hidden:
