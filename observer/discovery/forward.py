@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,13 +11,17 @@ import numpy as np
 from observer.config import Config
 from observer.discovery.coarse import CoarseRun, means_of
 from observer.discovery.runs import Run
-from observer.effects.heat import LocalHeat
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.simulate import simulate, start_from_sensors
+from observer.sections import Source
 
 GAP_S, MOST_GAPS = 30.0, 12
+STRETCHES, STRETCH_SHARE = 8, 0.3
+"""Stretches of the screw that a gap may have heated, each by a part of what the strongest source usually
+gives.
+"""
 
 
 class Forward:
@@ -42,33 +47,36 @@ class Forward:
             return [self._predict(lean, plant, run) for run in self.runs]
 
     def by_gaps(self, config: Config) -> list[list[FloatArray]]:
-        """The change (b, s) of each prediction with a heat across each gap of a log: that of each source
-        and one at each sensor.
+        """The change (b, s) of each prediction with a heat in each gap of a log: of each source throughout,
+        and on each stretch of the screw throughout and at the end.
 
-        Nobody knows what the machine did there; a heat may have been off, or on, or elsewhere.
+        Nobody knows what the machine did there; a heat may have been off, or on, or elsewhere, or later.
         """
         if not any((run.ticks.length_s > GAP_S).any() for run in self.runs):
             return []
         lean = lean_config(config, self._modes)
-        places = [s.position_m for s in config.sensor if s.position_m is not None]
-        local = [LocalHeat(kind="local_heat", position_m=x, heat_W=0.0) for x in places]
-        lean = lean.model_copy(update={"effect": (*lean.effect, *local)})
+        stretches = _stretches(lean)
+        lean = lean.model_copy(update={"source": (*lean.source, *stretches)})
         plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
+        stretch = np.isin(plant.source_names, [s.name for s in stretches])
         here = [self._predict(lean, plant, run) for run in self.runs]
         changes = []
         for i, run in enumerate(self.runs):
-            law_W = run.inputs(lean, plant).law_W
+            law_W, length_s = run.inputs(lean, plant).law_W, run.ticks.length_s
             usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
-            usual_W = np.where(usual_W > 0, usual_W, 0.3 * usual_W.max())
-            gaps = np.flatnonzero(run.ticks.length_s > GAP_S)
-            longest = gaps[np.argsort(-run.ticks.length_s[gaps])][:MOST_GAPS]
+            usual_W[stretch] = STRETCH_SHARE * usual_W.max()
+            gaps = np.flatnonzero(length_s > GAP_S)
+            longest = gaps[np.argsort(-length_s[gaps])][:MOST_GAPS]
             for tick in longest.tolist():
-                for j in np.flatnonzero(usual_W > 0).tolist():
-                    more_W = np.zeros_like(law_W)
-                    more_W[tick, j] = usual_W[j]
-                    change = [np.zeros_like(h) for h in here]
-                    change[i] = self._predict(lean, plant, run, more_W) - here[i]
-                    changes.append(change)
+                after = min(tick + 1, len(law_W) - 1)
+                all_at_once = length_s[tick] / max(length_s[after], 1.0)
+                for at, sources, share in ((tick, usual_W > 0, 1.0), (after, stretch, all_at_once)):
+                    for j in np.flatnonzero(sources).tolist():
+                        more_W = np.zeros_like(law_W)
+                        more_W[at, j] = share * usual_W[j]
+                        change = [np.zeros_like(h) for h in here]
+                        change[i] = self._predict(lean, plant, run, more_W) - here[i]
+                        changes.append(change)
         return changes
 
     def _with_tables(self, plant: Plant) -> Plant:
@@ -123,6 +131,15 @@ def lean_config(config: Config, modes: int) -> Config:
     )
     screw = config.screw.model_copy(update={"expansion_1_K": None})
     return config.model_copy(update={"output": output, "screw": screw, "model": model, "supports": None})
+
+
+def _stretches(config: Config) -> list[Source]:
+    """Sources that lie end to end along the screw, without a heat of their own."""
+    edges_m = np.linspace(0.0, config.screw.length_m, STRETCHES + 1).tolist()
+    return [
+        Source(name=f"stretch-{i + 1}", shape="band", from_m=a, to_m=b, heat_W=0.0)
+        for i, (a, b) in enumerate(itertools.pairwise(edges_m))
+    ]
 
 
 def sensor_plant(plant: Plant) -> Plant:

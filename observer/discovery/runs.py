@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.errors import LogError
-from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs
+from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 
@@ -58,11 +58,12 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
     if len(known) == 0:
         raise LogError(f"{name}: the ambient or a prescribed end has no value; add its channel to the log")
-    seen = np.flatnonzero(inputs.usable.any(axis=1))
+    usable = inputs.usable & ~frozen(inputs.y_degC, inputs.quality == int(Quality.REJECTED))
+    seen = np.flatnonzero(usable.any(axis=1))
     if len(seen) == 0:
         raise LogError(f"{name}: no sensor has a usable value; check the sensors' channels")
     begin = int(max(known[0], seen[0]))
-    frames, usable, y_degC = tail(frames, begin), inputs.usable[begin:], inputs.y_degC[begin:]
+    frames, usable, y_degC = tail(frames, begin), usable[begin:], inputs.y_degC[begin:]
     block = np.floor((frames.time_s - frames.time_s[0]) / BLOCK_S).astype(np.int64)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     count = np.add.reduceat(usable, first, axis=0, dtype=float)
@@ -81,6 +82,20 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
             start_degC=np.where(usable[early], y_degC[early], 0.0).sum(axis=0) / at_start,
             start_R_K2=noise_R_K2 / at_start,
         )
+
+
+def frozen(y_degC: FloatArray, rejected: BoolArray) -> BoolArray:
+    """Which values (K, s) belong to a stretch of equal ones that was rejected in the end.
+
+    A sensor is known to be stuck only after a while; a log can be read backwards.
+    """
+    out = np.zeros_like(rejected)
+    for s, own in enumerate(y_degC.T):
+        held = np.flatnonzero(np.isfinite(own))
+        stretch = np.cumsum(np.diff(own[held], prepend=np.nan) != 0.0)
+        found = np.unique(stretch[rejected[held, s]])
+        out[held, s] = np.isin(stretch, found)
+    return out
 
 
 def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:

@@ -7,6 +7,7 @@ from observer.config import parse
 from observer.discovery.parameters import replaced
 from observer.discovery.response import Predictor
 from observer.discovery.runs import joined, prepare
+from observer.frames import Quality
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start_from_sensors
@@ -94,3 +95,17 @@ def test_means_leave_out_what_is_not_usable() -> None:
     rows = np.random.default_rng(1).normal(size=(len(log), 3))
     assert run.means(rows)[0, 0] == pytest.approx(np.mean(rows[used, 0]), abs=1e-12)
     assert run.means(rows)[1, 0] == pytest.approx(np.mean(rows[15:30, 0]), abs=1e-12)
+
+
+def test_what_a_stuck_sensor_showed_before_it_was_known_to_be_stuck_is_left_out() -> None:
+    """A log can be read backwards: the whole stretch of equal values goes, and nothing before it."""
+    config = machine()
+    log = made_log(config, seed=1, minutes=10.0)
+    log.values[100:200, 1] = log.values[100, 1]
+    log.quality[130:200, 1] = int(Quality.REJECTED)
+    log.fresh[130:200, 1] = False
+    run = prepare(config, [log], "log")
+    assert run.usable[:100, 1].all()
+    assert not run.usable[100:200, 1].any()
+    assert run.usable[200:, 1].all()
+    assert run.usable[:, [0, 2]].all()

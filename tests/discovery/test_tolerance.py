@@ -21,7 +21,7 @@ from observer.frames import FrameBlock
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from tests.discovery.cases import machine, made_log
+from tests.discovery.cases import machine, made_log, table
 from tests.discovery.small import problem_of
 
 
@@ -128,6 +128,34 @@ def test_what_a_machine_did_in_a_gap_is_nobodys_fault() -> None:
     assert fit.deviance < 2 * honest.deviance
     whole = problem_of(config, [log])  # the same where nothing is missing is not forgiven
     assert fit_null(whole, config).deviance / np.count_nonzero(whole.evidence.used) > 10.0
+
+
+def test_a_heat_may_have_been_anywhere_and_late_in_a_gap() -> None:
+    """The heater stood elsewhere for the second half of a gap: neither a source as it is nor an even heat."""
+    config = machine()
+    moved = [{"name": "moved", "shape": "band", "from_m": 0.25, "to_m": 0.3, "power_channel": "heater_W"}]
+    other = machine(source=[*moved, *table()["source"][1:]])
+    log, gap_s = made_log(config, 1, minutes=60.0), (900.0, 1500.0)
+    late = (log.time_s >= 1200.0) & (log.time_s <= gap_s[1])
+    change_K = np.zeros((len(log), len(config.sensor)))
+    for machine_, sign in ((other, 1.0), (config, -1.0)):
+        own = replace(log, values=log.values.copy())
+        own.values[~late, config.channels.index("heater_W")] = 0.0
+        plant = build_plant(machine_)
+        drive = Drive(machine_, plant)
+        inputs = drive.run(drive.initial(), own)[1]
+        change_K += (
+            sign * simulate(plant, start(plant, 20.0, inputs.law_W[0]), inputs)[1][:, : change_K.shape[1]]
+        )
+    for i, sensor in enumerate(config.sensor):
+        log.values[:, config.channels.index(sensor.channel)] += change_K[:, i]
+    problem = problem_of(config, [with_gap(log, *gap_s)])
+    honest = fit_null(problem_of(config, [with_gap(made_log(config, 1, minutes=60.0), *gap_s)]), config)
+    fit = fit_null(problem, config)
+    most_K = np.abs(change_K).max()
+    print(f"deviance {fit.deviance:.0f}, without a secret {honest.deviance:.0f}, up to {most_K:.1f} K")
+    assert most_K > 5.0
+    assert fit.deviance < 2 * honest.deviance
 
 
 def test_a_log_without_gaps_needs_no_tolerance_for_them() -> None:
