@@ -7,7 +7,7 @@ Parameters that only scale a signature need one shape, those that change its for
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -25,8 +25,8 @@ NEUTRAL = {"exponent": 1.0}
 """Where a parameter changes nothing, if that is not zero."""
 LEAST_LAG_S = 10.0
 """Sensors that lag less are within tolerance."""
-MOST_CAPACITY_J_K = 5e4
-"""A hundred kilograms of steel; a body that stores more hardly warms, and is a loss."""
+MOST_CAPACITY_J_K = 2e4
+"""Forty kilograms of steel; a body that stores more hardly warms, and is a loss."""
 INLET_degC = (-20.0, 90.0)
 """Of any coolant."""
 CELLS = 8
@@ -133,7 +133,7 @@ def _ends(config: Config) -> Iterator[Candidate]:
         yield _mass(end)
         if spins:
             yield _one("end_heat", end, heat_W_rpm=1e-3)
-        yield _one("motor_heat", end, heat_W=2.0)
+        yield replace(_one("motor_heat", end, heat_W=2.0), limits={"heat_W": (0.0, np.inf)})
 
 
 def _heats(config: Config) -> Iterator[Candidate]:

@@ -83,7 +83,7 @@ class Search:
     """What a search found.
 
     `null` is the fit without effects, `fit` the last accepted one; `chosen` its effects, each with the trials
-    it won against (`rivals`, best first, itself included) while the others stood; `ranking` the first round;
+    it won against (`rivals`, itself first, then the best) while the others stood; `ranking` the first round;
     `blind` the candidates that this test cannot tell from the free parameters.
     """
 
@@ -118,7 +118,10 @@ def search(
         fit = best.fit
     fit, chosen = _pruned(null, fit, chosen)
     progress("rivals", 0.9)
-    rivals: list[tuple[Trial, ...]] = [ranking] if len(chosen) == 1 else []
+    rivals: list[tuple[Trial, ...]] = []
+    if len(chosen) == 1:
+        alone = replace(chosen[0], fit=fit, drop=null.deviance - fit.deviance)
+        rivals.append((alone, *(t for t in ranking if t.candidate.name != alone.candidate.name)))
     for i in range(len(chosen) if len(chosen) > 1 else 0):
         fit, chosen, trials = _exchanged(null, fit, chosen, i, found)
         rivals.append(trials)

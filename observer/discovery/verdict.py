@@ -19,9 +19,9 @@ PROOF_UNFIT = 0.3
 """The same on data held back, which the parameters were not fitted to."""
 WITHIN_REACH = 9.0
 """A rival whose score is no further below the winner's cannot be told from it: three standard deviations."""
-WITHIN_UNFIT = 4.0
-"""The same as a multiple of what the winner leaves unexplained beyond noise: a winner whose form is a little
-wrong may owe up to this much of its lead to that.
+WITHIN_SHARE, WITHIN_UNFIT = 0.02, 4.0
+"""The same as a part of the winner's own drop, for its form may be a little wrong, but at most so many times
+what it leaves unexplained beyond noise: it owes no more of its lead to that.
 """
 
 
@@ -75,8 +75,8 @@ def alternatives(search: Search, noise: float) -> tuple[tuple[tuple[Candidate, .
     chosen = tuple(t.candidate for t in search.chosen)
     sets, fits = [chosen], [search.fit]
     unfit = max(goodness(search.fit) - noise, 0.0) * len(search.fit.remainder)
-    reach = WITHIN_REACH + WITHIN_UNFIT * unfit
     for i, (winner, *trials) in enumerate(search.rivals):
+        reach = max(WITHIN_REACH, min(WITHIN_SHARE * winner.drop, WITHIN_UNFIT * unfit))
         for rival in trials:
             near = winner.score - rival.score <= reach and rival.accepted
             if near and not same_physics(winner, rival):

@@ -99,7 +99,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--answers", type=Path, help="of the answers (build/campaign/answers)")
     parser.add_argument("--slice", choices=("ci",), help="a few cases of every sort")
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="below 2000: to set thresholds on")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="below 3000: to set thresholds on")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     if options.folder == FOLDER and (options.slice or options.first_seed != FIRST_SEED):
