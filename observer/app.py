@@ -18,6 +18,7 @@ from observer.errors import ConfigError, LogError, UserError
 from observer.estimators import build_estimator
 from observer.estimators.options import MethodOptions
 from observer.estimators.protocol import Estimator
+from observer.estimators.selftest import SelfTest
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
 from observer.logs import Log, read_log, suffix_of
 from observer.model.build import build_plant
@@ -43,6 +44,10 @@ class Machine:
         """Build the parts of a configuration."""
         plant = build_plant(config)
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
+
+    def self_test(self) -> SelfTest:
+        """What holds the estimates against the model and the laws."""
+        return SelfTest(self.config, self.plant)
 
     def estimator(self) -> Estimator:
         """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
@@ -95,6 +100,7 @@ def serve(config: Config, seconds: float | None = None) -> None:
         clock=ServiceClock(),
         notify=sdnotify.SystemdNotifier().notify,
         compensator=compensator,
+        self_test=machine.self_test(),
     )
     run(service, seconds)
 
@@ -149,7 +155,7 @@ def replay(
     tee = _Tee(machine.drive)
 
     def blocks() -> Iterator[EstimateBlock]:
-        for block in estimates_of(log, machine.plan, tee, estimator, progress):
+        for block in estimates_of(log, machine.plan, tee, estimator, machine.self_test(), progress):
             collector.add(tee.inputs, block)
             yield block
 

@@ -20,8 +20,9 @@ from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
 from observer.effects.catalogue import KINDS, Effect
 from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
+from observer.limits import ChannelLimits
 from observer.mounting import Compensation
-from observer.quantities import Name, NonNegative, Positive, Section, Temperature
+from observer.quantities import Channel, Name, NonNegative, Positive, Section, Temperature
 from observer.sections import Description
 
 Endpoint = Annotated[str, AfterValidator(checked_endpoint)]
@@ -114,6 +115,7 @@ class Config(Description):
     discover: Discover = Discover()
     output: Output = Output()
     compensation: Compensation = Compensation()
+    limits: dict[Channel, ChannelLimits] = Field(default_factory=dict)
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict)
     publish: Publish = Publish()
     record: Record = Record()
@@ -179,6 +181,17 @@ class Config(Description):
         positions_m = self.output.positions_m or ()
         if any(b <= a for a, b in itertools.pairwise(positions_m)):
             raise ValueError("output: positions_m must increase")
+        return self
+
+    @model_validator(mode="after")
+    def _limits_are_of_channels(self) -> Config:
+        for name in self.limits:
+            if name not in self.channels:
+                close = difflib.get_close_matches(name, self.channels, n=1)
+                raise ValueError(
+                    f'limits: the model reads no channel "{name}"'
+                    f"{f' (did you mean {close[0]}?)' if close else ''}; it reads {', '.join(self.channels)}"
+                )
         return self
 
     @property

@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +36,13 @@ class Quality(enum.IntEnum):
 
 
 class EstimateQuality(enum.IntEnum):
-    """Quality of a whole estimate."""
+    """Quality of a whole estimate, the better before the worse."""
 
     GOOD = 0
-    DEGRADED = 1
-    STALE = 2
-    INVALID = 3
+    STARTING = 1
+    DEGRADED = 2
+    STALE = 3
+    INVALID = 4
 
     @property
     def label(self) -> str:
@@ -48,17 +50,33 @@ class EstimateQuality(enum.IntEnum):
         return self.name.lower()
 
 
+class NutPath(NamedTuple):
+    """All samples of one position channel in K frames.
+
+    `time_s`, `position_m`, `driven_m_s` (n,): when the nut was where, and the screw's speed times its lead
+    then (NaN where unknown); `offset` (K+1,), so that the samples of step k are `[offset[k]:offset[k+1]]`,
+    the newest last.
+    """
+
+    time_s: FloatArray
+    position_m: FloatArray
+    offset: NDArray[np.int64]
+    driven_m_s: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one driver read at one moment.
+    """What one driver read at one moment, which `time_s` is as far as it is known: not when it was handled.
 
     `values` maps channel names to values in the unit that ends the name; a value that cannot be used is
-    NaN and has its reason in `faults` ("open_circuit", "over_range", "timeout", …).
+    NaN and has its reason in `faults` ("open_circuit", "over_range", "timeout", …). As a row of a recording,
+    in the order in which readings were used, it was true `late_s` before `time_s`.
     """
 
     time_s: float
     values: Mapping[str, float]
     faults: Mapping[str, str] = field(default_factory=dict)
+    late_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +89,7 @@ class FrameBlock:
     first frame of a run is 0.
 
     Between two ticks a fast channel may deliver several samples. Those of the position channels are kept
-    in `path`: channel → (time_s, value, offset) with `offset` (K+1,), so that the samples of step k are
-    `[offset[k]:offset[k+1]]`, the newest last.
+    in `path`.
     """
 
     channels: tuple[str, ...]
@@ -82,7 +99,7 @@ class FrameBlock:
     fresh: BoolArray
     quality: QualityArray
     age_s: FloatArray
-    path: Mapping[str, tuple[FloatArray, FloatArray, NDArray[np.int64]]]
+    path: Mapping[str, NutPath]
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -141,8 +158,9 @@ class EstimateBlock:
 
     Shapes, with m_e estimated sources, g grid points, s sensors: `heat_W`, `heat_sigma_W` (K, m_e);
     `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an
-    expansion coefficient; `innovation_K` (K, s), NaN where no value arrived; `sensor_quality` (K, s);
-    `quality` (K,), of type `EstimateQuality`.
+    expansion coefficient; `innovation_K` (K, s) and its standard deviation `innovation_sigma_K`, NaN where no
+    value arrived; `sensor_quality` (K, s); `quality` (K,), of type `EstimateQuality`; `law_W` (K, m_e), each
+    heat by its law at the temperature of the moment.
     """
 
     time_s: FloatArray
@@ -155,6 +173,8 @@ class EstimateBlock:
     innovation_K: FloatArray
     sensor_quality: QualityArray
     quality: QualityArray
+    innovation_sigma_K: FloatArray
+    law_W: FloatArray
 
     def __len__(self) -> int:
         return len(self.time_s)

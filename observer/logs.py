@@ -23,6 +23,7 @@ from observer.frames import BoolArray, FloatArray
 TIME = "time_s"
 STEP = "step"
 FLAGS = "flags"
+LATE = "late_s"
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 EMPTY_CELLS = ("", "NaN", "nan", "NA", "N/A", "null", "NULL")
 
@@ -33,7 +34,8 @@ class Log:
 
     `time_s` (n,) strictly increasing; `values` (n, c) in the order of `channels`, NaN where a cell is empty.
     `step` (n,) and `flags` (n,) are there in the service's own recordings only: which rows are ticks, and
-    the faults of each row as text.
+    the faults of each row as text; in newer ones also `late_s` (n,), how long before its row a reading was
+    true, NaN for not at all.
     """
 
     path: Path
@@ -42,6 +44,7 @@ class Log:
     values: FloatArray
     step: BoolArray | None = None
     flags: tuple[str | None, ...] | None = None
+    late_s: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -146,7 +149,7 @@ def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[st
         raise LogError(
             f"{path}: {noun} {names} {verb} missing; add them to the log or name others in the configuration"
         )
-    own = {STEP, FLAGS} if STEP in header and FLAGS in header else set()
+    own = {STEP, FLAGS, LATE} if STEP in header and FLAGS in header else set()
     keep = {TIME, *needed, *own} if needed else set(header)
     return [name for name in header if name in keep and name]
 
@@ -249,14 +252,15 @@ def _checked(path: Path, table: Any, place: Callable[[int], str]) -> Log:
     if not len(time_s):
         raise LogError(f"{path}: holds no rows; record at least one sample")
     _check_time(path, time_s, place)
-    channels = tuple(n for n in names if n != TIME and not (recording and n in {STEP, FLAGS}))
+    channels = tuple(n for n in names if n != TIME and not (recording and n in {STEP, FLAGS, LATE}))
     values = np.empty((len(time_s), len(channels)))
     for i, name in enumerate(channels):
         values[:, i] = _numbers(table, name)
     if not recording:
         return Log(path, time_s, channels, values)
     step = _numbers(table, STEP) == 1.0
-    return Log(path, time_s, channels, values, step, tuple(table.column(FLAGS).to_pylist()))
+    late_s = _numbers(table, LATE) if LATE in names else None
+    return Log(path, time_s, channels, values, step, tuple(table.column(FLAGS).to_pylist()), late_s)
 
 
 def _numbers(table: Any, name: str) -> FloatArray:

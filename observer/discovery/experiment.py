@@ -13,7 +13,7 @@ from observer.discovery.forward import Forward
 from observer.discovery.hypothesis import Problem, told_lags
 from observer.discovery.phases import courses_of
 from observer.discovery.runs import prepare
-from observer.frames import FloatArray, FrameBlock
+from observer.frames import FloatArray, FrameBlock, NutPath
 
 STEP_S = 1.0
 LEAD_M = 0.01
@@ -190,7 +190,7 @@ def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameB
         fresh=np.ones(values.shape, dtype=bool),
         quality=np.zeros(values.shape, dtype=np.int8),
         age_s=np.zeros(values.shape),
-        path=dict.fromkeys(moving, (time_s, position, offset)),
+        path=dict.fromkeys(moving, NutPath(time_s, position, offset, speed * habits.lead_m / 60.0)),
     )
 
 

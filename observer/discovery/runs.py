@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.errors import LogError
-from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality
+from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, Quality
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 
@@ -105,12 +105,13 @@ def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
     path = {}
     for name in blocks[0].path:
         parts = [b.path[name] for b in blocks]
-        ends = np.cumsum([0] + [len(p[0]) for p in parts])
-        offsets = [p[2][1:] + end for p, end in zip(parts, ends[:-1], strict=True)]
-        path[name] = (
-            np.concatenate([p[0] for p in parts]),
-            np.concatenate([p[1] for p in parts]),
-            np.concatenate([parts[0][2][:1], *offsets]),
+        ends = np.cumsum([0] + [len(p.time_s) for p in parts])
+        offsets = [p.offset[1:] + end for p, end in zip(parts, ends[:-1], strict=True)]
+        path[name] = NutPath(
+            np.concatenate([p.time_s for p in parts]),
+            np.concatenate([p.position_m for p in parts]),
+            np.concatenate([parts[0].offset[:1], *offsets]),
+            np.concatenate([p.driven_m_s for p in parts]),
         )
     arrays = {key: np.concatenate([getattr(b, key) for b in blocks]) for key in _ROWS}
     return FrameBlock(channels=blocks[0].channels, path=path, **arrays)
@@ -120,7 +121,7 @@ def tail(frames: FrameBlock, begin: int) -> FrameBlock:
     """Return the frames from row `begin` on; its first step has no length."""
     if begin == 0:
         return frames
-    path = {name: (t, x, offset[begin:].copy()) for name, (t, x, offset) in frames.path.items()}
+    path = {name: p._replace(offset=p.offset[begin:].copy()) for name, p in frames.path.items()}
     arrays = {key: getattr(frames, key)[begin:].copy() for key in _ROWS}
     arrays["dt_s"][0] = 0.0
     return FrameBlock(channels=frames.channels, path=path, **arrays)

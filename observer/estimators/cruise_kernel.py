@@ -141,7 +141,9 @@ def write_steady(p, u, k, usable, gains, settled, c, out):
     for i in range(s):
         if usable[i]:
             out.innovation[k, i] = c.nu[i]
+            out.innovation_sigma[k, i] = np.sqrt(gains.S[settled, i])
     for j in range(len(p.source)):
+        out.law[k, j] = u.law[k, p.source[j]]
         out.heat[k, j] = u.law[k, p.source[j]] + c.x[n_x + j]
         out.heat_sigma[k, j] = gains.heat_sigma[settled, j]
         total += out.heat[k, j]

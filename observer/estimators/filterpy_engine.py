@@ -91,9 +91,13 @@ class FilterpyEstimator:
         nu = y - H @ kf.x[:, 0]
         S = np.diag(H @ kf.P @ H.T) + plant.noise_R_K2
         out.innovation[k, usable] = nu[usable]
+        out.innovation_sigma[k, usable] = np.sqrt(S[usable])
         accepted = np.zeros(s, dtype=np.bool_)
         if judging.gate(nu, S, usable, running.suspect, self._gate_sigma, accepted):
-            kernels.inflate(self._arrays, kf.P)
+            judging.add_prior(self._arrays, kf.P, 1.0)
+        else:
+            judging.hold_back(usable, accepted, running.suspect, running.refused_s)
+        judging.reopen(self._arrays, C, u.dt[k], usable, accepted, nu, running.refused_s, kf.P)
         if accepted.any():
             kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
         running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P

@@ -8,7 +8,7 @@ or a law jumps, it is propagated with the gain in use (Joseph form for an arbitr
 # numba compiles these functions: their types are those of the arrays they get.
 # mypy: disable-error-code="no-untyped-def, misc"
 # The loop is one compiled function, so that K steps cost one call.
-# ruff: noqa: PLR0915
+# ruff: noqa: PLR0912, PLR0915
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ from observer.estimators import cruise_kernel, judging, kernels, packing, steps
 from observer.estimators.cruise_kernel import cruise
 from observer.estimators.judging import (
     GOOD,
+    add_prior,
     find_usable,
     gate,
+    hold_back,
     invalidate,
     judge,
+    reopen,
     skip,
     step_is_finite,
     write_sigmas,
@@ -34,7 +37,6 @@ from observer.estimators.judging import (
 from observer.estimators.kernels import (
     compare,
     covariance_with_sensors,
-    inflate,
     joseph_update,
     move_columns,
     predict,
@@ -213,7 +215,10 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
         copy(state.suspect, suspect)
         for i in range(s):
             out.innovation[k, i] = nu[i] if usable[i] else np.nan
+            out.innovation_sigma[k, i] = np.sqrt(S[i]) if usable[i] else np.nan
         released = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
+        if not released:
+            hold_back(usable, accepted, state.suspect, state.refused_s)
         correcting = accepted.any()
         key, complete = key_of(u, k, usable, accepted, state.suspect, rungs.rung[d])
         chosen = find_gain(gains, key)
@@ -221,7 +226,8 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             copy(suspect, state.suspect)
             return k, key, STARTED if started else PREDICTED
         if released:
-            inflate(p, P)
+            add_prior(p, P, 1.0)
+        if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, P) or released:
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
         if correcting and (optimal or started or released):

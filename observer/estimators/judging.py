@@ -10,9 +10,17 @@ import numpy as np
 from observer.compiling import inlined, rarely
 
 GOOD, STALE, REJECTED = 0, 2, 3
-ESTIMATE_GOOD, ESTIMATE_DEGRADED, ESTIMATE_STALE, ESTIMATE_INVALID = 0, 1, 2, 3
+ESTIMATE_GOOD, ESTIMATE_STARTING, ESTIMATE_DEGRADED, ESTIMATE_STALE, ESTIMATE_INVALID = 0, 1, 2, 3, 4
 RELEASE_AFTER_STEPS = 3
 STALE_AFTER_STEPS = 2
+# A sensor that has been refused for so long may be right, and the state led astray …
+REOPEN_AFTER_S = 20.0
+# … which is tried again so often …
+REOPEN_EVERY_S = 60.0
+# … and each time the other sensors, with the state opened, have so long to speak first.
+HELD_BACK_S = 40.0
+_REOPEN_AT_LEAST = 0.01
+_REOPEN_SIGMA = 3.0
 
 
 @inlined
@@ -70,6 +78,60 @@ def gate(nu, S, usable, suspect, gate_sigma, accepted):
 
 
 @inlined
+def hold_back(usable, accepted, suspect, refused_s):
+    """Keep sensors out that the state has been opened for, until the others have spoken."""
+    for i in range(len(usable)):
+        since_s = refused_s[i] - REOPEN_AFTER_S
+        if accepted[i] and since_s >= 0.0 and since_s % REOPEN_EVERY_S < HELD_BACK_S:
+            accepted[i] = False
+            suspect[i] = 1.0
+
+
+@inlined
+def reopen(p, C, dt_s, usable, accepted, nu, refused_s, P):
+    """Count for how long each sensor has been refused; return whether P was opened for one of them.
+
+    A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right. After
+    20 s, and then every minute, P gets the share of its prior that would let the refused sensor be right, and
+    the others say first what they make of it. One that is broken is refused again.
+    """
+    share = 0.0
+    for i in range(len(usable)):
+        if usable[i] and accepted[i]:
+            refused_s[i] = 0.0
+        elif usable[i] or refused_s[i] > 0.0:
+            before = np.floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S)
+            refused_s[i] += dt_s
+            if usable[i] and np.floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
+                share = max(share, _share_of_prior(p, C, i, nu[i]))
+    if share == 0.0:
+        return False
+    add_prior(p, P, share)
+    return True
+
+
+@rarely
+def _share_of_prior(p, C, i, nu):
+    """The share of the prior that makes an innovation of sensor i one of three standard deviations."""
+    n_x, variance = C.shape[1], 0.0
+    for a in range(n_x):
+        for b in range(n_x):
+            variance += C[i, a] * p.prior_P[a, b] * C[i, b]
+    return min(1.0, max(_REOPEN_AT_LEAST, (nu / _REOPEN_SIGMA) ** 2 / max(variance, 1e-12)))
+
+
+@rarely
+def add_prior(p, P, share):
+    """Add a share of the prior's covariance of field and heats to P."""
+    n_x = len(p.uniform)
+    for a in range(n_x):
+        for b in range(n_x):
+            P[a, b] += share * p.prior_P[a, b]
+    for j in range(len(p.source)):
+        P[n_x + j, n_x + j] += share * p.initial_W2[j]
+
+
+@inlined
 def judge(u, k, usable, accepted, state, out):
     """Fill in each sensor's quality and return that of the estimate; `state.flags[1]` counts the silent
     steps.
@@ -116,10 +178,11 @@ def invalidate(out, k):
 
 @inlined
 def write_values(p, C, u, k, law, x, out):
-    """Heats, field and error of step k; return whether all are numbers."""
+    """Heats and their laws, field and error of step k; return whether all are numbers."""
     n_x, s = C.shape[1], u.y.shape[1]
     total = 0.0
     for j in range(len(p.source)):
+        out.law[k, j] = law[p.source[j]]
         out.heat[k, j] = law[p.source[j]] + x[n_x + j]
         total += out.heat[k, j]
     for r in range(s, C.shape[0]):

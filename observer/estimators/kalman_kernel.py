@@ -5,13 +5,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from observer.compiling import cached_loop
 from observer.estimators import judging, kernels, packing, steps
 from observer.estimators.judging import (
+    add_prior,
     find_usable,
     gate,
+    hold_back,
     invalidate,
     judge,
+    reopen,
     skip,
     step_is_finite,
     write_sigmas,
@@ -20,7 +25,6 @@ from observer.estimators.judging import (
 from observer.estimators.kernels import (
     compare,
     covariance_with_sensors,
-    inflate,
     joseph_update,
     move_columns,
     predict,
@@ -57,9 +61,13 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
             compare(p, C, u, k, usable, g, x, nu, S)
             for i in range(s):
                 if usable[i]:
-                    out.innovation[k, i] = nu[i]
-            if gate(nu, S, usable, state.suspect, gate_sigma, accepted):
-                inflate(p, P)
+                    out.innovation[k, i], out.innovation_sigma[k, i] = nu[i], np.sqrt(S[i])
+            opened = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
+            if opened:
+                add_prior(p, P, 1.0)
+            else:
+                hold_back(usable, accepted, state.suspect, state.refused_s)
+            if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, P) or opened:
                 covariance_with_sensors(C, P, s, g)
                 compare(p, C, u, k, usable, g, x, nu, S)
             out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from observer.compiling import inlined, rarely
+from observer.estimators.judging import add_prior
 from observer.model.coupling import coupled, faded
 
 
@@ -250,18 +251,7 @@ def start(p, C, u, k, usable, x, P, levels):
     for a in range(n_x):
         x[a] += p.uniform[a] * level
     P[:] = 0.0
-    inflate(p, P)
-
-
-@rarely
-def inflate(p, P):
-    """Add the prior's covariance of field and heats to P."""
-    n_x = len(p.uniform)
-    for a in range(n_x):
-        for b in range(n_x):
-            P[a, b] += p.prior_P[a, b]
-    for j in range(len(p.source)):
-        P[n_x + j, n_x + j] += p.initial_W2[j]
+    add_prior(p, P, 1.0)
 
 
 @inlined

@@ -67,6 +67,7 @@ class Running(NamedTuple):
     x: FloatArray
     P: FloatArray
     suspect: FloatArray
+    refused_s: FloatArray
     flags: IntArray
 
 
@@ -109,6 +110,8 @@ class Results(NamedTuple):
     sensor_quality: QualityArray
     quality: QualityArray
     log_likelihood: FloatArray
+    innovation_sigma: FloatArray
+    law: FloatArray
 
 
 def padded_width(columns: int) -> int:
@@ -174,7 +177,8 @@ def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
 def initial_state(plant: Plant) -> EstimatorState:
     """Return the state before the first usable measurement."""
     n = len(plant.decay_1_s) + int(plant.estimated.sum())
-    return EstimatorState(np.zeros(n), np.zeros((n, n)), False, np.zeros(plant.rows.sensors), float("nan"))
+    never = np.zeros(plant.rows.sensors)
+    return EstimatorState(np.zeros(n), np.zeros((n, n)), False, never, never, float("nan"))
 
 
 def thaw(state: EstimatorState) -> Running:
@@ -184,6 +188,7 @@ def thaw(state: EstimatorState) -> Running:
         np.array(state.x_hat, order="C"),
         pad_rows(state.P, padded_width(len(state.P))),
         np.array(state.suspect, dtype=float),
+        np.array(state.refused_s, dtype=float),
         flags,
     )
 
@@ -221,7 +226,13 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
     """Turn the arrays back into a state."""
     P = running.P[:, : len(running.x)].copy()
     return EstimatorState(
-        running.x, P, bool(running.flags[0]), running.suspect, time_s, int(running.flags[1])
+        running.x,
+        P,
+        bool(running.flags[0]),
+        running.suspect,
+        running.refused_s,
+        time_s,
+        int(running.flags[1]),
     )
 
 
@@ -242,21 +253,14 @@ def empty_results(plant: Plant, steps: int) -> Results:
         np.zeros((steps, s), dtype=np.int8),
         np.full(steps, int(EstimateQuality.INVALID), dtype=np.int8),
         np.zeros(steps),
+        nans(s),
+        nans(m_e),
     )
 
 
 def cut(results: Results, part: slice) -> Results:
     """Return the part of the results that belongs to some steps, as views."""
-    return Results(
-        results.heat[part],
-        results.heat_sigma[part],
-        results.field[part],
-        results.field_sigma[part],
-        results.innovation[part],
-        results.sensor_quality[part],
-        results.quality[part],
-        results.log_likelihood[part],
-    )
+    return Results._make(array[part] for array in results)
 
 
 def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBlock:
@@ -274,4 +278,6 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
         innovation_K=results.innovation,
         sensor_quality=results.sensor_quality,
         quality=results.quality,
+        innovation_sigma_K=results.innovation_sigma,
+        law_W=results.law,
     )

@@ -14,14 +14,15 @@ class EstimatorState:
 
     Shapes, with n = n_x + m_e (plant states, then the estimated heats' deviations from their laws):
     `x_hat` (n,), `P` (n, n). `started` is false until the first usable measurement. `suspect` (s,) counts
-    the steps for which each sensor has been refused in a row; `silent` counts the steps in a row in which no
-    sensor was good.
+    the steps for which each sensor has been refused in a row, `refused_s` (s,) for how long; `silent` counts
+    the steps in a row in which no sensor was good.
     """
 
     x_hat: FloatArray
     P: FloatArray
     started: bool
     suspect: FloatArray
+    refused_s: FloatArray
     time_s: float
     silent: int = 0
 

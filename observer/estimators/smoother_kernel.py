@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from observer.compiling import cached_loop, inlined, rarely
 from observer.estimators import judging, kernels, packing, steps
-from observer.estimators.judging import find_usable, gate, step_is_finite
+from observer.estimators.judging import add_prior, find_usable, gate, step_is_finite
 from observer.estimators.kernels import (
     compare,
     couple_half,
     covariance_with_sensors,
-    inflate,
     joseph_update,
     mirror,
     move_columns,
@@ -97,7 +96,7 @@ def run_forward(p, t, u, state, gate_sigma, work, tape):
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
             if gate(nu, S, usable, state.suspect, gate_sigma, accepted):
-                inflate(p, P)
+                add_prior(p, P, 1.0)
                 covariance_with_sensors(C, P, s, g)
                 compare(p, C, u, k, usable, g, x, nu, S)
             joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)

@@ -8,8 +8,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from drivers.protocol import DriverStatus
+from observer.estimators.selftest import Finding
 from observer.frames import EstimateQuality, FrameBlock, Quality
 from observer.publish.zenoh import PublishStatus
+from observer.service.reasons import sentence
 from observer.service.record import RecordStatus
 
 _CLOCK_STEP_S = 0.5
@@ -40,7 +42,8 @@ class Facts:
     """All that a health report is made of, gathered at one moment.
 
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
-    valid estimate has been there; `failure` is what the last cycle failed with.
+    valid estimate has been there; `failure` is what the last cycle failed with; `findings` what the self-test
+    says.
     """
 
     time_s: float
@@ -55,6 +58,7 @@ class Facts:
     record: RecordStatus | None
     publish: PublishStatus
     clock_offset_s: float
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +148,7 @@ def _reasons(facts: Facts) -> Iterator[str]:
     for name, channel in _channels(facts).items():
         if channel.quality != Quality.GOOD.label:
             yield f"channel {name} is {channel.quality}" + (f" ({channel.fault})" if channel.fault else "")
+    yield from map(sentence, facts.findings)
     for name, (status, _) in facts.drivers.items():
         if not status.connected:
             why = f": {status.last_error}" if status.last_error else ""

@@ -17,6 +17,7 @@ import structlog
 
 from drivers.protocol import Driver
 from observer.estimators.protocol import Estimator
+from observer.estimators.selftest import SelfTest
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.publish.codec import to_json
 from observer.publish.zenoh import PublishStatus
@@ -86,6 +87,7 @@ class Service:
     clock: Clock
     notify: Callable[[str], object]
     compensator: Compensator | None = None
+    self_test: SelfTest | None = None
 
 
 def run(service: Service, seconds: float | None = None) -> None:
@@ -144,7 +146,7 @@ class _Cycles:
     def __init__(self, service: Service) -> None:
         self._service = service
         self._aligner = Aligner(service.plan)
-        self._pipeline = Pipeline(service.drive, service.estimator)
+        self._pipeline = Pipeline(service.drive, service.estimator, service.self_test)
         self.count = 0
         self.overruns = 0
         self._samples = {driver.name: 0 for driver in service.drivers}
@@ -249,6 +251,7 @@ class _Cycles:
                 service.recorder.status if service.recorder else None,
                 service.publisher.status,
                 service.clock.offset_s(),
+                self._pipeline.findings,
             )
         )
         changed = self._health is None or health.essence != self._health.essence

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Generic, Protocol, TypeVar
 
 from observer.estimators.protocol import Estimator
+from observer.estimators.selftest import Finding, SelfTest
 from observer.frames import EstimateBlock, FrameBlock, Inputs
 
 DriveState = TypeVar("DriveState")
@@ -21,22 +22,38 @@ class Drive(Protocol[DriveState]):
 
 
 class Pipeline(Generic[DriveState]):
-    """Keeps the states of a drive and an estimator from block to block."""
+    """Keeps the states of a drive, an estimator and its self-test from block to block."""
 
-    def __init__(self, drive: Drive[DriveState], estimator: Estimator) -> None:
+    def __init__(
+        self, drive: Drive[DriveState], estimator: Estimator, self_test: SelfTest | None = None
+    ) -> None:
+        """Begin before the first frame; without a self-test every quality is the estimator's own."""
         self._drive = drive
         self._estimator = estimator
+        self._self_test = self_test
         self._drive_state = drive.initial()
         self._estimator_state = estimator.initial()
+        self._test_state = None if self_test is None else self_test.initial()
 
     def step(self, frames: FrameBlock) -> EstimateBlock:
         """The estimates of the next frames; an exception leaves the states as they were."""
         drive_state, inputs = self._drive.run(self._drive_state, frames)
-        self._estimator_state, estimates = self._estimator.run(self._estimator_state, inputs)
-        self._drive_state = drive_state
+        estimator_state, estimates = self._estimator.run(self._estimator_state, inputs)
+        if self._self_test is not None and self._test_state is not None:
+            self._test_state, estimates = self._self_test.run(self._test_state, frames, inputs, estimates)
+        self._drive_state, self._estimator_state = drive_state, estimator_state
         return estimates
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the self-test finds wrong now."""
+        if self._self_test is None or self._test_state is None:
+            return ()
+        return self._self_test.findings(self._test_state)
 
     def warm_up(self, frames: FrameBlock) -> None:
         """Have everything compiled and loaded, by steps that are then forgotten."""
         _, inputs = self._drive.run(self._drive.initial(), frames)
-        self._estimator.run(self._estimator.initial(), inputs)
+        _, estimates = self._estimator.run(self._estimator.initial(), inputs)
+        if self._self_test is not None:
+            self._self_test.run(self._self_test.initial(), frames, inputs, estimates)

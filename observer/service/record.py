@@ -20,7 +20,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from observer.frames import Reading
-from observer.logs import FLAGS, STEP, TIME
+from observer.logs import FLAGS, LATE, STEP, TIME
 from observer.service.align import MISSING_FAULT
 
 _CAPACITY_ROWS = 100_000
@@ -75,7 +75,7 @@ class Recorder:
 
     def tick(self, time_s: float) -> None:
         """Record a tick of the estimator."""
-        self._put(f"{time_s!r},{',' * len(self._channels)}1,\n".encode(), True)
+        self._put(f"{time_s!r},{',' * len(self._channels)}1,,\n".encode(), True)
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """Write what is left and end; says whether all of it reached the disk in that time."""
@@ -184,7 +184,7 @@ class _Part:
 def header(channels: Sequence[str]) -> bytes:
     """The first line of a recording."""
     line = io.StringIO()
-    csv.writer(line, lineterminator="\n").writerow([TIME, *channels, STEP, FLAGS])
+    csv.writer(line, lineterminator="\n").writerow([TIME, *channels, STEP, FLAGS, LATE])
     return line.getvalue().encode()
 
 
@@ -192,7 +192,8 @@ def row_of_reading(reading: Reading, channels: Sequence[str]) -> bytes:
     """A reading as a row: the shortest decimals that read back to the same bits, faults by channel."""
     values = [reading.values.get(name, math.nan) for name in channels]
     cells = [repr(reading.time_s), *("" if math.isnan(value) else repr(value) for value in values)]
-    return f"{','.join(cells)},,{flags_of(reading, channels)}\n".encode()
+    late = repr(reading.late_s) if reading.late_s else ""
+    return f"{','.join(cells)},,{flags_of(reading, channels)},{late}\n".encode()
 
 
 def flags_of(reading: Reading, channels: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from observer.errors import LogError
 from observer.estimators.protocol import Estimator
+from observer.estimators.selftest import SelfTest
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
 from observer.log_writer import Column, TableWriter
 from observer.logs import TIME, Log
@@ -24,10 +25,15 @@ _SENSOR_LABELS = np.array([quality.label for quality in Quality])
 
 
 def estimates_of(
-    log: Log, plan: AlignPlan, drive: Drive[Any], estimator: Estimator, progress: Progress
+    log: Log,
+    plan: AlignPlan,
+    drive: Drive[Any],
+    estimator: Estimator,
+    self_test: SelfTest | None,
+    progress: Progress,
 ) -> Iterator[EstimateBlock]:
     """The estimates of a log in blocks; `progress` is told the rows done and their total."""
-    pipeline = Pipeline(drive, estimator)
+    pipeline = Pipeline(drive, estimator, self_test)
     total = len(log) if log.step is None else int(log.step.sum())
     done = 0
     for frames in frames_of_log(log, plan):

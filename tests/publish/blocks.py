@@ -17,4 +17,5 @@ def block(
         np.array([time_s]), rng.normal(50, 9, (1, m)), rng.uniform(1, 2, (1, m)), rng.normal(30, 3, (1, g)),
         rng.uniform(0, 1, (1, g)), rng.normal(5, 1, (1, e)), rng.uniform(0, 1, (1, e)),
         rng.normal(0, 0.1, (1, s)), np.zeros((1, s), np.int8), np.array([quality], np.int8),
+        rng.uniform(0.05, 0.1, (1, s)), rng.normal(50, 9, (1, m)),
     )  # fmt: skip

@@ -49,7 +49,8 @@ def _estimates(draw):
         numbers(k, len(sources)), numbers(k, len(sources)), numbers(k, g), numbers(k, g), numbers(k, e),
         numbers(k, e), numbers(k, len(sensors)),
         draw(hnp.arrays(np.int8, (k, len(sensors)), elements=st.integers(0, 3))),
-        draw(hnp.arrays(np.int8, k, elements=st.integers(0, 3))),
+        draw(hnp.arrays(np.int8, k, elements=st.integers(0, 4))),
+        numbers(k, len(sensors)), numbers(k, len(sources)),
     )  # fmt: skip
 
 

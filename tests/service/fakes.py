@@ -24,7 +24,7 @@ class FakeDrive:
         k = len(frames)
         law = np.empty((k, 1))
         for i in range(k):
-            for times, values, offset in frames.path.values():
+            for times, values, offset, _ in frames.path.values():
                 part = slice(offset[i], offset[i + 1])
                 for time_s, value in zip(times[part], values[part], strict=True):
                     state = math.fmod(0.9 * state + value + 1e-9 * time_s, 1e6)
@@ -57,7 +57,7 @@ class FakeEstimator:
         self.fail = False
 
     def initial(self) -> EstimatorState:
-        return EstimatorState(np.zeros(1), np.eye(1), False, np.zeros(2), 0.0)
+        return EstimatorState(np.zeros(1), np.eye(1), False, np.zeros(2), np.zeros(2), 0.0)
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         if self.fail:
@@ -77,9 +77,9 @@ class FakeEstimator:
                 quality[i] = EstimateQuality.DEGRADED if bad else EstimateQuality.GOOD
         block = EstimateBlock(
             inputs.time_s, inputs.law_W, np.ones((k, 1)), field_degC, np.ones((k, 3)), 10 * field_degC,
-            np.ones((k, 3)), innovation, inputs.quality, quality,
+            np.ones((k, 3)), innovation, inputs.quality, quality, np.ones((k, 2)), inputs.law_W,
         )  # fmt: skip
-        return EstimatorState(np.array([x]), np.eye(1), started, np.zeros(2), 0.0), block
+        return EstimatorState(np.array([x]), np.eye(1), started, np.zeros(2), np.zeros(2), 0.0), block
 
 
 @dataclass

@@ -7,14 +7,22 @@ import numpy as np
 from hypothesis import strategies as st
 
 from observer.frames import FrameBlock, Reading
-from observer.service.align import Aligner, AlignPlan
+from observer.plausibility import Limits
+from observer.service.align import Aligner, AlignPlan, Position
 from observer.service.record import header, row_of_reading
 
 CHANNELS = ("t1_degC", "t2_degC", "nut_position_m")
 
 
 def plan(*, expected_s=(0.5, 0.5, 0.02), noise_K=(0.05, 0.05, math.nan), period_s=0.5) -> AlignPlan:
-    return AlignPlan(CHANNELS, (2,), np.array(expected_s, float), np.array(noise_K, float), period_s)
+    return AlignPlan(
+        CHANNELS,
+        (Position(2),),
+        np.array(expected_s, float),
+        np.array(noise_K, float),
+        period_s,
+        Limits.none(len(CHANNELS)),
+    )
 
 
 _values = st.one_of(st.floats(-50, 150), st.sampled_from([math.nan, math.inf, 20.0, -0.0]))
@@ -39,7 +47,7 @@ def play(events, aligner: Aligner, channels=CHANNELS) -> tuple[list[FrameBlock],
         else:
             time_s += event
             frames.append(aligner.tick(time_s))
-            recording += f"{frames[-1].time_s[0].item()!r},{',' * len(channels)}1,\n".encode()
+            recording += f"{frames[-1].time_s[0].item()!r},{',' * len(channels)}1,,\n".encode()
     return frames, recording
 
 

@@ -97,7 +97,7 @@ def test_a_fast_position_keeps_its_path():
     for k in range(1, 6):
         aligner.ingest(Reading(0.1 * k, {"nut_position_m": 0.01 * k}))
     aligner.ingest(Reading(0.55, {"nut_position_m": math.nan}, {"nut_position_m": "timeout"}))
-    times, values, offset = aligner.tick(0.6).path["nut_position_m"]
+    times, values, offset, _ = aligner.tick(0.6).path["nut_position_m"]
     np.testing.assert_array_equal(values, [0.01 * k for k in range(1, 6)])
     np.testing.assert_array_equal(times, [0.1 * k for k in range(1, 6)])
     np.testing.assert_array_equal(offset, [0, 5])
@@ -219,6 +219,6 @@ def test_the_plan_of_a_configuration():
     )  # fmt: skip
     made = AlignPlan.of(config)
     assert made.channels == ("t1_degC", "nut_position_m", "ambient_degC")
-    assert made.positions == (1,)
+    assert [p.column for p in made.positions] == [1]
     np.testing.assert_array_equal(made.expected_s, [0.2, np.nan, np.nan])
     np.testing.assert_array_equal(made.noise_K, [0.07, np.nan, np.nan])

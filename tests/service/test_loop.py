@@ -190,7 +190,9 @@ async def test_the_replay_of_the_recording_is_the_live_run_to_the_last_bit(tmp_p
     await _serve(service, lambda: not slow and not fast)
     (path,) = tmp_path.glob("m-x-*.csv")
     log = read_log(path, CHANNELS)
-    replayed = list(estimates_of(log, service.plan, FakeDrive(), FakeEstimator(), lambda done, total: None))
+    replayed = list(
+        estimates_of(log, service.plan, FakeDrive(), FakeEstimator(), None, lambda done, total: None)
+    )
     live = [block for _, block in service.publisher.estimates]
     assert sum(len(block) for block in replayed) == len(live) >= 20
     for name in ("time_s", "heat_W", "field_degC", "innovation_K", "sensor_quality", "quality"):

@@ -15,10 +15,9 @@ from typing import Literal
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from observer.compiling import cached_loop
-from observer.frames import FloatArray
+from observer.frames import FloatArray, NutPath
 from observer.model.rod import path as path_of_nut
 from observer.model.rod.path import MEMORY_S, SAMPLES_PER_TRAVERSE, PathState, advance, on_the_way
 
@@ -79,12 +78,12 @@ def columns(
     table: NutTable,
     state: NutState,
     dt_s: FloatArray,
-    path: tuple[FloatArray, FloatArray, NDArray[np.int64]],
+    path: NutPath,
 ) -> tuple[NutState, FloatArray, FloatArray]:
     """Average the nut's columns over K steps.
 
-    `path` is the samples' time, position and offset (K+1,) as in `FrameBlock`. Returns the state after the
-    last step, the input columns (K, n_x) and the output columns of the source's lag (K, R).
+    Returns the state after the last step, the input columns (K, n_x) and the output columns of the source's
+    lag (K, R).
     """
     scalars, weight_s = state.path.scalars, np.array([state.weight_s])
     B, C, sum_B, sum_C = state.B.copy(), state.C.copy(), state.sum_B.copy(), state.sum_C.copy()
@@ -111,7 +110,7 @@ def standing(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, Fl
 
 @cached_loop(path_of_nut, allocates=True)
 def _average(  # type: ignore[no-untyped-def]
-    scalars, weight_s, B, C, sum_B, sum_C, dt_s, sample_s, sample_m, offset, out_B, out_C,
+    scalars, weight_s, B, C, sum_B, sum_C, dt_s, sample_s, sample_m, offset, driven_m_s, out_B, out_C,
     mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C, mean_B, mean_C,
 ):  # fmt: skip
     """Advance the averaged columns B, C through K steps; `scalars` are those of `PathState`, in its order."""
@@ -123,7 +122,7 @@ def _average(  # type: ignore[no-untyped-def]
         for i in range(offset[k], offset[k + 1]):
             here_m, there_m, since_s = scalars[1], sample_m[i], sample_s[i] - scalars[0]
             before, low_m, high_m = scalars[2], scalars[4], scalars[5]
-            turn_m = advance(scalars, sample_s[i], there_m, stroke_m)
+            turn_m = advance(scalars, sample_s[i], there_m, driven_m_s[i], stroke_m)
             runs_on = np.isnan(turn_m) and since_s > 0.0 and before != 0.0 and scalars[4] < scalars[5]
             run_m = np.sign(before) * scalars[3] * since_s
             if abs(run_m) > 4 * stroke_m:  # it has been everywhere equally long

@@ -1,36 +1,57 @@
-"""The path of a nut between the samples of its position: how fast it runs, and where it turns.
+"""The path of a nut between the samples of its position: how far it ran, and where it turned.
 
-A nut runs to and fro at an even speed. Where it is sampled often enough, a step that is shorter than the
-recent speed makes it holds a reversal, and the missing distance says where. Where a sample comes late, the
-nut is taken to have run on between the places where it turned last.
+A nut runs to and fro. Speed times lead says how far it can have gone since the last sample; where that is not
+known, what it made lately does. Where samples are close together the path is the line through them. Where
+they are sparse, a step shorter than the way it ran holds a reversal, and the missing distance says where.
+Where a sample comes late, the nut is taken to have run on between the places where it turned last.
+
+Nothing here divides by a time that may be an accident of delivery: two samples a microsecond apart say where
+the nut is and nothing of how fast it runs.
 """
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from observer.frames import FloatArray
+from observer.frames import FloatArray, NutPath
 
 MEMORY_S = 10.0
-"""Time constant of what is remembered of a nut's speed (twice this) and footprint."""
+"""Time constant of what is remembered of a nut's footprint."""
 SAMPLES_PER_TRAVERSE = 2.5
 """With fewer, some traverses show the full speed once or never; seen on an independent screw."""
 FORGOTTEN_S = 3600.0
 """After so long nobody knows what a nut is at."""
 FULL = 0.95
-"""Part of the recent speed below which a step holds a reversal."""
+"""Part of the way it ran below which a step holds a reversal."""
+FINE = 50.0
+"""With so many samples a traverse a reversal cut off by a line is no more than a hundredth of the stroke."""
+TURNED = 0.02
+"""Part of the stroke by which a nut must have come back before the place it came back from is an end."""
+BRIEF_S = 0.01
+"""Samples closer than this show when they were delivered, not how fast the nut is."""
+RECENT = 16
+"""Steps whose speeds are remembered …"""
+RANK = 4
+"""… and which of them, from the fastest, counts as full speed: steps that hold a reversal are slower, late
+frames faster, and neither are as many."""
+BELIEVED = 0.7
+"""Part of speed times lead that lately must have been made, or the lead is not that of this nut."""
+
+# The state as compiled code has it.
+_AT, _HERE, _VELOCITY, _SPEED, _LOW, _HIGH, _DRIVEN, _SENSE, _FAR, _COUNT, _MADE = range(11)
 
 
 @dataclass(frozen=True, slots=True)
 class PathState:
     """What is remembered of a nut's motion.
 
-    Last sample; velocity over the step to it, 0 unless that was at full speed; recent largest speed; and the
-    places `low_m`, `high_m` where it turned last, NaN while not known.
+    Last sample; velocity over the step to it, 0 unless that was at full speed; speed; the places `low_m`,
+    `high_m` where it turned last, NaN while not known; speed times lead at the last sample, NaN where
+    unknown; the sense in which it runs and the farthest place it has come to in it; how many steps were
+    made, and the speeds of the last 16 of them.
     """
 
     time_s: float = np.nan
@@ -39,61 +60,142 @@ class PathState:
     speed_m_s: float = 0.0
     low_m: float = np.nan
     high_m: float = np.nan
+    driven_m_s: float = np.nan
+    sense: float = 0.0
+    far_m: float = np.nan
+    count: float = 0.0
+    made_m_s: tuple[float, ...] = (0.0,) * RECENT
 
     @property
     def scalars(self) -> FloatArray:
-        """The state as compiled code takes it, (6,)."""
-        return np.array(astuple(self))
+        """The state as compiled code takes it, (26,)."""
+        *own, made_m_s = astuple(self)
+        return np.array([*own, *made_m_s])
 
     @classmethod
     def of(cls, scalars: FloatArray) -> PathState:
-        """The state from what compiled code left, (6,)."""
-        return cls(*scalars.tolist())
+        """The state from what compiled code left, (26,)."""
+        numbers = scalars.tolist()
+        return replace(cls(*numbers[:_MADE]), made_m_s=tuple(numbers[_MADE:]))
 
 
-def reversals(
-    state: PathState, path: tuple[FloatArray, FloatArray, NDArray[np.int64]], stroke_m: float
-) -> tuple[PathState, FloatArray]:
-    """Return the state after K steps, and after each the places (K, 2) where the nut turned last, NaN before.
+def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathState, FloatArray]:
+    """Return the state after K steps, and after each the places (K, 2) where the nut turned last.
 
-    `path` is the samples' time, position and offset (K+1,) as in `FrameBlock`.
+    They are NaN before they are known.
     """
     scalars = state.scalars
-    ends_m = np.empty((len(path[2]) - 1, 2))
+    ends_m = np.empty((len(path.offset) - 1, 2))
     _follow(scalars, *path, stroke_m, ends_m)
     return PathState.of(scalars), ends_m
 
 
 @numba.njit(cache=True)
-def _follow(scalars, sample_s, sample_m, offset, stroke_m, ends_m):  # type: ignore[no-untyped-def]
+def _follow(scalars, sample_s, sample_m, offset, driven_m_s, stroke_m, ends_m):  # type: ignore[no-untyped-def]
     for k in range(len(ends_m)):
         for i in range(offset[k], offset[k + 1]):
-            advance(scalars, sample_s[i], sample_m[i], stroke_m)
-        ends_m[k, 0], ends_m[k, 1] = scalars[4], scalars[5]
+            advance(scalars, sample_s[i], sample_m[i], driven_m_s[i], stroke_m)
+        ends_m[k, 0], ends_m[k, 1] = scalars[_LOW], scalars[_HIGH]
 
 
 @numba.njit
-def advance(scalars, at_s, there_m, stroke_m):  # type: ignore[no-untyped-def]
-    """Take in a sample. Return where the nut turned on its way to it: the sample itself if it came straight,
-    NaN if that cannot be told.
+def advance(scalars, at_s, there_m, driven_m_s, stroke_m):  # type: ignore[no-untyped-def]
+    """Take in a sample; `driven_m_s` is speed times lead at it, NaN where unknown. Return where the nut
+    turned on its way to it: the sample itself if it came straight, NaN if that cannot be told.
     """
-    since_s, here_m, before = at_s - scalars[0], scalars[1], scalars[2]
+    since_s, here_m, before = at_s - scalars[_AT], scalars[_HERE], scalars[_VELOCITY]
     turn_m = np.nan
     if since_s > 0.0:
         made_m_s = abs(there_m - here_m) / since_s
-        told = max(scalars[3], made_m_s) * since_s * SAMPLES_PER_TRAVERSE <= stroke_m
+        lately_m_s = _remember(scalars, made_m_s, since_s)
+        speed_m_s = _driven(scalars[_DRIVEN], driven_m_s)
+        known = not np.isnan(speed_m_s)
+        told = (
+            speed_m_s if known else max(lately_m_s, made_m_s)
+        ) * since_s * SAMPLES_PER_TRAVERSE <= stroke_m
+        if not known or (told and scalars[_COUNT] >= RECENT and lately_m_s < BELIEVED * speed_m_s):
+            speed_m_s = lately_m_s
         if told:
-            scalars[3] = max(scalars[3] * np.exp(-since_s / (2 * MEMORY_S)), made_m_s)
-            turn_m = _turn(scalars, there_m, since_s)
-            if before * scalars[2] < 0.0:
-                scalars[4 if before < 0.0 else 5] = here_m if turn_m == there_m else turn_m
-        elif since_s < FORGOTTEN_S and before != 0.0 and scalars[4] < scalars[5]:
-            _, sense = on_the_way(here_m, np.sign(before) * scalars[3] * since_s, scalars[4], scalars[5])
-            scalars[2] = sense * np.sign(before) * scalars[3]
+            scalars[_SPEED] = speed_m_s
+            turn_m = _turn(scalars, there_m, speed_m_s * since_s, stroke_m)
+            _come(scalars, turn_m, stroke_m)
+            _come(scalars, there_m, stroke_m)
+        elif since_s < FORGOTTEN_S and before != 0.0 and scalars[_LOW] < scalars[_HIGH]:
+            if known:
+                scalars[_SPEED] = speed_m_s
+            run_m = np.sign(before) * scalars[_SPEED] * since_s
+            _, sense = on_the_way(here_m, run_m, scalars[_LOW], scalars[_HIGH])
+            scalars[_VELOCITY] = sense * np.sign(before) * scalars[_SPEED]
+            scalars[_SENSE], scalars[_FAR] = sense * np.sign(before), there_m
         else:
-            scalars[2], scalars[3] = 0.0, max(scalars[3] * np.exp(-since_s / (2 * MEMORY_S)), made_m_s)
-    scalars[0], scalars[1] = at_s, there_m
+            scalars[_VELOCITY], scalars[_SPEED] = 0.0, speed_m_s
+            scalars[_SENSE], scalars[_FAR] = 0.0, there_m
+    elif not np.isnan(since_s):
+        turn_m = there_m  # the same moment again: it is there, and that took no time
+    scalars[_AT], scalars[_HERE], scalars[_DRIVEN] = at_s, there_m, driven_m_s
     return turn_m
+
+
+@numba.njit
+def _driven(first_m_s, last_m_s):  # type: ignore[no-untyped-def]
+    """The mean of speed times lead over a step, by what is known of it at both ends."""
+    if np.isnan(first_m_s):
+        return last_m_s
+    return first_m_s if np.isnan(last_m_s) else 0.5 * (first_m_s + last_m_s)
+
+
+@numba.njit
+def _remember(scalars, made_m_s, since_s):  # type: ignore[no-untyped-def]
+    """Remember the speed of a step that was long enough to show it; return what counts as full speed."""
+    if since_s >= BRIEF_S:
+        scalars[_MADE + int(scalars[_COUNT]) % RECENT] = made_m_s
+        scalars[_COUNT] += 1.0
+    known = min(int(scalars[_COUNT]), RECENT)
+    if known == 0:
+        return 0.0
+    rank = min(RANK, 1 + known // 4)
+    for i in range(known):
+        faster, as_fast, own = 0, 0, scalars[_MADE + i]
+        for j in range(known):
+            faster += scalars[_MADE + j] > own
+            as_fast += scalars[_MADE + j] == own
+        if faster < rank <= faster + as_fast:
+            return own
+    return 0.0
+
+
+@numba.njit
+def _turn(scalars, there_m, run_m, stroke_m):  # type: ignore[no-untyped-def]
+    """Where the nut turned on its way from the last sample, given how far it ran; the new place itself, if it
+    came straight.
+    """
+    here_m, before, speed_m_s = scalars[_HERE], scalars[_VELOCITY], scalars[_SPEED]
+    made_m = there_m - here_m
+    full = abs(made_m) >= FULL * run_m and made_m != 0.0
+    fine = run_m * FINE <= stroke_m
+    if full or fine or before == 0.0:
+        if full or (fine and made_m * before < 0.0):
+            scalars[_VELOCITY] = np.sign(made_m) * speed_m_s
+        elif not fine:
+            scalars[_VELOCITY] = 0.0
+        return there_m
+    scalars[_VELOCITY] = -np.sign(before) * speed_m_s  # it runs back
+    return here_m + 0.5 * (np.sign(before) * run_m + made_m)
+
+
+@numba.njit
+def _come(scalars, place_m, stroke_m):  # type: ignore[no-untyped-def]
+    """Note that the nut came to a place: where it has come back far enough, the farthest was an end."""
+    back_m = scalars[_FAR] - place_m
+    onward = scalars[_SENSE] != 0.0 and scalars[_SENSE] * back_m <= 0.0
+    if onward or np.isnan(back_m):
+        scalars[_FAR] = place_m
+    elif abs(back_m) >= TURNED * stroke_m:
+        if scalars[_SENSE] > 0.0:
+            scalars[_HIGH] = scalars[_FAR]
+        elif scalars[_SENSE] < 0.0:
+            scalars[_LOW] = scalars[_FAR]
+        scalars[_SENSE], scalars[_FAR] = -np.sign(back_m), place_m
 
 
 @numba.njit
@@ -106,16 +208,3 @@ def on_the_way(here_m, run_m, low_m, high_m):  # type: ignore[no-untyped-def]
     back = along > length_m
     turned = np.floor((here_m + run_m - low_m) / length_m) % 2.0 != 0.0
     return low_m + (2.0 * length_m - along if back else along), -1.0 if turned else 1.0
-
-
-@numba.njit
-def _turn(scalars, there_m, since_s):  # type: ignore[no-untyped-def]
-    """Where the nut turned on its way from the last sample; the new place itself, if it came straight."""
-    here_m, before_m_s, speed_m_s = scalars[1], scalars[2], scalars[3]
-    velocity_m_s = (there_m - here_m) / since_s
-    if abs(velocity_m_s) >= FULL * speed_m_s or before_m_s == 0.0:
-        scalars[2] = velocity_m_s if abs(velocity_m_s) >= FULL * speed_m_s else 0.0
-        return there_m
-    scalars[2] = -np.sign(before_m_s) * speed_m_s  # it runs back
-    onward = speed_m_s * since_s + np.sign(before_m_s) * (there_m - here_m)
-    return here_m + np.sign(before_m_s) * 0.5 * onward

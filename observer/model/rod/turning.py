@@ -8,9 +8,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
-from observer.frames import FloatArray
+from observer.frames import FloatArray, NutPath
 from observer.model.rod import moving
 from observer.model.rod.moving import NutTable
 from observer.model.rod.path import PathState, reversals
@@ -20,13 +19,12 @@ def columns(
     table: NutTable,
     state: PathState,
     dt_s: FloatArray,
-    path: tuple[FloatArray, FloatArray, NDArray[np.int64]],
+    path: NutPath,
 ) -> tuple[PathState, FloatArray, FloatArray]:
     """Return the columns of a nut that stands at both ends of its stroke for equal times.
 
-    `path` is the samples' time, position and offset (K+1,) as in `FrameBlock`. Returns the state after the
-    last step, the input columns (K, n_x) and the output columns of the source's lag (K, R); those of the
-    nut spread over its stroke while the ends are not known.
+    Returns the state after the last step, the input columns (K, n_x) and the output columns of the source's
+    lag (K, R); those of the nut spread over its stroke while the ends are not known.
     """
     state, ends_m = reversals(state, path, table.stroke_m)
     B, C = np.empty((len(dt_s), len(table.mean_B))), np.empty((len(dt_s), len(table.mean_C)))

@@ -1,0 +1,325 @@
+"""A self-test that always runs: do sensors and model agree, and does each heat lie near its law?
+
+Innovations of a filter whose model is right are white, of mean nothing and of the size it expects (Kailath 1968;
+Mehra and Peschon 1971). They are averaged over about a minute and about ten, per sensor. A wrong model or a wrong
+input need not show there, because the heats make up for it: so each heat is held against its law within
+what the law is trusted for, and all heats together, since a wrong film or ambient moves all of them one way.
+What fails lowers the quality of the estimate, and says why; it clears when the last minute is clean.
+"""
+
+# mypy: disable-error-code="no-untyped-def, misc"
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.compiling import cached_loop, inlined
+from observer.config import Config
+from observer.estimators.judging import (
+    ESTIMATE_DEGRADED,
+    ESTIMATE_INVALID,
+    ESTIMATE_STARTING,
+    GOOD,
+    REJECTED,
+)
+from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, NutPath
+from observer.model.plant import Plant
+from observer.plausibility import DISAGREE, FALLS_SHORT
+
+# The windows' time constants, and which means over each are more than chance and small faults of the model make.
+WINDOWS_S = np.array([60.0, 600.0])
+_SURE = 6.0  # standard errors
+_BIAS = np.array([0.4, 0.15])  # of σ
+_COLOUR = np.array([0.35, 0.15])  # lag-one correlation
+_NOISE = 1.5  # of σ², beyond the one that is expected
+_LAW_WINDOWS_S = np.array([15.0, 600.0])
+_OFF_LAW = np.array([3.0, 2.5])  # of what law and estimate are trusted for …
+_ALL_OFF_LAW = np.array([2.5, 2.0])  # … and of all of them together
+_CLEAR = 0.7  # part of a limit below which a reason is gone …
+_CLEAN = 0.3  # … or of the last minute's, whatever there was before
+_CLIP = 5.0
+_CLIP_LAW = 30.0
+_KNOWN = 0.6  # part of its prior below which the σ of a heat must be for the heat to be known
+_PEAK_S = 3600.0  # for how long the largest heat by a law counts for what the law is trusted for …
+_FLOOR = 0.05  # … by this part of it
+_LEAST_W = 0.3
+_MOTION_S = 20.0
+_MOTION_ENOUGH = 0.3  # of the stroke
+
+
+class Fault(IntEnum):
+    """What may fail, of a sensor (the first four), a heat (two), all heats, or a nut."""
+
+    BIASED = 0
+    COLOURED = 1
+    NOISY = 2
+    REFUSED = 3
+    UNKNOWN = 4
+    OFF_LAW = 5
+    ALL_OFF_LAW = 6
+    MOTION = 7
+
+
+_OF_SENSOR, _OF_HEAT = 4, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that fails: what, of which sensor, source or nut, since when, and by how much.
+
+    `value` is in the unit of the fault: a mean in σ, a correlation, a ratio to the expected noise, the
+    innovation in K, a heat in W, a ratio of ways; `expected` what it is held against.
+    """
+
+    fault: Fault
+    subject: str
+    since_s: float
+    value: float
+    expected: float
+
+
+class SelfTestState(NamedTuple):
+    """What is remembered, changed in place by the kernel on a copy.
+
+    `sensor` (s, 2, 4): per window the means of the normalised innovation, of its product with the one before
+    and of its square, and the variance factor of such a mean; `last` (s, 2) the innovation before and its
+    time; `heat` (m_e + 1, 2) the mean distance from the law per window, the last row that of all heats;
+    `peak_W` (m_e,); `motion` (M, 5) way made, way allowed, and the last sample; `since_s`, `value`, `expected`
+    (T,) of each test, NaN while it passes; `refused` (1,) whether a sensor was refused at the last step.
+    """
+
+    sensor: FloatArray
+    last: FloatArray
+    heat: FloatArray
+    peak_W: FloatArray
+    motion: FloatArray
+    since_s: FloatArray
+    value: FloatArray
+    expected: FloatArray
+    refused: FloatArray
+
+
+class Trust(NamedTuple):
+    """What heats are held against: σ at the start, and what their laws are trusted for (NaN: no law), (m_e,)."""
+
+    initial_W: FloatArray
+    law_uncertainty: FloatArray
+
+
+class SelfTest:
+    """The self-test of one plant; holds no state of its own."""
+
+    def __init__(self, config: Config, plant: Plant) -> None:
+        """Fix what is tested."""
+        has_law = np.array([s.law is not None for s in config.source])[plant.estimated]
+        self._trust = Trust(
+            np.ascontiguousarray(plant.initial_sigma_W, dtype=float),
+            np.where(has_law, plant.law_uncertainty, np.nan),
+        )
+        self._sensors, self._sources = plant.layout.sensors, plant.layout.sources
+        length_m = config.screw.length_m
+        self._nuts = {
+            s.position_channel: (s.stroke_m[1] - s.stroke_m[0] if s.stroke_m else length_m)
+            for s in config.source
+            if s.position_channel is not None
+        }
+
+    def initial(self) -> SelfTestState:
+        """Return the state before the first step."""
+        s, m_e, M = len(self._sensors), len(self._sources), len(self._nuts)
+        tests = _OF_SENSOR * s + _OF_HEAT * m_e + 1 + M
+        return SelfTestState(
+            sensor=np.zeros((s, 2, 4)),
+            last=np.full((s, 2), np.nan),
+            heat=np.zeros((m_e + 1, 2)),
+            peak_W=np.zeros(m_e),
+            motion=np.hstack([np.zeros((M, 2)), np.full((M, 3), np.nan)]),
+            since_s=np.full(tests, np.nan),
+            value=np.full(tests, np.nan),
+            expected=np.full(tests, np.nan),
+            refused=np.zeros(1),
+        )
+
+    def run(
+        self, state: SelfTestState, frames: FrameBlock, inputs: Inputs, block: EstimateBlock
+    ) -> tuple[SelfTestState, EstimateBlock]:
+        """Return the state after K steps, and the estimates with the qualities that they have earned."""
+        state = SelfTestState._make(array.copy() for array in state)
+        K, M = len(block), len(self._nuts)
+        motion = np.full((K, M), np.nan)
+        for i, (channel, stroke_m) in enumerate(self._nuts.items()):
+            path: NutPath = frames.path[channel]
+            _compare_ways(*path, stroke_m, state.motion[i], motion[:, i])
+        quality = block.quality.copy()
+        _test(
+            block.time_s, inputs.dt_s, inputs.quality, block.sensor_quality, block.innovation_K,
+            block.innovation_sigma_K, block.heat_W, block.heat_sigma_W, block.law_W, motion, self._trust, state,
+            quality,
+        )  # fmt: skip
+        return state, replace(block, quality=quality)
+
+    def findings(self, state: SelfTestState) -> tuple[Finding, ...]:
+        """What fails now."""
+        found = []
+        for test in np.flatnonzero(np.isfinite(state.since_s)).tolist():
+            fault, subject = self._meaning(test)
+            since_s, value, expected = (float(a[test]) for a in (state.since_s, state.value, state.expected))
+            found.append(Finding(fault, subject, since_s, value, expected))
+        return tuple(found)
+
+    def _meaning(self, test: int) -> tuple[Fault, str]:
+        s, m_e = len(self._sensors), len(self._sources)
+        if test < _OF_SENSOR * s:
+            return Fault(test % _OF_SENSOR), self._sensors[test // _OF_SENSOR]
+        test -= _OF_SENSOR * s
+        if test < _OF_HEAT * m_e:
+            return Fault(_OF_SENSOR + test % _OF_HEAT), self._sources[test // _OF_HEAT]
+        test -= _OF_HEAT * m_e
+        return (Fault.ALL_OFF_LAW, "") if test == 0 else (Fault.MOTION, list(self._nuts)[test - 1])
+
+
+@cached_loop(allocates=True)
+def _compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio):
+    """After each of K steps the way a nut made lately over what speed and lead allow; NaN if too little."""
+    for k in range(len(ratio)):
+        for i in range(offset[k], offset[k + 1]):
+            since_s = sample_s[i] - memory[2]
+            allowed_m = 0.5 * (driven_m_s[i] + memory[4]) * since_s
+            if 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m:
+                fade = np.exp(-since_s / _MOTION_S)
+                memory[0] = fade * memory[0] + abs(sample_m[i] - memory[3])
+                memory[1] = fade * memory[1] + allowed_m
+            memory[2], memory[3], memory[4] = sample_s[i], sample_m[i], driven_m_s[i]
+        ratio[k] = np.nan
+        if max(memory[0], memory[1]) >= _MOTION_ENOUGH * stroke_m:
+            ratio[k] = memory[0] / max(memory[1], 1e-6 * stroke_m)
+
+
+@inlined
+def _note(state, test, score, time_s, value, expected):
+    """Note how a test stands, by its score: 1 and more fails, and below `_CLEAR` passes again."""
+    failing = not np.isnan(state.since_s[test])
+    if score >= 1.0 or (failing and score >= _CLEAR):
+        if not failing:
+            state.since_s[test] = time_s
+        state.value[test], state.expected[test] = value, expected
+    else:
+        state.since_s[test] = np.nan
+
+
+@inlined
+def _average(state, i, nu, time_s):
+    """Take a normalised innovation of sensor i into its means."""
+    before, since_s = state.last[i, 0], time_s - state.last[i, 1]
+    state.last[i, 0], state.last[i, 1] = nu, time_s
+    if not since_s > 0.0:
+        return
+    for w in range(len(WINDOWS_S)):
+        share = 1.0 - np.exp(-since_s / WINDOWS_S[w])
+        own = state.sensor[i, w]
+        own[0] += share * (nu - own[0])
+        own[1] += share * (nu * before - own[1])
+        own[2] += share * (nu * nu - own[2])
+        own[3] = (1.0 - share) ** 2 * own[3] + share * share
+
+
+@inlined
+def _scores(state, i, scores):
+    """The scores of sensor i: bias, colour, noise; a clean minute makes the longer window forget."""
+    scores[:] = 0.0
+    for w in range(len(WINDOWS_S)):
+        own = state.sensor[i, w]
+        sure = 1.0 / (_SURE * np.sqrt(max(own[3], 1e-300)))
+        scores[0] = max(scores[0], min(abs(own[0]) * sure, abs(own[0]) / _BIAS[w]))
+        scores[1] = max(scores[1], min(own[1] * sure, own[1] / _COLOUR[w]))
+        scores[2] = max(scores[2], min((own[2] - 1.0) * sure / np.sqrt(2.0), (own[2] - 1.0) / _NOISE))
+    last, long = state.sensor[i, 0], state.sensor[i, 1]
+    if abs(last[0]) < _CLEAN * _BIAS[0] and last[1] < _CLEAN * _COLOUR[0] and last[2] < 1.0 + _CLEAN * _NOISE:
+        if scores[0] >= 1.0 or scores[1] >= 1.0 or scores[2] >= 1.0:
+            for q in range(3):
+                long[q] = last[q]
+
+
+@inlined
+def _off_law(state, row, distance, dt_s, limit):
+    """Take in how far a heat is from its law; return the score."""
+    score = 0.0
+    clipped = min(max(distance, -_CLIP_LAW), _CLIP_LAW)
+    for w in range(len(WINDOWS_S)):
+        state.heat[row, w] += (1.0 - np.exp(-dt_s / _LAW_WINDOWS_S[w])) * (clipped - state.heat[row, w])
+        score = max(score, abs(state.heat[row, w]) / limit[w])
+    if score >= 1.0 and abs(state.heat[row, 0]) < _CLEAN * limit[0]:
+        state.heat[row, 1] = state.heat[row, 0]
+    return score
+
+
+@cached_loop(allocates=True)
+def _test(
+    time_s, dt_s, given, sensor_quality, nu, nu_sigma, heat_W, heat_sigma_W, law_W, motion, trust, state, quality
+):  # fmt: skip
+    """Run the tests over K steps; `state` and `quality` are changed in place."""
+    s, m_e = nu.shape[1], heat_W.shape[1]
+    scores = np.zeros(3)
+    for k in range(len(time_s)):
+        if quality[k] == ESTIMATE_INVALID:
+            continue
+        refused = False
+        for i in range(s):
+            if given[k, i] == GOOD and sensor_quality[k, i] == REJECTED:
+                refused = True
+        if not refused and state.refused[0] > 0.0:  # the state was opened: what it was is no measure any more
+            state.sensor[:] = 0.0
+            state.heat[:] = 0.0
+        state.refused[0] = 1.0 if refused else 0.0
+        failing, starting = False, False
+        for i in range(s):
+            out = given[k, i] == GOOD and sensor_quality[k, i] == REJECTED
+            if not out and np.isfinite(nu[k, i]):
+                _average(state, i, min(max(nu[k, i] / nu_sigma[k, i], -_CLIP), _CLIP), time_s[k])
+            _scores(state, i, scores)
+            test = _OF_SENSOR * i
+            _note(state, test, scores[0], time_s[k], state.sensor[i, 0, 0], 0.0)
+            _note(state, test + 1, scores[1], time_s[k], state.sensor[i, 0, 1], 0.0)
+            _note(state, test + 2, scores[2], time_s[k], np.sqrt(max(state.sensor[i, 0, 2], 0.0)), 1.0)
+            if out or (not np.isnan(state.since_s[test + 3]) and sensor_quality[k, i] == REJECTED):
+                seen_K = nu[k, i] if np.isfinite(nu[k, i]) else state.value[test + 3]
+                _note(state, test + 3, 2.0, time_s[k], seen_K, nu_sigma[k, i])
+            else:
+                state.since_s[test + 3] = np.nan
+            for j in range(_OF_SENSOR):
+                failing = failing or not np.isnan(state.since_s[test + j])
+        total, laws, base = 0.0, 0, _OF_SENSOR * s
+        for j in range(m_e):
+            sigma_W, test = heat_sigma_W[k, j], base + _OF_HEAT * j
+            unknown = sigma_W > _KNOWN * trust.initial_W[j]
+            _note(state, test, 2.0 if unknown else 0.0, time_s[k], sigma_W, trust.initial_W[j])
+            starting = starting or unknown
+            if np.isnan(trust.law_uncertainty[j]):
+                continue
+            law = law_W[k, j]
+            state.peak_W[j] = max(state.peak_W[j] * np.exp(-dt_s[k] / _PEAK_S), abs(law))
+            trusted_W = trust.law_uncertainty[j] * abs(law)
+            floor_W = _LEAST_W + _FLOOR * state.peak_W[j]
+            distance = (heat_W[k, j] - law) / np.sqrt(sigma_W**2 + trusted_W**2 + floor_W**2)
+            total, laws = total + distance, laws + 1
+            score = _off_law(state, j, distance, dt_s[k], _OFF_LAW)
+            _note(state, test + 1, score, time_s[k], heat_W[k, j], law)
+            failing = failing or not np.isnan(state.since_s[test + 1])
+        base += _OF_HEAT * m_e
+        if laws > 1:
+            score = _off_law(state, m_e, total / np.sqrt(laws), dt_s[k], _ALL_OFF_LAW)
+            _note(state, base, score, time_s[k], state.heat[m_e, 0], 0.0)
+            failing = failing or not np.isnan(state.since_s[base])
+        for i in range(motion.shape[1]):
+            ratio = motion[k, i]
+            score = 0.0 if np.isnan(ratio) else max(ratio / DISAGREE, FALLS_SHORT / max(ratio, 1e-9))
+            _note(state, base + 1 + i, score, time_s[k], ratio, 1.0)
+            failing = failing or not np.isnan(state.since_s[base + 1 + i])
+        if failing:
+            quality[k] = max(quality[k], ESTIMATE_DEGRADED)
+        elif starting:
+            quality[k] = max(quality[k], ESTIMATE_STARTING)
