@@ -91,9 +91,9 @@ def hold_back(usable, accepted, suspect, refused_s):
 def reopen(p, C, dt_s, usable, accepted, nu, refused_s, P):
     """Count for how long each sensor has been refused; return whether P was opened for one of them.
 
-    A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right. After
-    20 s, and then every minute, P gets the share of its prior that would let the refused sensor be right, and
-    the others say first what they make of it. One that is broken is refused again.
+    A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
+    After 20 s, and then every minute, P gets the share of its prior that would let the refused sensor be
+    right, and the others say first what they make of it. One that is broken is refused again.
     """
     share = 0.0
     for i in range(len(usable)):

@@ -1,10 +1,10 @@
 """A self-test that always runs: do sensors and model agree, and does each heat lie near its law?
 
-Innovations of a filter whose model is right are white, of mean nothing and of the size it expects (Kailath 1968;
-Mehra and Peschon 1971). They are averaged over about a minute and about ten, per sensor. A wrong model or a wrong
-input need not show there, because the heats make up for it: so each heat is held against its law within
-what the law is trusted for, and all heats together, since a wrong film or ambient moves all of them one way.
-What fails lowers the quality of the estimate, and says why; it clears when the last minute is clean.
+Innovations of a filter whose model is right are white, of mean nothing and of the size it expects (Kailath
+1968; Mehra and Peschon 1971). They are averaged over about a minute and about ten, per sensor. A wrong model or
+a wrong input need not show there, because the heats make up for it: so each heat is held against its law
+within what the law is trusted for, and all heats together, since a wrong film or ambient moves all of them
+one way. What fails lowers the quality of the estimate, and says why; it clears when the last minute is clean.
 """
 
 # mypy: disable-error-code="no-untyped-def, misc"
@@ -19,6 +19,7 @@ import numpy as np
 
 from observer.compiling import cached_loop, inlined
 from observer.config import Config
+from observer.estimators import judging
 from observer.estimators.judging import (
     ESTIMATE_DEGRADED,
     ESTIMATE_INVALID,
@@ -26,11 +27,11 @@ from observer.estimators.judging import (
     GOOD,
     REJECTED,
 )
-from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, NutPath
+from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
 from observer.model.plant import Plant
 from observer.plausibility import DISAGREE, FALLS_SHORT
 
-# The windows' time constants, and which means over each are more than chance and small faults of the model make.
+# The windows' time constants, and which means over each are more than chance and small faults make.
 WINDOWS_S = np.array([60.0, 600.0])
 _SURE = 6.0  # standard errors
 _BIAS = np.array([0.4, 0.15])  # of σ
@@ -104,10 +105,25 @@ class SelfTestState(NamedTuple):
 
 
 class Trust(NamedTuple):
-    """What heats are held against: σ at the start, and what their laws are trusted for (NaN: no law), (m_e,)."""
+    """What heats are held against, (m_e,): σ at the start, and what laws are trusted for (NaN: no law)."""
 
     initial_W: FloatArray
     law_uncertainty: FloatArray
+
+
+class _Seen(NamedTuple):
+    """K steps as the kernel takes them; names and shapes as in `Inputs` and `EstimateBlock`."""
+
+    time_s: FloatArray
+    dt_s: FloatArray
+    given: QualityArray
+    sensor_quality: QualityArray
+    nu: FloatArray
+    nu_sigma: FloatArray
+    heat_W: FloatArray
+    heat_sigma_W: FloatArray
+    law_W: FloatArray
+    motion: FloatArray
 
 
 class SelfTest:
@@ -155,11 +171,11 @@ class SelfTest:
             path: NutPath = frames.path[channel]
             _compare_ways(*path, stroke_m, state.motion[i], motion[:, i])
         quality = block.quality.copy()
-        _test(
+        seen = _Seen(
             block.time_s, inputs.dt_s, inputs.quality, block.sensor_quality, block.innovation_K,
-            block.innovation_sigma_K, block.heat_W, block.heat_sigma_W, block.law_W, motion, self._trust, state,
-            quality,
+            block.innovation_sigma_K, block.heat_W, block.heat_sigma_W, block.law_W, motion,
         )  # fmt: skip
+        _test(seen, self._trust, state, quality)
         return state, replace(block, quality=quality)
 
     def findings(self, state: SelfTestState) -> tuple[Finding, ...]:
@@ -238,10 +254,10 @@ def _scores(state, i, scores):
         scores[1] = max(scores[1], min(own[1] * sure, own[1] / _COLOUR[w]))
         scores[2] = max(scores[2], min((own[2] - 1.0) * sure / np.sqrt(2.0), (own[2] - 1.0) / _NOISE))
     last, long = state.sensor[i, 0], state.sensor[i, 1]
-    if abs(last[0]) < _CLEAN * _BIAS[0] and last[1] < _CLEAN * _COLOUR[0] and last[2] < 1.0 + _CLEAN * _NOISE:
-        if scores[0] >= 1.0 or scores[1] >= 1.0 or scores[2] >= 1.0:
-            for q in range(3):
-                long[q] = last[q]
+    clean = abs(last[0]) < _CLEAN * _BIAS[0] and last[1] < _CLEAN * _COLOUR[0]
+    if clean and last[2] < 1.0 + _CLEAN * _NOISE and scores.max() >= 1.0:
+        for q in range(3):
+            long[q] = last[q]
 
 
 @inlined
@@ -257,68 +273,100 @@ def _off_law(state, row, distance, dt_s, limit):
     return score
 
 
-@cached_loop(allocates=True)
-def _test(
-    time_s, dt_s, given, sensor_quality, nu, nu_sigma, heat_W, heat_sigma_W, law_W, motion, trust, state, quality
-):  # fmt: skip
+@inlined
+def _fails(state, test):
+    """Whether a test fails now."""
+    return not np.isnan(state.since_s[test])
+
+
+@inlined
+def _is_refused(u, k, i):
+    """Whether sensor i was good when it came, and refused by the gate."""
+    return u.given[k, i] == GOOD and u.sensor_quality[k, i] == REJECTED
+
+
+@inlined
+def _forget_after_refusals(state, u, k):
+    """Begin the means afresh when no sensor is refused any more: the state has been another one since."""
+    refused = 0.0
+    for i in range(u.nu.shape[1]):
+        if _is_refused(u, k, i):
+            refused = 1.0
+    if refused == 0.0 and state.refused[0] > 0.0:
+        state.sensor[:] = 0.0
+        state.heat[:] = 0.0
+    state.refused[0] = refused
+
+
+@inlined
+def _test_sensor(state, u, k, i, scores):
+    """Test sensor i; return whether anything about it fails."""
+    refused, test = _is_refused(u, k, i), _OF_SENSOR * i
+    came = np.isfinite(u.nu[k, i])
+    if came and not refused:
+        _average(state, i, min(max(u.nu[k, i] / u.nu_sigma[k, i], -_CLIP), _CLIP), u.time_s[k])
+    _scores(state, i, scores)
+    mean, product, square = state.sensor[i, 0, 0], state.sensor[i, 0, 1], state.sensor[i, 0, 2]
+    _note(state, test, scores[0], u.time_s[k], mean, 0.0)
+    _note(state, test + 1, scores[1], u.time_s[k], product, 0.0)
+    _note(state, test + 2, scores[2], u.time_s[k], np.sqrt(max(square, 0.0)), 1.0)
+    if came or not refused:
+        _note(state, test + 3, 2.0 if refused else 0.0, u.time_s[k], u.nu[k, i], u.nu_sigma[k, i])
+    failing = False
+    for j in range(_OF_SENSOR):
+        failing = failing or _fails(state, test + j)
+    return failing
+
+
+@inlined
+def _distance(state, u, k, j, uncertainty):
+    """How far heat j is from its law, in what law and estimate are trusted for."""
+    law_W = u.law_W[k, j]
+    state.peak_W[j] = max(state.peak_W[j] * np.exp(-u.dt_s[k] / _PEAK_S), abs(law_W))
+    trusted_W, floor_W = uncertainty * abs(law_W), _LEAST_W + _FLOOR * state.peak_W[j]
+    return (u.heat_W[k, j] - law_W) / np.sqrt(u.heat_sigma_W[k, j] ** 2 + trusted_W**2 + floor_W**2)
+
+
+@inlined
+def _test_heats(state, u, k, trust, base):
+    """Test every heat and all of them together; return whether one fails, and whether one is not known."""
+    m_e, total, laws, failing, starting = u.heat_W.shape[1], 0.0, 0, False, False
+    for j in range(m_e):
+        sigma_W, test = u.heat_sigma_W[k, j], base + _OF_HEAT * j
+        unknown = sigma_W > _KNOWN * trust.initial_W[j]
+        _note(state, test, 2.0 if unknown else 0.0, u.time_s[k], sigma_W, trust.initial_W[j])
+        starting = starting or unknown
+        if np.isnan(trust.law_uncertainty[j]):
+            continue
+        distance = _distance(state, u, k, j, trust.law_uncertainty[j])
+        total, laws = total + distance, laws + 1
+        score = _off_law(state, j, distance, u.dt_s[k], _OFF_LAW)
+        _note(state, test + 1, score, u.time_s[k], u.heat_W[k, j], u.law_W[k, j])
+        failing = failing or _fails(state, test + 1)
+    if laws > 1:
+        score = _off_law(state, m_e, total / np.sqrt(laws), u.dt_s[k], _ALL_OFF_LAW)
+        _note(state, base + _OF_HEAT * m_e, score, u.time_s[k], state.heat[m_e, 0], 0.0)
+        failing = failing or _fails(state, base + _OF_HEAT * m_e)
+    return failing, starting
+
+
+@cached_loop(judging, allocates=True)
+def _test(u, trust, state, quality):
     """Run the tests over K steps; `state` and `quality` are changed in place."""
-    s, m_e = nu.shape[1], heat_W.shape[1]
+    s, m_e = u.nu.shape[1], u.heat_W.shape[1]
     scores = np.zeros(3)
-    for k in range(len(time_s)):
+    for k in range(len(u.time_s)):
         if quality[k] == ESTIMATE_INVALID:
             continue
-        refused = False
+        _forget_after_refusals(state, u, k)
+        failing, starting = _test_heats(state, u, k, trust, _OF_SENSOR * s)
         for i in range(s):
-            if given[k, i] == GOOD and sensor_quality[k, i] == REJECTED:
-                refused = True
-        if not refused and state.refused[0] > 0.0:  # the state was opened: what it was is no measure any more
-            state.sensor[:] = 0.0
-            state.heat[:] = 0.0
-        state.refused[0] = 1.0 if refused else 0.0
-        failing, starting = False, False
-        for i in range(s):
-            out = given[k, i] == GOOD and sensor_quality[k, i] == REJECTED
-            if not out and np.isfinite(nu[k, i]):
-                _average(state, i, min(max(nu[k, i] / nu_sigma[k, i], -_CLIP), _CLIP), time_s[k])
-            _scores(state, i, scores)
-            test = _OF_SENSOR * i
-            _note(state, test, scores[0], time_s[k], state.sensor[i, 0, 0], 0.0)
-            _note(state, test + 1, scores[1], time_s[k], state.sensor[i, 0, 1], 0.0)
-            _note(state, test + 2, scores[2], time_s[k], np.sqrt(max(state.sensor[i, 0, 2], 0.0)), 1.0)
-            if out or (not np.isnan(state.since_s[test + 3]) and sensor_quality[k, i] == REJECTED):
-                seen_K = nu[k, i] if np.isfinite(nu[k, i]) else state.value[test + 3]
-                _note(state, test + 3, 2.0, time_s[k], seen_K, nu_sigma[k, i])
-            else:
-                state.since_s[test + 3] = np.nan
-            for j in range(_OF_SENSOR):
-                failing = failing or not np.isnan(state.since_s[test + j])
-        total, laws, base = 0.0, 0, _OF_SENSOR * s
-        for j in range(m_e):
-            sigma_W, test = heat_sigma_W[k, j], base + _OF_HEAT * j
-            unknown = sigma_W > _KNOWN * trust.initial_W[j]
-            _note(state, test, 2.0 if unknown else 0.0, time_s[k], sigma_W, trust.initial_W[j])
-            starting = starting or unknown
-            if np.isnan(trust.law_uncertainty[j]):
-                continue
-            law = law_W[k, j]
-            state.peak_W[j] = max(state.peak_W[j] * np.exp(-dt_s[k] / _PEAK_S), abs(law))
-            trusted_W = trust.law_uncertainty[j] * abs(law)
-            floor_W = _LEAST_W + _FLOOR * state.peak_W[j]
-            distance = (heat_W[k, j] - law) / np.sqrt(sigma_W**2 + trusted_W**2 + floor_W**2)
-            total, laws = total + distance, laws + 1
-            score = _off_law(state, j, distance, dt_s[k], _OFF_LAW)
-            _note(state, test + 1, score, time_s[k], heat_W[k, j], law)
-            failing = failing or not np.isnan(state.since_s[test + 1])
-        base += _OF_HEAT * m_e
-        if laws > 1:
-            score = _off_law(state, m_e, total / np.sqrt(laws), dt_s[k], _ALL_OFF_LAW)
-            _note(state, base, score, time_s[k], state.heat[m_e, 0], 0.0)
-            failing = failing or not np.isnan(state.since_s[base])
-        for i in range(motion.shape[1]):
-            ratio = motion[k, i]
+            failing = _test_sensor(state, u, k, i, scores) or failing
+        for i in range(u.motion.shape[1]):
+            ratio, test = u.motion[k, i], _OF_SENSOR * s + _OF_HEAT * m_e + 1 + i
             score = 0.0 if np.isnan(ratio) else max(ratio / DISAGREE, FALLS_SHORT / max(ratio, 1e-9))
-            _note(state, base + 1 + i, score, time_s[k], ratio, 1.0)
-            failing = failing or not np.isnan(state.since_s[base + 1 + i])
+            _note(state, test, score, u.time_s[k], ratio, 1.0)
+            failing = failing or _fails(state, test)
         if failing:
             quality[k] = max(quality[k], ESTIMATE_DEGRADED)
         elif starting:

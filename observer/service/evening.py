@@ -42,7 +42,7 @@ def even_out(samples, begin, end, passed, period_s):
 
 @njit(cache=True)
 def _in_order(samples, begin, end, passed, period_s):
-    """Sort by time, stably, and leave out what is older than the last step or there twice; return the new end."""
+    """Sort by time, stably, leave out what is older than the last step or there twice; return the end."""
     for i in range(begin + 1, end):
         place = i
         while place > begin and samples[0, place - 1] > samples[0, place]:

@@ -24,29 +24,20 @@ def clock(time_s: float) -> str:
 
 def _what(finding: Finding) -> str:
     subject, value, expected = finding.subject, finding.value, finding.expected
-    match finding.fault:
-        case Fault.BIASED:
-            return (
-                f"{subject} and the model disagree by {value:+.1f} σ on average: an offset, its place, or film "
-                "and ambient"
-            )
-        case Fault.COLOURED:
-            return f"what {subject} shows beyond the model is no noise (it repeats by {value:.0%})"
-        case Fault.NOISY:
-            return f"{subject} is {value:.1f} times as restless as noise_K and the model say"
-        case Fault.REFUSED:
-            return f"{subject} is refused: {value:+.2f} K from what model and other sensors expect"
-        case Fault.UNKNOWN:
-            return f"the heat of {subject} is not known yet (σ {value:.3g} W, at the start {expected:.3g} W)"
-        case Fault.OFF_LAW:
-            return (
-                f"the heat of {subject} is {value:.3g} W where its law says {expected:.3g} W: a unit, a sensor, "
-                "the nut's position, or the model"
-            )
-        case Fault.ALL_OFF_LAW:
-            return (
-                f"all heats together are off their laws by {value:+.1f} σ: film, ambient, or what all sensors "
-                "share"
-            )
-        case Fault.MOTION:
-            return motion_sentence(subject, "the speed", value)
+    if finding.fault is Fault.MOTION:
+        return motion_sentence(subject, "the speed", value)
+    return _SENTENCES[finding.fault].format(subject=subject, value=value, expected=expected)
+
+
+_SENTENCES = {
+    Fault.BIASED: "{subject} and the model disagree by {value:+.1f} σ on average: an offset, a place, or film "
+    "and ambient",
+    Fault.COLOURED: "what {subject} shows beyond the model is no noise (it repeats by {value:.0%})",
+    Fault.NOISY: "{subject} is {value:.1f} times as restless as its noise_K and the model say",
+    Fault.REFUSED: "{subject} is refused: {value:+.2f} K from what the model and the other sensors expect",
+    Fault.UNKNOWN: "the heat of {subject} is not known yet (σ {value:.3g} W, {expected:.3g} W at the start)",
+    Fault.OFF_LAW: "the heat of {subject} is {value:.3g} W where its law says {expected:.3g} W: a unit, a "
+    "sensor, the nut's position, or the model",
+    Fault.ALL_OFF_LAW: "all heats together are off their laws by {value:+.1f} σ: film, ambient, or something "
+    "that all sensors share",
+}

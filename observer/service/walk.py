@@ -1,7 +1,7 @@
 """The walk over rows of readings and ticks, compiled: what is remembered of each channel, and the frames.
 
-A value counts where it carries no fault, is a number, lies within its limits and comes from a channel that is not
-stuck. Everything it needs of the past stands in `Memory`, so a walk over parts gives the same bits.
+A value counts where it carries no fault, is a number, lies within its limits and comes from a channel that is
+not stuck. Everything it needs of the past stands in `Memory`, so a walk over parts gives the same bits.
 """
 
 # numba compiles these functions: their types are those of the arrays they get.
@@ -33,8 +33,8 @@ IntArray = NDArray[np.int64]
 class Rows:
     """n rows in the order of time: what each reading said of which channel, and which rows are ticks.
 
-    `time_s`, `late_s`, `step` (n,): a reading was true `late_s` before its row; `values`, `present`, `faulted`
-    (n, c).
+    `time_s`, `late_s`, `step` (n,): a reading was true `late_s` before its row; `values`, `present`,
+    `faulted` (n, c).
     """
 
     time_s: FloatArray
@@ -96,8 +96,8 @@ def nothing_yet(plan: Expected) -> Memory:
 class Expected(NamedTuple):
     """What is expected of c channels and P paths, as the compiled walk takes it.
 
-    `expected_s`, `noise_K` (c,) and `period_s` are those of `AlignPlan`, the next those of `Limits`; `position`,
-    `speed` (P,) the columns of a path and of what drives it, times `lead_m` (P,).
+    `expected_s`, `noise_K` (c,) and `period_s` are those of `AlignPlan`, the next those of `Limits`;
+    `position`, `speed` (P,) the columns of a path and of what drives it, times `lead_m` (P,).
     """
 
     expected_s: FloatArray

@@ -56,8 +56,8 @@ def test_a_nut_that_runs_on_is_where_small_steps_bring_it(
 def test_reversals_between_uneven_samples_are_found_where_they_are(
     samples_per_traverse: float, begin_m: float, seed: int
 ) -> None:
-    """Straight steps are told exactly. A reversal is told to 6 % of its step, if it is no nearer to a sample: a
-    step that lacks less than 5 % counts as straight. Steps below a fiftieth of the stroke are lines.
+    """Straight steps are told exactly. A reversal is told to 6 % of its step, if it is no nearer to a sample:
+    a step that lacks less than 5 % counts as straight. Steps below a fiftieth of the stroke are lines.
     """
     speed_m_s, period_s = 0.2, STROKE_M / 0.2 / samples_per_traverse
     steps_s = period_s * np.random.default_rng(seed).uniform(0.4, 1.0, 120)
