@@ -34,6 +34,7 @@ class Router:
         self._process = subprocess.Popen(
             [sys.executable, "-c", SCRIPT, self.endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
+        self.pid = self._process.pid
         assert self._process.stdout.readline() == b"ready\n"
         return self
 
