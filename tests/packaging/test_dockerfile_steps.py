@@ -137,7 +137,7 @@ def _interpreter_for(uid: int, gid: int, preferred: Path) -> Path:
         try:
             done = subprocess.run(
                 [str(candidate), "-c", "import sys, ensurepip; sys.exit(sys.version_info < (3, 11))"],
-                user=uid, group=gid, extra_groups=[], capture_output=True, timeout=30, check=False, cwd="/",
+                user=uid, group=gid, extra_groups=[], capture_output=True, timeout=PATIENCE_S, check=False, cwd="/",
             )  # fmt: skip
         except OSError:
             continue
@@ -187,7 +187,7 @@ def service(machine: Machine) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
 
 
 def _observer(machine: Machine, *words: str) -> subprocess.CompletedProcess[str]:
-    return machine.run([str(machine.root / "opt/observer/bin/observer"), *words], timeout_s=60)
+    return machine.run([str(machine.root / "opt/observer/bin/observer"), *words], timeout_s=2 * PATIENCE_S)
 
 
 @pytest.mark.system
@@ -225,9 +225,8 @@ class TestBuiltImage:
             assert process.poll() is None, process.communicate()[0].decode() + done.stdout + done.stderr
             return done.returncode == 0
 
-        until(
-            is_healthy, 180.0, pause_s=1.0
-        )  # the kernels are compiled at the first start, with nothing cached
+        # the kernels are compiled at the first start, with nothing cached
+        until(is_healthy, 5 * PATIENCE_S, pause_s=0.5)
         process.send_signal(getattr(signal, _only("STOPSIGNAL").text))
         assert process.wait(PATIENCE_S) == 0
         assert _observer(machine, *words).returncode == 1
