@@ -137,7 +137,8 @@ def _interpreter_for(uid: int, gid: int, preferred: Path) -> Path:
         try:
             done = subprocess.run(
                 [str(candidate), "-c", "import sys, ensurepip; sys.exit(sys.version_info < (3, 11))"],
-                user=uid, group=gid, extra_groups=[], capture_output=True, timeout=PATIENCE_S, check=False, cwd="/",
+                user=uid, group=gid, extra_groups=[], capture_output=True, timeout=PATIENCE_S,
+                check=False, cwd="/",
             )  # fmt: skip
         except OSError:
             continue
