@@ -129,7 +129,7 @@ def test_a_compensation_is_there_only_where_somebody_can_arm_it(publisher):
 
 def _get(endpoint, selector):
     with zenoh.open(session_config("client", (endpoint,), ())) as session:
-        return list(session.get(selector, timeout=3))
+        return list(session.get(selector, timeout=PATIENCE_S))
 
 
 def test_answers_for_the_configuration_and_the_last_estimates(publisher):
@@ -164,7 +164,8 @@ def test_the_liveliness_token_lives_as_long_as_the_service():
 
             def alive():
                 return [
-                    str(r.ok.key_expr) for r in session.liveliness().get("ballscrew/*/*/alive", timeout=2)
+                    str(r.ok.key_expr)
+                    for r in session.liveliness().get("ballscrew/*/*/alive", timeout=PATIENCE_S)
                 ]
 
             _wait(lambda: alive() == ["ballscrew/lathe-7/z/alive"])

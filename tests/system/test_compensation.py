@@ -12,7 +12,7 @@ from tests.patience import PATIENCE_S
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 
 def _arm(endpoint: str, *names: str) -> subprocess.CompletedProcess[str]:

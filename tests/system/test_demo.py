@@ -16,7 +16,7 @@ from tests.patience import PATIENCE_S
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Subscriber, children_of, is_alive, until
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 SECONDS = 40.0
 SETTLED_S = 25.0  # the bearings' σ, 30 W at the start, is below 5 W by then

@@ -25,7 +25,7 @@ from tests.system.plant import (
     until,
 )
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 SENSORS = ("t1", "t2", "t3", "t4", "t5")
 SLOW = """

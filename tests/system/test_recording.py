@@ -14,7 +14,7 @@ import pytest
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 
 def _replay(daemon: Daemon, output: Path) -> Path:

@@ -12,7 +12,7 @@ from tests.patience import Stopwatch, computed_s
 from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for, until
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.system
 
 LIMIT_S = 2.0
 
