@@ -34,15 +34,16 @@ def sleeps(node: ast.AST, place: str = "") -> Iterator[str]:
     """The functions in which something sleeps; sleeping for 0 s only gives way to others."""
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         place = f"{place}.{node.name}".removeprefix(".")
-    if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "sleep":
-        if [ast.unparse(argument) for argument in node.args] != ["0"]:
+    if isinstance(node, ast.Call):
+        name = ast.unparse(node.func).rpartition(".")[2]
+        if name == "sleep" and [ast.unparse(argument) for argument in node.args] != ["0"]:
             yield place
     for child in ast.iter_child_nodes(node):
         yield from sleeps(child, place)
 
 
 def test_tests_sleep_nowhere_else():
-    """Wait with `until` or `eventually` of `tests/patience.py`, or say here why there is nothing to wait for."""
+    """Wait with `until` or `eventually` of `tests/patience.py`, or say above why a test sleeps."""
     found = {
         f"{path.relative_to(TESTS)} {place}"
         for path in TESTS.rglob("*.py")
