@@ -18,17 +18,18 @@ from typing import Any
 
 PATIENCE_S = 60.0
 PAUSE_S = 0.005  # between two looks
+HERE = os.getpid()
 
 
 class Stopwatch:
-    """Seconds since it was made, less those that this process and others named have stood in the queue.
+    """Seconds since it was made, less those that the processes named, or this one, have stood in the queue.
 
     How long each thread stood in it, the kernel tells (`/proc/<pid>/task/<tid>/schedstat`); threads add up. A
     stay that has not ended is not counted yet.
     """
 
-    def __init__(self, *others: int) -> None:
-        self._pids = (os.getpid(), *others)
+    def __init__(self, *pids: int) -> None:
+        self._pids = pids or (HERE,)
         self._begun = _queued_s(self._pids)
         self._queued = dict(self._begun)
         self._start_s = time.monotonic()
@@ -43,9 +44,22 @@ class Stopwatch:
         return time.monotonic() - self._start_s - self.held_up_s()
 
     def until(self, what: Callable[[], Any]) -> float:
-        """Wait for something to be there or true; returns how long it took since the watch was made."""
-        until(lambda: (self.held_up_s(), what())[1])  # a process that ends takes its figures with it
-        return self.took_s()
+        """Wait for something to be there or true; returns how long after the start it still was not.
+
+        So it does not matter how late this process sees it.
+        """
+        last_s = 0.0
+
+        def is_there() -> bool:
+            nonlocal last_s
+            now_s = self.took_s()  # at every look: a process that ends takes its figures with it
+            if what():
+                return True
+            last_s = now_s
+            return False
+
+        until(is_there)
+        return last_s
 
 
 def computed_s(pid: int) -> float:

@@ -16,7 +16,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 import drivers
 from drivers import Driver
 from observer.frames import Reading
-from tests.patience import PATIENCE_S, Stopwatch, eventually
+from tests.patience import PATIENCE_S, Stopwatch
 
 RUNNING: list[Driver] = []
 DRIVERS = Path(drivers.__file__).parent
@@ -28,18 +28,27 @@ class Recorder:
 
     driver: Driver
     readings: list[Reading] = field(default_factory=list)
+    _arrived: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def take(self, reading: Reading) -> None:
+        """Keep a reading."""
+        self.readings.append(reading)
+        self._arrived.set()
 
     async def until(self, wanted: Callable[[Reading], bool], timeout_s: float = PATIENCE_S) -> Reading:
         """The first reading from now on that is wanted; a time-out is a claim about driver and device."""
         watch, seen = Stopwatch(), len(self.readings)
-        found = await eventually(lambda: next((r for r in self.readings[seen:] if wanted(r)), None))
+        async with asyncio.timeout(PATIENCE_S):
+            while (found := next((r for r in self.readings[seen:] if wanted(r)), None)) is None:
+                self._arrived.clear()
+                await self._arrived.wait()
         assert watch.took_s() < timeout_s
         return found
 
     async def more(self, count: int) -> list[Reading]:
         """The next readings."""
         seen = len(self.readings)
-        await eventually(lambda: len(self.readings) >= seen + count)
+        await self.until(lambda _: len(self.readings) >= seen + count)
         return self.readings[seen:]
 
     async def good(self, channel: str, timeout_s: float = PATIENCE_S) -> float:
@@ -58,7 +67,7 @@ async def running(driver: Driver, now: Callable[[], float] = time.time) -> Async
     """Run a driver; afterwards nothing of it may be left."""
     recorder = Recorder(driver)
     RUNNING.append(driver)
-    task = asyncio.create_task(driver.run(recorder.readings.append, now))
+    task = asyncio.create_task(driver.run(recorder.take, now))
     try:
         yield recorder
     finally:

@@ -15,7 +15,7 @@ from drivers import open_driver
 from drivers.settings import CanChannel, CanSettings, ModbusTcpSettings
 from drivers.simulated.machine import SENSORS
 from tests.drivers.harness import running
-from tests.patience import PATIENCE_S, Stopwatch, eventually
+from tests.patience import HERE, PATIENCE_S, Stopwatch, eventually
 
 pytestmark = pytest.mark.system
 
@@ -90,7 +90,7 @@ async def test_its_wires_carry_temperatures_position_and_speed():
         assert all(20.0 < value < 60.0 for value in reading.values.values())
         first = await axis.until(lambda r: not r.faults)
         assert first.values["screw_speed_rpm"] == pytest.approx(1500.0)
-        watch = Stopwatch(plant.process.pid)
+        watch = Stopwatch(HERE, plant.process.pid)
         good = [r for r in await axis.more(50) if not r.faults]
         assert watch.took_s() < 2.0  # 50 frames a second
         assert len(good) > 45
@@ -113,7 +113,7 @@ async def test_its_faults_reach_the_drivers_as_faults():
         await plant.fault(drop_modbus=True)
         await tc.until(lambda r: r.faults.get("t1_degC") == "disconnected")
         await plant.fault()
-        watch = Stopwatch(plant.process.pid)
+        watch = Stopwatch(HERE, plant.process.pid)
         await tc.good("t1_degC")
         await axis.good("nut_position_m")
         assert watch.took_s() < 1.0
@@ -148,7 +148,7 @@ async def test_the_position_that_a_late_listener_hears_is_of_now():
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 async def test_it_ends_on_signals(number):
     async with machine() as plant:
-        watch = Stopwatch(plant.process.pid)
+        watch = Stopwatch(HERE, plant.process.pid)
         os.kill(plant.process.pid, number)
         await eventually(lambda: watch.held_up_s() and plant.process.returncode is not None)
         assert watch.took_s() < 3.0

@@ -13,7 +13,7 @@ from observer.config import Publish
 from observer.publish.codec import decode_estimate, decode_estimates
 from observer.publish.watch import Subscription
 from observer.publish.zenoh import ZenohPublisher, session_config
-from tests.patience import PATIENCE_S, Stopwatch
+from tests.patience import HERE, PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
 from tests.publish.blocks import LAYOUT, block
 from tests.publish.router import Router, free_port
@@ -198,7 +198,7 @@ def test_a_router_killed_and_back():
     assert longest_s < HELD_UP_S
     assert "nobody answers" in made.status.reason
     with Router(router.port) as router, Subscription((router.endpoint,), "lathe-7", "z") as subscription:
-        watch = Stopwatch(router.pid)
+        watch = Stopwatch(HERE, router.pid)
         _keep_publishing(made, lambda: "estimate" in subscription.latest())
         assert watch.took_s() < 1.0
         _wait(lambda: made.status.connected)
