@@ -117,7 +117,7 @@ def _faults(service) -> dict[str, str | None]:
 
 def _expect(service, **faults: str | None) -> None:
     """See that the service tells these faults."""
-    until(lambda: faults.items() <= _faults(service).items())
+    assert _watch(service).until(lambda: faults.items() <= _faults(service).items()) < 2.0
 
 
 def test_a_modbus_server_that_is_gone_and_back(service):
@@ -125,7 +125,7 @@ def test_a_modbus_server_that_is_gone_and_back(service):
     with _fault(service, 1.2, SENSORS, drop_modbus=True):
         _expect(service, t1_degC="disconnected")
         assert any("thermocouples is not connected" in r for r in service.seen.health()["reasons"])
-    until(lambda: service.seen.health()["state"] == "good")
+    assert _watch(service).until(lambda: service.seen.health()["state"] == "good") < 10.0
     assert service.seen.health()["drivers"]["thermocouples"]["reconnects"] == before + 1
 
 

@@ -58,9 +58,11 @@ def test_while_its_devices_hang(plant, tmp_path):
     table = table_for(plant.wires, mode="router", listen=[endpoint])
     with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
         seen.wait_until_good()
+        until(seen.health)
         os.kill(plant.pid, signal.SIGSTOP)
         try:
-            until(lambda: seen.health().get("channels", {}).get("t1_degC", {}).get("fault") == "timeout")
+            watch = Stopwatch(daemon.process.pid)
+            assert watch.until(lambda: seen.health()["channels"]["t1_degC"]["fault"] == "timeout") < 10.0
             flagged = len(seen.estimates)
             seen.wait_for_more(10)  # it goes on
             assert "good" not in {e["quality"] for e in seen.estimates[flagged:]}
