@@ -42,8 +42,8 @@ lint: $(READY)  ## ruff, formatting, types, import contracts
 unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes to pytest
 	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark $(ARGS)
 
-system: $(READY)  ## tests with real processes, servers and routers, one at a time; ARGS goes to pytest
-	$(BIN)/python -m pytest -m system -p no:benchmark $(ARGS)
+system: $(READY)  ## tests with real processes, servers and routers, two files at a time; ARGS goes to pytest
+	$(BIN)/python -m pytest -m system -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
 
 bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -1,4 +1,4 @@
-"""What holds for all tests: the kernels are compiled before the first of them."""
+"""What holds for all tests: the kernels are compiled before the first of them, the long ones come first."""
 
 from __future__ import annotations
 
@@ -7,6 +7,12 @@ from pathlib import Path
 import pytest
 
 DEMO = Path(__file__).parents[1] / "config" / "demo.toml"
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the long tests, the others in their random order: two workers then end together."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from observer.config import parse
 from observer.discovery.calibrate import calibrate
@@ -15,7 +14,6 @@ from observer.model.drive import Drive
 from tests.discovery.cases import machine, made_log, rig
 
 
-@pytest.mark.timeout(60)
 def test_the_noise_of_the_rig_lets_the_filter_keep_its_sensors() -> None:
     config, blocks = rig()
     fitted = calibrate(config, [blocks])

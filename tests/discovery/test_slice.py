@@ -18,7 +18,6 @@ FAR = 0.2
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)  # a busy computer takes four times as long
 @pytest.mark.parametrize("entry", slice_entries(), ids=lambda entry: entry.name)
 def test_a_hidden_effect_is_found_or_left_open_rightly(entry: Entry, tmp_path: Path) -> None:
     row = try_entry(entry, tmp_path / "answers")

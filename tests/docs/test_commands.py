@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.console import bounded, commands, matches
+from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -56,7 +57,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.mark.system
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_commands_of_a_page_work(page: Path, workplace: Path, environment: dict[str, str]) -> None:
     for command in commands(page):
@@ -71,7 +72,7 @@ def test_commands_of_a_page_work(page: Path, workplace: Path, environment: dict[
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=5 * PATIENCE_S,
         )
         assert done.returncode == 0, f"{place}\nexit code {done.returncode}\n{done.stdout}\n{done.stderr}"
         if command.expected:
@@ -87,7 +88,7 @@ def _make_target_exists(text: str, place: str) -> None:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0, f"{place}\n{done.stderr}"
 

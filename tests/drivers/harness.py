@@ -16,6 +16,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 import drivers
 from drivers import Driver
 from observer.frames import Reading
+from tests.patience import PATIENCE_S, Stopwatch
 
 RUNNING: list[Driver] = []
 DRIVERS = Path(drivers.__file__).parent
@@ -27,25 +28,36 @@ class Recorder:
 
     driver: Driver
     readings: list[Reading] = field(default_factory=list)
+    _arrived: asyncio.Event = field(default_factory=asyncio.Event)
 
-    async def until(self, wanted: Callable[[Reading], bool], timeout_s: float = 5.0) -> Reading:
-        """The first reading from now on that is wanted."""
+    def take(self, reading: Reading) -> None:
+        """Keep a reading."""
+        self.readings.append(reading)
+        self._arrived.set()
+
+    async def until(self, wanted: Callable[[Reading], bool], timeout_s: float = PATIENCE_S) -> Reading:
+        """The first reading from now on that is wanted; a time-out is a claim about driver and device."""
+        watch, seen = Stopwatch(), len(self.readings)
+        async with asyncio.timeout(PATIENCE_S):
+            while (found := next((r for r in self.readings[seen:] if wanted(r)), None)) is None:
+                self._arrived.clear()
+                await self._arrived.wait()
+        assert watch.took_s() < timeout_s
+        return found
+
+    async def more(self, count: int) -> list[Reading]:
+        """The next readings."""
         seen = len(self.readings)
-        async with asyncio.timeout(timeout_s):
-            while True:
-                for reading in self.readings[seen:]:
-                    if wanted(reading):
-                        return reading
-                seen = len(self.readings)
-                await asyncio.sleep(0.002)
+        await self.until(lambda _: len(self.readings) >= seen + count)
+        return self.readings[seen:]
 
-    async def good(self, channel: str, timeout_s: float = 5.0) -> float:
+    async def good(self, channel: str, timeout_s: float = PATIENCE_S) -> float:
         """The next value of a channel that has no fault."""
         return (
             await self.until(lambda r: channel in r.values and channel not in r.faults, timeout_s)
         ).values[channel]
 
-    async def fault(self, channel: str, timeout_s: float = 5.0) -> str:
+    async def fault(self, channel: str, timeout_s: float = PATIENCE_S) -> str:
         """The next fault of a channel."""
         return (await self.until(lambda r: channel in r.faults, timeout_s)).faults[channel]
 
@@ -55,7 +67,7 @@ async def running(driver: Driver, now: Callable[[], float] = time.time) -> Async
     """Run a driver; afterwards nothing of it may be left."""
     recorder = Recorder(driver)
     RUNNING.append(driver)
-    task = asyncio.create_task(driver.run(recorder.readings.append, now))
+    task = asyncio.create_task(driver.run(recorder.take, now))
     try:
         yield recorder
     finally:

@@ -1,9 +1,8 @@
 """CAN: decoding by DBC, a live bus that falls silent or dies, and an adapter that must only listen."""
 
-import asyncio
-import contextlib
 import math
 import os
+import select
 import time
 import tty
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from drivers.devices import DBC_OF
 from drivers.settings import CanChannel, CanSettings
 from drivers.simulated.wires import PtyWire
 from tests.drivers.harness import running
+from tests.patience import Stopwatch, eventually, until
 
 AXIS_DBC = Path("drivers/simulated/axis.dbc")
 AXIS = cantools.database.load_file(AXIS_DBC).get_message_by_name("AxisStatus")
@@ -163,17 +163,17 @@ async def test_a_silent_bus_is_a_fault_each_period_until_it_speaks_again():
             bus.send(frame())
             await axis.good("nut_position_m")
             assert await axis.fault("nut_position_m") == "silent"
-            seen = len(axis.readings)
-            await asyncio.sleep(0.4)
-            assert len(axis.readings) - seen >= 4  # eight periods of 0.05 s
-            assert all(r.faults == dict.fromkeys(CHANNELS, "silent") for r in axis.readings[seen:])
+            watch = Stopwatch()
+            silent = await axis.more(4)
+            assert watch.took_s() < 0.4  # eight periods of 0.05 s
+            assert all(r.faults == dict.fromkeys(CHANNELS, "silent") for r in silent)
             bus.send(frame())
             await axis.good("nut_position_m", timeout_s=1.0)
 
 
 async def test_one_message_that_is_missing_does_not_hide_behind_another():
     channels = {"a_degC": 0, "b_degC": 4}
-    tc_settings = settings(dbc=None, device="peak_mu_thermocouple1", channels=channels)
+    tc_settings = settings(dbc=None, device="peak_mu_thermocouple1", channels=channels, timeout_s=0.5)
     with virtual_bus() as bus:
         async with running(open_driver("tc", tc_settings)) as tc:
             await tc.until(lambda _: tc.driver.status.connected)
@@ -181,12 +181,9 @@ async def test_one_message_that_is_missing_does_not_hide_behind_another():
             bus.send(half)
             await tc.good("a_degC")
             seen = len(tc.readings)
-            for _ in range(12):
-                bus.send(half)
-                await asyncio.sleep(0.025)
-            faults = [r.faults for r in tc.readings[seen:] if r.faults]
-            assert {"b_degC": "silent"} in faults
-            assert all(set(fault) == {"b_degC"} for fault in faults)
+            await eventually(lambda: bus.send(half) or [r for r in tc.readings[seen:] if r.faults])
+            (fault,) = {tuple(r.faults.items()) for r in tc.readings[seen:] if r.faults}
+            assert fault == (("b_degC", "silent"),)
 
 
 async def test_frames_that_nobody_can_take_in_time_are_counted(monkeypatch):
@@ -194,10 +191,14 @@ async def test_frames_that_nobody_can_take_in_time_are_counted(monkeypatch):
     with virtual_bus() as bus:
         async with running(open_driver("axis", settings())) as axis:
             await axis.until(lambda _: axis.driver.status.connected)
-            for _ in range(50):
-                bus.send(frame())
-            time.sleep(0.3)  # the event loop is to be busy while frames arrive
-            await axis.until(lambda _: axis.driver.status.drops > 0)
+            await eventually(lambda: _overwhelm(bus) or axis.driver.status.drops)
+
+
+def _overwhelm(bus):
+    """Send more frames than may wait, while the event loop is too busy to take them."""
+    for _ in range(50):
+        bus.send(frame())
+    time.sleep(0.1)
 
 
 async def test_an_interface_that_cannot_be_opened_is_tried_again_and_flagged():
@@ -268,10 +269,8 @@ async def test_garbage_between_frames_does_not_become_a_value(tmp_path):
 
 
 async def _counted(driver, errors):
-    async with asyncio.timeout(2.0):
-        # bytes that are no text make python-can give the bus up, and the driver open it again
-        while driver.status.errors < errors or not driver.status.connected:
-            await asyncio.sleep(0.01)
+    # bytes that are no text make python-can give the bus up, and the driver open it again
+    await eventually(lambda: driver.status.errors >= errors and driver.status.connected)
 
 
 async def test_frames_cross_the_pty_wire_between_two_adapters():
@@ -281,31 +280,31 @@ async def test_frames_cross_the_pty_wire_between_two_adapters():
             driver = open_driver("axis", settings(interface="slcan", channel=wire.devices[1]))
             async with running(driver) as axis:
                 await axis.until(lambda _: driver.status.connected)
-                while not [r for r in axis.readings if not r.faults]:
-                    sender.send(frame(0.9))
-                    await asyncio.sleep(0.02)
-                values = [r.values["nut_position_m"] for r in axis.readings if not r.faults]
+                good = await eventually(
+                    lambda: sender.send(frame(0.9)) or [r for r in axis.readings if not r.faults]
+                )
+                values = [r.values["nut_position_m"] for r in good]
                 assert values == pytest.approx([0.9] * len(values))
     finally:
         await wire.close()
+
+
+def _is_waiting(wire):
+    """Whether bytes written to the first device have not been taken yet."""
+    return bool(select.select(wire._masters[:1], [], [], 0)[0])
 
 
 async def test_a_wire_keeps_nothing_for_who_opens_it_late():
     wire = PtyWire()
     try:
         near = os.open(wire.devices[0], os.O_RDWR | os.O_NOCTTY)
-        await asyncio.sleep(0.2)  # until the wire has seen that the device is open
         os.write(near, b"past")
-        await asyncio.sleep(0.2)
+        until(lambda: _is_waiting(wire))
+        await eventually(lambda: not _is_waiting(wire))
         far = os.open(wire.devices[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         os.write(near, b"present")
-        async with asyncio.timeout(2):
-            heard = b""
-            while not heard.endswith(b"present"):
-                await asyncio.sleep(0.01)
-                with contextlib.suppress(BlockingIOError):
-                    heard += os.read(far, 100)
-        assert heard == b"present"
+        await eventually(lambda: select.select([far], [], [], 0)[0])
+        assert os.read(far, 100) == b"present"
         os.close(far)
         os.close(near)
     finally:

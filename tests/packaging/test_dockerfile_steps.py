@@ -16,13 +16,13 @@ import stat
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.packaging.dockerfile import Machine, Step, carry_out, parse
+from tests.patience import PATIENCE_S, until
 
 ROOT = Path(__file__).parents[2]
 STEPS = parse(ROOT / "Dockerfile")
@@ -137,7 +137,8 @@ def _interpreter_for(uid: int, gid: int, preferred: Path) -> Path:
         try:
             done = subprocess.run(
                 [str(candidate), "-c", "import sys, ensurepip; sys.exit(sys.version_info < (3, 11))"],
-                user=uid, group=gid, extra_groups=[], capture_output=True, timeout=30, check=False, cwd="/",
+                user=uid, group=gid, extra_groups=[], capture_output=True, timeout=PATIENCE_S,
+                check=False, cwd="/",
             )  # fmt: skip
         except OSError:
             continue
@@ -187,12 +188,12 @@ def service(machine: Machine) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
 
 
 def _observer(machine: Machine, *words: str) -> subprocess.CompletedProcess[str]:
-    return machine.run([str(machine.root / "opt/observer/bin/observer"), *words], timeout_s=60)
+    return machine.run([str(machine.root / "opt/observer/bin/observer"), *words], timeout_s=2 * PATIENCE_S)
 
 
 @pytest.mark.system
 @pytest.mark.slow
-@pytest.mark.timeout(420)
+@pytest.mark.timeout(900)
 class TestBuiltImage:
     """What the built image does; its steps are carried out once for all of these."""
 
@@ -219,12 +220,15 @@ class TestBuiltImage:
         process, endpoint = service
         probe = _only("HEALTHCHECK").text.split("CMD", 1)[1].strip()
         words = [*Step("CMD", probe).words()[1:], "--connect", endpoint]
-        start_s = time.monotonic()  # the kernels are compiled at the first start, with nothing cached
-        while (done := _observer(machine, *words)).returncode != 0:
-            assert process.poll() is None, process.communicate()[0].decode()
-            assert time.monotonic() - start_s < 90, done.stdout + done.stderr
-            time.sleep(0.5)
+
+        def is_healthy() -> bool:
+            done = _observer(machine, *words)
+            assert process.poll() is None, process.communicate()[0].decode() + done.stdout + done.stderr
+            return done.returncode == 0
+
+        # the kernels are compiled at the first start, with nothing cached
+        until(is_healthy, 5 * PATIENCE_S, pause_s=0.5)
         process.send_signal(getattr(signal, _only("STOPSIGNAL").text))
-        assert process.wait(timeout=10) == 0
+        assert process.wait(PATIENCE_S) == 0
         assert _observer(machine, *words).returncode == 1
         assert list((machine.root / "var/lib/observer").iterdir()), "nothing was recorded in the volume"

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from types import TracebackType
 
+from tests.patience import PATIENCE_S
+
 SCRIPT = """
 import sys
 import zenoh
@@ -34,6 +36,7 @@ class Router:
         self._process = subprocess.Popen(
             [sys.executable, "-c", SCRIPT, self.endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
+        self.pid = self._process.pid
         assert self._process.stdout.readline() == b"ready\n"
         return self
 
@@ -47,6 +50,6 @@ class Router:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._process.kill()
-        self._process.wait(5)
+        self._process.wait(PATIENCE_S)
         self._process.stdin.close()
         self._process.stdout.close()

@@ -10,6 +10,7 @@ from drivers.protocol import DriverStatus
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Inputs, Layout, Quality, Reading
 from observer.publish.zenoh import PublishStatus
+from tests.patience import eventually
 
 SENSORS = ("t1_degC", "t2_degC")
 
@@ -154,6 +155,11 @@ class FastClock:
 
     def offset_s(self) -> float:
         return self.offset
+
+    async def go_on(self, seconds: float) -> None:
+        """Wait until it has gone on by so much."""
+        end_s = self.time_s + seconds
+        await eventually(lambda: self.time_s > end_s)
 
     async def sleep_until(self, time_s: float) -> None:
         await asyncio.sleep(0)

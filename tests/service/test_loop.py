@@ -15,6 +15,7 @@ from observer.service.clock import ServiceClock
 from observer.service.loop import Service, serve
 from observer.service.record import Recorder
 from observer.service.replay import estimates_of
+from tests.patience import PATIENCE_S, eventually
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
 from tests.service.streams import CHANNELS, plan
 
@@ -30,12 +31,10 @@ def _service(drivers=(), *, clock=None, recorder=None, period_s=0.1) -> Service:
     return service
 
 
-async def _serve(service: Service, until, timeout_s: float = 10.0) -> None:
+async def _serve(service: Service, until, timeout_s: float = PATIENCE_S) -> None:
     """Serve until a condition holds."""
     task = asyncio.ensure_future(serve(service))
-    async with asyncio.timeout(timeout_s):
-        while not until() and not task.done():
-            await asyncio.sleep(0.005)
+    await eventually(lambda: until() or task.done(), timeout_s)
     task.cancel()
     with contextlib.suppress(asyncio.CancelledError):
         await task
@@ -74,19 +73,17 @@ async def test_every_part_is_started_and_ended():
 async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
     service = _service(clock=FastClock())
     task = asyncio.ensure_future(serve(service))
-    while not service.publisher.estimates:
-        await asyncio.sleep(0.005)
+    await eventually(lambda: service.publisher.estimates)
     service.estimator.fail = True
-    await asyncio.sleep(0.05)
+    await service.clock.go_on(10)
     pings, before = len(service.estimator.notes), len(service.publisher.estimates)
-    await asyncio.sleep(0.05)
+    await service.clock.go_on(10)
     assert (len(service.estimator.notes), len(service.publisher.estimates)) == (pings, before)
     health = json.loads(service.publisher.healths[-1])
     assert health["state"] == "invalid"
     assert "made to fail" in health["reasons"][0]
     service.estimator.fail = False
-    while len(service.publisher.estimates) == before:
-        await asyncio.sleep(0.005)
+    await eventually(lambda: len(service.publisher.estimates) > before)
     task.cancel()
     await asyncio.wait([task])
 
@@ -158,13 +155,13 @@ async def test_a_stepped_clock_is_told():
     clock = FastClock()
     service = _service(clock=clock, period_s=0.5)
     task = asyncio.ensure_future(serve(service))
-    while not service.publisher.healths:
-        await asyncio.sleep(0.005)
+    await eventually(lambda: service.publisher.healths)
     clock.offset = 3600.0
-    while not any(
-        "clock stepped by +3600.0 s" in r for r in json.loads(service.publisher.healths[-1])["reasons"]
-    ):
-        await asyncio.sleep(0.005)
+    await eventually(
+        lambda: any(
+            "clock stepped by +3600.0 s" in r for r in json.loads(service.publisher.healths[-1])["reasons"]
+        )
+    )
     assert json.loads(service.publisher.healths[-1])["clock_offset_s"] == 3600.0
     task.cancel()
     await asyncio.wait([task])

@@ -3,13 +3,13 @@
 import signal
 import subprocess
 import sys
-import time
 from contextlib import contextmanager
 
 import pytest
 
 from observer.logs import read_log
 from observer.publish.watch import Subscription
+from tests.patience import PATIENCE_S, Stopwatch, until
 from tests.publish.router import Router, free_port
 
 pytestmark = pytest.mark.system
@@ -27,7 +27,7 @@ def _service(endpoint: str, folder, hangs: str = "nothing"):
         yield process
     finally:
         process.kill()
-        process.wait(5)
+        process.wait(PATIENCE_S)
         process.stdout.close()
 
 
@@ -39,15 +39,25 @@ def _read_until(process, word: str) -> None:
 
 
 def _terminate(process, number: int = signal.SIGTERM) -> None:
-    start_s = time.monotonic()
+    watch = Stopwatch(process.pid)
     process.send_signal(number)
-    assert process.wait(10) == 0
-    assert time.monotonic() - start_s < LIMIT_S
+    assert watch.until(lambda: process.poll() is not None) < LIMIT_S
+    assert process.returncode == 0
 
 
 def _recording(folder):
     (path,) = folder.glob("*.csv")
     return read_log(path)  # refuses a cut last row
+
+
+def _wait_for_rows(folder, count: int) -> None:
+    """Wait for so many more rows of the recording."""
+
+    def rows() -> int:
+        return sum(path.read_bytes().count(b"\n") for path in folder.glob("*.csv"))
+
+    before = rows()
+    until(lambda: rows() >= before + count)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -62,12 +72,9 @@ def test_without_a_router(tmp_path, number):
 def test_with_a_router_that_freezes(tmp_path):
     with Router() as router, _service(router.endpoint, tmp_path) as process:
         with Subscription((router.endpoint,), "m", "x") as subscription:
-            end_s = time.monotonic() + 10
-            while "estimate" not in subscription.latest():
-                assert time.monotonic() < end_s
-                time.sleep(0.02)
+            until(lambda: "estimate" in subscription.latest())
         router.freeze()
-        time.sleep(0.3)  # some messages into the void
+        _wait_for_rows(tmp_path, 10)  # some messages into the void
         _terminate(process)
         router.thaw()
     assert _recording(tmp_path).step.any()
@@ -80,6 +87,6 @@ def test_with_a_part_that_hangs(tmp_path, hangs, word):
     with _service(f"tcp/127.0.0.1:{free_port()}", tmp_path, hangs) as process:
         _read_until(process, word)
         if hangs == "compile":
-            time.sleep(0.5)  # readings keep coming in meanwhile
+            _wait_for_rows(tmp_path, 10)  # readings keep coming in meanwhile
         _terminate(process)
     assert len(_recording(tmp_path)) >= 1

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import zenoh
 
 from observer.publish.codec import decode_estimate
 from observer.publish.zenoh import session_config
+from tests.patience import PATIENCE_S, Stopwatch, until
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "config" / "demo.toml"
@@ -29,16 +30,7 @@ CAN_TIMEOUT_S = 0.3
 HELD_UP_S = (
     0.5  # for so long a busy computer may keep a program from running; waiting for a peer takes seconds
 )
-START_S = 90.0  # kernels that are not in the cache yet are compiled first
-
-
-def until(what: Callable[[], Any], timeout_s: float) -> Any:
-    """Wait for something to be there or true, and return it."""
-    end_s = time.monotonic() + timeout_s
-    while not (found := what()):
-        assert time.monotonic() < end_s, f"not within {timeout_s} s"
-        time.sleep(0.01)
-    return found
+START_S = 2 * PATIENCE_S  # kernels that are not in the cache yet are compiled first
 
 
 class Machine:
@@ -72,7 +64,7 @@ def machine() -> Iterator[Machine]:
         process.send_signal(signal.SIGCONT)
         process.stdin.close()
         try:
-            assert process.wait(5) == 0
+            assert process.wait(PATIENCE_S) == 0
         finally:
             process.kill()
             process.stdout.close()
@@ -118,7 +110,7 @@ class Daemon:
 
     def __exit__(self, *_: object) -> None:
         self.process.kill()
-        self.process.wait(5)
+        self.process.wait(PATIENCE_S)
 
     def said(self) -> str:
         """Everything on standard error so far."""
@@ -126,11 +118,10 @@ class Daemon:
 
     def stop(self) -> float:
         """Terminate; returns how long that took. Raises where the exit is not clean."""
-        start_s = time.monotonic()
+        watch = Stopwatch(self.process.pid)
         self.process.send_signal(signal.SIGTERM)
-        code = self.process.wait(10)
-        took_s = time.monotonic() - start_s
-        assert code == 0, self.said()
+        took_s = watch.until(lambda: self.process.poll() is not None)
+        assert self.process.returncode == 0, self.said()
         assert "Traceback" not in self.said()
         return took_s
 
@@ -172,20 +163,19 @@ class Subscriber:
         self.documents: dict[str, list[dict[str, Any]]] = {}
 
     def __enter__(self) -> Subscriber:
-        end_s = time.monotonic() + self._attempts_s
-        while True:
-            try:
-                self._session = zenoh.open(session_config("client", (self._endpoint,), ()))
-                break
-            except zenoh.ZError:
-                assert time.monotonic() < end_s, f"nobody listens at {self._endpoint}"
-                time.sleep(0.1)
+        self._session = until(self._attempt, self._attempts_s)
         self._subscriber = self._session.declare_subscriber(f"{PREFIX}/**", self._take)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._subscriber.undeclare()
         self._session.close()
+
+    def _attempt(self) -> zenoh.Session | None:
+        try:
+            return zenoh.open(session_config("client", (self._endpoint,), ()))
+        except zenoh.ZError:
+            return None  # nobody listens yet
 
     def _take(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr).removeprefix(f"{PREFIX}/")
@@ -207,6 +197,15 @@ class Subscriber:
             return next((e["time_s"] for e in self.estimates[start:] if e["quality"] == "good"), None)
 
         return float(until(good, timeout_s))
+
+    def wait_for_more(self, count: int) -> None:
+        """Wait for so many more estimates."""
+        seen = len(self.estimates)
+        until(lambda: len(self.estimates) >= seen + count)
+
+    def wait_until_after(self, time_s: float) -> None:
+        """Wait for an estimate of after a time; all of before it have then come."""
+        until(lambda: self.estimates and self.estimates[-1]["time_s"] > time_s)
 
     def between(self, start_s: float, end_s: float) -> list[dict[str, Any]]:
         """The estimates whose time is in a stretch."""

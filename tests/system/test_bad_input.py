@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from observer.cli import main
+from tests.patience import PATIENCE_S
 from tests.system.bad_inputs import CONFIGURATIONS, LOGS, OTHERS, TABLE, USAGE, Case, changed, rows, text
 from tests.system.plant import ROOT, write
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.system
 
 EVERY = [*CONFIGURATIONS, *LOGS, *OTHERS]
 # One of each command as a process of its own, where also its imports and its exit are the real ones.
@@ -89,7 +90,7 @@ def test_and_so_it_is_by_the_program_itself(case, tmp_path):
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 2
     _assert_one_sentence(case, done.stderr)
@@ -136,7 +137,7 @@ def test_a_log_without_a_single_value_gives_no_estimate_that_looks_good(tmp_path
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0, done.stderr
     assert "40 invalid" in done.stdout
@@ -153,7 +154,7 @@ def test_a_quiet_log_says_what_it_cannot_tell(tmp_path):
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0, done.stderr
     assert "screw_speed_rpm stays at 0" in done.stderr

@@ -12,10 +12,11 @@ from typing import Any
 
 import pytest
 
+from tests.patience import PATIENCE_S
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Subscriber, children_of, is_alive, until
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 SECONDS = 40.0
 SETTLED_S = 25.0  # the bearings' σ, 30 W at the start, is below 5 W by then
@@ -54,19 +55,19 @@ def demo(tmp_path_factory):
         )
     try:
         with Subscriber(endpoint) as seen:
-            until(lambda: "heat" in seen.documents, 60.0)
+            until(lambda: "heat" in seen.documents)
             readme = subprocess.run(
                 [sys.executable, "-c", _readme_subscriber().replace(DEFAULT, endpoint)],
                 cwd=ROOT,
                 capture_output=True,
                 text=True,
-                timeout=20,
+                timeout=PATIENCE_S,
             )
             children = children_of(process.pid)
-            code = process.wait(SECONDS + 30.0)
+            code = process.wait(SECONDS + PATIENCE_S)
     finally:
         process.kill()
-        process.wait(5)
+        process.wait(PATIENCE_S)
     return {
         "code": code, "children": children, "readme": readme, "documents": seen.documents,
         "out": (folder / "out").read_text(), "err": (folder / "err").read_text(),

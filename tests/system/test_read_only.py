@@ -13,10 +13,11 @@ from pathlib import Path
 import pytest
 
 from observer import compile_cache
+from tests.patience import PATIENCE_S
 from tests.system.bad_inputs import TABLE
 from tests.system.plant import ROOT, write
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 # Root without capabilities obeys the permissions of files, as any other owner does.
 POWERLESS = ["setpriv", "--bounding-set=-all", "--inh-caps=-all", "--no-new-privs"]
@@ -45,7 +46,7 @@ def _run(installed: Path, place: Path, *arguments: str) -> subprocess.CompletedP
         env=environment,
         capture_output=True,
         text=True,
-        timeout=150,
+        timeout=5 * PATIENCE_S,
     )
 
 

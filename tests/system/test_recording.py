@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pytest
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 
 def _replay(daemon: Daemon, output: Path) -> Path:
@@ -67,14 +66,14 @@ def test_the_replay_of_a_modbus_and_can_recording_is_the_live_run(tmp_path):
         table = table_for(plant.wires, mode="router", listen=[endpoint])
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
             seen.wait_until_good()
-            time.sleep(3.0)
+            seen.wait_for_more(30)
             plant.fault(open="t3_degC")
-            time.sleep(1.5)
+            seen.wait_for_more(15)
             plant.fault(silence_can=True)
-            time.sleep(1.0)
+            seen.wait_for_more(10)
             plant.fault()
             seen.wait_until_good()
-            time.sleep(3.0)
+            seen.wait_for_more(30)
             assert daemon.stop() < 2.0
             live = list(seen.estimates)
     daemon.assert_no_tick_is_missing()

@@ -7,7 +7,7 @@ import pytest
 from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 
 def test_nothing_is_left_to_compile_at_the_first_ticks(tmp_path, monkeypatch):
