@@ -1,8 +1,8 @@
 """A self-test that always runs: do sensors and model agree, and does each heat lie near its law?
 
 Innovations of a filter whose model is right are white, of mean nothing and of the size it expects (Kailath
-1968; Mehra and Peschon 1971). They are averaged over about a minute and about ten, per sensor. A wrong model or
-a wrong input need not show there, because the heats make up for it: so each heat is held against its law
+1968; Mehra and Peschon 1971). They are averaged over about a minute and about ten, per sensor. A wrong model
+or a wrong input need not show there, because the heats make up for it: so each heat is held against its law
 within what the law is trusted for, and all heats together, since a wrong film or ambient moves all of them
 one way. What fails lowers the quality of the estimate, and says why; it clears when the last minute is clean.
 """
@@ -89,8 +89,8 @@ class SelfTestState(NamedTuple):
     `sensor` (s, 2, 4): per window the means of the normalised innovation, of its product with the one before
     and of its square, and the variance factor of such a mean; `last` (s, 2) the innovation before and its
     time; `heat` (m_e + 1, 2) the mean distance from the law per window, the last row that of all heats;
-    `peak_W` (m_e,); `motion` (M, 5) way made, way allowed, and the last sample; `since_s`, `value`, `expected`
-    (T,) of each test, NaN while it passes; `refused` (1,) whether a sensor was refused at the last step.
+    `peak_W` (m_e,); `motion` (M, 5) way made, way allowed, and the last sample; `since_s`, `value`,
+    `expected` (T,) of each test, NaN while it passes; `refused` (1,) whether a sensor was refused at the last step.
     """
 
     sensor: FloatArray

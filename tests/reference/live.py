@@ -1,4 +1,4 @@
-"""A running machine and its wires, in memory: readings that come late, twice or not at all, through the live path.
+"""A running machine and its wires, in memory: readings that come late, twice or never, through the live path.
 
 The machine is the simulated one (finite volumes, its own friction), which knows nothing of the model; what
 reaches the service, and when, is up to each test.

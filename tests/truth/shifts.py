@@ -1,7 +1,7 @@
-"""Days of a machine's work in seconds of computing: finite volumes, implicit in time, with a nut that shuttles.
+"""Days of a machine's work in seconds of computing: finite volumes, implicit in time, a nut that shuttles.
 
-One row each half second. Work comes in shifts: cycles of other speeds with rests between them, longer breaks, and
-nights. Nothing here knows the model that is tested against it.
+One row each half second. Work comes in shifts: cycles of other speeds with rests between them, longer breaks,
+and nights. Nothing here knows the model that is tested against it.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def record(
     true_degC = np.empty((steps, len(axis.sensor_m)))
     start_degC = axis.ambient_degC if begin_degC is None else begin_degC
     _conduct(
-        np.full(CELLS, start_degC), np.concatenate([[0.0], run_m]), heat_W, low_m, reach_m, axis.nut_m, axis.length_m,
-        axis.diameter_m, axis.conductivity_W_mK, axis.capacity_J_m3K, axis.film_W_m2K, axis.ambient_degC,
+        np.full(CELLS, start_degC), np.concatenate([[0.0], run_m]), heat_W, low_m, reach_m, axis.nut_m,
+        axis.length_m, axis.diameter_m, axis.conductivity_W_mK, axis.capacity_J_m3K, axis.film_W_m2K, axis.ambient_degC,
         np.array(axis.sensor_m), true_degC,
     )  # fmt: skip
     noisy = true_degC + axis.noise_K * rng.standard_normal(true_degC.shape)
@@ -97,8 +97,8 @@ def record(
 
 @njit
 def _conduct(  # type: ignore[no-untyped-def]
-    temperature, run_m, heat_W, low_m, reach_m, nut_m, length_m, diameter_m, k, capacity, film, ambient, sensor_m,
-    out,
+    temperature, run_m, heat_W, low_m, reach_m, nut_m, length_m, diameter_m, k, capacity, film, ambient,
+    sensor_m, out,
 ):  # fmt: skip
     """Backward Euler on a row of cells; the nut's heat is shared along its way in each step."""
     n = len(temperature)
