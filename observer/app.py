@@ -25,7 +25,7 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.results import results_in
-from observer.service.align import AlignPlan, frames_of_log
+from observer.service.align import AlignPlan, doubts, frames_of_log
 
 Progress = Callable[[int, int], None]
 
@@ -153,17 +153,20 @@ def replay(
     estimator = machine.estimator()
     collector = Collector(config)
     tee = _Tee(machine.drive)
+    reasons: dict[str, int] = {}
 
     def blocks() -> Iterator[EstimateBlock]:
-        for block in estimates_of(log, machine.plan, tee, estimator, machine.self_test(), progress):
+        self_test = machine.self_test()
+        for block in estimates_of(
+            log, machine.plan, tee, estimator, self_test, progress, reasons.__setitem__
+        ):
             collector.add(tee.inputs, block)
             yield block
 
-    open_loop = _open_loop(machine, frames_of_log(log, machine.plan))
+    more: dict[str, Any] = _verdicts(config, log) | _open_loop(machine, frames_of_log(log, machine.plan))
+    more |= {"doubts": doubts(log, frames_of_log(log, machine.plan), config), "reasons": reasons}
     with results_in(output) as part:
-        summary = write_results(
-            part, suffix, estimator.layout, blocks(), log, config.digest, _verdicts(config, log) | open_loop
-        )
+        summary = write_results(part, suffix, estimator.layout, blocks(), log, config.digest, more)
         write_overview(part / "overview.png", config, collector.samples(), f"replay of {log_path.name}")
     return summary
 
@@ -207,6 +210,7 @@ def identify(
     except UserError as error:
         raise LogError(f"{log_path}: {error}") from None
     more = {"config": config.digest, "method": options.method} | _verdicts(config, log)
+    more["doubts"] = doubts(log, frames_of_log(log, machine.plan), config)
     with results_in(output) as part:
         summary = write_history(part, machine.plant.layout, history, log, more)
         samples = HistorySamples.of(machine.plant.estimated, history, blocks)
@@ -366,18 +370,28 @@ def calibrate(
     from observer.discovery.write_back import write_back
 
     config = load(config_path)
-    plan = AlignPlan.of(config)
-    runs = [list(frames_of_log(read_log(path, config.channels), plan)) for path in log_paths]
+    runs, odd = _runs(log_paths, config)
     with results_in(output) as part:
         found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
         progress("process noise by maximum likelihood")
         noise = fit_noise(found.config, runs)
-        result = calibration_result(found, noise)
+        result = calibration_result(found, noise) | {"doubts": odd}
         text = write_back(config_path.read_text(encoding="utf-8"), found.values | noise)
         (part / "config.toml").write_text(text, encoding="utf-8")
         document = json.dumps(result, indent=2, allow_nan=False) + "\n"
         (part / "calibration.json").write_text(document, encoding="utf-8")
     return result
+
+
+def _runs(log_paths: Sequence[Path], config: Config) -> tuple[list[list[FrameBlock]], list[str]]:
+    """The frames of each log, and what is doubtful about the logs' channels."""
+    plan = AlignPlan.of(config)
+    runs, odd = [], []
+    for path in log_paths:
+        log = read_log(path, config.channels)
+        runs.append(list(frames_of_log(log, plan)))
+        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, runs[-1], config)]
+    return runs, odd
 
 
 def discover(
@@ -398,12 +412,11 @@ def discover(
     from observer.report.discovery import write_discovery_report
 
     config = load(config_path)
-    plan = AlignPlan.of(config)
     progress("reading logs", 0.0)
-    runs = [list(frames_of_log(read_log(path, config.channels), plan)) for path in log_paths]
+    runs, odd = _runs(log_paths, config)
     with results_in(output) as part:
         found = find(config, runs, progress)
-        result = discovery_result(found)
+        result = discovery_result(found) | {"doubts": odd}
         if found.verdict.kind == "named":
             values = {key: entry["value"] for key, entry in result["calibrated"].items()}
             text = write_back(config_path.read_text(encoding="utf-8"), values)

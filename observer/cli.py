@@ -118,6 +118,9 @@ def replay(
     typer.echo(f"{summary['rows']} estimates over {summary['duration_s']:.6g} s: {quality}")
     for name, mean_W in summary["heat_mean_W"].items():
         typer.echo(f"  {name}: {'unknown' if mean_W is None else f'{mean_W:.2f} W'} on average")
+    for reason, steps in summary["reasons"].items():
+        typer.echo(f"not good in {steps} estimates: {reason}", err=True)
+    _warn(summary["doubts"])
     _warn_of_paths(summary["nut_path"])
     typer.echo(f"written to {output}: estimates.{format.value}, summary.json, overview.png")
 
@@ -166,8 +169,7 @@ def identify(
     for name, mean_W in summary["heat_mean_W"].items():
         sigma_W = summary["heat_sigma_mean_W"][name]
         typer.echo(f"  {name}: {mean_W:.2f} W on average, σ {sigma_W:.2f} W at a time")
-    for sentence in summary["warnings"]:
-        typer.echo(f"warning: {sentence}", err=True)
+    _warn([*summary["warnings"], *summary["doubts"]])
     _warn_of_paths(summary["nut_path"])
     typer.echo(f"written to {output}: heat.csv, summary.json, heat.png")
 
@@ -178,6 +180,11 @@ _REGIMES = {
     "undetermined": "the position of {name} is sampled in step with its motion, so its path is not in the "
     "log; record it faster, at least ten samples a traverse",
 }
+
+
+def _warn(sentences: list[str]) -> None:
+    for sentence in sentences:
+        typer.echo(f"warning: {sentence}", err=True)
 
 
 def _warn_of_paths(regimes: dict[str, str]) -> None:
@@ -224,8 +231,7 @@ def calibrate(
     for key, fitted in result["calibrated"].items():
         low, high = fitted["ci95"]
         typer.echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
-    for sentence in result["not_told"]:
-        typer.echo(f"warning: {sentence}", err=True)
+    _warn([*result["not_told"], *result["doubts"]])
     for key, value in result["process_noise"].items():
         typer.echo(f"{key} = {value:g}")
     gap = result["gap"]
@@ -249,6 +255,7 @@ def discover(
 
     with advancing("discover") as progress:
         result = parts.discover(config, log, output, progress)
+    _warn(result["doubts"])
     for sentence in as_sentences(result):
         typer.echo(sentence)
     files = "config.toml, result.json, report.html" if result["effects"] else "result.json, report.html"

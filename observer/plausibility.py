@@ -200,11 +200,11 @@ def motion_sentence(position: str, speed: str, ratio: float) -> str:
 
 
 def doubts_of_log(
-    config: Config, values: FloatArray, channels: Sequence[str], paths: Mapping[str, NutPath]
+    config: Config, values: FloatArray, channels: Sequence[str], paths: Sequence[Mapping[str, NutPath]]
 ) -> Iterator[str]:
     """Say of a whole log which channels are beyond their limits, and which unit that looks like.
 
-    `values` (n, c) are the log's cells in the order of `channels`.
+    `values` (n, c) are the log's cells in the order of `channels`, `paths` the nuts' paths, part by part.
     """
     limits = Limits.of(config)
     ambient_degC = limits.ambient_degC
@@ -228,8 +228,8 @@ def doubts_of_log(
                 break
     for source in config.source:
         position, speed = source.position_channel, source.speed_channel
-        if position is not None and speed is not None and position in paths:
-            ratio = way_ratio(paths[position], _stroke_m(config, source.stroke_m))
+        if position is not None and speed is not None:
+            ratio = way_ratio([part[position] for part in paths], _stroke_m(config, source.stroke_m))
             if ratio is not None and not FALLS_SHORT <= ratio <= DISAGREE:
                 yield motion_sentence(position, speed, ratio)
 
@@ -238,13 +238,15 @@ def _stroke_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
     return config.screw.length_m if stroke_m is None else stroke_m[1] - stroke_m[0]
 
 
-def way_ratio(path: NutPath, stroke_m: float) -> float | None:
+def way_ratio(parts: Sequence[NutPath], stroke_m: float) -> float | None:
     """The way a nut made over what speed and lead allow, where samples are close enough; None if short."""
-    since_s = np.diff(path.time_s)
-    driven_m = 0.5 * (path.driven_m_s[1:] + path.driven_m_s[:-1]) * since_s
-    close = (since_s > 0.0) & (since_s < 10.0) & np.isfinite(driven_m) & (2.5 * driven_m <= stroke_m)
-    driven = float(driven_m[close].sum())
-    made = float(np.abs(np.diff(path.position_m))[close].sum())
+    driven, made = 0.0, 0.0
+    for path in parts:
+        since_s = np.diff(path.time_s)
+        driven_m = 0.5 * (path.driven_m_s[1:] + path.driven_m_s[:-1]) * since_s
+        close = (since_s > 0.0) & (since_s < 10.0) & np.isfinite(driven_m) & (2.5 * driven_m <= stroke_m)
+        driven += float(driven_m[close].sum())
+        made += float(np.abs(np.diff(path.position_m))[close].sum())
     if max(driven, made) < stroke_m:
         return None
     return made / max(driven, 1e-6 * stroke_m)

@@ -90,7 +90,8 @@ class SelfTestState(NamedTuple):
     and of its square, and the variance factor of such a mean; `last` (s, 2) the innovation before and its
     time; `heat` (m_e + 1, 2) the mean distance from the law per window, the last row that of all heats;
     `peak_W` (m_e,); `motion` (M, 5) way made, way allowed, and the last sample; `since_s`, `value`,
-    `expected` (T,) of each test, NaN while it passes; `refused` (1,) whether a sensor was refused at the last step.
+    `expected` (T,) of each test, NaN while it passes; `steps`, `first_s` (T,) how often it has failed, and
+    when first; `refused` (1,) whether a sensor was refused at the last step.
     """
 
     sensor: FloatArray
@@ -101,6 +102,8 @@ class SelfTestState(NamedTuple):
     since_s: FloatArray
     value: FloatArray
     expected: FloatArray
+    steps: FloatArray
+    first_s: FloatArray
     refused: FloatArray
 
 
@@ -157,6 +160,8 @@ class SelfTest:
             since_s=np.full(tests, np.nan),
             value=np.full(tests, np.nan),
             expected=np.full(tests, np.nan),
+            steps=np.zeros(tests),
+            first_s=np.full(tests, np.nan),
             refused=np.zeros(1),
         )
 
@@ -180,12 +185,23 @@ class SelfTest:
 
     def findings(self, state: SelfTestState) -> tuple[Finding, ...]:
         """What fails now."""
-        found = []
-        for test in np.flatnonzero(np.isfinite(state.since_s)).tolist():
-            fault, subject = self._meaning(test)
-            since_s, value, expected = (float(a[test]) for a in (state.since_s, state.value, state.expected))
-            found.append(Finding(fault, subject, since_s, value, expected))
-        return tuple(found)
+        return tuple(
+            self._finding(state, test, state.since_s)
+            for test in np.flatnonzero(np.isfinite(state.since_s)).tolist()
+        )
+
+    def history(self, state: SelfTestState) -> tuple[tuple[Finding, int], ...]:
+        """What has ever failed, since it did first and as it was last, and in how many steps."""
+        return tuple(
+            (self._finding(state, test, state.first_s), int(state.steps[test]))
+            for test in np.flatnonzero(state.steps).tolist()
+        )
+
+    def _finding(self, state: SelfTestState, test: int, since_s: FloatArray) -> Finding:
+        fault, subject = self._meaning(test)
+        return Finding(
+            fault, subject, float(since_s[test]), float(state.value[test]), float(state.expected[test])
+        )
 
     def _meaning(self, test: int) -> tuple[Fault, str]:
         s, m_e = len(self._sensors), len(self._sources)
@@ -222,6 +238,9 @@ def _note(state, test, score, time_s, value, expected):
     if score >= 1.0 or (failing and score >= _CLEAR):
         if not failing:
             state.since_s[test] = time_s
+        if state.steps[test] == 0.0:
+            state.first_s[test] = time_s
+        state.steps[test] += 1.0
         state.value[test], state.expected[test] = value, expected
     else:
         state.since_s[test] = np.nan
@@ -255,7 +274,7 @@ def _scores(state, i, scores):
         scores[2] = max(scores[2], min((own[2] - 1.0) * sure / np.sqrt(2.0), (own[2] - 1.0) / _NOISE))
     last, long = state.sensor[i, 0], state.sensor[i, 1]
     clean = abs(last[0]) < _CLEAN * _BIAS[0] and last[1] < _CLEAN * _COLOUR[0]
-    if clean and last[2] < 1.0 + _CLEAN * _NOISE and scores.max() >= 1.0:
+    if clean and last[2] < 1.0 + _CLEAN * _NOISE and max(scores[0], scores[1], scores[2]) >= 1.0:
         for q in range(3):
             long[q] = last[q]
 

@@ -10,7 +10,7 @@ it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from urllib.parse import unquote
 
@@ -19,7 +19,7 @@ import numpy as np
 from observer.config import Config
 from observer.frames import FloatArray, FrameBlock, Reading
 from observer.logs import Log
-from observer.plausibility import Breach, Limits
+from observer.plausibility import Breach, Limits, doubts_of_log
 from observer.service.walk import Expected, Rows, nothing_yet, walk
 
 BLOCK = 4096
@@ -227,3 +227,11 @@ def faults_of(flags: str | None) -> dict[str, str]:
     """The faults written in a recording's `flags` cell: `channel=fault;channel=fault`."""
     pairs = (item.split("=", 1) for item in flags.split(";")) if flags else ()
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}
+
+
+def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
+    """Say which channels of a log are not what the configuration takes them for, with the likely unit.
+
+    `blocks` are the log's frames.
+    """
+    return list(doubts_of_log(config, log.values, log.channels, [block.path for block in blocks]))

@@ -51,6 +51,13 @@ class Pipeline(Generic[DriveState]):
             return ()
         return self._self_test.findings(self._test_state)
 
+    @property
+    def history(self) -> tuple[tuple[Finding, int], ...]:
+        """What the self-test has ever found wrong, and in how many steps."""
+        if self._self_test is None or self._test_state is None:
+            return ()
+        return self._self_test.history(self._test_state)
+
     def warm_up(self, frames: FrameBlock) -> None:
         """Have everything compiled and loaded, by steps that are then forgotten."""
         _, inputs = self._drive.run(self._drive.initial(), frames)

@@ -13,15 +13,17 @@ import numpy as np
 
 from observer.errors import LogError
 from observer.estimators.protocol import Estimator
-from observer.estimators.selftest import SelfTest
+from observer.estimators.selftest import Fault, SelfTest
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
 from observer.log_writer import Column, TableWriter
 from observer.logs import TIME, Log
 from observer.service.align import AlignPlan, frames_of_log
 from observer.service.pipeline import Drive, Pipeline
+from observer.service.reasons import sentence
 
 Progress = Callable[[int, int], None]
 _SENSOR_LABELS = np.array([quality.label for quality in Quality])
+_LABELS = np.array([quality.label for quality in EstimateQuality])
 
 
 def estimates_of(
@@ -31,8 +33,12 @@ def estimates_of(
     estimator: Estimator,
     self_test: SelfTest | None,
     progress: Progress,
+    reasons: Callable[[str, int], None] = lambda _sentence, _steps: None,
 ) -> Iterator[EstimateBlock]:
-    """The estimates of a log in blocks; `progress` is told the rows done and their total."""
+    """The estimates of a log in blocks; `progress` is told the rows done and their total.
+
+    `reasons` is told at the end what the self-test found, as a sentence, and in how many steps.
+    """
     pipeline = Pipeline(drive, estimator, self_test)
     total = len(log) if log.step is None else int(log.step.sum())
     done = 0
@@ -40,6 +46,9 @@ def estimates_of(
         yield pipeline.step(frames)
         done += len(frames)
         progress(done, total)
+    for finding, steps in pipeline.history:
+        if finding.fault is not Fault.UNKNOWN:
+            reasons(sentence(finding), steps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +135,7 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
     for j, name in enumerate(layout.sensors):
         columns[f"innovation_{name}_K"] = block.innovation_K[:, j]
         columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]
+    columns["quality"] = _LABELS[block.quality]
     return columns
 
 

@@ -87,7 +87,8 @@ def ride(config: Config, arrivals: Arrivals, wires: Wires = in_time) -> Ride:
     for at_s, reading in _in_order(wires(arrivals)):
         while at_s > tick_s:
             blocks.append(pipeline.step(aligner.tick(tick_s)))
-            reasons.append(tuple(sentence(f) for f in pipeline.findings))
+            faults = (f"{name}: {fault}" for name, fault in aligner.faults.items())
+            reasons.append((*faults, *(sentence(f) for f in pipeline.findings)))
             truth.append(tick_s)
             tick_s += period_s
         aligner.ingest(reading)

@@ -85,7 +85,8 @@ def record(
     start_degC = axis.ambient_degC if begin_degC is None else begin_degC
     _conduct(
         np.full(CELLS, start_degC), np.concatenate([[0.0], run_m]), heat_W, low_m, reach_m, axis.nut_m,
-        axis.length_m, axis.diameter_m, axis.conductivity_W_mK, axis.capacity_J_m3K, axis.film_W_m2K, axis.ambient_degC,
+        axis.length_m, axis.diameter_m, axis.conductivity_W_mK, axis.capacity_J_m3K, axis.film_W_m2K,
+        axis.ambient_degC,
         np.array(axis.sensor_m), true_degC,
     )  # fmt: skip
     noisy = true_degC + axis.noise_K * rng.standard_normal(true_degC.shape)
