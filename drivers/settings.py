@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from observer.errors import raise_all
 from observer.quantities import Count, File, Finite, Number, checked_channel
 
 
@@ -117,6 +118,7 @@ class _Modbus(Settings):
     @model_validator(mode="after")
     def _inputs_belong_to_a_device(self) -> _Modbus:
         _check_inputs(self.device, self.channels)
+        _check_each_its_own(self.channels)
         if self.device is None and self.first_register:
             raise ValueError(
                 "first_register shifts a ready device map; without device, write the registers out"
@@ -195,6 +197,7 @@ class CanSettings(_CanBus):
         if (self.dbc is None) == (self.device is None):
             raise ValueError("give exactly one of dbc and device")
         _check_inputs(self.device, self.channels)
+        _check_each_its_own(self.channels)
         return self
 
 
@@ -256,16 +259,38 @@ DEVICE_INPUTS = {
 
 def _check_inputs(device: str | None, channels: Mapping[str, int | ModbusChannel | CanChannel]) -> None:
     """Refuse input numbers that no ready map has."""
+    problems = []
     for channel, place in channels.items():
         if not isinstance(place, int):
             continue
         if device is None:
-            raise ValueError(
+            problems.append(
                 f"channel {channel}: an input number needs device; name it, or write the place out"
             )
-        if place >= DEVICE_INPUTS[device]:
+        elif place >= DEVICE_INPUTS[device]:
             last = DEVICE_INPUTS[device] - 1
-            raise ValueError(f"channel {channel}: {device} has inputs 0 to {last}, not {place}")
+            problems.append(f"channel {channel}: {device} has inputs 0 to {last}, not {place}")
+    raise_all(problems)
+
+
+def _check_each_its_own(channels: Mapping[str, int | ModbusChannel | CanChannel]) -> None:
+    """Refuse two channels that take the very same value."""
+    places: dict[object, list[str]] = {}
+    for channel, place in channels.items():
+        match place:
+            case ModbusChannel():
+                places.setdefault((place.function, place.register_, place.type), []).append(channel)
+            case CanChannel():
+                places.setdefault((place.message, place.signal), []).append(channel)
+            case _:
+                places.setdefault(place, []).append(channel)
+    raise_all(
+        [
+            f"channels {', '.join(same)} all read the same place; give each its own"
+            for same in places.values()
+            if len(same) > 1
+        ]
+    )
 
 
 def delivered(settings: DriverSettings) -> tuple[str, ...] | None:

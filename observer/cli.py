@@ -261,10 +261,11 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:
     """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
-    from observer.config import load
-    from observer.report.check import as_text, findings
+    from observer.report.check import findings
+    from observer.report.check_text import as_text
+    from observer.report.examine import examine
 
-    found = findings(load(config))
+    found = findings(examine(config))
     if as_json:
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
         return

@@ -107,24 +107,26 @@ def _not_said_twice(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
 def _words(detail: ErrorDetails, path: Path) -> str:
     """What is wrong, in words."""
     kind, given, message = detail["type"], detail["input"], detail["msg"].removeprefix("Value error, ")
-    if detail["loc"] and detail["loc"][-1] == _KEY:
-        return f"the name {shown(path[-1])} will not do ({message[0].lower()}{message[1:]}); mend it"
-    if kind == "missing":
-        return "is missing; add it"
-    if kind.startswith("union_tag"):
-        named = given.get("kind") if isinstance(given, dict) else None
-        stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
-        return f"{stated}; give one of {', '.join(KINDS if path[0] == 'effect' else DRIVER_KINDS)}"
-    if kind in {"too_short", "too_long"}:
-        limit = detail["ctx"].get("min_length", detail["ctx"].get("max_length"))
-        least = "at least" if kind == "too_short" else "at most"
-        return f"holds {len(given)} entries where {least} {limit} must stand; mend it"
-    if kind in {"model_type", "model_attributes_type", "dict_type"}:
-        return f"is to be a table, not {shown(given)}; write [{_key(path, {})}] and its keys below"
     if kind == "value_error":
         return message + hint(path, given)
-    what = f", not {shown(given)}" if isinstance(given, int | float | str | bool) else ""
-    return f"{message[0].lower()}{message[1:]}{what}{hint(path, given)}"
+    if kind == "missing":
+        return "is missing; add it"
+    message = f"{message[0].lower()}{message[1:]}"
+    if detail["loc"] and detail["loc"][-1] == _KEY:
+        message = f"the name {shown(path[-1])} will not do ({message}); mend it"
+    elif kind.startswith("union_tag"):
+        named = given.get("kind") if isinstance(given, dict) else None
+        stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
+        message = f"{stated}; give one of {', '.join(KINDS if path[0] == 'effect' else DRIVER_KINDS)}"
+    elif kind in {"model_type", "model_attributes_type", "dict_type"}:
+        message = f"is to be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"
+    elif kind in {"too_short", "too_long"} and isinstance(given, list | tuple | dict):
+        limit = detail["ctx"].get("min_length", detail["ctx"].get("max_length"))
+        least = "at least" if kind == "too_short" else "at most"
+        message = f"has {len(given)} entries where {least} {limit} are to stand; mend it"
+    elif isinstance(given, int | float | str | bool):
+        message = f"{message}, not {shown(given)}{hint(path, given)}"
+    return message
 
 
 def shown(value: object) -> str:
@@ -137,7 +139,7 @@ def shown(value: object) -> str:
 
 
 def _line(path: Path, words: str, table: dict[str, Any]) -> str:
-    key = _key(path, table)
+    key = key_of(path, table)
     return f"{key}: {words}" if key else words
 
 
@@ -154,8 +156,8 @@ def _path(location: Sequence[int | str], table: Any) -> Path:
     return tuple(parts)
 
 
-def _key(path: Path, table: Any) -> str:
-    """The dotted key of a place; list entries go by their name where they have one."""
+def key_of(path: Path, table: object) -> str:
+    """Return the dotted key of a place; list entries go by their name where they have one."""
     parts: list[str] = []
     for part in path:
         table = within(table, part)
