@@ -99,6 +99,16 @@ def serve(config: Config, seconds: float | None = None) -> None:
     run(service, seconds)
 
 
+def wires(config: Config) -> dict[str, Any]:
+    """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
+    from drivers import open_driver
+    from observer.report.plausible import implausible
+    from observer.service.wires import look
+
+    drivers = [open_driver(key, settings) for key, settings in config.drivers.items()]
+    return look(drivers, lambda channel, value: implausible(config, channel, value))
+
+
 def _every_channel_has_a_driver(config: Config) -> None:
     """Raise `ConfigError` where the model reads a channel that no driver delivers; a player delivers all."""
     offered: set[str] = set()

@@ -98,8 +98,8 @@ def _shared_registers(config: Config) -> Iterator[str]:
             if shared:
                 second = other if driver == other_driver else f"{other} of drivers.{other_driver}"
                 yield (
-                    f"drivers.{driver}: {one} and {second} both read register {min(shared)[1]}; check register "
-                    "and type of both"
+                    f"drivers.{driver}: {one} and {second} both read register {min(shared)[1]}; check the "
+                    "register and the type of both"
                 )
 
 
