@@ -162,11 +162,16 @@ def key_of(path: Path, table: object) -> str:
     for part in path:
         table = within(table, part)
         if isinstance(part, str):
-            parts.append(part if part.isprintable() and len(part) <= 64 else shown(part))
+            parts.append(_readable(part))
             continue
         name = table.get("name") if isinstance(table, dict) else None
-        parts[-1:] = [f'{parts[-1]} "{name}"' if isinstance(name, str) else f"{parts[-1]}[{part}]"]
+        known = isinstance(name, str) and _readable(name) == name
+        parts[-1:] = [f'{parts[-1]} "{name}"' if known else f"{parts[-1]}[{part}]"]
     return ".".join(parts)
+
+
+def _readable(name: str) -> str:
+    return name if name.isprintable() and len(name) <= 64 else shown(name)
 
 
 def _rename(table: Any, path: Path, new: str | None) -> None:
