@@ -109,7 +109,7 @@ class _Modbus(Settings):
     """What TCP and RTU share."""
 
     device: Literal["icpdas_m7018", "wago_750_458", "micro800_tc2"] | None = None
-    first_register: Register = 0
+    first_register: Annotated[Count, Field(ge=0, le=0xFFF0)] = 0
     unit_id: Annotated[Count, Field(ge=0, le=255)] = 1
     period_s: PollPeriod = 0.5
     timeout_s: Timeout = 1.0

@@ -16,6 +16,7 @@ from tests.system.bad_inputs import changed
 from tests.system.plant import write
 
 SAMPLE = 60
+POINT = [{"name": "end", "shape": "point", "position_m": 0.0}]
 
 
 @pytest.mark.parametrize("name", sorted(tables()))
@@ -38,7 +39,7 @@ def test_a_mutant_is_answered(number, tmp_path):
     ("changes", "words"),
     [
         ({"model__settle_s": 1e-4}, ("model.settle_s", "asks for 400 modes", "give at least")),
-        ({"model__truncation": 0.999999999}, ("model.truncation", "modes", "give 0.9995")),
+        ({"model__truncation": 0.99999999, "source": POINT}, ("model.truncation", "modes", "give 0.9995")),
         ({"model__modes": 400}, ("model.modes", "at most")),
     ],
 )
