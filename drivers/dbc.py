@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from cantools.errors import Error as CantoolsError
 from drivers.devices import DBC_OF, can_input
 from drivers.settings import CanChannel, CanSettings
 from observer.errors import UserError
-from observer.regular import read_regular
+from observer.regular import one_line, read_regular
 
 if TYPE_CHECKING:
     import can
@@ -27,7 +28,10 @@ if TYPE_CHECKING:
 Decoded = tuple[dict[str, float], dict[str, str]]
 
 MOST_BYTES = 20_000_000
+MOST_MESSAGE_BYTES = 1785  # of SAE J1939's transport protocol, the longest that a DBC file describes
 _MOST_LISTED = 30
+_MESSAGE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)")
+_SIGNAL = re.compile(r"\bSG_\s+\w+\s*\w*\s*:\s*(\d+)\s*\|\s*(\d+)")
 # What the parser raises when the text makes no sense; most of it is not said by its own errors.
 _NO_DBC = (CantoolsError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 # What it raises when a frame's bits are no value: a branch that is not there, a float that is no integer.
@@ -137,13 +141,25 @@ def _load(path: Path) -> Any:
     """Parse a DBC file, whatever is in it; Raises `UserError`."""
     try:
         text = read_regular(path, MOST_BYTES, "a DBC file").decode("cp1252")
+        _refuse_giants(path, text)
         database = cantools.database.load_string(text, database_format="dbc")
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give the path of a DBC file") from None
     except _NO_DBC as error:
-        reason = str(error).splitlines()[0][:200] if str(error) else "unreadable"
+        reason = one_line(str(error)) or "unreadable"
         raise UserError(f"{path}: not a valid DBC file ({reason}); export it again") from None
     return database
+
+
+def _refuse_giants(path: Path, text: str) -> None:
+    """Raise `UserError` for a message that no bus carries; the parser would lay out its gigabytes of bits."""
+    sizes = [int(size[:12]) for size in _MESSAGE.findall(text)]
+    bits = [int(number[:12]) for place in _SIGNAL.findall(text) for number in place]
+    if max(sizes, default=0) > MOST_MESSAGE_BYTES or max(bits, default=0) > 8 * MOST_MESSAGE_BYTES:
+        raise UserError(
+            f"{path}: not a valid DBC file (a message or signal is larger than {MOST_MESSAGE_BYTES} bytes); "
+            "export it again"
+        )
 
 
 def _missing(database: Any, settings: CanSettings, driver: str) -> list[str]:
@@ -154,6 +170,9 @@ def _missing(database: Any, settings: CanSettings, driver: str) -> list[str]:
         place = f"{path}: channel {name} of drivers.{driver}"
         if channel.message not in names:
             found.append(f'{place}: no message "{channel.message}"; the file has {_some(names)}')
+            continue
+        if names.count(channel.message) > 1:
+            found.append(f'{place}: the file has message "{channel.message}" twice; remove one')
             continue
         signals = [signal.name for signal in database.get_message_by_name(channel.message).signals]
         found += [

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from observer.errors import ConfigError, UserError
-from observer.regular import read_regular
+from observer.regular import one_line, read_regular
 
 MOST_BYTES = 4_000_000
 MOST_DEPTH = 24
@@ -29,7 +29,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise ConfigError(f"{path}: tables in tables without end; a configuration is flat") from None
     except ValueError as error:  # not TOML, a number of thousands of digits, a path that no file can have
-        reason = str(error).splitlines()[0][:200]
+        reason = one_line(str(error))
         raise ConfigError(f"{path}: not valid TOML ({reason}); mend that line") from None
     if _depth(table) > MOST_DEPTH:
         raise ConfigError(f"{path}: holds more than {MOST_DEPTH} tables in tables; a configuration is flat")

@@ -40,11 +40,10 @@ scales = st.floats(-1e9, 1e9).filter(lambda x: abs(x) > 1e-12)
 def modbus_channels(draw):
     if draw(st.booleans()):
         device = draw(st.sampled_from(["icpdas_m7018", "wago_750_458", "micro800_tc2"]))
-        return modbus_input(
-            device, draw(st.integers(0, DEVICE_INPUTS[device] - 1)), draw(st.integers(0, 60_000))
-        )
+        number = draw(st.integers(0, DEVICE_INPUTS[device] - 1))
+        return modbus_input(device, number, draw(st.integers(0, 0xFFF0)))
     status = draw(st.none() | st.integers(0, 0xFFFF))
-    low, high = sorted(draw(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))))
+    low, high = sorted(draw(st.tuples(st.integers(-9999, 9999), st.integers(-9999, 9999))))
     return ModbusChannel(
         register=draw(st.integers(0, 0xFFFE)),
         type=draw(st.sampled_from(sorted(WORDS))),
