@@ -37,6 +37,8 @@ from observer.quantities import (
 from observer.sections import Description
 from observer.toml import read_toml
 
+MOST_ROWS = 1500
+"""Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
 Endpoint = Annotated[str, Field(max_length=1024), AfterValidator(checked_endpoint)]
 
 
@@ -98,7 +100,7 @@ class Discover(Section):
 class Output(Section):
     """Where the field is reported, and what the thermal error is measured from."""
 
-    positions_m: tuple[Position, ...] | None = Field(default=None, min_length=2, max_length=500)
+    positions_m: tuple[Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
     reference_degC: Air | None = None
 
 
@@ -140,6 +142,7 @@ class Config(Description):
         raise_all(
             [
                 *_beyond_the_screw(self),
+                *_too_much_work(self),
                 *_growth_unknown(self),
                 *_names_twice(self),
                 *_heats_unknown(self),
@@ -187,6 +190,16 @@ def _beyond_the_screw(config: Config) -> Iterator[str]:
                 f"source {source.name}: length_m = {source.length_m} m makes the nut longer than the screw, "
                 f"length_m = {length_m} m; mend one"
             )
+
+
+def _too_much_work(config: Config) -> Iterator[str]:
+    nuts = sum(s.shape == "nut" and s.position_channel is not None for s in config.source)
+    places = len(config.output.positions_m or ()) + len(config.sensor)
+    if nuts * places > MOST_ROWS:
+        yield (
+            f"output: positions_m: {nuts} moving nuts times {places} places (sensors included) are more than "
+            f"the {MOST_ROWS} that can be tabulated; report fewer places"
+        )
 
 
 def _growth_unknown(config: Config) -> Iterator[str]:

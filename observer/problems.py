@@ -81,7 +81,8 @@ def _note(
         elif path[:-1]:
             found.mended.add(path[:-1])
         return
-    if path in found.explained and detail["type"] == "missing":
+    if path in found.explained:  # put there by guess, or taken away for another problem
+        _put(table, path, _likely(path, detail["input"]))
         return
     if again and (path in found.mended or path[:-1] in found.mended):
         return  # follows from what was mended here by guess

@@ -179,7 +179,7 @@ class Description(Section):
     ambient: Ambient
     boundary: Boundaries = Boundaries()
     supports: Supports | None = None
-    node: tuple[Node, ...] = Field(default=(), max_length=200)
+    node: tuple[Node, ...] = Field(default=(), max_length=100)
     link: tuple[Link, ...] = Field(default=(), max_length=1000)
     source: tuple[Source, ...] = Field(min_length=1, max_length=32)
     sensor: tuple[Sensor, ...] = Field(min_length=1, max_length=100)

@@ -51,8 +51,8 @@ _FORCE = Usual(0.1, 1e6, (Unit("kN", 1e3),))
 _LEAD = Usual(5e-4, 0.12, _MM)
 
 USUAL: dict[str, Usual] = {
-    "screw.length_m": Usual(0.03, 15.0, _MM),
-    "screw.diameter_m": Usual(0.002, 0.4, _MM),
+    "screw.length_m": Usual(0.005, 15.0, _MM),
+    "screw.diameter_m": Usual(0.002, 1.5, _MM),
     "screw.conductivity_W_mK": _CONDUCTIVITY,
     "screw.density_kg_m3": Usual(1000.0, 20e3, (Unit("g/cm³", 1e3),)),
     "screw.specific_heat_J_kgK": Usual(120.0, 2500.0, (Unit("kJ/kgK", 1e3), Unit("kcal/kgK", 4187.0))),
@@ -75,7 +75,7 @@ USUAL: dict[str, Usual] = {
     "source.lead_m": _LEAD,
     "source.torque_Nm": _TORQUE,
     "source.nut_torque_Nm": _TORQUE,
-    "source.heat_W_rpm": Usual(1e-6, 0.5, (Unit("mW/rpm", 1e-3),)),
+    "source.heat_W_rpm": Usual(0.0, 2.0, (Unit("mW/rpm", 1e-3),)),
     "source.heat_W": Usual(1e-3, 5e3, (Unit("mW", 1e-3),)),
     "source.share": _PERCENT,
     "source.duty": _PERCENT,
