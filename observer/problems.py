@@ -82,7 +82,8 @@ def _note(
             found.mended.add(path[:-1])
         return
     if path in found.explained:  # put there by guess, or taken away for another problem
-        _put(table, path, _likely(path, detail["input"]))
+        if detail["type"] != "missing":
+            _put(table, path, _likely(path, detail["input"]))
         return
     if again and (path in found.mended or path[:-1] in found.mended):
         return  # follows from what was mended here by guess

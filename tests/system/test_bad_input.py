@@ -1,4 +1,4 @@
-"""Bad input of every kind: a sentence for each problem, with its remedy, exit code 2, nothing half-written."""
+"""Bad input of every kind: a sentence with its remedy for each problem, exit code 2, nothing half-written."""
 
 from __future__ import annotations
 
