@@ -22,7 +22,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system lint format bench discover-campaign figures container-check lock clean
+.PHONY: help env demo test unit system lint format bench discover-campaign config-mutants figures container-check lock clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -50,6 +50,9 @@ bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels
 
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
 	$(BIN)/python -m tests.campaign $(ARGS)
+
+config-mutants: $(READY)  ## 2000 wrong configurations, each to be answered in words; ARGS="--count 600 --seed 2"
+	$(BIN)/python -m tests.hostile --count 2000 $(ARGS)
 
 figures: $(READY)  ## draw the figures of docs/ again
 	for script in docs/figures/[a-z]*.py; do $(BIN)/python $$script || exit 1; done

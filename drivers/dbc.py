@@ -7,6 +7,8 @@ signal can declare a value bad.
 from __future__ import annotations
 
 import math
+import os
+import re
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +20,22 @@ from cantools.errors import Error as CantoolsError
 from drivers.devices import DBC_OF, can_input
 from drivers.settings import CanChannel, CanSettings
 from observer.errors import UserError
+from observer.regular import one_line, read_regular
 
 if TYPE_CHECKING:
     import can
 
 Decoded = tuple[dict[str, float], dict[str, str]]
+
+MOST_BYTES = 20_000_000
+MOST_MESSAGE_BYTES = 1785  # of SAE J1939's transport protocol, the longest that a DBC file describes
+_MOST_LISTED = 30
+_MESSAGE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)")
+_SIGNAL = re.compile(r"\bSG_\s+\w+\s*\w*\s*:\s*(\d+)\s*\|\s*(\d+)")
+# What the parser raises when the text makes no sense; most of it is not said by its own errors.
+_NO_DBC = (CantoolsError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+# What it raises when a frame's bits are no value: a branch that is not there, a float that is no integer.
+_NO_VALUE = (CantoolsError, ValueError, LookupError, TypeError, ArithmeticError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +55,24 @@ class DbcDecoder:
         values = {name: math.nan for name, _ in channels}
         if len(frame.data) < message.length:
             return values, dict.fromkeys(values, "short_frame")
-        raw = message.decode(bytes(frame.data), decode_choices=False, scaling=False)
-        faults: dict[str, str] = {}
-        for name, channel in channels:
-            if channel.signal not in raw:  # another branch of a multiplexed message
-                del values[name]
-                continue
-            value, fault = _judge(raw, channel, message.get_signal_by_name(channel.signal))
-            values[name] = value
-            if fault is not None:
-                faults[name] = fault
-        return values, faults
+        try:
+            return _decoded(message, channels, bytes(frame.data))
+        except _NO_VALUE:
+            return values, dict.fromkeys(values, "bad_frame")
+
+
+def _decoded(message: Any, channels: tuple[tuple[str, CanChannel], ...], data: bytes) -> Decoded:
+    """Values and faults of the channels in the bytes of a message."""
+    raw = message.decode(data, decode_choices=False, scaling=False)
+    values: dict[str, float] = {}
+    faults: dict[str, str] = {}
+    for name, channel in channels:
+        if channel.signal not in raw:  # another branch of a multiplexed message
+            continue
+        values[name], fault = _judge(raw, channel, message.get_signal_by_name(channel.signal))
+        if fault is not None:
+            faults[name] = fault
+    return values, faults
 
 
 def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[float, str | None]:
@@ -70,7 +90,8 @@ def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[flo
     low, high = signal.minimum, signal.maximum
     if (low is not None and physical < low) or (high is not None and physical > high):
         return math.nan, "out_of_range"
-    return channel.scale * physical + channel.offset, None
+    value = channel.scale * physical + channel.offset
+    return (value, None) if math.isfinite(value) else (math.nan, "not_a_number")
 
 
 def load_decoder(settings: CanSettings, driver: str) -> DbcDecoder:
@@ -78,15 +99,11 @@ def load_decoder(settings: CanSettings, driver: str) -> DbcDecoder:
 
     Raises `UserError` when the file cannot be used or does not have a message or signal.
     """
-    path = DBC_OF[settings.device] if settings.device else find(settings.dbc or Path())
-    database = _load(path)
-    channels = {
-        name: can_input(settings.device or "", place) if isinstance(place, int) else place
-        for name, place in settings.channels.items()
-    }
+    database = _load(_path_of(settings))
+    if problems := _missing(database, settings, driver):
+        raise UserError("; ".join(problems))
     grouped: dict[str, list[tuple[str, CanChannel]]] = defaultdict(list)
-    for name, channel in channels.items():
-        _check(database, channel, f"{path}: channel {name} of drivers.{driver}")
+    for name, channel in _channels_of(settings).items():
         grouped[channel.message].append((name, channel))
     messages = {}
     for message_name, entries in grouped.items():
@@ -95,28 +112,77 @@ def load_decoder(settings: CanSettings, driver: str) -> DbcDecoder:
     return DbcDecoder(messages)
 
 
+def dbc_problems(settings: CanSettings, driver: str) -> list[str]:
+    """Return all that keeps a driver from decoding by its DBC file, a sentence each."""
+    try:
+        return _missing(_load(_path_of(settings)), settings, driver)
+    except UserError as error:
+        return [str(error)]
+
+
 def find(path: Path) -> Path:
     """A DBC file as given, or, where that does not exist, one that comes with the drivers."""
     bundled = Path(__file__).parent.parent / path
-    return bundled if not path.exists() and bundled.exists() else path
+    return bundled if not os.path.exists(path) and os.path.exists(bundled) else path
+
+
+def _path_of(settings: CanSettings) -> Path:
+    return DBC_OF[settings.device] if settings.device else find(settings.dbc or Path())
+
+
+def _channels_of(settings: CanSettings) -> dict[str, CanChannel]:
+    return {
+        name: can_input(settings.device or "", place) if isinstance(place, int) else place
+        for name, place in settings.channels.items()
+    }
 
 
 def _load(path: Path) -> Any:
+    """Parse a DBC file, whatever is in it; Raises `UserError`."""
     try:
-        return cantools.database.load_file(path, database_format="dbc")
+        text = read_regular(path, MOST_BYTES, "a DBC file").decode("cp1252")
+        _refuse_giants(path, text)
+        database = cantools.database.load_string(text, database_format="dbc")
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give the path of a DBC file") from None
-    except (CantoolsError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else "unreadable"
+    except _NO_DBC as error:
+        reason = one_line(str(error)) or "unreadable"
         raise UserError(f"{path}: not a valid DBC file ({reason}); export it again") from None
+    return database
 
 
-def _check(database: Any, channel: CanChannel, place: str) -> None:
-    """Refuse a message or signal that the file does not have."""
+def _refuse_giants(path: Path, text: str) -> None:
+    """Raise `UserError` for a message that no bus carries; the parser would lay out its gigabytes of bits."""
+    sizes = [int(size[:12]) for size in _MESSAGE.findall(text)]
+    bits = [int(number[:12]) for place in _SIGNAL.findall(text) for number in place]
+    if max(sizes, default=0) > MOST_MESSAGE_BYTES or max(bits, default=0) > 8 * MOST_MESSAGE_BYTES:
+        raise UserError(
+            f"{path}: not a valid DBC file (a message or signal is larger than {MOST_MESSAGE_BYTES} bytes); "
+            "export it again"
+        )
+
+
+def _missing(database: Any, settings: CanSettings, driver: str) -> list[str]:
+    """Messages and signals that the file does not have, a sentence each."""
+    path, found = _path_of(settings), []
     names = [message.name for message in database.messages]
-    if channel.message not in names:
-        raise UserError(f'{place}: no message "{channel.message}"; the file has {", ".join(names)}')
-    signals = [signal.name for signal in database.get_message_by_name(channel.message).signals]
-    for signal in (channel.signal, channel.fault_signal):
-        if signal is not None and signal not in signals:
-            raise UserError(f'{place}: no signal "{signal}"; the message has {", ".join(signals)}')
+    for name, channel in _channels_of(settings).items():
+        place = f"{path}: channel {name} of drivers.{driver}"
+        if channel.message not in names:
+            found.append(f'{place}: no message "{channel.message}"; the file has {_some(names)}')
+            continue
+        if names.count(channel.message) > 1:
+            found.append(f'{place}: the file has message "{channel.message}" twice; remove one')
+            continue
+        signals = [signal.name for signal in database.get_message_by_name(channel.message).signals]
+        found += [
+            f'{place}: no signal "{signal}"; the message has {_some(signals)}'
+            for signal in (channel.signal, channel.fault_signal)
+            if signal is not None and signal not in signals
+        ]
+    return found
+
+
+def _some(names: list[str]) -> str:
+    """The names a file has, no more than can be read."""
+    return ", ".join(names[:_MOST_LISTED]) + (" …" if len(names) > _MOST_LISTED else "") or "none"

@@ -8,27 +8,43 @@ delivers; a channel either takes an input of a ready device map (`device = "wago
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Literal, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    model_validator,
+)
+
+from observer.errors import raise_all
+from observer.quantities import Count, File, Finite, Number, checked_channel
 
 
 def _any_base(code: object) -> object:
     """Let codes be written as in device manuals; keys of TOML tables are strings, `0x7FFF` among them."""
     try:
-        return int(code, 0) if isinstance(code, str) else code
+        return int(code, 0) if isinstance(code, str) and len(code) <= 12 else code
     except ValueError:
         return code
 
 
-ChannelName = Annotated[str, Field(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_.-]+$")]
-Input = Annotated[int, Field(ge=0, le=63)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-PollPeriod = Annotated[float, Field(ge=0.005, le=3600, allow_inf_nan=False)]
-Timeout = Annotated[float, Field(ge=0.01, le=60, allow_inf_nan=False)]
-Register = Annotated[int, Field(ge=0, le=0xFFFF)]
-Word = Annotated[int, BeforeValidator(_any_base), Field(ge=0, le=0xFFFF_FFFF)]
+ChannelName = Annotated[
+    str,
+    Field(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_.-]+$"),
+    AfterValidator(checked_channel),
+]
+Input = Annotated[Count, Field(ge=0, le=63)]
+Scale = Annotated[Finite, Field(ge=-1e9, le=1e9)]
+PollPeriod = Annotated[Number, Field(ge=0.005, le=3600)]
+Timeout = Annotated[Number, Field(ge=0.01, le=60)]
+Register = Annotated[Count, Field(ge=0, le=0xFFFF)]
+Word = Annotated[Count, BeforeValidator(_any_base), Field(ge=0, le=0xFFFF_FFFF)]
+Text = Annotated[str, Field(min_length=1, max_length=256, pattern=r"^[^\x00-\x1f\x7f]+$")]
 FaultName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
 
 WORDS = {"int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2}
@@ -68,7 +84,7 @@ class ModbusChannel(Settings):
     function: Literal["holding", "input"] = "input"
     type: Literal["int16", "uint16", "int32", "uint32", "float32"] = "int16"
     word_order: Literal["big", "little"] = "big"
-    scale: Finite = 1.0
+    scale: Scale = 1.0
     offset: Finite = 0.0
     low: Finite | None = None
     high: Finite | None = None
@@ -93,8 +109,8 @@ class _Modbus(Settings):
     """What TCP and RTU share."""
 
     device: Literal["icpdas_m7018", "wago_750_458", "micro800_tc2"] | None = None
-    first_register: Register = 0
-    unit_id: Annotated[int, Field(ge=0, le=255)] = 1
+    first_register: Annotated[Count, Field(ge=0, le=0xFFF0)] = 0
+    unit_id: Annotated[Count, Field(ge=0, le=255)] = 1
     period_s: PollPeriod = 0.5
     timeout_s: Timeout = 1.0
     channels: dict[ChannelName, _InputOr[ModbusChannel]] = Field(min_length=1)
@@ -102,6 +118,7 @@ class _Modbus(Settings):
     @model_validator(mode="after")
     def _inputs_belong_to_a_device(self) -> _Modbus:
         _check_inputs(self.device, self.channels)
+        _check_each_its_own(self.channels)
         if self.device is None and self.first_register:
             raise ValueError(
                 "first_register shifts a ready device map; without device, write the registers out"
@@ -113,19 +130,19 @@ class ModbusTcpSettings(_Modbus):
     """A Modbus TCP device."""
 
     kind: Literal["modbus_tcp"]
-    host: Annotated[str, Field(min_length=1)]
-    port: Annotated[int, Field(ge=1, le=65535)] = 502
+    host: Text
+    port: Annotated[Count, Field(ge=1, le=65535)] = 502
 
 
 class ModbusRtuSettings(_Modbus):
     """A Modbus RTU device on a serial line; `quiet_s` is the silence kept after a reply that never came."""
 
     kind: Literal["modbus_rtu"]
-    port: Annotated[str, Field(min_length=1)]
-    baudrate: Annotated[int, Field(ge=300, le=4_000_000)] = 19200
+    port: Text
+    baudrate: Annotated[Count, Field(ge=300, le=4_000_000)] = 19200
     parity: Literal["N", "E", "O"] = "N"
     stopbits: Literal[1, 2] = 1
-    quiet_s: Annotated[float, Field(ge=0.05, le=60)] = 0.5
+    quiet_s: Annotated[Number, Field(ge=0.05, le=60)] = 0.5
 
 
 class CanChannel(Settings):
@@ -135,12 +152,12 @@ class CanChannel(Settings):
     `fault_values`, or, without `fault_values`, when it is not 0.
     """
 
-    message: Annotated[str, Field(min_length=1)]
-    signal: Annotated[str, Field(min_length=1)]
-    scale: Finite = 1.0
+    message: Text
+    signal: Text
+    scale: Scale = 1.0
     offset: Finite = 0.0
-    fault_signal: str | None = None
-    fault_values: dict[Annotated[int, Field(ge=0)], FaultName] = {}
+    fault_signal: Text | None = None
+    fault_values: dict[Annotated[int, Field(ge=0, lt=1 << 64)], FaultName] = {}
 
     @model_validator(mode="after")
     def _sensible(self) -> CanChannel:
@@ -154,9 +171,9 @@ class CanChannel(Settings):
 class _CanBus(Settings):
     """How python-can reaches the bus; `options` go to the interface as they are."""
 
-    interface: Annotated[str, Field(min_length=1)]
-    channel: Annotated[str, Field(min_length=1)]
-    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] | None = None
+    interface: Text
+    channel: Text
+    bitrate: Annotated[Count, Field(ge=10_000, le=1_000_000)] | None = None
     options: dict[str, bool | int | float | str] = {}
     period_s: PollPeriod = 0.1
     timeout_s: Timeout | None = None
@@ -171,7 +188,7 @@ class CanSettings(_CanBus):
     """Signals of cyclic CAN messages, decoded by a DBC file or a ready device map."""
 
     kind: Literal["can"]
-    dbc: Path | None = None
+    dbc: File | None = None
     device: Literal["css_canmod_temp", "peak_mu_thermocouple1"] | None = None
     channels: dict[ChannelName, _InputOr[CanChannel]] = Field(min_length=1)
 
@@ -180,6 +197,7 @@ class CanSettings(_CanBus):
         if (self.dbc is None) == (self.device is None):
             raise ValueError("give exactly one of dbc and device")
         _check_inputs(self.device, self.channels)
+        _check_each_its_own(self.channels)
         return self
 
 
@@ -193,10 +211,10 @@ class CanopenSettings(_CanBus):
     """
 
     kind: Literal["canopen"]
-    node_id: Annotated[int, Field(ge=1, le=127)]
+    node_id: Annotated[Count, Field(ge=1, le=127)]
     mode: Literal["tpdo", "sdo"] = "tpdo"
-    cob_id: Annotated[int, Field(ge=0x181, le=0x57F)] | None = None
-    position_byte: Annotated[int, Field(ge=0, le=4)] = 0
+    cob_id: Annotated[Count, Field(ge=0x181, le=0x57F)] | None = None
+    position_byte: Annotated[Count, Field(ge=0, le=4)] = 0
     counts_per_m: Finite
     offset_m: Finite = 0.0
     position_channel: ChannelName = "nut_position_m"
@@ -214,8 +232,8 @@ class PlayerSettings(Settings):
     """A recorded log played as if it were live, `speed` times as fast; `channels` defaults to all of it."""
 
     kind: Literal["player"]
-    path: Path
-    speed: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    path: File
+    speed: Annotated[Number, Field(gt=0, le=1000)] = 1.0
     channels: tuple[ChannelName, ...] | None = Field(default=None, min_length=1)
 
 
@@ -241,13 +259,42 @@ DEVICE_INPUTS = {
 
 def _check_inputs(device: str | None, channels: Mapping[str, int | ModbusChannel | CanChannel]) -> None:
     """Refuse input numbers that no ready map has."""
+    problems = []
     for channel, place in channels.items():
         if not isinstance(place, int):
             continue
         if device is None:
-            raise ValueError(
+            problems.append(
                 f"channel {channel}: an input number needs device; name it, or write the place out"
             )
-        if place >= DEVICE_INPUTS[device]:
+        elif place >= DEVICE_INPUTS[device]:
             last = DEVICE_INPUTS[device] - 1
-            raise ValueError(f"channel {channel}: {device} has inputs 0 to {last}, not {place}")
+            problems.append(f"channel {channel}: {device} has inputs 0 to {last}, not {place}")
+    raise_all(problems)
+
+
+def _check_each_its_own(channels: Mapping[str, int | ModbusChannel | CanChannel]) -> None:
+    """Refuse two channels that take the very same value."""
+    places: dict[object, list[str]] = {}
+    for channel, place in channels.items():
+        match place:
+            case ModbusChannel():
+                places.setdefault((place.function, place.register_, place.type), []).append(channel)
+            case CanChannel():
+                places.setdefault((place.message, place.signal), []).append(channel)
+            case _:
+                places.setdefault(place, []).append(channel)
+    raise_all(
+        [
+            f"channels {', '.join(same)} all read the same place; give each its own"
+            for same in places.values()
+            if len(same) > 1
+        ]
+    )
+
+
+def delivered(settings: DriverSettings) -> tuple[str, ...] | None:
+    """The channels that a driver delivers; None for a player of a whole log, which nobody has read yet."""
+    if settings.kind == "canopen":
+        return (settings.position_channel,)
+    return None if settings.channels is None else tuple(settings.channels)

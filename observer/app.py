@@ -105,6 +105,20 @@ def serve(config: Config, seconds: float | None = None) -> None:
     run(service, seconds)
 
 
+def wires(config: Config) -> dict[str, Any]:
+    """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
+    from drivers import open_driver
+    from observer.plausibility import Limits
+    from observer.service.one_look import look
+
+    limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
+
+    def doubt(channel: str, value: float) -> str | None:
+        return limits.doubt(column[channel], value) if channel in column else None
+
+    return look([open_driver(key, settings) for key, settings in config.drivers.items()], doubt)
+
+
 def _every_channel_has_a_driver(config: Config) -> None:
     """Raise `ConfigError` where the model reads a channel that no driver delivers; a player delivers all."""
     offered: set[str] = set()

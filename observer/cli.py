@@ -6,11 +6,14 @@ import json
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from observer.errors import UserError
+
+if TYPE_CHECKING:
+    from observer.config import Config
 
 app = typer.Typer(
     help="A ball screw's temperature field, heat inputs and thermal error, live and from logs.",
@@ -265,19 +268,44 @@ def discover(
 @app.command()
 def check(
     config: ConfigOption,
+    wires: Annotated[
+        bool, typer.Option(help="Instead, read every device once; exit code 0 if every channel came.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:
     """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
-    from observer.config import load
-    from observer.report.check import as_text, findings
+    from observer.report.examine import examine
 
-    found = findings(load(config))
+    settings = examine(config)
+    if wires:
+        _look_at_wires(settings, as_json)
+        return
+    from observer.report.check import findings
+    from observer.report.check_text import as_text
+
+    found = findings(settings)
     if as_json:
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
         return
     from rich.console import Console
 
     Console(highlight=False).print(as_text(found))
+
+
+def _look_at_wires(settings: Config, as_json: bool) -> None:
+    """Show what comes from the devices; leaves with 0 if every channel came with a usable value, else 1."""
+    from rich.console import Console
+
+    from observer import app as parts
+    from observer.report.wires_text import as_text
+    from observer.service.shutdown import leave
+
+    found = parts.wires(settings)
+    if as_json:
+        typer.echo(json.dumps(found, indent=2, allow_nan=False))
+    else:
+        Console(highlight=False).print(as_text(found))
+    leave(0 if found["good"] else 1)
 
 
 @app.command()

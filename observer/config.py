@@ -9,23 +9,40 @@ from __future__ import annotations
 import difflib
 import hashlib
 import itertools
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
+from drivers.settings import DriverSettings, delivered
 from observer.effects.catalogue import KINDS, Effect
 from observer.endpoints import checked_endpoint
-from observer.errors import ConfigError
+from observer.errors import ConfigError, raise_all
 from observer.limits import ChannelLimits
 from observer.mounting import Compensation
-from observer.quantities import Channel, Name, NonNegative, Positive, Section, Temperature
+from observer.problems import as_message, problems_of
+from observer.quantities import (
+    Air,
+    Channel,
+    Count,
+    Duration,
+    File,
+    Flag,
+    Name,
+    NonNegative,
+    Number,
+    Position,
+    Positive,
+    Rise,
+    Section,
+)
 from observer.sections import Description
+from observer.toml import read_toml
 
-Endpoint = Annotated[str, AfterValidator(checked_endpoint)]
+MOST_ROWS = 1500
+"""Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
+Endpoint = Annotated[str, Field(max_length=1024), AfterValidator(checked_endpoint)]
 
 
 class Machine(Section):
@@ -38,160 +55,105 @@ class Machine(Section):
 class Model(Section):
     """Which modes are kept."""
 
-    truncation: Annotated[float, Field(gt=0, lt=1)] = 0.9995
+    truncation: Annotated[Number, Field(gt=0, le=1 - 1e-9)] = 0.9995
     criterion: Literal["tail", "kim"] = "tail"
-    modes: Annotated[int, Field(ge=1, le=400)] | None = None
-    settle_s: Positive = 10.0
-    static_correction: bool = True
+    modes: Annotated[Count, Field(ge=1, le=400)] | None = None
+    settle_s: Duration = 10.0
+    static_correction: Flag = True
 
 
 class EstimatorSettings(Section):
     """How heats and field are estimated."""
 
     kind: Literal["kalman", "luenberger"] = "kalman"
-    period_s: Annotated[float, Field(ge=0.001, le=3600)] = 0.5
+    period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
     # Kalman
     engine: Literal["compiled", "filterpy", "constant"] = "compiled"
-    gate_sigma: Positive = 5.0
-    initial_sigma_K: Positive = 2.0
-    field_noise_K_sqrt_s: NonNegative = 0.002
+    gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
+    initial_sigma_K: Rise = 2.0
+    field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
     # Luenberger
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
-    bandwidth_1_s: Positive | None = None
+    bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
 
 class Calibrate(Section):
     """What may be fitted; by default the base film coefficient and each heat law's scale."""
 
-    free: tuple[str, ...] | None = None
+    free: Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=200)] | None = None
 
 
 class Discover(Section):
     """What a search for missing effects considers; `without`: kinds of effects left out of the library."""
 
-    without: tuple[str, ...] = ()
+    without: Annotated[tuple[Annotated[str, Field(max_length=64)], ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
     def _kinds_exist(self) -> Discover:
-        for kind in self.without:
-            if kind not in KINDS:
-                raise ValueError(f'without: "{kind}" is no effect; there are {", ".join(KINDS)}')
+        raise_all(
+            [
+                f'without: "{kind}" is no effect; there are {", ".join(KINDS)}'
+                for kind in self.without
+                if kind not in KINDS
+            ]
+        )
         return self
 
 
 class Output(Section):
     """Where the field is reported, and what the thermal error is measured from."""
 
-    positions_m: tuple[NonNegative, ...] | None = Field(default=None, min_length=2)
-    reference_degC: Temperature | None = None
+    positions_m: tuple[Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
+    reference_degC: Air | None = None
 
 
 class Publish(Section):
     """The Zenoh session of the daemon."""
 
     mode: Literal["client", "peer", "router"] = "peer"
-    connect: tuple[Endpoint, ...] = ()
-    listen: tuple[Endpoint, ...] = ()
-    field_rate_Hz: Annotated[float, Field(gt=0, le=50)] = 2.0
-    history: Annotated[int, Field(ge=1, le=100_000)] = 1000
+    connect: Annotated[tuple[Endpoint, ...], Field(max_length=64)] = ()
+    listen: Annotated[tuple[Endpoint, ...], Field(max_length=64)] = ()
+    field_rate_Hz: Annotated[Number, Field(ge=1e-3, le=50)] = 2.0
+    history: Annotated[Count, Field(ge=1, le=100_000)] = 1000
 
 
 class Record(Section):
     """Where the lossless log of the daemon goes; `directory` unset means that nothing is recorded."""
 
-    directory: Path | None = None
-    rotate_MB: Positive = 64.0
-    sync_s: Positive = 5.0
+    directory: File | None = None
+    rotate_MB: Annotated[Positive, Field(ge=0.001, le=1e6)] = 64.0
+    sync_s: Annotated[Positive, Field(ge=0.01, le=3600)] = 5.0
 
 
 class Config(Description):
     """A whole configuration."""
 
     machine: Machine = Machine()
-    effect: tuple[Effect, ...] = ()
+    effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
     model: Model = Model()
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
     discover: Discover = Discover()
     output: Output = Output()
     compensation: Compensation = Compensation()
-    limits: dict[Channel, ChannelLimits] = Field(default_factory=dict)
-    drivers: dict[Name, DriverSettings] = Field(default_factory=dict)
+    limits: dict[Channel, ChannelLimits] = Field(default_factory=dict, max_length=256)
+    drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
     record: Record = Record()
 
     @model_validator(mode="after")
-    def _fits_the_screw(self) -> Config:
-        length_m = self.screw.length_m
-        places = [
-            (f"sensor {s.name}: position_m", s.position_m) for s in self.sensor if s.position_m is not None
-        ]
-        for source in self.source:
-            for key in ("position_m", "to_m"):
-                if getattr(source, key) is not None:
-                    places.append((f"source {source.name}: {key}", getattr(source, key)))
-            if source.stroke_m is not None:
-                places.append((f"source {source.name}: stroke_m", source.stroke_m[1]))
-        places += [("output: positions_m", x) for x in self.output.positions_m or ()]
-        for place, x_m in places:
-            if x_m > length_m:
-                raise ValueError(
-                    f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m; mend one"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _growth_is_known(self) -> Config:
-        wanted = [
-            name
-            for name, there in (("supports", self.supports), ("compensation", self.compensation.enabled))
-            if there
-        ]
-        if wanted and self.screw.expansion_1_K is None:
-            raise ValueError(f"{wanted[0]} needs the screw's expansion coefficient; give screw.expansion_1_K")
-        for key, x_m in (
-            ("travel_m", (self.compensation.travel_m or (0.0,))[-1]),
-            ("reference_m", self.compensation.reference_m or 0.0),
-        ):
-            if x_m > self.screw.length_m:
-                raise ValueError(
-                    f"compensation: {key} reaches {x_m} m, beyond the screw's length_m; mend one of them"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _names_are_unique(self) -> Config:
-        for kind, names in (
-            ("source", [s.name for s in self.source]),
-            ("sensor", [s.name for s in self.sensor]),
-            ("sensor channel", [s.channel for s in self.sensor]),
-        ):
-            for name in names:
-                if names.count(name) > 1:
-                    raise ValueError(f'two entries of {kind} are called "{name}"; give each its own name')
-        laws = {s.name: s.law for s in self.source}
-        for source in self.source:
-            if source.heat_of is not None and laws.get(source.heat_of, "heat_of") in (None, "heat_of"):
-                raise ValueError(
-                    f"source {source.name}: heat_of names no source with a heat law of its own; name one of "
-                    f"{', '.join(n for n, law in laws.items() if law not in (None, 'heat_of')) or 'none yet'}"
-                )
-        if not any(s.estimate for s in self.source):
-            raise ValueError("every source has estimate = false; leave at least one to be estimated")
-        positions_m = self.output.positions_m or ()
-        if any(b <= a for a, b in itertools.pairwise(positions_m)):
-            raise ValueError("output: positions_m must increase")
-        return self
-
-    @model_validator(mode="after")
-    def _limits_are_of_channels(self) -> Config:
-        for name in self.limits:
-            if name not in self.channels:
-                close = difflib.get_close_matches(name, self.channels, n=1)
-                raise ValueError(
-                    f'limits: the model reads no channel "{name}"'
-                    f"{f' (did you mean {close[0]}?)' if close else ''}; it reads {', '.join(self.channels)}"
-                )
+    def _fits_together(self) -> Config:
+        raise_all(
+            [
+                *_beyond_the_screw(self),
+                *_too_much_work(self),
+                *_growth_unknown(self),
+                *_names_twice(self),
+                *_heats_unknown(self),
+                *_delivered_twice(self),
+                *_limits_unknown(self),
+            ]
+        )
         return self
 
     @property
@@ -211,91 +173,130 @@ class Config(Description):
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
 
+def _beyond_the_screw(config: Config) -> Iterator[str]:
+    length_m = config.screw.length_m
+    places = [
+        (f"sensor {s.name}: position_m", s.position_m) for s in config.sensor if s.position_m is not None
+    ]
+    for source in config.source:
+        for key in ("position_m", "to_m"):
+            if getattr(source, key) is not None:
+                places.append((f"source {source.name}: {key}", getattr(source, key)))
+        if source.stroke_m is not None:
+            places.append((f"source {source.name}: stroke_m", source.stroke_m[1]))
+    places += [("output: positions_m", x) for x in config.output.positions_m or ()]
+    for place, x_m in places:
+        if x_m > length_m:
+            slip = f"; did you mean {x_m / 1000:g} ({x_m:g} mm)?" if x_m / 1000 <= length_m < x_m / 20 else ""
+            yield f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m; mend one{slip}"
+    for source in config.source:
+        if source.length_m is not None and source.length_m > length_m:
+            yield (
+                f"source {source.name}: length_m = {source.length_m} m makes the nut longer than the screw, "
+                f"length_m = {length_m} m; mend one"
+            )
+
+
+def _limits_unknown(config: Config) -> Iterator[str]:
+    for name in config.limits:
+        if name not in config.channels:
+            close = difflib.get_close_matches(name, config.channels, n=1)
+            suggestion = f" (did you mean {close[0]}?)" if close else ""
+            yield (
+                f'limits: the model reads no channel "{name}"{suggestion}; it reads '
+                f"{', '.join(config.channels)}"
+            )
+
+
+def _too_much_work(config: Config) -> Iterator[str]:
+    nuts = sum(s.shape == "nut" and s.position_channel is not None for s in config.source)
+    places = len(config.output.positions_m or ()) + len(config.sensor)
+    if nuts * places > MOST_ROWS:
+        yield (
+            f"output: positions_m: {nuts} moving nuts times {places} places (sensors included) are more than "
+            f"the {MOST_ROWS} that can be tabulated; report fewer places"
+        )
+
+
+def _growth_unknown(config: Config) -> Iterator[str]:
+    wanted = (("supports", config.supports is not None), ("compensation", config.compensation.enabled))
+    if config.screw.expansion_1_K is None:
+        yield from (
+            f"{name} needs the screw's expansion coefficient; give screw.expansion_1_K"
+            for name, there in wanted
+            if there
+        )
+    for key, x_m in (
+        ("travel_m", (config.compensation.travel_m or (0.0,))[-1]),
+        ("reference_m", config.compensation.reference_m or 0.0),
+    ):
+        if x_m > config.screw.length_m:
+            yield f"compensation: {key} reaches {x_m} m, beyond the screw's length_m; mend one of them"
+    positions_m = config.output.positions_m or ()
+    if any(b <= a for a, b in itertools.pairwise(positions_m)):
+        yield "output: positions_m must increase; sort them"
+
+
+def _names_twice(config: Config) -> Iterator[str]:
+    for kind, names in (
+        ("source", [s.name for s in config.source]),
+        ("sensor", [s.name for s in config.sensor]),
+        ("sensor channel", [s.channel for s in config.sensor]),
+    ):
+        for name in dict.fromkeys(names):
+            if names.count(name) > 1:
+                yield f'{names.count(name)} entries of {kind} are called "{name}"; give each its own name'
+
+
+def _heats_unknown(config: Config) -> Iterator[str]:
+    laws = {s.name: s.law for s in config.source}
+    for source in config.source:
+        if source.heat_of is not None and laws.get(source.heat_of, "heat_of") in (None, "heat_of"):
+            own = ", ".join(n for n, law in laws.items() if law not in (None, "heat_of")) or "none yet"
+            yield (
+                f"source {source.name}: heat_of names no source with a heat law of its own; name one of {own}"
+            )
+    if not any(s.estimate for s in config.source):
+        yield "every source has estimate = false; leave at least one to be estimated"
+
+
+def _delivered_twice(config: Config) -> Iterator[str]:
+    by: dict[str, str] = {}
+    for name, settings in config.drivers.items():
+        for channel in delivered(settings) or ():
+            if channel in by:
+                yield (
+                    f'drivers.{name}: "{channel}" is delivered by drivers.{by[channel]} already; give it to '
+                    "one of them"
+                )
+            by.setdefault(channel, name)
+
+
 def load(path: Path) -> Config:
     """Read and check a configuration file.
 
-    Raises `ConfigError` with one sentence that names the file, the key and the remedy.
+    Raises `ConfigError`, a sentence for each problem that names the file, the key and the remedy.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file; give the path of a configuration with --config") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read as text ({error}); give a TOML file in UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not valid TOML ({error}); mend that line") from None
-    return parse(table, str(path))
+    return parse(read_toml(path), str(path))
 
 
 def parse(table: dict[str, Any], place: str = "configuration") -> Config:
     """Check a configuration given as a table; `place` is named in errors (`ConfigError`)."""
     try:
         config = Config.model_validate(table)
-        for effect in config.effect:
-            effect.terms(config)
-    except ValidationError as error:
-        raise ConfigError(_one_sentence(error, table, place)) from None
-    except ConfigError as error:
-        raise ConfigError(f"{place}: {error}") from None
+    except ValidationError:
+        raise ConfigError(as_message(place, problems_of(table, Config, Config.model_validate))) from None
+    if problems := effect_problems(config):
+        raise ConfigError(as_message(place, problems))
     return config
 
 
-def _one_sentence(error: ValidationError, table: dict[str, Any], place: str) -> str:
-    """The first problem of a validation error as a sentence; further ones are counted."""
-    first = error.errors(include_url=False)[0]
-    key = _key(first["loc"], table)
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        message = f"unknown key{_suggestion(first['loc'])}; remove it or mend its name"
-    elif first["type"] == "missing":
-        message = "is missing; add it"
-    elif first["type"].startswith("union_tag"):
-        kind = first["input"].get("kind") if isinstance(first["input"], dict) else None
-        stated = "kind is missing" if kind is None else f"unknown kind {kind!r}"
-        known = KINDS if first["loc"][0] == "effect" else DRIVER_KINDS
-        message = f"{stated}; give one of {', '.join(known)}"
-    elif first["type"] in {"model_type", "model_attributes_type", "dict_type"}:
-        message = f"is to be a table, not {first['input']!r}; write [{key}] and its keys below"
-    elif first["type"] != "value_error":
-        shown = first.get("input")
-        what = f", not {shown!r}" if isinstance(shown, int | float | str | bool) else ""
-        message = f"{message[0].lower()}{message[1:]}{what}"
-    more = error.error_count() - 1
-    tail = f" ({more} more problem{'s' if more > 1 else ''})" if more else ""
-    return f"{place}: {key}: {message}{tail}" if key else f"{place}: {message}{tail}"
-
-
-def _key(location: tuple[int | str, ...], table: Any) -> str:
-    """The dotted key of a place in the file; list entries go by their name where they have one."""
-    parts: list[str] = []
-    for part in location:
-        if isinstance(part, int):
-            table = table[part] if isinstance(table, list | tuple) and part < len(table) else None
-            name = table.get("name") if isinstance(table, dict) else None
-            parts[-1:] = (
-                [f'{parts[-1]} "{name}"' if name else f"{parts[-1]}[{part}]"] if parts else [str(part)]
-            )
-            continue
-        tags = (*UNION_TAGS, table.get("kind") if isinstance(table, dict) else None)
-        if part in tags and not (isinstance(table, dict) and part in table):
-            continue  # what pydantic inserts to say which kind of driver or place it took
-        table = table.get(part) if isinstance(table, dict) else None
-        parts.append(part)
-    return ".".join(parts)
-
-
-def _tables(*kinds: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    for kind in kinds:
-        yield kind
-        yield from _tables(*kind.__subclasses__())
-
-
-def _suggestion(location: tuple[int | str, ...]) -> str:
-    """“ (did you mean …?)” from every key the configuration knows."""
-    known = {
-        field.alias or name
-        for table in _tables(Section, Settings)
-        for name, field in table.model_fields.items()
-    }
-    close = difflib.get_close_matches(str(location[-1]), sorted(known), n=1)
-    return f" (did you mean {close[0]}?)" if close else ""
+def effect_problems(config: Config) -> list[str]:
+    """Why effects cannot stand on this machine, a sentence each."""
+    found = []
+    for effect in config.effect:
+        try:
+            effect.terms(config)
+        except ConfigError as error:
+            found.append(str(error))
+    return found

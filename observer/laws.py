@@ -6,9 +6,34 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from observer.quantities import Channel, Finite, Name, NonNegative, Positive, Section, Share, Temperature
+from observer.quantities import (
+    Air,
+    Channel,
+    Count,
+    Diameter,
+    Factor,
+    Film,
+    Flag,
+    Heat,
+    HeatPerSpeed,
+    Lead,
+    Length,
+    Name,
+    NonNegative,
+    Number,
+    Position,
+    Positive,
+    Rise,
+    Section,
+    Share,
+    Speed,
+    Temperature,
+    Torque,
+)
 
-Efficiency = Annotated[float, Field(gt=0.5, lt=1)]
+Efficiency = Annotated[Number, Field(gt=0.5, lt=1)]
+Load = Annotated[NonNegative, Field(le=1e9)]
+Viscosity = Annotated[Positive, Field(ge=0.01, le=1e6)]
 FilmLaw = Literal["churchill-chu", "wall", "rotating-cylinder", "kendoush", "taylor-gap"]
 
 
@@ -16,19 +41,19 @@ class BearingFriction(Section):
     """Palmgren's friction of a rolling bearing, as a source's heat law."""
 
     type: Literal["angular_contact", "angular_contact_pair", "deep_groove"]
-    mean_diameter_m: Positive
-    load_N: NonNegative | None = None
-    axial_load_N: NonNegative | None = None
-    radial_load_N: NonNegative | None = None
-    f0: Positive | None = None
-    f1: NonNegative | None = None
-    static_load_N: NonNegative | None = None
-    static_rating_N: Positive | None = None
-    viscosity_mm2_s: Positive | None = None
-    viscosity_40_mm2_s: Positive | None = None
-    viscosity_100_mm2_s: Positive | None = None
+    mean_diameter_m: Diameter
+    load_N: Load | None = None
+    axial_load_N: Load | None = None
+    radial_load_N: Load | None = None
+    f0: Annotated[Positive, Field(le=1e3)] | None = None
+    f1: Annotated[NonNegative, Field(le=1)] | None = None
+    static_load_N: Load | None = None
+    static_rating_N: Annotated[Positive, Field(ge=1e-3, le=1e9)] | None = None
+    viscosity_mm2_s: Viscosity | None = None
+    viscosity_40_mm2_s: Viscosity | None = None
+    viscosity_100_mm2_s: Viscosity | None = None
     lubricant_degC: Temperature | None = None
-    count: Annotated[int, Field(ge=1, le=100)] = 1
+    count: Annotated[Count, Field(ge=1, le=100)] = 1
 
     @model_validator(mode="after")
     def _complete(self) -> BearingFriction:
@@ -49,9 +74,9 @@ class NutFriction(Section):
     """Friction of a ball nut from preload, load and efficiency, as a source's heat law."""
 
     efficiency: Efficiency
-    preload_N: NonNegative = 0.0
-    axial_load_N: NonNegative = 0.0
-    lead_m: Positive | None = None
+    preload_N: Load = 0.0
+    axial_load_N: Load = 0.0
+    lead_m: Lead | None = None
 
     @model_validator(mode="after")
     def _some_load(self) -> NutFriction:
@@ -68,21 +93,21 @@ class HeatLaw(Section):
     """How much heat a source delivers: one law, and what multiplies it."""
 
     speed_channel: Channel | None = None
-    torque_Nm: NonNegative | None = None
+    torque_Nm: Torque | None = None
     bearing: BearingFriction | None = None
     nut_friction: NutFriction | None = None
     nut_speed_channel: Channel | None = None
-    nut_torque_Nm: NonNegative | None = None
-    heat_W_rpm: NonNegative | None = None
+    nut_torque_Nm: Torque | None = None
+    heat_W_rpm: HeatPerSpeed | None = None
     power_channel: Channel | None = None
-    heat_W: Finite | None = None
+    heat_W: Heat | None = None
     drive_channel: Channel | None = None
     heat_of: Name | None = None
-    heat_ratio: Positive | None = None
+    heat_ratio: Annotated[Factor, Field(gt=0)] | None = None
     share: Share = 1.0
     duty: Share = 1.0
-    stroke_share: bool = False
-    scale: NonNegative = 1.0
+    stroke_share: Flag = False
+    scale: Factor = 1.0
 
     @model_validator(mode="after")
     def _one_law(self) -> HeatLaw:
@@ -127,21 +152,21 @@ class HeatLaw(Section):
 class Surface(Section):
     """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
 
-    convection_W_m2K: NonNegative = 0.0
+    convection_W_m2K: Film = 0.0
     law: FilmLaw | None = None
-    factor: Positive = 1.0
-    rise_K: Positive = 10.0
-    air_degC: Temperature = 20.0
-    emissivity: Annotated[float, Field(ge=0, le=1)] = 0.0
-    speed_rpm: NonNegative = 0.0
+    factor: Annotated[Factor, Field(gt=0)] = 1.0
+    rise_K: Rise = 10.0
+    air_degC: Air = 20.0
+    emissivity: Share = 0.0
+    speed_rpm: Speed = 0.0
     speed_channel: Channel | None = None
     facing: Literal["vertical", "up", "down"] | None = None
-    height_m: Positive | None = None
-    gap_m: Positive | None = None
-    thread_lead_m: Positive | None = None
-    ball_radius_m: Positive | None = None
-    land_m: NonNegative | None = None
-    fin_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
+    height_m: Length | None = None
+    gap_m: Length | None = None
+    thread_lead_m: Lead | None = None
+    ball_radius_m: Length | None = None
+    land_m: Position | None = None
+    fin_efficiency: Annotated[Positive, Field(le=1)] | None = None
 
     @model_validator(mode="after")
     def _law_is_complete(self) -> Surface:

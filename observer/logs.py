@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from observer.errors import LogError
+from observer.errors import LogError, UserError
 from observer.frames import BoolArray, FloatArray
+from observer.regular import one_line, refuse_irregular
 
 TIME = "time_s"
 STEP = "step"
@@ -58,13 +59,20 @@ def read_log(path: Path | str, needed: Sequence[str] = (), *, accept_truncated: 
     """
     path = Path(path)
     try:
-        if suffix_of(path) == ".parquet":
+        suffix = suffix_of(path)
+        refuse_irregular(path, "a readable log")
+        if suffix == ".parquet":
             return _read_parquet(path, needed)
         return _read_csv(path, needed, accept_truncated)
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; give the path of a log") from None
     except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror or error}); give a readable log") from None
+        reason = error.strerror or one_line(str(error))
+        raise LogError(f"{path}: cannot be read ({reason}); give a readable log") from None
+    except LogError:
+        raise
+    except UserError as error:
+        raise LogError(str(error)) from None
 
 
 def suffix_of(path: Path) -> str:

@@ -6,7 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from observer.quantities import Finite, NonNegative, Positive, Section
+from observer.quantities import Count, Finite, Flag, NonNegative, Position, Positive, Section
+
+Stiffness = Annotated[Positive, Field(ge=1.0)]
 
 
 class Supports(Section):
@@ -18,11 +20,11 @@ class Supports(Section):
 
     mounting: Literal["L-I", "L-II", "L-III", "L-IV"]
     first: Literal["left", "right"] = "left"
-    stiffness_first_N_m: Positive | None = None
-    stiffness_second_N_m: Positive | None = None
+    stiffness_first_N_m: Stiffness | None = None
+    stiffness_second_N_m: Stiffness | None = None
     preload_N: NonNegative = 0.0
-    gap_m: NonNegative = 0.0
-    elastic_modulus_Pa: Positive = 2.06e11
+    gap_m: Position = 0.0
+    elastic_modulus_Pa: Annotated[Positive, Field(ge=1e6, le=1e13)] = 2.06e11
 
     @model_validator(mode="after")
     def _only_where_two_supports_hold(self) -> Supports:
@@ -38,14 +40,14 @@ class Supports(Section):
 class Compensation(Section):
     """What a control is told so that it can take the thermal error out of its axis; off unless enabled."""
 
-    enabled: bool = False
-    controller_compensates: bool | None = None
+    enabled: Flag = False
+    controller_compensates: Flag | None = None
     position_feedback: Literal["motor", "scale"] | None = None
-    travel_m: tuple[NonNegative, NonNegative] | None = None
-    reference_m: NonNegative | None = None
+    travel_m: tuple[Position, Position] | None = None
+    reference_m: Position | None = None
     zero_m: Finite = 0.0
-    reverse: bool = False
-    points: Annotated[int, Field(ge=2, le=200)] = 21
+    reverse: Flag = False
+    points: Annotated[Count, Field(ge=2, le=200)] = 21
     rate_limit_um_s: Positive = 1.0
     gradient_limit_um_m: Positive = 100.0
 

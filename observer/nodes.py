@@ -6,7 +6,20 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from observer.quantities import Name, NonNegative, Positive, Section
+from observer.quantities import (
+    Area,
+    Capacity,
+    Conductance,
+    Conductivity,
+    Count,
+    Diameter,
+    EndFilm,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Section,
+)
 
 AMBIENT = "ambient"
 """What a link names as its end where it leads into the air."""
@@ -16,7 +29,7 @@ class Node(Section):
     """A body of one temperature: a bearing's ring, a housing, the nut, the table."""
 
     name: Name
-    capacity_J_K: Positive
+    capacity_J_K: Capacity
 
 
 WAYS: tuple[tuple[str, ...], ...] = (
@@ -40,20 +53,20 @@ class Link(Section):
     """
 
     between: tuple[Name, Name]
-    conductance_W_K: Positive | None = None
-    resistance_K_W: Positive | None = None
-    film_W_m2K: Positive | None = None
-    area_m2: Positive | None = None
-    conductivity_W_mK: Positive | None = None
-    length_m: Positive | None = None
-    inner_diameter_m: Positive | None = None
-    outer_diameter_m: Positive | None = None
-    gap_m: Positive | None = None
-    touching: Annotated[float, Field(gt=0, le=1)] | None = None
-    conductivities_W_mK: tuple[Positive, Positive] | None = None
+    conductance_W_K: Conductance | None = None
+    resistance_K_W: Annotated[Positive, Field(ge=1e-7, le=1e9)] | None = None
+    film_W_m2K: EndFilm | None = None
+    area_m2: Area | None = None
+    conductivity_W_mK: Conductivity | None = None
+    length_m: Length | None = None
+    inner_diameter_m: Diameter | None = None
+    outer_diameter_m: Diameter | None = None
+    gap_m: Length | None = None
+    touching: Annotated[Positive, Field(le=1)] | None = None
+    conductivities_W_mK: tuple[Conductivity, Conductivity] | None = None
     filling_W_mK: NonNegative = 0.0
-    balls: Annotated[int, Field(ge=1, le=1000)] | None = None
-    semi_axes_m: tuple[Positive, Positive] | None = None
+    balls: Annotated[Count, Field(ge=1, le=1000)] | None = None
+    semi_axes_m: tuple[Length, Length] | None = None
 
     @model_validator(mode="after")
     def _told_in_one_way(self) -> Link:

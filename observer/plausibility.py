@@ -59,7 +59,8 @@ class Breach(Enum):
 class Limits:
     """Limits of c channels, infinite where there are none.
 
-    `low`, `high`, `rate_per_s` (c,) in the channels' own units, `above_K`, `below_K` (c,) from ambient;
+    `low`, `high`, `rate_per_s` (c,) in the channels' own units, `above_K`, `below_K` (c,) from ambient; `usual`
+    (c, 2) where values lie on this machine, from which the unit of one beyond the limits is guessed;
     `slack` (c,) the change that noise alone may make between two samples. The ambient is channel number
     `ambient`, or `ambient_degC` where that is −1 (NaN: not known).
     """
@@ -71,6 +72,7 @@ class Limits:
     above_K: FloatArray
     below_K: FloatArray
     slack: FloatArray
+    usual: FloatArray
     ambient: int = -1
     ambient_degC: float = math.nan
 
@@ -78,7 +80,8 @@ class Limits:
     def none(cls, channels: int) -> Limits:
         """No limits for that many channels."""
         wide = np.full(channels, np.inf)
-        return cls((Kind.OTHER,) * channels, -wide, wide, wide, wide, wide, np.zeros(channels))
+        both = np.column_stack([-wide, wide])
+        return cls((Kind.OTHER,) * channels, -wide, wide, wide, wide, wide, np.zeros(channels), both)
 
     @classmethod
     def of(cls, config: Config) -> Limits:
@@ -86,12 +89,14 @@ class Limits:
         kinds = kinds_of(config)
         rows = [_limits(config, channel, kinds[channel]) for channel in config.channels]
         noise_K = {s.channel: s.noise_K for s in config.sensor}
+        strokes = {s.position_channel: s.stroke_m for s in config.source if s.stroke_m}
         low, high, rate, above, below = np.array(rows, dtype=float).T
         ambient = config.ambient.channel
         return cls(
             tuple(kinds[channel] for channel in config.channels),
             low, high, rate, above, below,
             np.array([10.0 * noise_K.get(channel, 0.0) for channel in config.channels]),
+            np.array([strokes.get(c, row[:2]) for c, row in zip(config.channels, rows, strict=True)]),
             -1 if ambient is None else config.channels.index(ambient),
             math.nan if config.ambient.temperature_degC is None else config.ambient.temperature_degC,
         )  # fmt: skip
@@ -106,8 +111,21 @@ class Limits:
             Breach.ABOVE_AMBIENT: f"more than {self.above_K[channel]:g} K above {air}",
             Breach.BELOW_AMBIENT: f"more than {self.below_K[channel]:g} K below {air}",
         }[breach]
-        hint = unit_hint(self.kinds[channel], value, self.low[channel], self.high[channel], ambient_degC)
+        hint = unit_hint(self.kinds[channel], value, *self.usual[channel].tolist(), ambient_degC)
         return f"implausible: {value:.6g} is {limit}" + (f"; {hint}" if hint else "")
+
+    def doubt(self, channel: int, value: float) -> str | None:
+        """Say of a single value how it is beyond its limits; None where it may be right."""
+        ambient_degC = self.ambient_degC
+        for breach, beyond in (
+            (Breach.LOW, value < self.low[channel]),
+            (Breach.HIGH, value > self.high[channel]),
+            (Breach.ABOVE_AMBIENT, value - ambient_degC > self.above_K[channel]),
+            (Breach.BELOW_AMBIENT, ambient_degC - value > self.below_K[channel]),
+        ):
+            if beyond:
+                return self.sentence(channel, breach, value, ambient_degC)
+        return None
 
 
 def kinds_of(config: Config) -> Mapping[str, Kind]:
@@ -171,7 +189,7 @@ _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 999
 
 
 def unit_hint(kind: Kind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
-    """Say which unit a value beyond `low` … `high` looks like, or that it is a device's code for a fault."""
+    """Say which unit a value looks like that would lie in `low` … `high`, or that it is a code for a fault."""
     if kind in {Kind.SCREW, Kind.NODE, Kind.END, Kind.AMBIENT}:
         if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
             return "it looks like a device's code for a fault, which its driver should know (fault_codes)"

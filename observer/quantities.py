@@ -1,18 +1,99 @@
-"""What every table of the configuration is made of: its base, and the kinds of names and numbers."""
+"""What every table of the configuration is made of: its base, and the kinds of names and numbers.
+
+A number is a number: neither `true` nor `"1.0"` passes for one. Every kind has hard bounds, orders of
+magnitude beyond what any machine has, so that nothing absurd reaches the mathematics; a value that is
+possible and still looks like a slip of the unit is told by `observer.doubts`.
+"""
 
 from __future__ import annotations
 
+import unicodedata
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+NOTHING = 1e-12
+"""Whatever is nearer to 0 counts as 0: no quantity here is told so finely, but denormal numbers overflow."""
+OWN_COLUMNS = ("time_s", "late_s", "step", "flags")
+"""Columns of a recording that are no channels."""
+_SEPARATORS = "=;,\"'"
+
+
+def within(low: float, high: float, what: str, *, or_zero: bool = False) -> Callable[[float], float]:
+    """A validator of the hard bounds of a quantity; with `or_zero`, 0 may stand beside them."""
+
+    def checked(value: float) -> float:
+        if or_zero and abs(value) < NOTHING:
+            return 0.0
+        if not low <= value <= high:
+            raise ValueError(f"{value:g} is no {what}, which lies between {low:g} and {high:g}")
+        return value
+
+    return checked
+
+
+def checked_channel(name: str) -> str:
+    """Return the name of a channel as it is. Raises `ValueError` for one that no recording could hold."""
+    shown = repr(name[:40])
+    if name in OWN_COLUMNS:
+        raise ValueError(f"{shown} is a column of the recordings themselves; give the channel another name")
+    if name.startswith("command:"):
+        raise ValueError(f"{shown} begins as commands do in recordings; give the channel another name")
+    if any(unicodedata.category(c).startswith("C") or c in _SEPARATORS for c in name) or name != name.strip():
+        raise ValueError(
+            f"{shown} holds a control character, a quote, one of = ; , or blanks at an end; use letters, "
+            "digits, _ . and -"
+        )
+    return name
+
+
+def checked_path(path: Path) -> Path:
+    """Return a path as it is. Raises `ValueError` for one that no file can have."""
+    if "\0" in str(path) or len(str(path)) > 4096:
+        raise ValueError(f"{str(path)[:40]!r} is no path of a file; mend it")
+    return path
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
+File = Annotated[Path, AfterValidator(checked_path)]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=64)]
-Channel = Annotated[str, Field(min_length=1, max_length=128)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Temperature = Annotated[float, Field(gt=-273.15, lt=2000)]
+Channel = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(checked_channel)]
+
+Positive = Annotated[Number, Field(gt=0), AfterValidator(within(NOTHING, 1e18, "positive quantity"))]
+NonNegative = Annotated[Number, Field(ge=0), AfterValidator(within(0.0, 1e12, "quantity", or_zero=True))]
+Finite = Annotated[Number, AfterValidator(within(-1e12, 1e12, "quantity", or_zero=True))]
+Share = Annotated[NonNegative, Field(le=1)]
+Temperature = Annotated[Number, Field(gt=-273.15, lt=2000)]
+
+ScrewLength = Annotated[Positive, AfterValidator(within(1e-3, 100.0, "length in m of a screw"))]
+Diameter = Annotated[Positive, AfterValidator(within(1e-4, 5.0, "diameter in m"))]
+Length = Annotated[Positive, AfterValidator(within(1e-9, 100.0, "length in m"))]
+Lead = Annotated[Positive, AfterValidator(within(1e-5, 1.0, "lead in m"))]
+Position = Annotated[NonNegative, AfterValidator(within(0.0, 100.0, "position in m"))]
+Area = Annotated[Positive, AfterValidator(within(1e-12, 1e4, "area in m²"))]
+Conductivity = Annotated[Positive, AfterValidator(within(1e-3, 1e4, "conductivity in W/mK"))]
+Density = Annotated[Positive, AfterValidator(within(100.0, 30e3, "density in kg/m³"))]
+SpecificHeat = Annotated[Positive, AfterValidator(within(10.0, 2e4, "specific heat in J/kgK"))]
+Expansion = Annotated[Positive, AfterValidator(within(1e-9, 1e-3, "expansion coefficient in 1/K"))]
+Film = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "film in W/m²K", or_zero=True))]
+EndFilm = Annotated[Positive, AfterValidator(within(1e-6, 1e8, "film in W/m²K"))]
+Air = Annotated[Temperature, AfterValidator(within(-100.0, 200.0, "air temperature in °C"))]
+Torque = Annotated[NonNegative, AfterValidator(within(0.0, 1e4, "friction torque in Nm", or_zero=True))]
+HeatPerSpeed = Annotated[NonNegative, AfterValidator(within(0.0, 1e3, "heat in W/rpm", or_zero=True))]
+Heat = Annotated[Finite, AfterValidator(within(-1e6, 1e6, "heat in W"))]
+HeatSigma = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "heat in W", or_zero=True))]
+Speed = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "speed in rpm", or_zero=True))]
+Noise = Annotated[Positive, AfterValidator(within(1e-6, 20.0, "noise in K"))]
+Rise = Annotated[Positive, AfterValidator(within(1e-6, 1e3, "temperature difference in K"))]
+Duration = Annotated[Positive, AfterValidator(within(1e-6, 1e9, "time in s"))]
+Capacity = Annotated[Positive, AfterValidator(within(1e-6, 1e9, "heat capacity in J/K"))]
+Conductance = Annotated[Positive, AfterValidator(within(1e-9, 1e7, "conductance in W/K"))]
+Factor = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "factor", or_zero=True))]
 
 
 class Section(BaseModel):

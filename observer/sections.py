@@ -6,31 +6,52 @@ Every unit and every range of these tables is checked here, once.
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from observer.laws import LAWS, HeatLaw, Surface
 from observer.mounting import Supports
 from observer.nodes import Link, Node, check_places
-from observer.quantities import Channel, Name, NonNegative, Positive, Section, Share, Temperature
+from observer.quantities import (
+    Air,
+    Channel,
+    Conductivity,
+    Density,
+    Diameter,
+    Duration,
+    EndFilm,
+    Expansion,
+    Factor,
+    Flag,
+    HeatSigma,
+    Lead,
+    Length,
+    Name,
+    Noise,
+    Position,
+    ScrewLength,
+    Section,
+    Share,
+    SpecificHeat,
+)
 
 
 class Screw(Section):
     """Geometry and material of the screw; `diameter_m` is the effective (root) diameter."""
 
-    length_m: Positive
-    diameter_m: Positive
-    conductivity_W_mK: Positive
-    density_kg_m3: Positive
-    specific_heat_J_kgK: Positive
-    expansion_1_K: Positive | None = None
+    length_m: ScrewLength
+    diameter_m: Diameter
+    conductivity_W_mK: Conductivity
+    density_kg_m3: Density
+    specific_heat_J_kgK: SpecificHeat
+    expansion_1_K: Expansion | None = None
 
 
 class Ambient(Section):
     """The air around the screw: one constant, or a channel of the log."""
 
-    temperature_degC: Temperature | None = None
+    temperature_degC: Air | None = None
     channel: Channel | None = None
 
     @model_validator(mode="after")
@@ -44,7 +65,7 @@ class Boundary(Section):
     """One end of the screw."""
 
     kind: Literal["insulated", "convective", "prescribed"] = "insulated"
-    coefficient_W_m2K: Positive | None = None
+    coefficient_W_m2K: EndFilm | None = None
     channel: Channel | None = None
 
     @model_validator(mode="after")
@@ -69,20 +90,20 @@ class Source(HeatLaw):
     name: Name
     shape: Literal["nut", "point", "band", "node"]
     # where
-    length_m: Positive | None = None
-    stroke_m: tuple[NonNegative, NonNegative] | None = None
+    length_m: Length | None = None
+    stroke_m: tuple[Position, Position] | None = None
     position_channel: Channel | None = None
-    lead_m: Positive | None = None
-    position_m: NonNegative | None = None
-    from_m: NonNegative | None = None
-    to_m: NonNegative | None = None
+    lead_m: Lead | None = None
+    position_m: Position | None = None
+    from_m: Position | None = None
+    to_m: Position | None = None
     nodes: dict[Name, Share] = Field(default_factory=dict)
     # how it is estimated
-    estimate: bool = True
-    random_walk_W_sqrt_s: NonNegative = 0.1
-    time_constant_s: Positive | None = None
-    law_uncertainty: NonNegative = 0.2
-    initial_sigma_W: Positive = 30.0
+    estimate: Flag = True
+    random_walk_W_sqrt_s: HeatSigma = 0.1
+    time_constant_s: Duration | None = None
+    law_uncertainty: Factor = 0.2
+    initial_sigma_W: Annotated[HeatSigma, Field(gt=0)] = 30.0
 
     @model_validator(mode="after")
     def _shape_is_complete(self) -> Source:
@@ -139,9 +160,9 @@ class Sensor(Section):
 
     name: Name
     channel: Channel
-    position_m: NonNegative | None = None
+    position_m: Position | None = None
     on: Name | None = None
-    noise_K: Positive = 0.1
+    noise_K: Noise = 0.1
 
     @model_validator(mode="after")
     def _somewhere(self) -> Sensor:
@@ -158,10 +179,10 @@ class Description(Section):
     ambient: Ambient
     boundary: Boundaries = Boundaries()
     supports: Supports | None = None
-    node: tuple[Node, ...] = ()
-    link: tuple[Link, ...] = ()
-    source: tuple[Source, ...] = Field(min_length=1)
-    sensor: tuple[Sensor, ...] = Field(min_length=1)
+    node: tuple[Node, ...] = Field(default=(), max_length=100)
+    link: tuple[Link, ...] = Field(default=(), max_length=1000)
+    source: tuple[Source, ...] = Field(min_length=1, max_length=32)
+    sensor: tuple[Sensor, ...] = Field(min_length=1, max_length=100)
 
     @model_validator(mode="after")
     def _nodes_are_known(self) -> Description:

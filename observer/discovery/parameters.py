@@ -82,6 +82,12 @@ def free_keys(config: Config) -> tuple[str, ...]:
     return keys
 
 
+def free_problems(config: Config) -> list[str]:
+    """Return why keys that the configuration declares free cannot be, a sentence each."""
+    known = candidates(config)
+    return [_unknown(key, known) for key in dict.fromkeys(config.calibrate.free or ()) if key not in known]
+
+
 def kind_of(key: str) -> Kind:
     """Return what is known of a parameter beforehand."""
     parts = key.split(".")

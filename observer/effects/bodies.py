@@ -8,6 +8,7 @@ from pydantic import Field
 
 from observer.effects.base import EffectTable, Target, free_end, source_free_to_warm
 from observer.effects.terms import Body, End, EndConductance, Heat, Term
+from observer.quantities import Finite
 from observer.sections import Description, Source
 
 
@@ -16,7 +17,7 @@ class EndConduction(EffectTable):
 
     kind: Literal["end_conduction"]
     target: End
-    conductance_W_K: Annotated[float, Field(ge=0, le=1000)]
+    conductance_W_K: Annotated[Finite, Field(ge=0, le=1000)]
 
     parameters = ("conductance_W_K",)
     targets = "end"
@@ -33,8 +34,8 @@ class AttachedMass(EffectTable):
 
     kind: Literal["attached_mass"]
     target: Target
-    capacity_J_K: Annotated[float, Field(ge=1, le=1e6)]
-    conductance_W_K: Annotated[float, Field(ge=1e-3, le=1000)]
+    capacity_J_K: Annotated[Finite, Field(ge=1, le=1e6)]
+    conductance_W_K: Annotated[Finite, Field(ge=1e-3, le=1000)]
 
     parameters = ("capacity_J_K", "conductance_W_K")
     targets = "place"

@@ -26,7 +26,7 @@ class SurfaceConvection(EffectTable):
     """A surface loss where none is modelled: h = coefficient."""
 
     kind: Literal["surface_convection"]
-    coefficient_W_m2K: Annotated[float, Field(ge=0, le=500)]
+    coefficient_W_m2K: Annotated[Finite, Field(ge=0, le=500)]
 
     parameters = ("coefficient_W_m2K",)
     excitation = "a screw that is warmer than the air, heating and cooling"
@@ -40,7 +40,7 @@ class SpeedConvection(EffectTable):
     """A film coefficient that grows with rotation, h = gain · 0.133 Re^{2/3} Pr^{1/3} λ/d."""
 
     kind: Literal["speed_convection"]
-    gain: Annotated[float, Field(ge=0, le=10)]
+    gain: Annotated[Finite, Field(ge=0, le=10)]
     speed_channel: Channel | None = None
 
     parameters = ("gain",)
@@ -67,7 +67,7 @@ class UnevenConvection(EffectTable):
     kind: Literal["uneven_convection"]
     from_m: NonNegative
     to_m: NonNegative
-    extra_W_m2K: Annotated[float, Field(ge=-200, le=500)]
+    extra_W_m2K: Annotated[Finite, Field(ge=-200, le=500)]
 
     parameters = ("from_m", "to_m", "extra_W_m2K")
     excitation = "a warm screw, and sensors on and beside the stretch"
@@ -90,7 +90,7 @@ class RadiationEffect(EffectTable):
     """A grey surface in surroundings at ambient temperature: ε σ (T⁴ − T_amb⁴)."""
 
     kind: Literal["radiation"]
-    emissivity: Annotated[float, Field(ge=0, le=1)]
+    emissivity: Annotated[Finite, Field(ge=0, le=1)]
 
     parameters = ("emissivity",)
     excitation = "a screw that is more than 40 K warmer than its surroundings, and one that is hardly warmer"
@@ -104,7 +104,7 @@ class Coolant(EffectTable):
     """Flow through a hollow screw while it turns: G (T − T_inlet) over its length."""
 
     kind: Literal["coolant"]
-    conductance_W_K: Annotated[float, Field(ge=0, le=1000)]
+    conductance_W_K: Annotated[Finite, Field(ge=0, le=1000)]
     inlet_degC: Temperature
     speed_channel: Channel | None = None
 

@@ -122,7 +122,7 @@ class FrictionSpeed(EffectTable):
 
     kind: Literal["friction_speed"]
     target: Target
-    exponent: Annotated[float, Field(ge=0, le=4)]
+    exponent: Annotated[Finite, Field(ge=0, le=4)]
     reference_rpm: Positive = REFERENCE_RPM
 
     parameters = ("exponent",)
@@ -145,8 +145,8 @@ class RunIn(EffectTable):
 
     kind: Literal["run_in"]
     target: Target
-    fraction: Annotated[float, Field(ge=-1, le=10)]
-    time_s: Annotated[float, Field(ge=30, le=100_000)]
+    fraction: Annotated[Finite, Field(ge=-1, le=10)]
+    time_s: Annotated[Finite, Field(ge=30, le=100_000)]
 
     parameters = ("fraction", "time_s")
     targets = "source"
@@ -167,7 +167,7 @@ class Dwell(EffectTable):
 
     kind: Literal["dwell"]
     target: Target
-    fraction: Annotated[float, Field(ge=-1, le=1)]
+    fraction: Annotated[Finite, Field(ge=-1, le=1)]
 
     parameters = ("fraction",)
     targets = "nut"

@@ -17,7 +17,7 @@ class SensorLag(EffectTable):
 
     kind: Literal["sensor_lag"]
     target: Target
-    time_constant_s: Annotated[float, Field(ge=0, le=3600)]
+    time_constant_s: Annotated[Finite, Field(ge=0, le=3600)]
 
     parameters = ("time_constant_s",)
     targets = "sensor"

@@ -26,6 +26,7 @@ from observer.model.generator import generator, settled_rows
 from observer.model.plant import Plant
 
 _MOST_SUBSET_SENSORS = 8
+_MOST_DESIGN_WORK = 2e7  # states cubed times designs: some ten seconds on a slow computer
 _NEARLY_BLIND = 0.1
 _ABSURD_NOISE = 1.0
 
@@ -126,8 +127,10 @@ def _undetermined(
     s = plant.rows.sensors
     if s > _MOST_SUBSET_SENSORS:
         return ()
+    most = _most_lost(len(step.decay) + len(step.heat_decay), s)
     found: list[frozenset[int]] = []
-    for lost in itertools.chain.from_iterable(itertools.combinations(range(s), r) for r in range(1, s + 1)):
+    sizes = range(1, most + 1)
+    for lost in itertools.chain.from_iterable(itertools.combinations(range(s), r) for r in sizes):
         if any(known <= set(lost) for known in found):
             continue
         present = everything(plant)
@@ -135,6 +138,13 @@ def _undetermined(
         if isinstance(_design(plant, step, settings, present, omega), Refusal):
             found.append(frozenset(lost))
     return tuple(tuple(plant.layout.sensors[i] for i in sorted(lost)) for lost in found)
+
+
+def _most_lost(states: int, sensors: int) -> int:
+    """How many sensors are taken away together: all, one by one, or none, by what the designs may cost."""
+    if states**3 * 2**sensors <= _MOST_DESIGN_WORK:
+        return sensors
+    return 1 if states**3 * sensors <= _MOST_DESIGN_WORK else 0
 
 
 def _gain_warnings(

@@ -49,7 +49,7 @@ _PEAK_S = 3600.0  # for how long the largest heat by a law counts for what the l
 _FLOOR = 0.05  # … by this part of it
 _LEAST_W = 0.3
 _MOTION_S = 20.0
-_MOTION_ENOUGH = 0.3  # of the stroke
+_MOTION_ENOUGH = 1.0  # strokes
 
 
 class Fault(IntEnum):

@@ -21,6 +21,7 @@ from observer.effects.terms import (
     StrokeEnds,
     Term,
 )
+from observer.errors import ConfigError
 from observer.frames import FloatArray, Layout
 from observer.model.couple import with_coupling
 from observer.model.coupling import no_coupling
@@ -38,6 +39,8 @@ from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_
 from observer.sections import Source
 
 MOST_MODES = 400
+MOST_ASKED = 150
+"""The most modes that a criterion may ask for: a step costs their square, a design their cube."""
 DEFAULT_GRID_POINTS = 21
 COUPLING = (SpeedLoss, StretchFilm, Radiation, Body, Lag, Fade)
 """The terms that couple states, or a state to the moment."""
@@ -126,7 +129,8 @@ def _plain_plant(config: Config, terms: Sequence[Term], nut_places: int) -> tupl
 def keep_modes(config: Config, candidates: Modes) -> list[int]:
     """Which modes (from 0) the configuration keeps: enough for every source's footprint.
 
-    With the tail criterion, also enough that the first dropped mode settles within `settle_s`.
+    With the tail criterion, also enough that the first dropped mode settles within `settle_s`. What is stated
+    and asks for more than `MOST_ASKED` is refused (`ConfigError`); a default is met as far as they reach.
     """
     settings = config.model
     if settings.modes is not None:
@@ -137,7 +141,18 @@ def keep_modes(config: Config, candidates: Modes) -> list[int]:
     by_tail = max(len(keep_by_tail(candidates, s, settings.truncation)) for s in stretches)
     settled = np.flatnonzero(candidates.decay_1_s * settings.settle_s >= 1.0)
     by_time = int(settled[0]) if len(settled) else MOST_MODES
-    return list(range(min(max(by_tail, by_time, 1), MOST_MODES)))
+    reached_s = 1.0 / float(candidates.decay_1_s[MOST_ASKED])
+    for key, asked, remedy in (
+        ("settle_s", by_time, f"give at least {math.ceil(100 * reached_s) / 100:g} s"),
+        ("truncation", by_tail, "give 0.9995, which the static correction makes exact at rest"),
+    ):
+        if asked > MOST_ASKED and key in settings.model_fields_set:
+            stated = getattr(settings, key)
+            raise ConfigError(
+                f"model.{key} = {stated:.12g} asks for {asked} modes or more, and {MOST_ASKED} are the most; "
+                f"{remedy}"
+            )
+    return list(range(min(max(by_tail, by_time, 1), MOST_ASKED)))
 
 
 def grid_of(config: Config) -> FloatArray:

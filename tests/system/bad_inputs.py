@@ -25,6 +25,9 @@ TABLE: dict[str, Any] = {
                {"name": "t2", "channel": "t2_degC", "position_m": 0.9}],
 }  # fmt: skip
 MODBUS = {"kind": "modbus_tcp", "host": "127.0.0.1", "device": "wago_750_458", "channels": {"t1_degC": 0}}
+NUTS = [TABLE["source"][0] | {"name": f"nut{i}"} for i in range(4)]
+REGISTERS = {"kind": "modbus_tcp", "host": "127.0.0.1",
+             "channels": {f"{c}_degC": {"register": 3} for c in "abcde"}}  # fmt: skip
 CAN = {
     "kind": "can", "interface": "virtual", "channel": "none", "dbc": "bad.dbc",
     "channels": {c: {"message": "M", "signal": c} for c in CHANNELS},
@@ -38,6 +41,7 @@ class Case:
     name: str
     arguments: Callable[[Path], list[str]]
     words: tuple[str, ...]
+    problems: int = 1
 
 
 def changed(**by_path: Any) -> dict[str, Any]:
@@ -218,7 +222,110 @@ CONFIGURATIONS = [
     Case("a folder", lambda f: ["check", "-c", str(f)], ("cannot be read", "TOML file")),
     Case("not UTF-8", _of_text(b"\xff\xfe[screw]"), ("config.toml", "UTF-8")),
     Case("not TOML", _of_text(b"[screw\nlength_m = 1"), ("not valid TOML", "line 1")),
-    Case("empty", _of_text(b""), ("screw", "is missing", "add it")),
+    Case(
+        "empty", _of_text(b""), ("screw", "ambient", "source", "sensor", "is missing", "add it"), problems=4
+    ),
+    Case("empty list", _of_config(changed(sensor=[])), ("sensor", "0 entries", "at least 1")),
+    Case("NUL", _of_text(b"[screw]\n\0"), ("not valid TOML",)),
+    Case("lists in lists", _of_text(b"x = " + b"[" * 9000), ("config.toml", "flat")),
+    Case("dots without end", _of_text(b"x" + b".x" * 9000 + b" = 1"), ("config.toml", "flat")),
+    Case("thousands of digits", _of_text(b"x = " + b"9" * 9000), ("config.toml", "digits")),
+    Case("a huge integer", _of_config(changed(screw__length_m=10**300)), ("screw.length_m", "1e+300")),
+    Case("text for a number", _of_config(changed(screw__length_m="1.0")), ("screw.length_m", "number")),
+    Case("true for a number", _of_config(changed(screw__length_m=True)), ("screw.length_m", "number")),
+    Case("one for a truth", _of_config(changed(source__0__estimate=1)), ("estimate", "boolean")),
+    Case("1e300", _of_config(changed(screw__conductivity_W_mK=1e300)), ("conductivity_W_mK", "1e+300")),
+    Case(
+        "places without end",
+        _of_config(changed(output={"positions_m": [i / 2000 for i in range(1600)]})),
+        ("output.positions_m", "1600 entries", "at most 1000"),
+    ),
+    Case(
+        "nuts times places",
+        _of_config(changed(source=NUTS, output={"positions_m": [i / 500 for i in range(400)]})),
+        ("4 moving nuts times 402 places", "report fewer"),
+    ),
+    Case("modes without end", _of_config(changed(model__settle_s=1e-4)), ("settle_s", "give at least")),
+    *(
+        Case(
+            f"a channel called {name!r}",
+            _of_config(changed(sensor__0__channel=name)),
+            ('sensor "t1".channel', word),
+        )
+        for name, word in (
+            ("flags", "another name"),
+            ("step", "another name"),
+            ("time_s", "another name"),
+            ("late_s", "another name"),
+            ("command:arm", "another name"),
+            ("a=b", "="),
+            ("a;b", ";"),
+            ("a,b", ","),
+            ('"a"', "quote"),
+            ("a\nb", "control"),
+            (" a", "blanks"),
+        )
+    ),
+    Case(
+        "a driver's channel called flags",
+        _of_config(changed(drivers__tc=MODBUS | {"channels": {"flags": 0}})),
+        ("drivers.tc", "flags", "another name"),
+    ),
+    Case(
+        "everything at once",
+        _of_config(
+            changed(
+                screw__lenght_m=1.0,
+                screw__length_m=None,
+                screw__density_kg_m3=7.85,
+                sensor__1__name="t1",
+                sensor__0__position_m=250.0,
+                drivers__axis=CAN,
+            )
+        ),
+        (
+            "problems\n  screw.lenght_m: unknown key (did you mean length_m?)",
+            "7850 (7.85 g/cm³)",
+            "0.25 (250 mm)",
+            '2 entries of sensor are called "t1"',
+            "bad.dbc",
+        ),
+        problems=5,
+    ),
+    Case(
+        "unit left out",
+        _of_config(changed(screw__length=1.0, screw__length_m=None)),
+        ("screw.length", "did you mean length_m"),
+    ),
+    Case(
+        "other unit",
+        _of_config(changed(screw__diameter_mm=36, screw__diameter_m=None)),
+        ("screw.diameter_mm", "did you mean diameter_m"),
+    ),
+    Case(
+        "capitals", _of_config(changed(screw__Length_M=1.0, screw__length_m=None)), ("did you mean length_m",)
+    ),
+    Case(
+        "a part of a key",
+        _of_config(changed(ambient={"temp": 22.0})),
+        ("ambient.temp", "did you mean temperature_degC"),
+    ),
+    Case(
+        "five channels on one register",
+        _of_config(changed(drivers__tc=REGISTERS)),
+        ("drivers.tc", "a_degC, b_degC, c_degC, d_degC, e_degC", "same place"),
+    ),
+    Case(
+        "delivered twice",
+        _of_config(changed(drivers__tc=MODBUS, drivers__other=MODBUS | {"port": 503})),
+        ('"t1_degC"', "delivered by", "already"),
+    ),
+    Case(
+        "a channel that no driver delivers",
+        _of_config(changed(drivers__tc=MODBUS)),
+        ("no driver delivers t2_degC, nut_position_m", "add the channel"),
+    ),
+    Case("nut longer than the screw", _of_config(changed(source__0__length_m=1.5)), ("source nut", "longer")),
     Case(
         "unknown key", _of_config(changed(screw__lenght_m=1.0)), ("screw.lenght_m", "did you mean length_m")
     ),

@@ -1,4 +1,4 @@
-"""Bad input of every kind: one sentence with place and remedy, exit code 2, nothing half-written."""
+"""Bad input of every kind: a sentence with its remedy for each problem, exit code 2, nothing half-written."""
 
 from __future__ import annotations
 
@@ -34,11 +34,17 @@ def _tree(folder: Path) -> dict[str, bytes | None]:
     return {str(p): p.read_bytes() if p.is_file() else None for p in folder.rglob("*")}
 
 
-def _assert_one_sentence(case: Case, printed: str) -> None:
-    (line,) = printed.splitlines()
-    assert line.startswith("observer: ")
+def _assert_told(case: Case, printed: str) -> None:
+    first, *rest = printed.splitlines()
+    assert first.startswith("observer: ")
+    if case.problems == 1:
+        assert not rest
+    else:
+        assert first.endswith(f": {case.problems} problems")
+        assert len(rest) == case.problems
+        assert all(line.startswith("  ") for line in rest)
     for word in case.words:
-        assert word in line, (word, line)
+        assert word in printed, (word, printed)
 
 
 @pytest.fixture
@@ -65,7 +71,7 @@ def test_bad_input_is_answered_in_one_sentence(case, tmp_path, command):
     before = _tree(tmp_path)
     code, _, errors = command(arguments)
     assert code == 2
-    _assert_one_sentence(case, errors)
+    _assert_told(case, errors)
     assert _tree(tmp_path) == before
 
 
@@ -93,7 +99,7 @@ def test_and_so_it_is_by_the_program_itself(case, tmp_path):
         timeout=PATIENCE_S,
     )
     assert done.returncode == 2
-    _assert_one_sentence(case, done.stderr)
+    _assert_told(case, done.stderr)
     assert _tree(tmp_path) == before
 
 

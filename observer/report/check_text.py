@@ -1,0 +1,67 @@
+"""What a configuration means, for people: `observer check`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+
+def as_text(found: dict[str, Any]) -> RenderableType:
+    """Lay the findings out for a terminal."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    steps = ", ".join(f"{e:.2g} K/W after {t}" for t, e in found["transient_error_K_W"].items())
+    left_out = found["steady_part_left_out"]
+    table.add_row("modes", f"{found['modes']} kept, by {found['criterion']}: {_spans(found['mode_numbers'])}")
+    table.add_row("", f"alone they leave out {left_out:.1e} of a steady field; the static correction adds it")
+    table.add_row("", f"dropped modes settle within {found['dropped_modes_settle_s']:.3g} s")
+    table.add_row("transient error", f"of a heat step: at most {steps}")
+    table.add_row("weakest mode", _weakest(found))
+    table.add_row("estimator", found["estimator"] + _bandwidth(found["bandwidth_1_s"]))
+    table.add_row("slowest poles, 1/s", "plant    " + _poles(found["eigenvalues_1_s"]))
+    if found["poles_requested_1_s"]:
+        table.add_row("", "asked    " + _poles(sorted(found["poles_requested_1_s"], reverse=True)))
+    table.add_row("", "reached  " + _poles(found["poles_reached_1_s"]))
+    for name, gain in found["noise_gain_W_K"].items():
+        text = "not determined" if gain is None else f"{gain:.3g} W of heat per K of sensor noise"
+        table.add_row(f"noise gain {name}", text)
+    for name, limit_rpm in found["path_told_up_to_rpm"].items():
+        table.add_row(f"path of {name}", f"told by the samples up to {limit_rpm:.0f} rpm, averaged above")
+    if found["supports"] is not None:
+        table.add_row("supports", _held(found["supports"]))
+    for name, node in found["nodes"].items():
+        seconds, rise = node["time_constant_s"], node["rise_K_W"]
+        table.add_row(f"node {name}", f"follows within {seconds:.3g} s; 1 W warms it by {rise:.3g} K")
+    warnings = [Text(f"warning: {w}", style="yellow") for w in found["warnings"]]
+    return Group(table, *(warnings or [Text("no warnings", style="green")]))
+
+
+def _weakest(found: dict[str, Any]) -> str:
+    share, sensor = found["weakest_mode_share"], found["weakest_mode_sensor"]
+    return f"mode {found['weakest_mode']}, best seen by {sensor}: {share:.0%} of what the best place sees"
+
+
+def _held(supports: dict[str, Any]) -> str:
+    text = f"{supports['mounting']}, {supports['force_at_10_K_N']:.0f} N in a screw 10 K warm"
+    lost_K, closed_K = supports["pretension_lost_at_rise_K"], supports["gap_closed_at_rise_K"]
+    text += f"; pre-tension lost at {lost_K:.3g} K" if lost_K else ""
+    return text + (f"; gap closed at {closed_K:.3g} K" if closed_K > lost_K else "")
+
+
+def _bandwidth(omega_1_s: float | None) -> str:
+    return "" if omega_1_s is None else f", bandwidth {omega_1_s:.3g} 1/s"
+
+
+def _poles(poles: list[float], most: int = 6) -> str:
+    text = "  ".join(f"{p + 0.0:.3g}" for p in poles[:most])
+    return text + (f"  … {poles[-1]:.3g}" if len(poles) > most else "") if poles else "none"
+
+
+def _spans(numbers: list[int]) -> str:
+    if numbers == list(range(1, len(numbers) + 1)):
+        return f"1 to {len(numbers)}"
+    return ", ".join(map(str, numbers))

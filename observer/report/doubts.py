@@ -1,0 +1,121 @@
+"""What a configuration says that may be possible and can hardly be meant: warnings of `observer check`."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from drivers.decode import spans
+from drivers.devices import modbus_input
+from drivers.settings import ModbusChannel, ModbusRtuSettings, ModbusTcpSettings
+from observer.config import Config
+from observer.problems import key_of
+from observer.slips import doubt
+
+NEAR = 1e-3
+"""Places nearer than this part of the screw's length are the same place."""
+_WHOLE_NUMBERS = ("int16", "uint16", "int32", "uint32")
+_DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
+
+
+def doubts(config: Config) -> list[str]:
+    """Return what looks like a slip, a sentence each."""
+    return [
+        *_unusual(config.model_dump(exclude_unset=True)),
+        *_same_places(config),
+        *_short_strokes(config),
+        *_shared_registers(config),
+        *_finer_than_the_device(config),
+    ]
+
+
+def _unusual(table: Mapping[str, Any]) -> Iterator[str]:
+    for path, value in _numbers(table, ()):
+        if found := doubt(path, value):
+            yield f"{key_of(path, table)} = {found}"
+
+
+def _numbers(at: Any, path: tuple[int | str, ...]) -> Iterator[tuple[tuple[int | str, ...], float]]:
+    """Every number with its place."""
+    if isinstance(at, Mapping):
+        inner: Iterator[tuple[int | str, Any]] = iter(at.items())
+    elif isinstance(at, list | tuple):
+        inner = iter(enumerate(at))
+    else:
+        if isinstance(at, int | float) and not isinstance(at, bool):
+            yield path, at
+        return
+    for key, value in inner:
+        yield from _numbers(value, (*path, key))
+
+
+def _same_places(config: Config) -> Iterator[str]:
+    near_m = NEAR * config.screw.length_m
+    sensors = [(s.name, s.position_m) for s in config.sensor if s.position_m is not None]
+    points = [(s.name, s.position_m) for s in config.source if s.estimate and s.position_m is not None]
+    for kind, places, harm in (
+        ("sensors", sensors, "the second tells nothing new; mend one position_m, or keep it as a spare"),
+        ("sources", points, "their heats cannot be told apart; mend one position_m, or join them"),
+    ):
+        for (one, at_m), (other, other_m) in itertools.combinations(places, 2):
+            if abs(at_m - other_m) < near_m:
+                yield f"{kind} {one} and {other} are both at {at_m:g} m: {harm}"
+
+
+def _short_strokes(config: Config) -> Iterator[str]:
+    for source in config.source:
+        low, high = source.stroke_m or (0.0, math.inf)
+        if source.length_m is not None and high - low < source.length_m:
+            yield (
+                f"source {source.name}: the stroke of {high - low:g} m is shorter than the nut, "
+                f"{source.length_m:g} m; check stroke_m and length_m"
+            )
+
+
+def _registers(config: Config) -> Iterator[tuple[str, str, ModbusChannel]]:
+    """Every Modbus channel with its driver."""
+    for name, settings in config.drivers.items():
+        if isinstance(settings, ModbusTcpSettings | ModbusRtuSettings):
+            for channel, place in settings.channels.items():
+                if isinstance(place, int):
+                    yield name, channel, modbus_input(settings.device or "", place, settings.first_register)
+                else:
+                    yield name, channel, place
+
+
+def _shared_registers(config: Config) -> Iterator[str]:
+    """Values that overlap, within a device and between drivers of the same device."""
+    wires: dict[tuple[Any, ...], list[tuple[str, str, ModbusChannel]]] = {}
+    for name, channel, place in _registers(config):
+        settings = config.drivers[name]
+        where = (settings.kind, getattr(settings, "host", None), settings.port, settings.unit_id)  # type: ignore[union-attr]
+        wires.setdefault(where, []).append((name, channel, place))
+    for entries in wires.values():
+        for (driver, one, a), (other_driver, other, b) in itertools.combinations(entries, 2):
+            shared = _words_of(a) & _words_of(b)
+            if shared:
+                second = other if driver == other_driver else f"{other} of drivers.{other_driver}"
+                yield (
+                    f"drivers.{driver}: {one} and {second} both read register {min(shared)[1]}; check the "
+                    "register and the type of both"
+                )
+
+
+def _words_of(channel: ModbusChannel) -> set[tuple[str, int]]:
+    own = spans(channel)[0]
+    return {(own.function, own.first + i) for i in range(own.count)}
+
+
+def _finer_than_the_device(config: Config) -> Iterator[str]:
+    steps = {
+        channel: abs(place.scale) for _, channel, place in _registers(config) if place.type in _WHOLE_NUMBERS
+    }
+    for sensor in config.sensor:
+        step_K = steps.get(sensor.channel, 0.0)
+        if sensor.noise_K < _DEVIATION_OF_STEPS * step_K:
+            yield (
+                f"sensor {sensor.name}: noise_K = {sensor.noise_K:g} is finer than its device, whose steps "
+                f"of {step_K:g} K alone make {_DEVIATION_OF_STEPS * step_K:.2g} K; raise it to that at least"
+            )

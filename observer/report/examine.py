@@ -1,0 +1,87 @@
+"""Everything that keeps a configuration from being used, in one go: its tables, and the files they name."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from drivers.settings import CanSettings, DriverSettings, PlayerSettings, delivered
+from observer.config import Config, effect_problems
+from observer.discovery.parameters import free_problems
+from observer.errors import ConfigError, LogError
+from observer.logs import read_log
+from observer.problems import as_message, problems_of
+from observer.toml import read_toml
+
+_SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
+
+
+def examine(path: Path) -> Config:
+    """Read a configuration and every file that its drivers need. Raises `ConfigError` with all problems."""
+    table = read_toml(path)
+    problems = problems_of(table, Config, Config.model_validate)
+    config = None if problems else Config.model_validate(table)
+    settings = dict(_drivers(table)) if config is None else config.drivers
+    if config is not None:
+        problems += effect_problems(config) + free_problems(config) + _undelivered(config)
+    for name, driver in settings.items():
+        problems += file_problems(name, driver)
+    directory = None if config is None else config.record.directory
+    if directory is not None and not _may_be_written(directory):
+        problems.append(f"record.directory: {directory} cannot be written; name another directory")
+    if config is None or problems:
+        raise ConfigError(as_message(str(path), problems))
+    return config
+
+
+def _drivers(table: dict[str, Any]) -> Iterator[tuple[str, DriverSettings]]:
+    """The drivers that are right by themselves, in a configuration that is not."""
+    drivers = table.get("drivers")
+    for name, settings in drivers.items() if isinstance(drivers, dict) else ():
+        try:
+            yield name, _SETTINGS.validate_python(settings)
+        except ValidationError:
+            continue
+
+
+def file_problems(name: str, settings: DriverSettings) -> list[str]:
+    """Return what is wrong with the files that a driver needs, a sentence each."""
+    if isinstance(settings, CanSettings):
+        from drivers.dbc import dbc_problems  # noqa: PLC0415 (the bus library only when it is used)
+
+        return [f"drivers.{name}.dbc: {problem}" for problem in dbc_problems(settings, name)]
+    if isinstance(settings, PlayerSettings):
+        try:
+            read_log(settings.path, settings.channels or ())
+        except LogError as error:
+            return [f"drivers.{name}.path: {error}"]
+    return []
+
+
+def _undelivered(config: Config) -> list[str]:
+    """Channels that no driver delivers, where there are drivers; without any, the model is for logs."""
+    offered: set[str] = set()
+    for settings in config.drivers.values():
+        channels = delivered(settings)
+        if channels is None:
+            return []
+        offered |= set(channels)
+    missing = [c for c in config.channels if c not in offered]
+    if not missing or not config.drivers:
+        return []
+    return [
+        f"drivers: no driver delivers {', '.join(missing)}; add the channel to a [drivers.…] table, or "
+        "remove what reads it"
+    ]
+
+
+def _may_be_written(directory: Path) -> bool:
+    """Whether a directory is there and may be written, or could be made."""
+    at = directory.absolute()
+    while not os.path.lexists(at) and at != at.parent:
+        at = at.parent
+    return at.is_dir() and os.access(at, os.W_OK | os.X_OK)

@@ -1,0 +1,144 @@
+"""Whatever a wire carries, every channel has a finite value or a fault, and nothing is raised."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import can
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.canopen import sdo_decoder, tpdo_decoder
+from drivers.dbc import DbcDecoder, load_decoder
+from drivers.decode import decode, read_plan, spans
+from drivers.devices import DBC_OF, modbus_input
+from drivers.settings import DEVICE_INPUTS, WORDS, CanopenSettings, CanSettings, ModbusChannel
+
+MUX_DBC = """VERSION ""
+
+BU_: A
+
+BO_ 256 Mux: 8 A
+ SG_ Which M : 0|8@1+ (1,0) [0|0] "" A
+ SG_ One m0 : 8|16@1- (0.1,0) [-100|100] "" A
+ SG_ Two m1 : 8|32@1- (1,0) [0|0] "" A
+
+BO_ 2566834686 Wide: 64 A
+ SG_ Big : 0|64@1+ (1e300,1e300) [0|0] "" A
+
+SIG_VALTYPE_ 256 Two : 1 ;
+"""
+"""A message with branches, one of them a float, and a factor that no number holds."""
+
+words = st.integers(0, 0xFFFF)
+scales = st.floats(-1e9, 1e9).filter(lambda x: abs(x) > 1e-12)
+
+
+@st.composite
+def modbus_channels(draw):
+    if draw(st.booleans()):
+        device = draw(st.sampled_from(["icpdas_m7018", "wago_750_458", "micro800_tc2"]))
+        number = draw(st.integers(0, DEVICE_INPUTS[device] - 1))
+        return modbus_input(device, number, draw(st.integers(0, 0xFFF0)))
+    status = draw(st.none() | st.integers(0, 0xFFFF))
+    low, high = sorted(draw(st.tuples(st.integers(-9999, 9999), st.integers(-9999, 9999))))
+    return ModbusChannel(
+        register=draw(st.integers(0, 0xFFFE)),
+        type=draw(st.sampled_from(sorted(WORDS))),
+        word_order=draw(st.sampled_from(["big", "little"])),
+        scale=draw(scales),
+        offset=draw(st.floats(-1e12, 1e12)),
+        low=low if low < high else None,
+        high=high if low < high else None,
+        fault_codes=draw(st.dictionaries(st.integers(0, 0xFFFF_FFFF), st.just("bad"), max_size=3)),
+        status_register=status,
+        status_faults={} if status is None else {draw(st.integers(1, 0xFFFF)): "bad"},
+    )
+
+
+@settings(max_examples=500, deadline=None)
+@given(modbus_channels(), st.data())
+def test_registers_decode_to_a_value_or_a_fault(channel, data):
+    content = {
+        register: data.draw(words)
+        for block in spans(channel)
+        for register in range(block.first, block.first + block.count)
+    }
+    value, fault = decode(content, channel)
+    assert math.isfinite(value) != (fault is not None)
+    assert sum(block.count for block in read_plan([channel])) <= 3
+
+
+frames = st.builds(
+    can.Message,
+    arbitration_id=st.sampled_from([0x100, 0x101, 0x102, 0x18FEF27E, 0x185, 0x585]) | st.integers(0, 0x7FF),
+    is_extended_id=st.booleans(),
+    is_remote_frame=st.just(False),
+    is_error_frame=st.booleans(),
+    is_fd=st.booleans(),
+    data=st.binary(max_size=64),
+)
+
+
+def _assert_sound(decoded) -> None:
+    values, faults = decoded or ({}, {})
+    assert set(faults) <= set(values)
+    for name, value in values.items():
+        assert math.isfinite(value) != (name in faults), (name, value, faults)
+
+
+@pytest.fixture(scope="module")
+def decoders(tmp_path_factory) -> list[DbcDecoder]:
+    path: Path = tmp_path_factory.mktemp("dbc") / "mux.dbc"
+    path.write_text(MUX_DBC)
+    mux = {
+        "one": {"message": "Mux", "signal": "One", "fault_signal": "Which", "fault_values": {1: "bad"}},
+        "two": {"message": "Mux", "signal": "Two", "fault_signal": "Two", "scale": 1e9},
+        "big": {"message": "Wide", "signal": "Big", "scale": 1e9},
+    }
+    bus = {"kind": "can", "interface": "virtual", "channel": "x"}
+    made = [CanSettings.model_validate(bus | {"dbc": path, "channels": mux})]
+    made += [
+        CanSettings.model_validate(
+            bus | {"device": device, "channels": {f"t{i}": i for i in range(DEVICE_INPUTS[device])}}
+        )
+        for device in DBC_OF
+    ]
+    return [load_decoder(one, "hostile") for one in made]
+
+
+@settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(frame=frames)
+def test_frames_decode_to_values_or_faults(decoders, frame):
+    for decoder in decoders:
+        _assert_sound(decoder(frame))
+
+
+@settings(max_examples=500, deadline=None)
+@given(data=st.binary(min_size=8, max_size=8))
+def test_every_branch_of_a_message_decodes(decoders, data):
+    """Also the branches that the file does not know."""
+    for extended, number in ((False, 0x100), (True, 2566834686 & 0x1FFFFFFF)):
+        wide = data * (8 if extended else 1)
+        _assert_sound(
+            decoders[0](
+                can.Message(arbitration_id=number, is_extended_id=extended, is_fd=extended, data=wide)
+            )
+        )
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    frame=frames,
+    mode=st.sampled_from(["tpdo", "sdo"]),
+    byte=st.integers(0, 4),
+    resolution=st.floats(-1e12, 1e12).filter(lambda x: abs(x) >= 1.0),
+)
+def test_frames_of_a_drive_decode_to_a_position_or_a_fault(frame, mode, byte, resolution):
+    drive = CanopenSettings(
+        kind="canopen", interface="virtual", channel="x", node_id=5, mode=mode, position_byte=byte,
+        counts_per_m=resolution,
+    )  # fmt: skip
+    _assert_sound((tpdo_decoder if mode == "tpdo" else sdo_decoder)(drive)(frame))
