@@ -115,7 +115,8 @@ class Inputs:
     source's heat by its law, mean over the step; `law_jump_W` (K, m), its change since the step before;
     `z_start`, `z_end` (K, p), the known inputs at both ends of the step, linear in between;
     `moving_B` (K, M, n_x), the input column of each moving source over the step; `moving_C` (K, M, R), the
-    output column of its lag state; `degraded` (K,), some input that the model needs was missing or held;
+    output column of its lag state; `degraded` (K,), 1 where some input that the model needs was
+    missing or held, 2 where the place of a nut is not known;
     `loss_1_s`, `loss_degC` (K,), the rate of a uniform loss that goes with speed, and what it draws to.
     """
 
@@ -130,7 +131,7 @@ class Inputs:
     z_end: FloatArray
     moving_B: FloatArray
     moving_C: FloatArray
-    degraded: BoolArray
+    degraded: NDArray[np.int8]
     loss_1_s: FloatArray
     loss_degC: FloatArray
 

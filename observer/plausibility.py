@@ -59,8 +59,8 @@ class Breach(Enum):
 class Limits:
     """Limits of c channels, infinite where there are none.
 
-    `low`, `high`, `rate_per_s` (c,) in the channels' own units, `above_K`, `below_K` (c,) from ambient; `usual`
-    (c, 2) where values lie on this machine, from which the unit of one beyond the limits is guessed;
+    `low`, `high`, `rate_per_s` (c,) in the channels' own units, `above_K`, `below_K` (c,) from ambient;
+    `usual` (c, 2) where values lie on this machine, from which the unit of one beyond the limits is guessed;
     `slack` (c,) the change that noise alone may make between two samples. The ambient is channel number
     `ambient`, or `ambient_degC` where that is −1 (NaN: not known).
     """
@@ -111,7 +111,9 @@ class Limits:
             Breach.ABOVE_AMBIENT: f"more than {self.above_K[channel]:g} K above {air}",
             Breach.BELOW_AMBIENT: f"more than {self.below_K[channel]:g} K below {air}",
         }[breach]
-        hint = unit_hint(self.kinds[channel], value, *self.usual[channel].tolist(), ambient_degC)
+        hint = unit_hint(
+            self.kinds[channel], value, self.usual[channel, 0], self.usual[channel, 1], ambient_degC
+        )
         return f"implausible: {value:.6g} is {limit}" + (f"; {hint}" if hint else "")
 
     def doubt(self, channel: int, value: float) -> str | None:
@@ -189,7 +191,7 @@ _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 999
 
 
 def unit_hint(kind: Kind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
-    """Say which unit a value looks like that would lie in `low` … `high`, or that it is a code for a fault."""
+    """Say which unit a value looks like that should lie in `low` … `high`, or that it is a code."""
     if kind in {Kind.SCREW, Kind.NODE, Kind.END, Kind.AMBIENT}:
         if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
             return "it looks like a device's code for a fault, which its driver should know (fault_codes)"

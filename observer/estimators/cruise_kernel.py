@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.compiling import inlined, rarely
-from observer.estimators.judging import GOOD, find_usable, invalidate, judge, step_is_finite
+from observer.estimators.judging import GOOD, NUT_LOST, find_usable, invalidate, judge, step_is_finite
 from observer.estimators.kernels import move_columns
 from observer.estimators.packing import PlantArrays, padded_width
 from observer.frames import FloatArray
@@ -85,7 +85,7 @@ def is_regular(p, rungs, u, k, usable, state, gains, settled):
     """
     s, n_x = len(usable), len(p.uniform)
     rung = rungs.rung[u.step[k]]
-    regular = rungs.exact[u.step[k]] and step_is_finite(u, k)
+    regular = rungs.exact[u.step[k]] and step_is_finite(u, k) and u.degraded[k] < NUT_LOST
     for i in range(s):
         present = (gains.key[settled] >> i) & 1 == 1
         good = u.quality[k, i] == GOOD and state.suspect[i] == 0.0

@@ -81,6 +81,7 @@ class FilterpyEstimator:
         law = self._work.law
         if running.flags[0]:
             self._predict(kf, u, k, step, B)
+            judging.doubt_nut(self._arrays, u, k, running.lost_s, kf.P)
         else:
             kernels.start(self._arrays, C, u, k, usable, running.x, running.P, self._work.nu)
             kernels.put_laws(self._arrays, u, k, B, running.x, law)

@@ -23,6 +23,7 @@ from observer.estimators.cruise_kernel import cruise
 from observer.estimators.judging import (
     GOOD,
     add_prior,
+    doubt_nut,
     find_usable,
     gate,
     hold_back,
@@ -209,6 +210,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             state.flags[0] = 1
         elif resumed == 0:
             predict(p, t, d, u, k, B, x, P, work)
+            doubt_nut(p, u, k, state.lost_s, P)
         resumed = 0
         covariance_with_sensors(C, P, s, g)
         compare(p, C, u, k, usable, g, x, nu, S)

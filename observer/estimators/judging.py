@@ -19,6 +19,8 @@ REOPEN_AFTER_S = 20.0
 REOPEN_EVERY_S = 60.0
 # … and each time the other sensors, with the state opened, have so long to speak first.
 HELD_BACK_S = 40.0
+NUT_LOST = 2
+LOST_S = 40.0
 _REOPEN_AT_LEAST = 0.01
 _REOPEN_SIGMA = 3.0
 
@@ -110,6 +112,20 @@ def reopen(p, C, dt_s, usable, accepted, nu, refused_s, P):
     return True
 
 
+@inlined
+def doubt_nut(p, u, k, lost_s, P):
+    """Let P grow while the place of a nut is not known: its heat goes where nobody sees it.
+
+    What is misplaced grows with time, so the prior's share with its square, up to the whole after 40 s.
+    """
+    if u.degraded[k] < NUT_LOST:
+        lost_s[0] = 0.0
+        return
+    before_s = lost_s[0]
+    lost_s[0] = min(before_s + u.dt[k], LOST_S)
+    add_prior(p, P, (max(lost_s[0], u.dt[k]) ** 2 - min(before_s, LOST_S - u.dt[k]) ** 2) / LOST_S**2)
+
+
 @rarely
 def _share_of_prior(p, C, i, nu):
     """The share of the prior that makes an innovation of sensor i one of three standard deviations."""
@@ -154,7 +170,7 @@ def judge(u, k, usable, accepted, state, out):
     state.flags[1] = 0 if good > 0 else state.flags[1] + 1
     if state.flags[1] > STALE_AFTER_STEPS or stale == len(usable):
         return ESTIMATE_STALE
-    if u.degraded[k] or good < len(usable):
+    if u.degraded[k] != 0 or good < len(usable):
         return ESTIMATE_DEGRADED
     return ESTIMATE_GOOD
 

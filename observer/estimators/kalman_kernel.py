@@ -11,6 +11,7 @@ from observer.compiling import cached_loop
 from observer.estimators import judging, kernels, packing, steps
 from observer.estimators.judging import (
     add_prior,
+    doubt_nut,
     find_usable,
     gate,
     hold_back,
@@ -56,6 +57,7 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
             state.flags[0] = 1
         else:
             predict(p, t, u.step[k], u, k, B, x, P, work)
+            doubt_nut(p, u, k, state.lost_s, P)
         if present > 0:
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)

@@ -56,7 +56,7 @@ class InputArrays(NamedTuple):
     z_end: FloatArray
     moving_B: FloatArray
     moving_C: FloatArray
-    degraded: NDArray[np.bool_]
+    degraded: NDArray[np.int8]
     loss: FloatArray
     loss_degC: FloatArray
 
@@ -68,6 +68,7 @@ class Running(NamedTuple):
     P: FloatArray
     suspect: FloatArray
     refused_s: FloatArray
+    lost_s: FloatArray
     flags: IntArray
 
 
@@ -168,7 +169,7 @@ def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
         contiguous(inputs.z_end[part]),
         contiguous(inputs.moving_B[part]),
         contiguous(inputs.moving_C[part]),
-        contiguous(inputs.degraded[part], np.bool_),
+        contiguous(inputs.degraded[part], np.int8),
         contiguous(inputs.loss_1_s[part]),
         contiguous(inputs.loss_degC[part]),
     )
@@ -189,6 +190,7 @@ def thaw(state: EstimatorState) -> Running:
         pad_rows(state.P, padded_width(len(state.P))),
         np.array(state.suspect, dtype=float),
         np.array(state.refused_s, dtype=float),
+        np.array([state.lost_s]),
         flags,
     )
 
@@ -233,6 +235,7 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
         running.refused_s,
         time_s,
         int(running.flags[1]),
+        float(running.lost_s[0]),
     )
 
 

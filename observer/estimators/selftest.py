@@ -27,7 +27,7 @@ from observer.estimators.judging import (
     GOOD,
     REJECTED,
 )
-from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
+from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, QualityArray
 from observer.model.plant import Plant
 from observer.plausibility import DISAGREE, FALLS_SHORT
 
@@ -165,16 +165,27 @@ class SelfTest:
             refused=np.zeros(1),
         )
 
-    def run(
-        self, state: SelfTestState, frames: FrameBlock, inputs: Inputs, block: EstimateBlock
-    ) -> tuple[SelfTestState, EstimateBlock]:
-        """Return the state after K steps, and the estimates with the qualities that they have earned."""
+    def watch(
+        self, state: SelfTestState, frames: FrameBlock, inputs: Inputs
+    ) -> tuple[SelfTestState, FloatArray, Inputs]:
+        """Compare each nut's way with its speed, before the estimator runs.
+
+        Return the state, the ratios (K, M), and the inputs, degraded where the two disagree.
+        """
         state = SelfTestState._make(array.copy() for array in state)
-        K, M = len(block), len(self._nuts)
-        motion = np.full((K, M), np.nan)
+        motion = np.full((len(inputs), len(self._nuts)), np.nan)
         for i, (channel, stroke_m) in enumerate(self._nuts.items()):
-            path: NutPath = frames.path[channel]
-            _compare_ways(*path, stroke_m, state.motion[i], motion[:, i])
+            _compare_ways(*frames.path[channel], stroke_m, state.motion[i], motion[:, i])
+        lost = ((motion > DISAGREE) | (motion < FALLS_SHORT)).any(axis=1)
+        return state, motion, replace(inputs, degraded=np.where(lost, np.int8(2), inputs.degraded))
+
+    def run(
+        self, state: SelfTestState, motion: FloatArray, inputs: Inputs, block: EstimateBlock
+    ) -> tuple[SelfTestState, EstimateBlock]:
+        """Return the state after K steps, and the estimates with the qualities that they have earned.
+
+        `state` and `motion` are those that `watch` returned.
+        """
         quality = block.quality.copy()
         seen = _Seen(
             block.time_s, inputs.dt_s, inputs.quality, block.sensor_quality, block.innovation_K,

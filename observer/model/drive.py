@@ -11,10 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
-from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality
+from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.model.couple import surface_rate
 from observer.model.heat.law import Law, heat_law, law_channels
 from observer.model.plant import OFFSET, Plant
@@ -194,11 +195,14 @@ class Drive:
             nuts.append(nut)
         return tuple(nuts), tuple(turns), B, C
 
-    def _degraded(self, frames: FrameBlock, at: dict[str, int]) -> BoolArray:
-        """Whether some input other than a sensor was missing, late or refused at each tick, (K,)."""
-        needed = [at[c] for c in self._needed]
+    def _degraded(self, frames: FrameBlock, at: dict[str, int]) -> NDArray[np.int8]:
+        """Whether some input other than a sensor was missing, late or refused at each tick, and whether that
+        was a nut's position, (K,), as in `Inputs`.
+        """
         bad = np.asarray(frames.quality != int(Quality.GOOD))
-        return np.asarray(bad[:, needed].any(axis=1))
+        held = bad[:, [at[c] for c in self._needed]].any(axis=1)
+        lost = bad[:, [at[s.channel] for s in self._plant.moving]].any(axis=1)
+        return np.asarray(np.where(lost, 2, held), dtype=np.int8)
 
 
 def _law_factors(

@@ -38,10 +38,13 @@ class Pipeline(Generic[DriveState]):
     def step(self, frames: FrameBlock) -> EstimateBlock:
         """The estimates of the next frames; an exception leaves the states as they were."""
         drive_state, inputs = self._drive.run(self._drive_state, frames)
+        test, test_state = self._self_test, self._test_state
+        if test is not None and test_state is not None:
+            test_state, motion, inputs = test.watch(test_state, frames, inputs)
         estimator_state, estimates = self._estimator.run(self._estimator_state, inputs)
-        if self._self_test is not None and self._test_state is not None:
-            self._test_state, estimates = self._self_test.run(self._test_state, frames, inputs, estimates)
-        self._drive_state, self._estimator_state = drive_state, estimator_state
+        if test is not None and test_state is not None:
+            test_state, estimates = test.run(test_state, motion, inputs, estimates)
+        self._drive_state, self._estimator_state, self._test_state = drive_state, estimator_state, test_state
         return estimates
 
     @property
@@ -63,4 +66,5 @@ class Pipeline(Generic[DriveState]):
         _, inputs = self._drive.run(self._drive.initial(), frames)
         _, estimates = self._estimator.run(self._estimator.initial(), inputs)
         if self._self_test is not None:
-            self._self_test.run(self._self_test.initial(), frames, inputs, estimates)
+            state, motion, inputs = self._self_test.watch(self._self_test.initial(), frames, inputs)
+            self._self_test.run(state, motion, inputs, estimates)
