@@ -43,6 +43,27 @@ async def test_values_of_both_functions_arrive_with_the_clock_of_the_service():
     assert reading.values == {"t1_degC": pytest.approx(21.5), "x_m": pytest.approx(0.123456)}
 
 
+async def test_a_reading_has_the_time_at_which_the_reply_came_not_that_of_a_busy_event_loop():
+    loop = asyncio.get_running_loop()
+
+    def now():
+        loop.call_soon(time.sleep, 0.2)  # once the bytes have come, the loop has something else to do
+        return time.monotonic()
+
+    delivered: asyncio.Future[float] = loop.create_future()
+
+    def deliver(reading):
+        if not reading.faults and not delivered.done():
+            delivered.set_result(time.monotonic() - reading.time_s)
+
+    async with device(inputs=[215]) as peer:
+        driver = open_driver("tc", settings(peer.port, {"t1_degC": {"register": 0}}, timeout_s=5.0))
+        task = asyncio.create_task(driver.run(deliver, now))
+        assert await asyncio.wait_for(delivered, 20.0) > 0.15
+        task.cancel()
+        await asyncio.wait([task])
+
+
 async def test_only_read_functions_are_ever_sent_and_neighbours_go_together():
     channels = {f"t{i}_degC": {"register": i} for i in range(4)} | {
         "n_rpm": {"register": 0, "function": "holding"}
