@@ -54,7 +54,9 @@ async def test_a_reading_has_the_time_at_which_the_reply_came_not_that_of_a_busy
 
     monkeypatch.setattr(ModbusProtocol, "data_received", data_received)
     async with device(inputs=[215]) as peer:
-        driver = open_driver("tc", settings(peer.port, {"t1_degC": {"register": 0}}, timeout_s=5.0))
+        driver = open_driver(
+            "tc", settings(peer.port, {"t1_degC": {"register": 0}}, period_s=9.0, timeout_s=5.0)
+        )
         async with running(driver, time.monotonic) as tc:
             reading = await tc.until(lambda r: not r.faults)
     assert any(abs(reading.time_s - time_s) < 0.1 for time_s in came_s)
