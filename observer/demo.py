@@ -34,7 +34,7 @@ def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
     refuse_taken((listen,), "--listen")
     name, axis = config.machine.name, config.machine.axis
     key = f"ballscrew/{name}/{axis}/truth/heat"
-    with simulated_machine("--zenoh", listen, "--key", key) as wires:
+    with simulated_machine("--zenoh", listen, "--key", key, "--can-stamps") as wires:
         config = connected(config, wires, listen)
         print(
             f"simulated machine: Modbus TCP on 127.0.0.1:{wires['modbus_port']}, CAN on {wires['can_device']}"

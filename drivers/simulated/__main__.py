@@ -86,13 +86,14 @@ class Process:
         """Advance the machine in real time and keep its wires fed.
 
         Held up by a busy computer, the machine is where it would have been; the frames that were not sent
-        are not sent late.
+        are not sent late, and the next keeps half a cycle's distance.
         """
         loop = asyncio.get_running_loop()
         start_s = loop.time()
         step = 0
         while True:
-            await asyncio.sleep(start_s + (step + 1) * STEP_S - loop.time())
+            cycles = round((loop.time() - start_s) / STEP_S) + 1
+            await asyncio.sleep(start_s + cycles * STEP_S - loop.time())
             before, step = step, int((loop.time() - start_s) / STEP_S)
             if step == before:  # woken a little early
                 continue
