@@ -94,9 +94,7 @@ class Process:
         while True:
             cycles = round((loop.time() - start_s) / STEP_S) + 1
             await asyncio.sleep(start_s + cycles * STEP_S - loop.time())
-            before, step = step, int((loop.time() - start_s) / STEP_S)
-            if step == before:  # woken a little early
-                continue
+            before, step = step, int((loop.time() - start_s) / STEP_S + 1e-3)  # it may wake a little early
             for _ in range(step - before):
                 self._machine.advance(STEP_S)
             if not self._faults.silence_can:

@@ -120,10 +120,10 @@ async def test_it_is_where_it_would_have_been_when_its_process_was_held_up():
         await axis.until(lambda r: not r.faults and r.time_s > resumed_s + 0.5)
         good = [r for r in axis.readings if not r.faults]
     assert not [r for r in good if stopped_s + 0.1 < r.time_s < resumed_s - 0.1]
-    first, second = good[:2]
-    for reading in good:  # the adapter's milliseconds are 0.25 mm of the nut's way
+    first, second = [r for r in good if r.time_s < stopped_s][-2:]
+    for reading in (r for r in good if r.time_s > resumed_s):  # frames sent late would be 0.25 m off
         expected_m = nut_position_m(first, second, reading.time_s)
-        assert reading.values["nut_position_m"] == pytest.approx(expected_m, abs=2e-3)
+        assert reading.values["nut_position_m"] == pytest.approx(expected_m, abs=0.02)
 
 
 @pytest.mark.parametrize("stamps", [True, False])
