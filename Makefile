@@ -22,7 +22,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system lint format bench discover-campaign config-mutants figures container-check lock clean
+.PHONY: help env demo test unit system lint format bench demo-under-load month hostile soak discover-campaign config-mutants figures container-check lock clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,6 +47,12 @@ system: $(READY)  ## tests with real processes, servers and routers, two files a
 
 bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
 	$(BIN)/python -m benchmarks $(ARGS)
+
+demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loop on every core, beside the truth
+	$(BIN)/python -m pytest tests/system/demo_for_ten_minutes.py -s -p no:benchmark $(ARGS)
+
+month: $(READY)  ## two simulated months of a machine as configured: at most one false reason each
+	$(BIN)/python -m pytest tests/reference/test_selftest.py -m slow -s -p no:benchmark $(ARGS)
 
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
 	$(BIN)/python -m tests.campaign $(ARGS)

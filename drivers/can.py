@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from drivers.dbc import Decoded, load_decoder
 from drivers.protocol import Clock, Deliver, DriverStatus, faulty
 from drivers.recording import messages_of
 from drivers.settings import CanopenSettings, CanSettings
+from drivers.slcan import TURN_S, StampedSlcanBus
+from drivers.stamps import DeviceClock, wall_time
 from observer.frames import Reading
 
 # What python-can logs about a lost bus is told by the exceptions below and counted in the status.
@@ -26,10 +29,23 @@ RETRY_S = 0.25
 RECEIVE_TIMEOUT_S = 0.1  # how soon the receiving thread sees that it is to end
 MAX_PENDING = 10_000  # frames that may wait for a busy event loop
 
+# Whose stamps are of this computer's clock: the kernel's, or what python-can puts in the place of none.
+WALL_CLOCKED = {"socketcan", "udp_multicast", "virtual", "robotell", "iscan", "neousys"}
+TURNS_S = {"slcan": TURN_S, "serial": 2**32 * 1e-3, "gs_usb": 2**32 * 1e-6}  # where a counter starts again
+
 # What a bus can die of: its own errors, the file below it, and frames that are not frames.
 BUS_ERRORS = (can.CanError, OSError)
 Take = Callable[[can.Message | None], None]  # None: something arrived that is no frame
 Pump = Callable[[can.BusABC, Take, threading.Event], None]
+Stamps = Callable[[float, float], float]  # stamp and arrival to the time on the wire
+
+
+def stamps_of(settings: CanSettings | CanopenSettings) -> Stamps:
+    """What the frames' own stamps on a bus of these settings mean, to be made anew at each opening."""
+    kept = bool(settings.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
+    if settings.interface in WALL_CLOCKED and not kept:
+        return lambda stamp_s, arrival_s: wall_time(stamp_s, arrival_s, time.time())
+    return DeviceClock(TURNS_S.get(settings.interface)).time_s
 
 
 def receive(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
@@ -52,9 +68,9 @@ def receive_once(bus: can.BusABC, take: Take, timeout_s: float) -> None:
 class BusDriver:
     """Channels that arrive on a CAN bus.
 
-    python-can blocks, so a thread receives and hands frames over to the event loop. `decode` turns a frame
-    into values and faults, `pump` moves frames from the bus. Channels that are overdue become faulty
-    readings each period.
+    python-can blocks, so a thread receives, finds the time of each frame, and hands it to the event loop.
+    `decode` turns a frame into values and faults, `pump` moves frames from the bus. Channels that are overdue
+    become faulty readings each period.
     """
 
     def __init__(
@@ -72,6 +88,7 @@ class BusDriver:
         self._settings = settings
         self._decode = decode
         self._pump = pump
+        self._stamps = stamps_of(settings)
         self._pending = 0
         self._heard_s: dict[str, float] = {}
         self._opened_before = False
@@ -90,13 +107,14 @@ class BusDriver:
                 stop.set()
 
         def take(frame: can.Message | None) -> None:
+            arrival_s = now()
             if frame is None:
                 post(self._failed, "a garbled frame", True)
             elif self._pending >= MAX_PENDING:
                 post(self._dropped)
             else:
                 self._pending += 1
-                post(self._arrived, frame, now(), deliver)
+                post(self._arrived, frame, self._stamps(frame.timestamp, arrival_s), deliver)
 
         def live() -> None:
             try:
@@ -118,6 +136,7 @@ class BusDriver:
         while not stop.is_set():
             try:
                 with open_bus(self._settings) as bus:
+                    self._stamps = stamps_of(self._settings)
                     post(self._opened)
                     self._pump(bus, take, stop)
             except (*BUS_ERRORS, ValueError, TypeError) as error:
@@ -177,6 +196,8 @@ def open_bus(settings: CanSettings | CanopenSettings) -> can.BusABC:
     if settings.bitrate is not None:
         options["bitrate"] = settings.bitrate
     options |= settings.options
+    if settings.interface == "slcan":
+        return StampedSlcanBus(channel=settings.channel, **options)
     return can.Bus(channel=settings.channel, interface=settings.interface, **options)
 
 

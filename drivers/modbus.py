@@ -44,7 +44,7 @@ class ModbusDriver:
     async def run(self, deliver: Deliver, now: Clock) -> None:
         """Deliver one reading each period until cancelled."""
         loop = asyncio.get_running_loop()
-        keeper = loop.create_task(self._keep_connected())
+        keeper = loop.create_task(self._keep_connected(now))
         poll: asyncio.Task[Reading] | None = None
         next_s = loop.time()
         try:
@@ -65,11 +65,11 @@ class ModbusDriver:
             if self._link:
                 self._link.close()
 
-    async def _keep_connected(self) -> None:
+    async def _keep_connected(self, now: Clock) -> None:
         """Connect, wait until the connection is lost, and start again: at once, then every `RETRY_S`."""
         loop = asyncio.get_running_loop()
         while True:
-            link = ModbusLink(self._settings)
+            link = ModbusLink(self._settings, now)
             tried_s = loop.time()
             try:
                 await link.open()
@@ -86,10 +86,15 @@ class ModbusDriver:
                 await asyncio.sleep(RETRY_S)
 
     async def _poll(self, now: Clock) -> Reading:
-        """One reading of every channel, as soon as there is a connection."""
+        """One reading of every channel, as soon as there is a connection.
+
+        Its time is when the last reply came. The module sampled before; but the middle of request and reply
+        is nearer by milliseconds only, and may lie before the fault that a reply after its period has left.
+        """
         await self._connected.wait()
         words: dict[str, dict[int, int]] = {"holding": {}, "input": {}}
         faults: dict[Block, str] = {}
+        heard_s: float | None = None
         for block in self._plan:
             link = self._link
             if link is None or "timeout" in faults.values():
@@ -97,6 +102,7 @@ class ModbusDriver:
                 continue
             try:
                 words[block.function] |= await link.read(block)
+                heard_s = link.heard_s
                 self._answered()
             except DeviceExceptionError as error:
                 faults[block] = f"exception_{error.code}"
@@ -110,7 +116,7 @@ class ModbusDriver:
                 faults[block] = "disconnected"
                 self._note(error)
                 link.close()
-        return self._reading(words, faults, now())
+        return self._reading(words, faults, now() if heard_s is None else heard_s)
 
     def _answered(self) -> None:
         """The device is there; it counts as connected only when it answers, not when its port opens."""

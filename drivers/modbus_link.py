@@ -16,6 +16,7 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from drivers.decode import Block
+from drivers.protocol import Clock
 from drivers.settings import ModbusRtuSettings, ModbusTcpSettings
 
 # Everything pymodbus logs is also told by the exceptions below, and then counted in the driver's status.
@@ -45,10 +46,15 @@ class DeviceExceptionError(Exception):
 
 
 class ModbusLink:
-    """One connection; `lost` is set when it ends, whoever ended it. Made anew for each connection."""
+    """One connection; `lost` is set when it ends, whoever ended it. Made anew for each connection.
 
-    def __init__(self, settings: ModbusTcpSettings | ModbusRtuSettings) -> None:
+    `heard_s` is when the last bytes came, by the clock `now`.
+    """
+
+    def __init__(self, settings: ModbusTcpSettings | ModbusRtuSettings, now: Clock) -> None:
         self.lost = asyncio.Event()
+        self.heard_s = now()
+        self._now = now
         self._settings = settings
         self._quiet_s = settings.quiet_s if isinstance(settings, ModbusRtuSettings) else None
         self._last_byte_s = 0.0
@@ -65,6 +71,7 @@ class ModbusLink:
                 retries=0,
                 reconnect_delay=0,
                 trace_connect=self._connection_changed,
+                trace_packet=self._bytes_passed,
             )
         return AsyncModbusSerialClient(
             settings.port,
@@ -84,6 +91,7 @@ class ModbusLink:
 
     def _bytes_passed(self, sending: bool, data: bytes) -> bytes:
         if not sending:
+            self.heard_s = self._now()
             self._last_byte_s = asyncio.get_running_loop().time()
         return data
 

@@ -14,11 +14,13 @@ from observer.errors import LogError
 from observer.frames import Reading
 from observer.logs import read_log
 
+SHORTEST_S = 0.005  # between the faults after the log's end
+
 
 class Player:
     """Plays the rows of a log in the rhythm of their own times; after the last row every channel is faulty.
 
-    Rows are due by the injected clock, so a clock that runs faster plays faster.
+    Rows are due by the injected clock, and have the times at which they were due.
     """
 
     def __init__(self, name: str, settings: PlayerSettings) -> None:
@@ -30,9 +32,9 @@ class Player:
             raise LogError(
                 f'{settings.path}: no column "{unknown[0]}"; the log has {", ".join(log.channels)}'
             )
-        self._due_s = (log.time_s - log.time_s[:1]) / settings.speed
+        self._due_s = log.time_s - log.time_s[:1]
         self._values = log.values[:, [log.channels.index(channel) for channel in self.channels]]
-        self.period_s = float(np.median(np.diff(self._due_s))) if len(log) > 1 else 1.0
+        self.period_s = max(float(np.median(np.diff(self._due_s))), SHORTEST_S) if len(log) > 1 else 1.0
         self.status = DriverStatus()
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
@@ -40,11 +42,12 @@ class Player:
         start_s = now()
         self.status = dataclasses.replace(self.status, connected=True)
         for due_s, row in zip(self._due_s.tolist(), self._values.tolist(), strict=True):
+            await asyncio.sleep(0.0)  # a row that is due lets others go first, too
             while (wait_s := start_s + due_s - now()) > 0:
                 await asyncio.sleep(wait_s)
             values = dict(zip(self.channels, row, strict=True))
             faults = {channel: "missing" for channel, value in values.items() if math.isnan(value)}
-            deliver(Reading(now(), values, faults))
+            deliver(Reading(start_s + due_s, values, faults))
         self.status = dataclasses.replace(self.status, connected=False, last_error="the log has ended")
         while True:
             await asyncio.sleep(self.period_s)

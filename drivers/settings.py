@@ -229,12 +229,21 @@ class CanopenSettings(_CanBus):
 
 
 class PlayerSettings(Settings):
-    """A recorded log played as if it were live, `speed` times as fast; `channels` defaults to all of it."""
+    """A recorded log played as if it were live, in its own rhythm; `channels` defaults to all of it."""
 
     kind: Literal["player"]
     path: File
-    speed: Annotated[Number, Field(gt=0, le=1000)] = 1.0
+    speed: Finite = 1.0
     channels: tuple[ChannelName, ...] | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _in_its_own_rhythm(self) -> PlayerSettings:
+        if self.speed != 1:
+            raise ValueError(
+                f"speed = {self.speed:g} would show the model a machine that heats as much in another time; "
+                "remove it, or take `observer replay`, which is as fast as the computer"
+            )
+        return self
 
 
 DriverSettings = Annotated[

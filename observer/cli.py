@@ -341,8 +341,8 @@ def watch(
     seconds: SecondsOption = None,
 ) -> None:
     """Subscribe to a running service and show heats, field and quality in the terminal."""
-    from observer.demo import watch as show
     from observer.service.shutdown import leave
+    from observer.view import watch as show
 
     leave(show(connect, machine, axis, seconds))
 

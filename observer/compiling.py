@@ -20,6 +20,8 @@ from numba import njit
 # runs once in a while and would only make the loops longer to compile.
 # Nothing in here allocates, so references need no counting; counting them took half of a step's time.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+# A step of many modes, or a replay's block, must not keep the threads from their wires.
+_GIL = {"nogil": True}
 inlined = njit(forceinline=True, **_OPTIONS)
 rarely = njit(**_OPTIONS)
 
@@ -28,8 +30,10 @@ def cached_loop(*modules: ModuleType, allocates: bool = False) -> Callable[[Call
     """Compile a loop on first use, cached under the sources of its own module and of `modules`."""
 
     def decorate(function: Callable[..., Any]) -> Any:
+        options = _GIL | ({} if allocates else _OPTIONS)
         sources = [inspect.getsource(module) for module in (sys.modules[function.__module__], *modules)]
-        function.__qualname__ += f"-{zlib.crc32(chr(0).join(sources).encode()):08x}"
-        return njit(cache=True, **({} if allocates else _OPTIONS))(function)
+        fingerprint = zlib.crc32(chr(0).join([repr(options), *sources]).encode())
+        function.__qualname__ += f"-{fingerprint:08x}"
+        return njit(cache=True, **options)(function)
 
     return decorate

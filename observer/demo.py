@@ -1,4 +1,4 @@
-"""The demo: a simulated machine in its own process, the service in this one, and a live view of both."""
+"""The demo: the service in this process, a simulated machine and a live view each in one of its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import subprocess
 import sys
 import sysconfig
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,8 @@ from observer.endpoints import refuse_taken
 from observer.errors import UserError
 
 START_S = 20.0
-REFRESH_S = 0.25
-PLAIN_S = 1.0
+VIEW_END_S = 0.5
+SHOW_CURSOR = "\x1b[?25h"
 
 
 def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
@@ -34,23 +34,59 @@ def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
     refuse_taken((listen,), "--listen")
     name, axis = config.machine.name, config.machine.axis
     key = f"ballscrew/{name}/{axis}/truth/heat"
-    with simulated_machine("--zenoh", listen, "--key", key) as wires:
+    with simulated_machine("--zenoh", listen, "--key", key, "--can-stamps") as wires:
         config = connected(config, wires, listen)
         print(
             f"simulated machine: Modbus TCP on 127.0.0.1:{wires['modbus_port']}, CAN on {wires['can_device']}"
-            f"; estimates on {listen} under ballscrew/{name}/{axis}/",
+            f"; estimates on {listen} under ballscrew/{name}/{axis}/\n"
+            f"from another terminal: observer watch --connect {listen} --machine {name} --axis {axis}\n"
+            "the service gets ready, which takes a minute or two the first time; Ctrl-C ends everything",
             flush=True,
         )
-        done = threading.Event()
-        view = threading.Thread(
-            target=_view, args=(listen, name, axis, plain, done), name="view", daemon=True
-        )
-        view.start()
-        app.serve(config, seconds)
-        done.set()
-        view.join(1.0)
+        with live_view(listen, name, axis, plain):
+            app.serve(config, seconds)
     print("demo ended", flush=True)
     return 0
+
+
+@contextlib.contextmanager
+def live_view(listen: str, machine: str, axis: str, plain: bool) -> Iterator[None]:
+    """Show what is published, by a process of its own that ends when its standard input closes.
+
+    Should it end before, the service goes on and says so.
+    """
+    view = subprocess.Popen(
+        [sys.executable, "-m", "observer.view", listen, machine, axis, *["--plain"] * plain],
+        stdin=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is for the service, which ends the view
+    )
+    assert view.stdin is not None
+    ending = threading.Event()
+
+    def watch_over() -> None:
+        code = view.wait()
+        if not ending.is_set():
+            _mend_terminal()
+            print(f"observer: the view has ended (exit code {code}); the service goes on", file=sys.stderr)
+
+    threading.Thread(target=watch_over, name="view", daemon=True).start()
+    try:
+        yield
+    finally:
+        ending.set()
+        view.stdin.close()
+        try:
+            view.wait(VIEW_END_S)
+        except subprocess.TimeoutExpired:
+            view.kill()
+            view.wait()
+            _mend_terminal()
+
+
+def _mend_terminal() -> None:
+    """Give the terminal its cursor back, which a view that was killed has left hidden."""
+    if sys.stdout.isatty():
+        print(SHOW_CURSOR, end="", flush=True)
 
 
 def demo_file() -> Path:
@@ -109,56 +145,3 @@ def connected(config: Config, wires: Mapping[str, Any], listen: str) -> Config:
             "publish": config.publish.model_copy(update={"mode": "router", "listen": (listen,)}),
         }
     )
-
-
-def watch(endpoint: str, machine: str, axis: str, seconds: float | None) -> int:
-    """Show a running service until Ctrl-C or for `seconds`; returns the exit code."""
-    done = threading.Event()
-    if seconds is not None:
-        timer = threading.Timer(seconds, done.set)
-        timer.daemon = True
-        timer.start()
-    try:
-        heard = _view(endpoint, machine, axis, not sys.stdout.isatty(), done)
-    except KeyboardInterrupt:
-        return 0
-    if not heard:
-        print(
-            f"observer: nothing heard at {endpoint}; start the service, or name it with --connect",
-            file=sys.stderr,
-        )
-    return 0 if heard else 2
-
-
-def _view(endpoint: str, machine: str, axis: str, plain: bool, done: threading.Event) -> bool:
-    """Show what is published until `done`; a router that is not there yet is waited for. Says if any came."""
-    import zenoh
-
-    from observer.publish.watch import Subscription
-
-    while not done.is_set():
-        try:
-            with Subscription((endpoint,), machine, axis) as subscription:
-                return _show(subscription.latest, plain, done)
-        except zenoh.ZError:
-            done.wait(0.3)
-    return False
-
-
-def _show(latest: Callable[[], dict[str, dict[str, Any]]], plain: bool, done: threading.Event) -> bool:
-    """Draw the newest messages again and again."""
-    from rich.console import Console
-    from rich.live import Live
-
-    from observer.publish.watch import live_line, live_table
-
-    console = Console()
-    if plain:
-        while not done.wait(PLAIN_S):
-            if line := live_line(latest()):
-                console.print(line, highlight=False, soft_wrap=True)
-        return bool(latest())
-    with Live(live_table({}), console=console, refresh_per_second=1 / REFRESH_S, screen=False) as live:
-        while not done.wait(REFRESH_S):
-            live.update(live_table(latest()))
-        return bool(latest())

@@ -33,6 +33,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--map", choices=sorted(MAPS), default="wago_750_458", help="thermocouple module")
     parser.add_argument("--seed", type=int, default=1, help="of the thermocouples' noise")
     parser.add_argument("--period", type=float, default=0.1, help="s between new thermocouple values")
+    parser.add_argument("--can-stamps", action="store_true", help="have the CAN adapter stamp its frames")
     parser.add_argument("--warm-minutes", type=float, default=20.0, help="how long it has been running")
     parser.add_argument("--zenoh", help="endpoint of a router to publish the truth to")
     parser.add_argument("--key", default="ballscrew/demo/x/truth/heat", help="key of the truth")
@@ -44,6 +45,7 @@ class Process:
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._machine = Machine(args.seed)
+        self._args = args
         self._encode = MAPS[args.map]
         self._steps_per_period = max(1, round(args.period / STEP_S))
         self._faults = Faults()
@@ -64,11 +66,11 @@ class Process:
         self._sample()
         await self._server.start()
         wire = PtyWire()
-        axis = AxisBus(wire.devices[0])
+        axis = AxisBus(wire.devices[0], self._args.can_stamps, self._args.seed)
         places = {"modbus_port": self._server.port, "can_device": wire.devices[1], "pid": os.getpid()}
         print(json.dumps(places), flush=True)
         work = loop.create_task(self._work(axis))
-        listen = loop.create_task(self._listen())
+        listen = loop.create_task(self._listen(axis))
         await asyncio.wait({work, listen}, return_when=asyncio.FIRST_COMPLETED)
         failed = work.done()
         for task in (work, listen):
@@ -81,21 +83,28 @@ class Process:
         await self._server.stop()
 
     async def _work(self, axis: AxisBus) -> None:
-        """Advance the machine in real time and keep its wires fed."""
+        """Advance the machine in real time and keep its wires fed.
+
+        Held up by a busy computer, the machine is where it would have been; the frames that were not sent
+        are not sent late, and the next keeps half a cycle's distance.
+        """
         loop = asyncio.get_running_loop()
         start_s = loop.time()
         step = 0
         while True:
-            self._machine.advance(STEP_S)
-            step += 1
+            cycles = round((loop.time() - start_s) / STEP_S) + 1
+            await asyncio.sleep(start_s + cycles * STEP_S - loop.time())
+            before, step = step, int((loop.time() - start_s) / STEP_S + 1e-3)  # it may wake a little early
+            for _ in range(step - before):
+                self._machine.advance(STEP_S)
             if not self._faults.silence_can:
-                axis.send(self._machine.nut_position_m, speed_rpm(self._machine.time_s))
-            if step % self._steps_per_period == 0:
+                position_m = self._machine.nut_position_after_m(loop.time() - start_s - step * STEP_S)
+                axis.send(position_m, speed_rpm(self._machine.time_s), STEP_S)
+            if before // self._steps_per_period != step // self._steps_per_period:
                 self._sample()
                 if self._truth:
                     self._sequence += 1
                     self._truth.put(heats(self._machine.time_s), self._sequence)
-            await asyncio.sleep(start_s + step * STEP_S - loop.time())
 
     def _sample(self) -> None:
         """Read the thermocouples into the registers; a stuck one keeps its last value."""
@@ -104,7 +113,7 @@ class Process:
         self._last = fresh
         self._server.registers = self._encode(fresh, self._faults)
 
-    async def _listen(self) -> None:
+    async def _listen(self, axis: AxisBus) -> None:
         """Obey commands until the input ends."""
         while (line := await self._commands.get()) is not None:
             if not line.strip():
@@ -114,6 +123,7 @@ class Process:
             except ValidationError as error:
                 print(f"command refused: {error}", file=sys.stderr, flush=True)
                 continue
+            axis.mishaps.set(self._faults)
             self._server.exception = self._faults.exception
             await self._server.set_listening(not self._faults.drop_modbus)
             self._sample()

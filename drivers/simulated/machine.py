@@ -79,9 +79,14 @@ class Machine:
     @property
     def nut_position_m(self) -> float:
         """Where the centre of the nut is: back and forth over the stroke."""
+        return self.nut_position_after_m(0.0)
+
+    def nut_position_after_m(self, ahead_s: float) -> float:
+        """Where the centre of the nut will be a fraction of a step from now."""
         low_m = STROKE_M[0] + NUT_LENGTH_M / 2
         reach_m = STROKE_M[1] - STROKE_M[0] - NUT_LENGTH_M
-        phase_m = self._travel_m % (2 * reach_m)
+        travel_m = self._travel_m + LEAD_M * speed_rpm(self.time_s) / 60 * ahead_s
+        phase_m = travel_m % (2 * reach_m)
         return low_m + (phase_m if phase_m <= reach_m else 2 * reach_m - phase_m)
 
     def thermocouples_degC(self) -> dict[str, float]:

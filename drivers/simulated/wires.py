@@ -6,17 +6,18 @@ import asyncio
 import contextlib
 import os
 import select
+import time
 import tty
 from collections.abc import Mapping
 from pathlib import Path
 
-import can
 import cantools
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.simulated.faults import Faults
+from drivers.simulated.mishaps import Mishaps
 
 HANG_UP_POLL_S = 0.05
 WAGO_OPEN, WAGO_OVER = 0x60, 0x42
@@ -144,16 +145,22 @@ def _hung_up(master: int) -> bool:
 
 
 class AxisBus:
-    """The axis controller on the CAN bus: sends its cyclic frame, described by `axis.dbc`."""
+    """The axis controller on the CAN bus: sends its cyclic frame, described by `axis.dbc`.
 
-    def __init__(self, device: str) -> None:
+    The lines are those of a serial CAN adapter; with `stamps`, each ends with the adapter's milliseconds.
+    """
+
+    def __init__(self, device: str, stamps: bool, seed: int) -> None:
         database = cantools.database.load_file(Path(__file__).parent / "axis.dbc")
         self._message = database.get_message_by_name("AxisStatus")  # type: ignore[union-attr]
-        self._bus = can.Bus(interface="slcan", channel=device, sleep_after_open=0)
+        self._device = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        tty.setraw(self._device)
+        self._stamps = stamps
         self._alive = 0
+        self.mishaps = Mishaps(self._write, seed)
 
-    def send(self, nut_position_m: float, screw_speed_rpm: float) -> None:
-        """Send one status frame."""
+    def send(self, nut_position_m: float, screw_speed_rpm: float, period_s: float) -> None:
+        """Send one status frame, the next of which comes a period later."""
         self._alive = (self._alive + 1) % 256
         signals = {
             "NutPosition": nut_position_m,
@@ -161,14 +168,15 @@ class AxisBus:
             "AxisState": 2 if screw_speed_rpm else 1,
             "AliveCounter": self._alive,
         }
-        frame = can.Message(
-            arbitration_id=self._message.frame_id, data=self._message.encode(signals), is_extended_id=False
-        )
-        # The library's time-out also fires after a complete write that a busy computer held up; the next
-        # frame is 20 ms away, so one that is lost is no reason to end the machine.
-        with contextlib.suppress(can.CanOperationError):
-            self._bus.send(frame, timeout=0.1)
+        data = self._message.encode(signals)
+        stamp = f"{int(1e3 * time.monotonic()) % 60_000:04X}" if self._stamps else ""
+        line = f"t{self._message.frame_id:03X}{len(data)}{data.hex().upper()}{stamp}\r"
+        self.mishaps.put(line.encode(), period_s)
+
+    def _write(self, lines: bytes) -> None:
+        with contextlib.suppress(OSError):  # nobody takes what is on the wire, or it is closed
+            os.write(self._device, lines)
 
     def close(self) -> None:
         """Leave the bus."""
-        self._bus.shutdown()
+        os.close(self._device)

@@ -27,10 +27,11 @@ from observer.service.health import Facts, Health, assess
 from observer.service.pipeline import Drive, Pipeline
 from observer.service.record import Recorder
 from observer.service.shutdown import StopSignals
+from observer.service.wires import Wires, leave_in_peace, take_short_turns
 
 HEALTH_PERIOD_S = 5.0
 _LOOK_S = 0.5
-_RESTART_S = 1.0
+_LATE_S = 1.0  # a reading may have waited so long on its way
 _DRIVERS_END_S = 0.3
 _RECORDER_END_S = 0.4
 _PUBLISHER_END_S = 0.7
@@ -101,13 +102,14 @@ def run(service: Service, seconds: float | None = None) -> None:
         if service.recorder is not None:
             service.recorder.close(0.1)
 
+    take_short_turns()
     with StopSignals(flush) as signals:
         asyncio.run(_until_stopped(service, seconds, signals))
 
 
 async def _until_stopped(service: Service, seconds: float | None, signals: StopSignals) -> None:
     loop = asyncio.get_running_loop()
-    task = asyncio.ensure_future(serve(service))
+    task = asyncio.ensure_future(serve(service, when_warm=leave_in_peace))
 
     def stop() -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended by itself
@@ -120,19 +122,19 @@ async def _until_stopped(service: Service, seconds: float | None, signals: StopS
         await task
 
 
-async def serve(service: Service) -> None:
-    """Serve until cancelled, then end every part within 1.4 s."""
+async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> None:
+    """Serve until cancelled, then end every part within 1.4 s; `when_warm` is called before a first tick."""
     cycles = _Cycles(service)
     service.publisher.start()
-    drivers = [asyncio.ensure_future(cycles.listen(driver)) for driver in service.drivers]
+    cycles.wires.start()
     try:
         await asyncio.to_thread(cycles.warm_up)
+        if when_warm is not None:
+            when_warm()
         await cycles.tick_for_ever()
     finally:
-        for task in drivers:
-            task.cancel()
-        if drivers:
-            await asyncio.wait(drivers, timeout=_DRIVERS_END_S)
+        if not cycles.wires.close(_DRIVERS_END_S):
+            log.warning("a driver did not end in time")
         if service.recorder is not None and not service.recorder.close(_RECORDER_END_S):
             log.error("recording not complete", reason=service.recorder.status.reason)
         if not service.publisher.close(_PUBLISHER_END_S):
@@ -145,6 +147,7 @@ class _Cycles:
 
     def __init__(self, service: Service) -> None:
         self._service = service
+        self.wires = Wires(service.drivers, service.clock.now, self._take)
         self._aligner = Aligner(service.plan)
         self._pipeline = Pipeline(service.drive, service.estimator, service.self_test)
         self.count = 0
@@ -162,25 +165,15 @@ class _Cycles:
         """Have everything compiled and loaded, by a tick without readings that is then forgotten."""
         self._pipeline.warm_up(Aligner(self._service.plan).tick(0.0))
 
-    async def listen(self, driver: Driver) -> None:
-        """Run a driver to its end, which only a player has; one that fails is started again."""
-        while True:
-            try:
-                await driver.run(lambda reading: self._take(driver.name, reading), self._service.clock.now)
-                return
-            except Exception as error:  # one driver's defect must not end the others
-                log.error("driver failed", driver=driver.name, error=repr(error), exc_info=True)
-            await asyncio.sleep(_RESTART_S)
-
     def _take(self, name: str, reading: Reading) -> None:
-        """Take a reading: none from the future, and one that goes back in time counts as a fault."""
+        """Take a reading: none from the future; a late one keeps its time, one far too late is a fault."""
         now_s = self._service.clock.now()
         time_s = reading.time_s if reading.time_s <= now_s else now_s
-        if time_s < self._newest_s[name]:
+        if time_s < self._newest_s[name] - _LATE_S:
             faults = dict.fromkeys(reading.values, "time_backwards")
             reading = Reading(now_s, dict.fromkeys(reading.values, math.nan), faults)
         else:
-            self._newest_s[name] = time_s
+            self._newest_s[name] = max(time_s, self._newest_s[name])
             reading = Reading(time_s, reading.values, reading.faults)
         self._samples[name] += 1
         used = self._aligner.ingest(reading)
@@ -199,6 +192,7 @@ class _Cycles:
             number = max(due, number) + 1
 
     def _tick(self, time_s: float) -> None:
+        self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
         frame = self._aligner.tick(time_s)
         if self._service.recorder is not None:
             self._service.recorder.tick(float(frame.time_s[0]))
@@ -228,7 +222,8 @@ class _Cycles:
         if compensator is not None:
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
-        self._service.notify("READY=1\nWATCHDOG=1" if self.count == 1 else "WATCHDOG=1")
+        if self.wires.alive:
+            self._service.notify("READY=1\nWATCHDOG=1" if self.count == 1 else "WATCHDOG=1")
         before, self._estimate = self._estimate, EstimateQuality(estimate.quality[0])
         self._had_estimate |= self._estimate != EstimateQuality.INVALID
         self._failure = None
@@ -236,7 +231,7 @@ class _Cycles:
 
     def _report(self, now_s: float) -> None:
         """Publish the health when it has changed or five seconds have passed."""
-        service = self._service
+        service, statuses = self._service, self.wires.statuses()
         health = assess(
             Facts(
                 now_s,
@@ -247,7 +242,7 @@ class _Cycles:
                 self._failure,
                 self.count,
                 self.overruns,
-                {driver.name: (driver.status, self._samples[driver.name]) for driver in service.drivers},
+                {name: (status, self._samples[name]) for name, status in statuses.items()},
                 service.recorder.status if service.recorder else None,
                 service.publisher.status,
                 service.clock.offset_s(),

@@ -6,6 +6,7 @@ import time
 
 import pytest
 from pymodbus.constants import ExcCodes
+from pymodbus.transport import ModbusProtocol
 
 from drivers import open_driver
 from drivers.settings import ModbusTcpSettings
@@ -42,6 +43,24 @@ async def test_values_of_both_functions_arrive_with_the_clock_of_the_service():
         reading = await tc.until(lambda r: not r.faults)
     assert reading.time_s == 42.5
     assert reading.values == {"t1_degC": pytest.approx(21.5), "x_m": pytest.approx(0.123456)}
+
+
+async def test_a_reading_has_the_time_at_which_the_reply_came_not_that_of_a_busy_event_loop(monkeypatch):
+    came_s = []
+
+    def data_received(protocol, data, received=ModbusProtocol.data_received):
+        came_s.append(time.monotonic())
+        asyncio.get_running_loop().call_soon(time.sleep, 0.2)  # something else comes first
+        received(protocol, data)
+
+    monkeypatch.setattr(ModbusProtocol, "data_received", data_received)
+    async with device(inputs=[215]) as peer:
+        driver = open_driver(
+            "tc", settings(peer.port, {"t1_degC": {"register": 0}}, period_s=9.0, timeout_s=5.0)
+        )
+        async with running(driver, time.monotonic) as tc:
+            reading = await tc.until(lambda r: not r.faults)
+    assert any(abs(reading.time_s - time_s) < 0.1 for time_s in came_s)
 
 
 async def test_only_read_functions_are_ever_sent_and_neighbours_go_together():

@@ -1,7 +1,11 @@
+import asyncio
 import math
 import time
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from drivers import open_driver
 from drivers.settings import PlayerSettings
@@ -34,11 +38,58 @@ async def test_rows_come_in_the_rhythm_of_their_times_and_then_the_end_is_said(l
     assert end.faults == {"t1_degC": "end_of_log", "n_rpm": "end_of_log"}
 
 
-async def test_a_faster_speed_and_a_choice_of_channels(log):
-    driver = open_driver("log", PlayerSettings(kind="player", path=log, speed=10, channels=("n_rpm",)))
-    assert driver.period_s == pytest.approx(0.01)
+async def test_a_choice_of_channels(log):
+    driver = open_driver("log", PlayerSettings(kind="player", path=log, channels=("n_rpm",)))
     async with running(driver) as player:
         await player.until(lambda r: r.values == {"n_rpm": 30.0})
+
+
+async def test_rows_that_a_busy_computer_hands_on_late_have_the_times_at_which_they_were_due(log):
+    driver = open_driver("log", PlayerSettings(kind="player", path=log))
+    async with running(driver, time.monotonic) as player:
+        await player.until(lambda r: r.values["n_rpm"] == 0.0)
+        time.sleep(0.5)  # the event loop has something else to do
+        await player.until(lambda r: r.values["n_rpm"] == 30.0)
+        times = [r.time_s for r in player.readings if "n_rpm" not in r.faults]
+    assert [t - times[0] for t in times] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
+async def test_a_log_whose_rows_are_all_due_leaves_others_their_turn(tmp_path):
+    path = tmp_path / "dense.csv"
+    path.write_text("time_s,n_rpm\n" + "".join(f"{1e-7 * k:.7f},1\n" for k in range(5_000)))
+    driver = open_driver("log", PlayerSettings(kind="player", path=path))
+    turns = 0
+    async with running(driver) as player:
+        while not any(r.faults for r in player.readings):
+            await asyncio.sleep(0.0)
+            turns += 1
+    assert turns > 2_500
+
+
+@pytest.mark.parametrize("speed", [2.0, 0.5, 0.0, -1.0])
+def test_another_speed_is_refused_because_heat_does_not_follow_it(log, speed):
+    with pytest.raises(ValidationError, match=rf"speed = {speed:g} would show .*`observer replay`"):
+        PlayerSettings(kind="player", path=log, speed=speed)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".parquet", ".txt"])
+@given(
+    content=st.binary(max_size=200)
+    | st.lists(st.sampled_from(["time_s", "t1_degC", "0", "1", "1e400", "-1", "x", ",", "\n", '"', ";"])).map(
+        lambda words: "".join(words).encode()
+    )
+)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_any_file_is_played_or_refused_in_one_sentence(tmp_path, suffix, content):
+    path = tmp_path / f"any{suffix}"
+    path.write_bytes(content)
+    refusal = str(path)
+    try:
+        open_driver("log", PlayerSettings(kind="player", path=path))
+    except LogError as error:
+        refusal = str(error)
+    assert str(path) in refusal
+    assert "\n" not in refusal
 
 
 async def test_rows_are_due_by_the_injected_clock(log):

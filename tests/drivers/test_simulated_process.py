@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import time
 from contextlib import asynccontextmanager
 
 import pytest
@@ -13,11 +14,13 @@ import zenoh
 
 from drivers import open_driver
 from drivers.settings import CanChannel, CanSettings, ModbusTcpSettings
-from drivers.simulated.machine import SENSORS
+from drivers.simulated.machine import LEAD_M, NUT_LENGTH_M, SENSORS, STROKE_M
 from tests.drivers.harness import running
 from tests.patience import HERE, PATIENCE_S, Stopwatch, eventually
 
 pytestmark = pytest.mark.system
+
+SPEED_M_S = LEAD_M * 1500 / 60  # the programme's first four minutes
 
 
 class Machine:
@@ -95,6 +98,47 @@ async def test_its_wires_carry_temperatures_position_and_speed():
         assert watch.took_s() < 2.0  # 50 frames a second
         assert len(good) > 45
         assert len({r.values["nut_position_m"] for r in good}) > 45
+
+
+def nut_position_m(first, second, time_s):
+    """Where the nut is at a time, from two readings while the screw turns at 1500 rpm."""
+    low_m, reach_m = STROKE_M[0] + NUT_LENGTH_M / 2, STROKE_M[1] - STROKE_M[0] - NUT_LENGTH_M
+    phase_m = first.values["nut_position_m"] - low_m
+    if second.values["nut_position_m"] < first.values["nut_position_m"]:
+        phase_m = 2 * reach_m - phase_m
+    phase_m = (phase_m + SPEED_M_S * (time_s - first.time_s)) % (2 * reach_m)
+    return low_m + (phase_m if phase_m <= reach_m else 2 * reach_m - phase_m)
+
+
+async def test_it_is_where_it_would_have_been_when_its_process_was_held_up():
+    async with machine("--can-stamps") as plant, running(plant.axis()) as axis:
+        await axis.good("nut_position_m")
+        await asyncio.sleep(1.0)
+        os.kill(plant.process.pid, signal.SIGSTOP)
+        stopped_s = time.time()
+        await asyncio.sleep(1.0)
+        resumed_s = time.time()
+        os.kill(plant.process.pid, signal.SIGCONT)
+        await axis.until(lambda r: not r.faults and r.time_s > resumed_s + 0.5)
+        good = [r for r in axis.readings if not r.faults]
+    assert not [r for r in good if stopped_s + 0.1 < r.time_s < resumed_s - 0.1]
+    first, second = [r for r in good if r.time_s < stopped_s][-2:]
+    for reading in (r for r in good if r.time_s > resumed_s):  # frames sent late would be 0.25 m off
+        expected_m = nut_position_m(first, second, reading.time_s)
+        assert reading.values["nut_position_m"] == pytest.approx(expected_m, abs=0.02)
+
+
+@pytest.mark.parametrize("stamps", [True, False])
+async def test_frames_that_are_held_up_come_at_once_and_have_their_own_times_where_they_are_stamped(stamps):
+    async with machine(*["--can-stamps"] * stamps) as plant, running(plant.axis()) as axis:
+        await axis.good("nut_position_m")
+        await asyncio.sleep(0.5)
+        seen = len(axis.readings)
+        await plant.fault(hold_can_s=0.5)
+        await axis.until(lambda _: len(axis.readings) > seen + 40)
+    times = [r.time_s for r in axis.readings[seen:] if not r.faults]
+    together = sum(b - a < 0.002 for a, b in itertools.pairwise(times))
+    assert together <= 2 if stamps else together > 10
 
 
 async def test_its_faults_reach_the_drivers_as_faults():

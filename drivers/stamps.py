@@ -1,0 +1,106 @@
+"""When a frame was on the wire: the stamp its adapter or kernel gave it, in the service's time.
+
+A stamp is of another clock than the service's. Where that is this computer's own, its difference to now is
+how long ago a frame came. Where it is an adapter's, only differences mean anything: the frame that took the
+shortest way of all lately tells how far the two clocks are apart. No time is later than the arrival.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+FURTHEST_S = 10.0  # a frame that seems older than this has a stamp that means something else
+_LARGEST_S = 1e12  # what no clock shows
+_BLOCK_S = 5.0
+_BLOCKS = 6  # 30 s: clocks 100 ppm apart drift by 3 ms in it
+_COARSE_S = 0.005  # so long after its like, a frame with the same stamp came later than the stamp says
+_SHIFT_S = 0.05  # that every frame of a block is later by so much is no hold-up: a clock was set
+
+
+def wall_time(stamp_s: float, arrival_s: float, wall_s: float) -> float:
+    """The time of a stamp of this computer's clock, which now says `wall_s`; the arrival for any other.
+
+    The computer's clock may be set at any time: only its difference to a stamp just taken is used.
+    """
+    delay_s = wall_s - stamp_s
+    return arrival_s - delay_s if 0.0 <= delay_s <= FURTHEST_S else arrival_s
+
+
+@dataclass(slots=True)
+class _Block:
+    """What some seconds of frames say of arrival − stamp; the least alone might be a stamp that is wrong."""
+
+    begin_s: float
+    least_s: float = math.inf
+    second_s: float = math.inf
+
+    def take(self, offset_s: float) -> None:
+        self.least_s, self.second_s = sorted((self.least_s, self.second_s, offset_s))[:2]
+
+
+class DeviceClock:
+    """Maps the stamps of one adapter, from its opening on; `wrap_s` is where its counter starts again.
+
+    time = stamp + min (arrival − stamp) over the last 30 s, each 5 s with their least but one. A stamp counts
+    for nothing, and the arrival holds, where it did not advance as time did, or while the clocks shift.
+    """
+
+    def __init__(self, wrap_s: float | None = None) -> None:
+        self._wrap_s = wrap_s
+        self._blocks: deque[_Block] = deque(maxlen=_BLOCKS)
+        self._stamp_s = math.nan
+        self._arrival_s = math.nan  # of the first frame with the newest stamp
+        self._trusted = True
+
+    def time_s(self, stamp_s: float, arrival_s: float) -> float:
+        """The time of a frame that was stamped and arrived like this; never later than its arrival."""
+        if not abs(stamp_s) < _LARGEST_S:  # nor NaN
+            return arrival_s
+        stamp_s = self._unwrapped(stamp_s, arrival_s)
+        standing = stamp_s <= self._stamp_s and arrival_s - self._arrival_s > _COARSE_S
+        if stamp_s != self._stamp_s:
+            self._stamp_s, self._arrival_s = stamp_s, arrival_s
+        offset_s = arrival_s - stamp_s
+        self._note(offset_s, arrival_s)
+        delay_s = offset_s - min(block.second_s for block in self._blocks)
+        if delay_s > FURTHEST_S:
+            self._start_anew(offset_s, arrival_s)
+        if standing or not self._trusted:
+            return arrival_s
+        return arrival_s - max(delay_s, 0.0)
+
+    def _unwrapped(self, stamp_s: float, arrival_s: float) -> float:
+        """The stamp with as many turns of its counter as fit best to the frame before."""
+        if self._wrap_s is None or math.isnan(self._stamp_s):
+            return stamp_s
+        expected_s = self._stamp_s + (arrival_s - self._arrival_s)
+        return stamp_s + self._wrap_s * round((expected_s - stamp_s) / self._wrap_s)
+
+    def _note(self, offset_s: float, arrival_s: float) -> None:
+        """Take an offset into the newest block, after old ones have been forgotten."""
+        while self._blocks and arrival_s - self._blocks[0].begin_s > _BLOCKS * _BLOCK_S:
+            self._blocks.popleft()
+        if not self._blocks:
+            self._blocks.append(_Block(arrival_s))
+        elif arrival_s - self._blocks[-1].begin_s > _BLOCK_S:
+            self._finish()
+            self._blocks.append(_Block(arrival_s))
+        self._blocks[-1].take(offset_s)
+
+    def _finish(self) -> None:
+        """Judge the block that has just ended against those before."""
+        ended = self._blocks[-1]
+        least_s = min(block.second_s for block in self._blocks)
+        self._trusted = not _SHIFT_S < ended.second_s - least_s < math.inf
+        if not self._trusted:
+            self._blocks.clear()
+            self._blocks.append(ended)
+
+    def _start_anew(self, offset_s: float, arrival_s: float) -> None:
+        """Forget what was: nothing is known of the clocks but this frame."""
+        self._blocks.clear()
+        self._blocks.append(_Block(arrival_s))
+        self._blocks[-1].take(offset_s)
+        self._trusted = False
