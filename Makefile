@@ -22,7 +22,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system lint format bench discover-campaign figures container-check lock clean
+.PHONY: help env demo test unit system hostile lint format bench discover-campaign figures container-check lock clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -44,6 +44,9 @@ unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes t
 
 system: $(READY)  ## tests with real processes, servers and routers, one at a time; ARGS goes to pytest
 	$(BIN)/python -m pytest -m system -p no:benchmark $(ARGS)
+
+hostile: $(READY)  ## ten thousand hostile queries against a running service; ARGS goes to pytest
+	HOSTILE_QUERIES=10000 $(BIN)/python -m pytest tests/publish/test_hostile.py -s -p no:benchmark $(ARGS)
 
 bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -14,17 +14,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
 from observer.effects.catalogue import KINDS, Effect
-from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
 from observer.mounting import Compensation
+from observer.publishing import Client, Publish
 from observer.quantities import Name, NonNegative, Positive, Section, Temperature
 from observer.sections import Description
-
-Endpoint = Annotated[str, AfterValidator(checked_endpoint)]
 
 
 class Machine(Section):
@@ -83,16 +81,6 @@ class Output(Section):
 
     positions_m: tuple[NonNegative, ...] | None = Field(default=None, min_length=2)
     reference_degC: Temperature | None = None
-
-
-class Publish(Section):
-    """The Zenoh session of the daemon."""
-
-    mode: Literal["client", "peer", "router"] = "peer"
-    connect: tuple[Endpoint, ...] = ()
-    listen: tuple[Endpoint, ...] = ()
-    field_rate_Hz: Annotated[float, Field(gt=0, le=50)] = 2.0
-    history: Annotated[int, Field(ge=1, le=100_000)] = 1000
 
 
 class Record(Section):
@@ -203,15 +191,27 @@ def load(path: Path) -> Config:
 
     Raises `ConfigError` with one sentence that names the file, the key and the remedy.
     """
+    return parse(_table_of(path, "a configuration with --config"), str(path))
+
+
+def load_client(path: Path) -> Client:
+    """Read and check how a command shows who it is; raises `ConfigError`."""
+    table = _table_of(path, "a client's file with --client")
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        return Client.model_validate(table)
+    except ValidationError as error:
+        raise ConfigError(_one_sentence(error, table, str(path))) from None
+
+
+def _table_of(path: Path, what: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file; give the path of a configuration with --config") from None
+        raise ConfigError(f"{path}: no such file; give the path of {what}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read as text ({error}); give a TOML file in UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not valid TOML ({error}); mend that line") from None
-    return parse(table, str(path))
 
 
 def parse(table: dict[str, Any], place: str = "configuration") -> Config:

@@ -15,6 +15,7 @@ from typing import Any
 from observer.config import Config, load
 from observer.endpoints import refuse_taken
 from observer.errors import UserError
+from observer.publishing import Client
 
 START_S = 20.0
 REFRESH_S = 0.25
@@ -111,7 +112,7 @@ def connected(config: Config, wires: Mapping[str, Any], listen: str) -> Config:
     )
 
 
-def watch(endpoint: str, machine: str, axis: str, seconds: float | None) -> int:
+def watch(endpoint: str, machine: str, axis: str, seconds: float | None, client: Client | None = None) -> int:
     """Show a running service until Ctrl-C or for `seconds`; returns the exit code."""
     done = threading.Event()
     if seconds is not None:
@@ -119,7 +120,7 @@ def watch(endpoint: str, machine: str, axis: str, seconds: float | None) -> int:
         timer.daemon = True
         timer.start()
     try:
-        heard = _view(endpoint, machine, axis, not sys.stdout.isatty(), done)
+        heard = _view(endpoint, machine, axis, not sys.stdout.isatty(), done, client)
     except KeyboardInterrupt:
         return 0
     if not heard:
@@ -130,7 +131,14 @@ def watch(endpoint: str, machine: str, axis: str, seconds: float | None) -> int:
     return 0 if heard else 2
 
 
-def _view(endpoint: str, machine: str, axis: str, plain: bool, done: threading.Event) -> bool:
+def _view(
+    endpoint: str,
+    machine: str,
+    axis: str,
+    plain: bool,
+    done: threading.Event,
+    client: Client | None = None,
+) -> bool:
     """Show what is published until `done`; a router that is not there yet is waited for. Says if any came."""
     import zenoh
 
@@ -138,7 +146,7 @@ def _view(endpoint: str, machine: str, axis: str, plain: bool, done: threading.E
 
     while not done.is_set():
         try:
-            with Subscription((endpoint,), machine, axis) as subscription:
+            with Subscription((endpoint,), machine, axis, client) as subscription:
                 return _show(subscription.latest, plain, done)
         except zenoh.ZError:
             done.wait(0.3)
@@ -156,7 +164,7 @@ def _show(latest: Callable[[], dict[str, dict[str, Any]]], plain: bool, done: th
     if plain:
         while not done.wait(PLAIN_S):
             if line := live_line(latest()):
-                console.print(line, highlight=False, soft_wrap=True)
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
         return bool(latest())
     with Live(live_table({}), console=console, refresh_per_second=1 / REFRESH_S, screen=False) as live:
         while not done.wait(REFRESH_S):

@@ -36,6 +36,10 @@ class Pipeline(Generic[DriveState]):
         self._drive_state = drive_state
         return estimates
 
+    def reset(self) -> None:
+        """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""
+        self._estimator_state = self._estimator.initial()
+
     def warm_up(self, frames: FrameBlock) -> None:
         """Have everything compiled and loaded, by steps that are then forgotten."""
         _, inputs = self._drive.run(self._drive.initial(), frames)

@@ -11,8 +11,9 @@ import zenoh
 
 from observer.config import Publish
 from observer.publish.codec import decode_estimate, decode_estimates
+from observer.publish.session import session_config
 from observer.publish.watch import Subscription
-from observer.publish.zenoh import ZenohPublisher, session_config
+from observer.publish.zenoh import ZenohPublisher
 from tests.publish.blocks import LAYOUT, block
 from tests.publish.router import Router, free_port
 
@@ -107,27 +108,6 @@ def test_field_and_error_keep_their_rate_by_the_time_of_the_estimate():
         key: sum(sent_key == key for sent_key, _ in sent) for key in ("estimate", "heat", "field", "error")
     }
     assert counts == {"estimate": 1000, "heat": 1000, "field": 20, "error": 20}
-
-
-def test_a_compensation_is_there_only_where_somebody_can_arm_it(publisher):
-    _, endpoint = publisher
-    assert not _get(endpoint, "ballscrew/lathe-7/z/compensation")
-    asked, endpoint = [], f"tcp/127.0.0.1:{free_port()}"
-    settings = Publish(mode="router", listen=(endpoint,))
-    made = ZenohPublisher("lathe-7", "z", settings, "{}", LAYOUT, lambda: asked.append("arm"))
-    made.start()
-    key = "ballscrew/lathe-7/z/compensation"
-    _wait(lambda: made.status.connected)
-    made.compensation(b'{"armed":false}')
-    (told,) = _wait(lambda: _get(endpoint, key))
-    assert told.ok.payload.to_bytes() == b'{"armed":false}'
-    assert not asked
-    (wrong,) = _get(endpoint, f"{key}?arm=true")
-    assert b"only arm=yes is known" in wrong.err.payload.to_bytes()
-    assert not asked
-    (told,) = _get(endpoint, f"{key}?arm=yes")
-    assert asked == ["arm"]
-    assert made.close(2.0)
 
 
 def _get(endpoint, selector):
