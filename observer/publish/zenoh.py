@@ -89,7 +89,7 @@ class ZenohPublisher:
         settings: Publish,
         config_json: str,
         layout: Layout,
-        instance: str = "",
+        instance: str,
         *,
         compensates: bool = False,
     ) -> None:

@@ -35,7 +35,9 @@ def _wait(condition, timeout_s=8.0):
 
 def _publisher(endpoint: str, mode: str = "client", **settings) -> ZenohPublisher:
     ends = {"listen": (endpoint,)} if mode == "router" else {"connect": (endpoint,)}
-    publisher = ZenohPublisher("lathe-7", "z", Publish(mode=mode, **ends, **settings), '{"hash":"h"}', LAYOUT)
+    publisher = ZenohPublisher(
+        "lathe-7", "z", Publish(mode=mode, **ends, **settings), '{"hash":"h"}', LAYOUT, "0a0a0a0a"
+    )
     publisher.start()
     return publisher
 
@@ -99,7 +101,7 @@ def test_messages_say_what_they_are(publisher):
 
 
 def test_field_and_error_keep_their_rate_by_the_time_of_the_estimate():
-    publisher = ZenohPublisher("m", "x", Publish(field_rate_Hz=2.0), "{}", LAYOUT)
+    publisher = ZenohPublisher("m", "x", Publish(field_rate_Hz=2.0), "{}", LAYOUT, "0a0a0a0a")
     sent = []
     publisher._put = lambda key, payload: sent.append((key, payload))
     for k in range(1000):
