@@ -45,6 +45,9 @@ unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes t
 system: $(READY)  ## tests with real processes, servers and routers, two files at a time; ARGS goes to pytest
 	$(BIN)/python -m pytest -m system -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
 
+hostile: $(READY)  ## ten thousand hostile queries against a running service; ARGS goes to pytest
+	HOSTILE_QUERIES=10000 $(BIN)/python -m pytest tests/publish/test_hostile.py -s -p no:benchmark $(ARGS)
+
 bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
 	$(BIN)/python -m benchmarks $(ARGS)
 

@@ -23,7 +23,7 @@ from benchmarks.plants import SCREW
 from benchmarks.table import Result
 from benchmarks.transport import free_port
 from drivers.simulated.wires import ThermocoupleServer
-from observer.publish.zenoh import session_config
+from observer.publish.session import session_config
 
 SENSORS, MODES, POINTS, PERIOD_S = 12, 40, 200, 0.1
 RAW_PER_K, RAW_PER_M = 100, 10_000

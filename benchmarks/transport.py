@@ -22,7 +22,7 @@ from observer.frames import EstimateBlock, Reading
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.publish.codec import EstimateEncoder
-from observer.publish.zenoh import session_config
+from observer.publish.session import session_config
 from observer.service.align import Aligner, AlignPlan
 from observer.service.pipeline import Pipeline
 
@@ -101,7 +101,7 @@ def _path() -> Callable[[int], bytes]:
     plant = build_plant(config)
     aligner = Aligner(AlignPlan.of(config))
     pipeline = Pipeline(Drive(config, plant), KalmanEstimator(plant, config.estimator))
-    encoder = EstimateEncoder(plant.layout)
+    encoder = EstimateEncoder(plant.layout, "ab12cd34")
     rng = np.random.default_rng(2)
 
     def step(i: int) -> bytes:

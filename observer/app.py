@@ -56,11 +56,14 @@ class Machine:
 
 def serve(config: Config, seconds: float | None = None) -> None:
     """Run the daemon until it is stopped; the caller leaves the process afterwards."""
+    import secrets
+
     import sdnotify
 
     from drivers import open_driver
     from observer.publish.codec import config_json
-    from observer.publish.zenoh import ZenohPublisher, listening
+    from observer.publish.session import listening
+    from observer.publish.zenoh import ZenohPublisher
     from observer.service.clock import ServiceClock
     from observer.service.compensate import Compensator
     from observer.service.loop import Service, run
@@ -74,7 +77,10 @@ def serve(config: Config, seconds: float | None = None) -> None:
     record = config.record
     if record.directory is not None:
         _can_be_made(record.directory)
-    compensator = Compensator(config, estimator.layout.position_m) if config.compensation.enabled else None
+    instance = secrets.token_hex(4)
+    compensator = (
+        Compensator(config, estimator.layout.position_m, instance) if config.compensation.enabled else None
+    )
     service = Service(
         drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
         plan=machine.plan,
@@ -84,9 +90,10 @@ def serve(config: Config, seconds: float | None = None) -> None:
             name.name,
             name.axis,
             config.publish,
-            config_json(config),
+            config_json(config, instance),
             estimator.layout,
-            compensator.arm if compensator is not None else None,
+            instance,
+            compensates=compensator is not None,
         ),
         recorder=Recorder(
             record.directory,
@@ -101,6 +108,7 @@ def serve(config: Config, seconds: float | None = None) -> None:
         notify=sdnotify.SystemdNotifier().notify,
         compensator=compensator,
         self_test=machine.self_test(),
+        instance=instance,
     )
     run(service, seconds)
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
 from observer.errors import UserError
+from observer.publishing import Client
 
 if TYPE_CHECKING:
     from observer.config import Config
@@ -43,8 +45,26 @@ def _endpoint(option: typer.CallbackParam, text: str) -> str:
 ConnectOption = Annotated[
     str, typer.Option(help="Zenoh endpoint of the service or its router.", callback=_endpoint)
 ]
-MachineOption = Annotated[str, typer.Option(help="Machine to watch; * for whichever is there.")]
-AxisOption = Annotated[str, typer.Option(help="Axis to watch; * for whichever is there.")]
+
+
+def _name(option: typer.CallbackParam, text: str) -> str:
+    """Refuse what cannot be the name of a machine or axis before anything is asked."""
+    if not re.fullmatch(r"[A-Za-z0-9_.*-]{1,64}", text):
+        raise UserError(f"{option.opts[0]}: {text!r} is no name; names are of letters, digits and _.-")
+    return text
+
+
+MachineOption = Annotated[str, typer.Option(help="Machine; * for whichever is there.", callback=_name)]
+AxisOption = Annotated[str, typer.Option(help="Axis; * for whichever is there.", callback=_name)]
+OneMachineOption = Annotated[str, typer.Option("--machine", help="Which machine.", callback=_name)]
+OneAxisOption = Annotated[str, typer.Option("--axis", help="Which axis.", callback=_name)]
+TimeoutOption = Annotated[float, typer.Option(min=0.1, help="How long to wait for an answer.")]
+ClientOption = Annotated[
+    Path | None, typer.Option("--client", help="Who asks: certificates and password (TOML).")
+]
+HashOption = Annotated[
+    str | None, typer.Option(help="Hash of the configuration that is meant; else the one in force.")
+]
 
 
 class Format(StrEnum):
@@ -89,7 +109,11 @@ def run(
     from observer.service.shutdown import leave
 
     configure(as_json=log_format is LogFormat.json)
-    parts.serve(load(config), seconds)
+    try:
+        parts.serve(load(config), seconds)
+    except UserError as error:
+        _say(error)
+        leave(2)  # threads of parts that had been started may hang at the interpreter's exit
     leave(0)
 
 
@@ -339,12 +363,20 @@ def watch(
     machine: MachineOption = "*",
     axis: AxisOption = "*",
     seconds: SecondsOption = None,
+    client: ClientOption = None,
 ) -> None:
     """Subscribe to a running service and show heats, field and quality in the terminal."""
     from observer.service.shutdown import leave
     from observer.view import watch as show
 
-    leave(show(connect, machine, axis, seconds))
+    leave(show(connect, machine, axis, seconds, _client(client)))
+
+
+def _client(path: Path | None) -> Client | None:
+    """Read who asks."""
+    from observer.config import load_client
+
+    return None if path is None else load_client(path)
 
 
 @app.command()
@@ -352,36 +384,79 @@ def health(
     connect: ConnectOption = DEFAULT_ENDPOINT,
     machine: MachineOption = "*",
     axis: AxisOption = "*",
-    timeout_s: Annotated[float, typer.Option(min=0.1, help="How long to wait for an answer.")] = 5.0,
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
 ) -> None:
     """Ask the running service how it fares; exit code 0 if it lives and gives estimates, else 1."""
-    from observer.publish.watch import ask_health
+    from observer.publish.ask import ask_health
     from observer.service.shutdown import leave
 
-    document = ask_health(connect, machine, axis, timeout_s)
-    typer.echo(json.dumps(document) if document else f"no service answers at {connect}")
-    leave(0 if document and document.get("state") in {"starting", "good", "degraded"} else 1)
+    answer = ask_health(connect, machine, axis, timeout_s, _client(client))
+    if answer.document is None:
+        typer.echo(answer.problem)
+        leave(1)
+    typer.echo(json.dumps(answer.document))
+    leave(0 if str(answer.document.get("state")) in {"starting", "good", "degraded"} else 1)
 
 
 @app.command()
 def arm(
-    machine: Annotated[str, typer.Option(help="Which machine.")],
-    axis: Annotated[str, typer.Option(help="Which axis.")],
+    machine: OneMachineOption,
+    axis: OneAxisOption,
     connect: ConnectOption = DEFAULT_ENDPOINT,
-    timeout_s: Annotated[float, typer.Option(min=0.1, help="How long to wait for an answer.")] = 5.0,
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
+    config_hash: HashOption = None,
 ) -> None:
     """Arm the compensation of one axis; exit code 0 if it is armed then, else 1."""
-    from observer.publish.watch import arm_compensation
+    _command("arm", machine, axis, connect, timeout_s, client, config_hash)
+
+
+@app.command()
+def disarm(
+    machine: OneMachineOption,
+    axis: OneAxisOption,
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
+    config_hash: HashOption = None,
+) -> None:
+    """Switch the compensation of one axis off; exit code 0 if it is off then, else 1."""
+    _command("disarm", machine, axis, connect, timeout_s, client, config_hash)
+
+
+@app.command()
+def reset(
+    machine: OneMachineOption,
+    axis: OneAxisOption,
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
+    config_hash: HashOption = None,
+) -> None:
+    """Have the estimator of one axis start afresh; exit code 0 if it does, else 1."""
+    _command("reset", machine, axis, connect, timeout_s, client, config_hash)
+
+
+def _command(
+    kind: str,
+    machine: str,
+    axis: str,
+    connect: str,
+    timeout_s: float,
+    client: Path | None,
+    digest: str | None,
+) -> NoReturn:
+    """Give a command, print what came of it, and leave."""
+    from observer.publish.ask import command
     from observer.service.shutdown import leave
 
     for option, name in (("--machine", machine), ("--axis", axis)):
         if "*" in name:
-            raise UserError(
-                f"{option}: {name} may be several; name the one whose compensation is to be armed"
-            )
-    document = arm_compensation(connect, machine, axis, timeout_s)
-    typer.echo(json.dumps(document) if document else f"no compensation of {machine}/{axis} at {connect}")
-    leave(0 if document and document["armed"] else 1)
+            raise UserError(f"{option}: {name} may be several; name the one that is meant")
+    answer = command(kind, connect, machine, axis, timeout_s, _client(client), digest)
+    typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
+    leave(0 if answer.document is not None and answer.document.get("done") is True else 1)
 
 
 def main() -> None:
@@ -389,6 +464,10 @@ def main() -> None:
     try:
         app(prog_name="observer")
     except UserError as error:
-        sys.stdout.flush()
-        print(f"observer: {error}", file=sys.stderr)
+        _say(error)
         sys.exit(2)
+
+
+def _say(error: UserError) -> None:
+    sys.stdout.flush()
+    print(f"observer: {error}", file=sys.stderr)

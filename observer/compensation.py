@@ -3,7 +3,8 @@
 Pure: estimates go in, frozen states come out. Everything is the *error* in the machine's coordinates: where
 the nut stands minus where its encoder says it stands. The table and the line follow the estimate at a
 limited rate, with a limited gradient, and only while the compensation is armed. It is armed by hand, and the
-first estimate that is not good, or that comes late, disarms it for good: nothing but a hand arms it again.
+first estimate that is not good, that comes late, or that lies beyond the absolute limit, disarms it for good:
+nothing but a hand arms it again.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class Plan:
     fit: FloatArray
     rate_um_s: float
     gradient_um_m: float
+    limit_um: float
     late_s: float
 
 
@@ -91,6 +93,7 @@ def plan_of(config: Config) -> Plan:
         fit=np.asarray(np.linalg.pinv(design), dtype=float),
         rate_um_s=settings.rate_limit_um_s,
         gradient_um_m=settings.gradient_limit_um_m,
+        limit_um=settings.limit_um,
         late_s=LATE_PERIODS * config.estimator.period_s,
     )
 
@@ -162,6 +165,11 @@ def advance(
     first_um, last_um = (
         line.offset_um + line.slope_um_m * (x_m - plan.reference_m) for x_m in plan.machine_m[[0, -1]]
     )
+    largest_um = max(float(np.abs(whole_um).max()), abs(first_um), abs(last_um))
+    if largest_um > plan.limit_um:
+        return off(
+            state, f"the error of {largest_um:.0f} µm is beyond limit_um = {plan.limit_um:g}; arm again"
+        )
     table_um = toward(state.table_um, wanted_um, plan.rate_um_s * elapsed_s)
     ends_um = toward(state.ends_um, np.array([first_um, last_um]), plan.rate_um_s * elapsed_s)
     limited = not (np.array_equal(table_um, whole_um) and np.allclose(ends_um, [first_um, last_um]))

@@ -13,15 +13,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from drivers.settings import DriverSettings, delivered
 from observer.effects.catalogue import KINDS, Effect
-from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError, raise_all
 from observer.limits import ChannelLimits
 from observer.mounting import Compensation
 from observer.problems import as_message, problems_of
+from observer.publishing import Client, Publish
 from observer.quantities import (
     Air,
     Channel,
@@ -42,7 +42,6 @@ from observer.toml import read_toml
 
 MOST_ROWS = 1500
 """Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
-Endpoint = Annotated[str, Field(max_length=1024), AfterValidator(checked_endpoint)]
 
 
 class Machine(Section):
@@ -105,16 +104,6 @@ class Output(Section):
 
     positions_m: tuple[Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
     reference_degC: Air | None = None
-
-
-class Publish(Section):
-    """The Zenoh session of the daemon."""
-
-    mode: Literal["client", "peer", "router"] = "peer"
-    connect: Annotated[tuple[Endpoint, ...], Field(max_length=64)] = ()
-    listen: Annotated[tuple[Endpoint, ...], Field(max_length=64)] = ()
-    field_rate_Hz: Annotated[Number, Field(ge=1e-3, le=50)] = 2.0
-    history: Annotated[Count, Field(ge=1, le=100_000)] = 1000
 
 
 class Record(Section):
@@ -278,6 +267,16 @@ def load(path: Path) -> Config:
     Raises `ConfigError`, a sentence for each problem that names the file, the key and the remedy.
     """
     return parse(read_toml(path), str(path))
+
+
+def load_client(path: Path) -> Client:
+    """Read and check how a command shows who it is; raises `ConfigError`."""
+    table = read_toml(path)
+    try:
+        return Client.model_validate(table)
+    except ValidationError:
+        problems = problems_of(table, Client, Client.model_validate)
+        raise ConfigError(as_message(str(path), problems)) from None
 
 
 def parse(table: dict[str, Any], place: str = "configuration") -> Config:

@@ -50,6 +50,7 @@ class Compensation(Section):
     points: Annotated[Count, Field(ge=2, le=200)] = 21
     rate_limit_um_s: Positive = 1.0
     gradient_limit_um_m: Positive = 100.0
+    limit_um: Positive = 200.0
 
     @model_validator(mode="after")
     def _nobody_else_compensates(self) -> Compensation:

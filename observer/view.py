@@ -13,11 +13,13 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from observer.publishing import Client
+
 REFRESH_S = 0.25
 PLAIN_S = 1.0
 
 
-def watch(endpoint: str, machine: str, axis: str, seconds: float | None) -> int:
+def watch(endpoint: str, machine: str, axis: str, seconds: float | None, client: Client | None = None) -> int:
     """Show a running service until Ctrl-C or for `seconds`; returns the exit code."""
     done = threading.Event()
     if seconds is not None:
@@ -25,7 +27,7 @@ def watch(endpoint: str, machine: str, axis: str, seconds: float | None) -> int:
         timer.daemon = True
         timer.start()
     try:
-        heard = _view(endpoint, machine, axis, not sys.stdout.isatty(), done)
+        heard = _view(endpoint, machine, axis, not sys.stdout.isatty(), done, client)
     except KeyboardInterrupt:
         return 0
     if not heard:
@@ -36,7 +38,14 @@ def watch(endpoint: str, machine: str, axis: str, seconds: float | None) -> int:
     return 0 if heard else 2
 
 
-def _view(endpoint: str, machine: str, axis: str, plain: bool, done: threading.Event) -> bool:
+def _view(
+    endpoint: str,
+    machine: str,
+    axis: str,
+    plain: bool,
+    done: threading.Event,
+    client: Client | None = None,
+) -> bool:
     """Show what is published until `done`; a router that is not there yet is waited for. Says if any came."""
     import zenoh
 
@@ -44,7 +53,7 @@ def _view(endpoint: str, machine: str, axis: str, plain: bool, done: threading.E
 
     while not done.is_set():
         try:
-            with Subscription((endpoint,), machine, axis) as subscription:
+            with Subscription((endpoint,), machine, axis, client) as subscription:
                 return _show(subscription.latest, plain, done)
         except zenoh.ZError:
             done.wait(0.3)
@@ -62,7 +71,7 @@ def _show(latest: Callable[[], dict[str, dict[str, Any]]], plain: bool, done: th
     if plain:
         while not done.wait(PLAIN_S):
             if line := live_line(latest()):
-                console.print(line, highlight=False, soft_wrap=True)
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
         return bool(latest())
     with Live(live_table({}), console=console, refresh_per_second=1 / REFRESH_S, screen=False) as live:
         while not done.wait(REFRESH_S):

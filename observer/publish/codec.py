@@ -34,10 +34,10 @@ def _typed(array: FloatArray) -> cbor2.CBORTag:
 
 
 class EstimateEncoder:
-    """Encodes single estimates of one layout; `k` is the step in the block."""
+    """Encodes single estimates of one layout and one `instance`; `k` is the step in the block."""
 
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
+    def __init__(self, layout: Layout, instance: str) -> None:
+        self._instance = instance
         self._sources = list(layout.sources)
         self._sensors = list(layout.sensors)
         self._position = _typed(layout.position_m)
@@ -48,6 +48,7 @@ class EstimateEncoder:
         message = {
             "time_s": float(block.time_s[k]),
             "sequence": sequence,
+            "instance": self._instance,
             "quality": _QUALITY[block.quality[k]],
             "sources": self._sources,
             "heat_W": _typed(block.heat_W[k]),
@@ -89,7 +90,8 @@ class EstimateEncoder:
 
     def _json(self, block: EstimateBlock, k: int, sequence: int, body: dict[str, Any]) -> bytes:
         quality = _QUALITY[block.quality[k]]
-        return to_json({"time_s": float(block.time_s[k]), "sequence": sequence, **body, "quality": quality})
+        head = {"time_s": float(block.time_s[k]), "sequence": sequence, "instance": self._instance}
+        return to_json({**head, **body, "quality": quality})
 
 
 def _rounded(array: FloatArray) -> list[float | None]:
@@ -104,9 +106,13 @@ def to_json(document: Any) -> bytes:
     return _JSON.encode(document).encode()
 
 
-def config_json(config: Config) -> str:
-    """The configuration in force and its hash, as the `config` queryable answers."""
-    return json.dumps({"hash": config.digest, "config": config.model_dump(mode="json", by_alias=True)})
+def config_json(config: Config, instance: str) -> str:
+    """The configuration in force and its hash, as the `config` queryable answers.
+
+    Who may connect, and by which files, is left out: everybody who may look can read the answer.
+    """
+    kept = config.model_dump(mode="json", by_alias=True, exclude={"publish": {"tls", "login", "access"}})
+    return json.dumps({"hash": config.digest, "instance": instance, "config": kept})
 
 
 def array_of(messages: Sequence[bytes]) -> bytes:

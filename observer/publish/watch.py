@@ -1,27 +1,34 @@
-"""The subscriber's side: the newest of every message of one axis, and the live table made of it."""
+"""The subscriber's side: the newest of every message of one axis, and the live table made of it.
+
+Anybody may have sent what arrives, so nothing is taken for what it should be: what is no number is unknown.
+"""
 
 from __future__ import annotations
 
 import json
-import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any
 
+import numpy as np
 import zenoh
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from observer.publish.codec import decode_estimate
-from observer.publish.zenoh import close_within, session_config
+from observer.publish.session import client_config, close_within
+from observer.publishing import Client
 
 KEYS = ("estimate", "heat", "field", "error", "health", "truth/heat")
 _STYLE = {"good": "green", "degraded": "yellow", "stale": "yellow", "starting": "cyan"}
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _UNKNOWN = "–"
 _SILENT_S = 3.0
+_LONGEST_TEXT = 200
+_LONGEST_LIST = 400
+_LARGEST = 1e12  # no number of a screw is larger
 
 
 class Subscription:
@@ -31,15 +38,17 @@ class Subscription:
     `axis` may be `*`. Entering raises `zenoh.ZError` where no router or peer answers.
     """
 
-    def __init__(self, connect: tuple[str, ...], machine: str, axis: str) -> None:
+    def __init__(
+        self, connect: tuple[str, ...], machine: str, axis: str, client: Client | None = None
+    ) -> None:
         self._prefix = f"ballscrew/{machine}/{axis}"
-        self._connect = connect
+        self._config = client_config(connect, client)
         self._latest: dict[str, dict[str, Any]] = {}
         self._arrived_s: dict[str, float] = {}
         self._gap_s: dict[str, float] = {}
 
     def __enter__(self) -> Subscription:
-        self._session = zenoh.open(session_config("client", self._connect, ()))
+        self._session = zenoh.open(self._config)
         self._channels = {
             key: self._session.declare_subscriber(f"{self._prefix}/{key}", zenoh.handlers.RingChannel(1))
             for key in KEYS
@@ -60,11 +69,11 @@ class Subscription:
                 continue
             self._gap_s[key] = now_s - self._arrived_s.get(key, now_s)
             self._arrived_s[key] = now_s
-            data = sample.payload.to_bytes()
-            try:
-                self._latest[key] = decode_estimate(data) if key == "estimate" else json.loads(data)
-            except ValueError:
+            message = message_of(key, sample.payload.to_bytes())
+            if message is None:
                 self._latest.pop(key, None)
+            else:
+                self._latest[key] = message
         return {key: self._marked(key, message, now_s) for key, message in self._latest.items()}
 
     def _marked(self, key: str, message: dict[str, Any], now_s: float) -> dict[str, Any]:
@@ -74,19 +83,29 @@ class Subscription:
         return message | {"quality": "stale", "state": "stale", "reasons": ["nothing heard from the service"]}
 
 
+def message_of(key: str, data: bytes) -> dict[str, Any] | None:
+    """A message from its bytes; None where they hold none."""
+    try:
+        message = decode_estimate(data) if key == "estimate" else json.loads(data)
+    except (ValueError, RecursionError, OverflowError, MemoryError):
+        return None
+    return message if isinstance(message, dict) else None
+
+
 def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     """Heats beside their truth where it is published, field, thermal error, sensors, quality and reasons."""
     heat, health = latest.get("heat", {}), latest.get("health", {})
-    quality = str(heat.get("quality", "starting"))
+    quality = _word(heat.get("quality", "starting"))
     title = Text(f"quality {quality}", style=_style(quality))
     if health:
-        title.append(f"   service {health.get('state')}", style=_style(str(health.get("state"))))
+        state = _word(health.get("state"))
+        title.append(f"   service {state}", style=_style(state))
     parts: list[RenderableType] = [title, _heats(heat, latest.get("truth/heat", {}))]
     parts += [_profile(latest.get("field", {}), "field", "temperature_degC", "sigma_K", "°C")]
     if "error" in latest:
         parts += [_profile(latest["error"], "error", "error_um", "sigma_um", "µm")]
     parts += [_sensors(latest.get("estimate", {}))]
-    parts += [Text(f"• {reason}", style="yellow") for reason in health.get("reasons", ())]
+    parts += [Text(f"• {_word(reason)}", style="yellow") for reason in _items(health.get("reasons"))]
     return Group(*parts)
 
 
@@ -94,35 +113,70 @@ def _style(quality: str) -> str:
     return _STYLE.get(quality, "red")
 
 
+def _word(value: object) -> str:
+    """A text of bearable length that does nothing to a terminal but stand there."""
+    if not isinstance(value, str):
+        return _UNKNOWN
+    return "".join(c for c in value[:_LONGEST_TEXT] if c.isprintable())
+
+
+def _items(value: object) -> Sequence[Any]:
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return value[:_LONGEST_LIST] if isinstance(value, list) else ()
+
+
+def _table(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _float(value: object) -> float | None:
+    """A finite number, or None."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if abs(number) < _LARGEST else None  # not NaN either
+
+
+def _sources(document: Mapping[str, Any], key: str) -> dict[str, float | None]:
+    """One number of each source."""
+    sources = list(_table(document.get("sources")).items())[:_LONGEST_LIST]
+    return {_word(name): _float(_table(entry).get(key)) for name, entry in sources}
+
+
 def _heats(heat: Mapping[str, Any], truth: Mapping[str, Any]) -> Table:
     """One row per source; the truth, and how many σ the estimate is from it, where a simulator tells it."""
-    true_W = {name: entry.get("heat_W") for name, entry in truth.get("sources", {}).items()}
+    true_W = _sources(truth, "heat_W")
+    sigma_W = _sources(heat, "sigma_W")
     table = Table("source", *(["heat, W", "± σ, W"] + (["truth, W", "off, σ"] if true_W else [])))
-    for name, entry in heat.get("sources", {}).items():
-        value, sigma = entry.get("heat_W"), entry.get("sigma_W")
-        cells = [name, _number(value, 2), _number(sigma, 2)]
+    for name, value in _sources(heat, "heat_W").items():
+        sigma, true = sigma_W.get(name), true_W.get(name)
+        cells = [_number(value, 2), _number(sigma, 2)]
         if true_W:
-            true = true_W.get(name)
-            known = None not in (value, sigma, true) and sigma
-            cells += [_number(true, 2), _number((value - true) / sigma if known else None, 1)]
-        table.add_row(*cells)
+            off = (value - true) / sigma if value is not None and true is not None and sigma else None
+            cells += [_number(true, 2), _number(off, 1)]
+        table.add_row(Text(name), *cells)
     return table
 
 
 def _profile(document: Mapping[str, Any], name: str, key: str, sigma: str, unit: str) -> Text:
     """A curve over the screw as a row of bars, coloured from cold to hot, with its range."""
-    values = [v for v in document.get(key, ()) if v is not None]
+    curve = [_float(v) for v in _items(document.get(key))]
+    values = [v for v in curve if v is not None]
     if not values:
         return Text(f"{name}: {_UNKNOWN}")
     low, high = min(values), max(values)
     span = max(high - low, 1e-9)
     text = Text(f"{name:6}")
-    for value in document[key]:
+    for value in curve:
         share = 0.0 if value is None else (value - low) / span
         red = round(255 * share)
         bar = " " if value is None else _BLOCKS[round(share * (len(_BLOCKS) - 1))]
         text.append(bar, style=f"rgb({red},90,{255 - red})")
-    sigmas = [s for s in document.get(sigma, ()) if s is not None]
+    sigmas = [s for v in _items(document.get(sigma)) if (s := _float(v)) is not None]
     text.append(f"  {low:.2f} … {high:.2f} {unit}")
     if sigmas:
         text.append(f"  σ ≤ {max(sigmas):.2f}")
@@ -133,75 +187,33 @@ def _sensors(estimate: Mapping[str, Any]) -> Table:
     """One row per thermocouple: its quality and how far it was from what the model expected."""
     table = Table("sensor", "quality", "innovation, K")
     rows = zip(
-        estimate.get("sensors", ()),
-        estimate.get("sensor_quality", ()),
-        estimate.get("innovation_K", ()),
+        _items(estimate.get("sensors")),
+        _items(estimate.get("sensor_quality")),
+        _items(estimate.get("innovation_K")),
         strict=False,
     )
     for name, quality, innovation_K in rows:
-        table.add_row(name, Text(quality, style=_style(quality)), _number(float(innovation_K), 3))
+        shown = Text(_word(quality), style=_style(_word(quality)))
+        table.add_row(Text(_word(name)), shown, _number(_float(innovation_K), 3))
     return table
 
 
 def _number(value: float | None, digits: int) -> str:
-    return _UNKNOWN if value is None or math.isnan(value) else f"{value:.{digits}f}"
+    return _UNKNOWN if value is None else f"{value:.{digits}f}"
 
 
 def live_line(latest: Mapping[str, Mapping[str, Any]]) -> str:
     """The heats in one line, beside their truth where it is published; empty before the first estimate."""
-    heat, truth = latest.get("heat", {}), latest.get("truth/heat", {}).get("sources", {})
+    heat = latest.get("heat", {})
     if not heat:
         return ""
+    truth_W, sigma_W = _sources(latest.get("truth/heat", {}), "heat_W"), _sources(heat, "sigma_W")
     parts = []
-    for name, entry in heat.get("sources", {}).items():
-        text = f"{name} {_number(entry.get('heat_W'), 2)} ± {_number(entry.get('sigma_W'), 2)} W"
-        if name in truth:
-            text += f" (truth {_number(truth[name].get('heat_W'), 2)})"
+    for name, value in _sources(heat, "heat_W").items():
+        text = f"{name} {_number(value, 2)} ± {_number(sigma_W.get(name), 2)} W"
+        if name in truth_W:
+            text += f" (truth {_number(truth_W[name], 2)})"
         parts.append(text)
-    hottest = max(
-        (t for t in latest.get("field", {}).get("temperature_degC", ()) if t is not None), default=None
-    )
-    return f"{heat.get('quality')}: {', '.join(parts)}; hottest {_number(hottest, 1)} °C"
-
-
-def ask_health(connect: str, machine: str, axis: str, timeout_s: float) -> dict[str, Any] | None:
-    """Ask a running service for its health; None where none answers in time."""
-    return _ask(connect, f"ballscrew/{machine}/{axis}/health", timeout_s)
-
-
-def arm_compensation(connect: str, machine: str, axis: str, timeout_s: float) -> dict[str, Any] | None:
-    """Arm the compensation of a running service; returns what it says then, None where none answers in time.
-
-    Whether it is armed stands in the document: an estimate that is not good refuses.
-    """
-    key = f"ballscrew/{machine}/{axis}/compensation"
-    until_s = time.monotonic() + timeout_s
-    asked = _ask(connect, f"{key}?arm=yes", timeout_s)
-    document = asked
-    while asked and document and not document["armed"] and document["sequence"] <= asked["sequence"] + 1:
-        if time.monotonic() >= until_s:
-            break
-        time.sleep(0.1)
-        document = _ask(connect, key, until_s - time.monotonic())
-    return document
-
-
-def _ask(connect: str, selector: str, timeout_s: float) -> dict[str, Any] | None:
-    """Ask a service; None where none answers in time."""
-    until_s = time.monotonic() + timeout_s
-    while time.monotonic() < until_s:
-        try:
-            session = zenoh.open(session_config("client", (connect,), ()))
-        except zenoh.ZError:
-            time.sleep(0.2)
-            continue
-        try:
-            replies = session.get(selector, timeout=max(0.1, until_s - time.monotonic()))
-            for reply in replies:
-                if reply.ok is not None:
-                    document: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
-                    return document
-        finally:
-            close_within(session, 1.0)
-        time.sleep(0.2)
-    return None
+    field = [_float(t) for t in _items(latest.get("field", {}).get("temperature_degC"))]
+    hottest = max((t for t in field if t is not None), default=None)
+    return f"{_word(heat.get('quality'))}: {', '.join(parts)}; hottest {_number(hottest, 1)} °C"

@@ -24,6 +24,8 @@ from observer.service.walk import Expected, Rows, nothing_yet, walk
 
 BLOCK = 4096
 MISSING_FAULT = "missing"  # how a recording marks a reading without a value and without a fault
+COMMAND_MARK = "!"  # begins a command in `flags`; in the name of a channel it would be escaped
+RESET = f"{COMMAND_MARK}reset=done"
 LATE_S = 1e-6  # a reading later than its row by less is in time: rows are a bit apart to be in order
 
 
@@ -190,15 +192,23 @@ def frames_of_log(log: Log, plan: AlignPlan, block: int = BLOCK) -> Iterator[Fra
 
     In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value.
     """
+    return (frames for frames, _ in blocks_of_log(log, plan, block))
+
+
+def blocks_of_log(log: Log, plan: AlignPlan, block: int = BLOCK) -> Iterator[tuple[FrameBlock, bool]]:
+    """The frames of a log in blocks, each with whether the estimator was reset before its first frame."""
     expected = plan.expected()
     memory = nothing_yet(expected)
     rows = _rows_of_log(log, plan.channels)
     ends = np.flatnonzero(rows.step) + 1
-    start = 0
-    for first in range(0, len(ends), block):
-        end = int(ends[min(first + block, len(ends)) - 1])
-        yield walk(plan.channels, expected, memory, rows.part(start, end))
-        start = end
+    resets = [row for row, flags in enumerate(log.flags or ()) if flags and flags.startswith(RESET)]
+    afresh = set(np.searchsorted(ends, resets, side="right").tolist())
+    start = first = 0
+    while first < len(ends):
+        last = min([first + block, len(ends), *(k for k in afresh if k > first)])
+        end = int(ends[last - 1])
+        yield walk(plan.channels, expected, memory, rows.part(start, end)), first in afresh
+        start, first = end, last
 
 
 def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
@@ -224,8 +234,9 @@ def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
 
 
 def faults_of(flags: str | None) -> dict[str, str]:
-    """The faults written in a recording's `flags` cell: `channel=fault;channel=fault`."""
-    pairs = (item.split("=", 1) for item in flags.split(";")) if flags else ()
+    """The faults written in a recording's `flags` cell: `channel=fault;channel=fault`; commands are none."""
+    items = flags.split(";") if flags else ()
+    pairs = (item.split("=", 1) for item in items if not item.startswith(COMMAND_MARK))
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from typing import Any
 
 import numpy as np
@@ -16,29 +15,41 @@ from observer.publish.codec import to_json
 
 
 class Compensator:
-    """Follows the estimates of one axis; `arm` may be called from another thread."""
+    """Follows the estimates of one axis."""
 
-    def __init__(self, config: Config, grid_m: FloatArray) -> None:
+    def __init__(self, config: Config, grid_m: FloatArray, instance: str = "") -> None:
         """Plan the compensation of a configuration whose `[compensation]` is enabled."""
+        self._instance = instance
         self._plan = compensation.plan_of(config)
         self._state = compensation.initial(self._plan)
         self._grid_m = grid_m
         nuts = [s.position_channel for s in config.source if s.position_channel is not None]
         self._nut_channel = nuts[0] if nuts else None
-        self._asked = threading.Event()
+        self._asked = False
+
+    @property
+    def reason(self) -> str | None:
+        """Why it is off; None while it is armed."""
+        return self._state.reason
 
     def arm(self) -> None:
         """Ask for the compensation to be armed with the next estimate, if that is good."""
-        self._asked.set()
+        self._asked = True
+
+    def disarm(self, reason: str) -> None:
+        """Switch it off, and forget who asked for it to be armed; what is off keeps its reason."""
+        if self._state.armed or self._asked:
+            self._state = compensation.off(self._state, reason)
+        self._asked = False
 
     def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> bytes:
         """Follow an estimate, a block of one; return the document to publish."""
-        asked = self._asked.is_set()
-        self._asked.clear()
+        asked, self._asked = self._asked, False
         self._state = compensation.advance(self._plan, self._state, block, self._grid_m, arm=asked)
         body: dict[str, Any] = {
             "time_s": float(block.time_s[0]),
             "sequence": sequence,
+            "instance": self._instance,
             "valid_until_s": float(block.time_s[0]) + self._plan.late_s,
             "armed": self._state.armed,
             "reason": self._state.reason,
@@ -50,10 +61,9 @@ class Compensator:
 
     def fail(self, time_s: float, sequence: int, reason: str) -> bytes:
         """Disarm because a step gave no estimate; return the document to publish."""
-        self._asked.clear()
-        if self._state.armed:
-            self._state = compensation.off(self._state, f"{reason}; arm again")
-        off = {"time_s": time_s, "sequence": sequence, "valid_until_s": time_s, "armed": False}
+        self.disarm(f"{reason}; arm again")
+        off = {"time_s": time_s, "sequence": sequence, "instance": self._instance}
+        off |= {"valid_until_s": time_s, "armed": False}
         values = dict.fromkeys((*_VALUES, "nut"))
         return to_json({**off, "reason": self._state.reason, **values, "quality": "invalid"})
 

@@ -16,12 +16,15 @@ from typing import Any, Protocol
 import structlog
 
 from drivers.protocol import Driver
+from observer.errors import UserError
 from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import SelfTest
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.publish.codec import to_json
+from observer.publish.commands import Command
 from observer.publish.zenoh import PublishStatus
 from observer.service.align import Aligner, AlignPlan
+from observer.service.commands import Commands
 from observer.service.compensate import Compensator
 from observer.service.health import Facts, Health, assess
 from observer.service.pipeline import Drive, Pipeline
@@ -32,6 +35,8 @@ from observer.service.wires import Wires, leave_in_peace, take_short_turns
 HEALTH_PERIOD_S = 5.0
 _LOOK_S = 0.5
 _LATE_S = 1.0  # a reading may have waited so long on its way
+_SETTLE_S = 6.0
+_SETTLE_LOOK_S = 0.02
 _DRIVERS_END_S = 0.3
 _RECORDER_END_S = 0.4
 _PUBLISHER_END_S = 0.7
@@ -62,6 +67,9 @@ class Publisher(Protocol):
     def start(self) -> None:
         """Begin to open the session."""
 
+    def commands(self) -> list[Command]:
+        """Give the commands that came since the last call."""
+
     def publish(self, block: EstimateBlock, sequence: int) -> None:
         """Publish a block of one estimate."""
 
@@ -77,7 +85,7 @@ class Publisher(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The parts of a service. `notify` tells the service manager (`sd_notify`)."""
+    """The parts of a service. `notify` tells the service manager (`sd_notify`), `instance` names a start."""
 
     drivers: tuple[Driver, ...]
     plan: AlignPlan
@@ -89,6 +97,7 @@ class Service:
     notify: Callable[[str], object]
     compensator: Compensator | None = None
     self_test: SelfTest | None = None
+    instance: str = ""
 
 
 def run(service: Service, seconds: float | None = None) -> None:
@@ -96,6 +105,7 @@ def run(service: Service, seconds: float | None = None) -> None:
 
     After a signal the process is left by force, with the recording written, where the parts do not end in
     time. The caller should then `leave`, because a library's threads may hang at the interpreter's exit.
+    Raises `UserError` where another service has the axis already.
     """
 
     def flush() -> None:
@@ -129,6 +139,7 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
     cycles.wires.start()
     try:
         await asyncio.to_thread(cycles.warm_up)
+        await _refuse_a_second_service(service.publisher)
         if when_warm is not None:
             when_warm()
         await cycles.tick_for_ever()
@@ -142,6 +153,16 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
         log.info("stopped", cycles=cycles.count, overruns=cycles.overruns)
 
 
+async def _refuse_a_second_service(publisher: Publisher) -> None:
+    """Raise `UserError` where another service has the axis, as far as the network tells in six seconds."""
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_SETTLE_S):
+            while not publisher.status.settled:
+                await asyncio.sleep(_SETTLE_LOOK_S)
+    if (taken := publisher.status.taken) is not None:
+        raise UserError(taken)
+
+
 class _Cycles:
     """What changes while a service runs."""
 
@@ -150,6 +171,13 @@ class _Cycles:
         self.wires = Wires(service.drivers, service.clock.now, self._take)
         self._aligner = Aligner(service.plan)
         self._pipeline = Pipeline(service.drive, service.estimator, service.self_test)
+        self._commands = Commands(
+            service.plan.period_s,
+            service.compensator,
+            service.recorder,
+            self._aligner.ingest,
+            self._pipeline.reset,
+        )
         self.count = 0
         self.overruns = 0
         self._samples = {driver.name: 0 for driver in service.drivers}
@@ -193,12 +221,14 @@ class _Cycles:
 
     def _tick(self, time_s: float) -> None:
         self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
+        self._commands.before_step(self._service.publisher.commands(), time_s)
         frame = self._aligner.tick(time_s)
         if self._service.recorder is not None:
             self._service.recorder.tick(float(frame.time_s[0]))
         changed = self._frame is None or bool((frame.quality != self._frame.quality).any())
         self._frame = frame
         changed |= self._estimate_of(frame)
+        self._commands.after_step(time_s)
         now_s = self._service.clock.now()
         if changed or now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
@@ -220,14 +250,21 @@ class _Cycles:
             return changed
         self._service.publisher.publish(estimate, self.count)
         if compensator is not None:
+            if (rival := self._service.publisher.status.rival) is not None:
+                compensator.disarm(f"{rival}, then arm again")
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
-        if self.wires.alive:
-            self._service.notify("READY=1\nWATCHDOG=1" if self.count == 1 else "WATCHDOG=1")
+        ready = ["READY=1"] if self.count == 1 else []
+        if words := ready + (["WATCHDOG=1"] if self._all_alive() else []):
+            self._service.notify("\n".join(words))
         before, self._estimate = self._estimate, EstimateQuality(estimate.quality[0])
         self._had_estimate |= self._estimate != EstimateQuality.INVALID
         self._failure = None
         return before != self._estimate
+
+    def _all_alive(self) -> bool:
+        """Whether every thread lives that the service needs; else the watchdog is pinged no more."""
+        return self._service.publisher.status.alive and self.wires.alive
 
     def _report(self, now_s: float) -> None:
         """Publish the health when it has changed or five seconds have passed."""
@@ -254,4 +291,4 @@ class _Cycles:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            service.publisher.health(to_json(health.document()))
+            service.publisher.health(to_json(health.document() | {"instance": service.instance}))

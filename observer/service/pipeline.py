@@ -61,6 +61,11 @@ class Pipeline(Generic[DriveState]):
             return ()
         return self._self_test.history(self._test_state)
 
+    def reset(self) -> None:
+        """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""
+        self._estimator_state = self._estimator.initial()
+        self._test_state = None if self._self_test is None else self._self_test.initial()
+
     def warm_up(self, frames: FrameBlock) -> None:
         """Have everything compiled and loaded, by steps that are then forgotten."""
         _, inputs = self._drive.run(self._drive.initial(), frames)

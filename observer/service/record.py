@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 from observer.frames import Reading
 from observer.logs import FLAGS, LATE, STEP, TIME
-from observer.service.align import MISSING_FAULT
+from observer.service.align import COMMAND_MARK, MISSING_FAULT
 
 _CAPACITY_ROWS = 100_000
 _BATCH_S = 0.2
@@ -76,6 +76,11 @@ class Recorder:
     def tick(self, time_s: float) -> None:
         """Record a tick of the estimator."""
         self._put(f"{time_s!r},{',' * len(self._channels)}1,,\n".encode(), True)
+
+    def command(self, time_s: float, name: str, outcome: str) -> None:
+        """Record what somebody asked the service to do, and what came of it, in a row without any value."""
+        entry = f"{COMMAND_MARK}{name}={quote(outcome, safe=_PLAIN)}"
+        self._put(f"{time_s!r},{',' * len(self._channels)},{entry}\n".encode(), False)
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """Write what is left and end; says whether all of it reached the disk in that time."""

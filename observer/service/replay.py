@@ -17,7 +17,7 @@ from observer.estimators.selftest import Fault, SelfTest
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
 from observer.log_writer import Column, TableWriter
 from observer.logs import TIME, Log
-from observer.service.align import AlignPlan, frames_of_log
+from observer.service.align import AlignPlan, blocks_of_log
 from observer.service.pipeline import Drive, Pipeline
 from observer.service.reasons import sentence
 
@@ -42,7 +42,9 @@ def estimates_of(
     pipeline = Pipeline(drive, estimator, self_test)
     total = len(log) if log.step is None else int(log.step.sum())
     done = 0
-    for frames in frames_of_log(log, plan):
+    for frames, afresh in blocks_of_log(log, plan):
+        if afresh:
+            pipeline.reset()
         yield pipeline.step(frames)
         done += len(frames)
         progress(done, total)

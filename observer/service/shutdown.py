@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from types import FrameType, TracebackType
+from typing import NoReturn
 
 GRACE_S = 1.7
 
@@ -74,7 +75,7 @@ def _ignored(_number: int, _frame: FrameType | None) -> None:
     """Nothing: the wake-up descriptor has told the thread already."""
 
 
-def leave(code: int) -> None:
+def leave(code: int) -> NoReturn:
     """End the process at once, without waiting for threads of libraries that may hang."""
     for stream in (sys.stdout, sys.stderr):
         try:

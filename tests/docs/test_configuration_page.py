@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, laws, mounting, nodes, quantities, sections
+from observer import config, laws, mounting, nodes, publishing, quantities, sections
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 
@@ -36,7 +36,11 @@ CONFIGURATION = {
     "`[output]`": config.Output,
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
-    "`[publish]`": config.Publish,
+    "`[publish]`": publishing.Publish,
+    "`[publish.tls]`": publishing.Tls,
+    "`[publish.login]`": publishing.Login,
+    "`[publish.access]`": publishing.Access,
+    "A client's file": publishing.Client,
     "`[record]`": config.Record,
 }
 DEVICES = {

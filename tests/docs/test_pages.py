@@ -13,6 +13,7 @@ from pydantic import BaseModel, TypeAdapter
 from drivers.settings import DriverSettings
 from observer import config, sections
 from observer.effects.catalogue import Effect
+from observer.publishing import Client
 from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
@@ -62,6 +63,9 @@ def _check(table: dict[str, Any], place: str) -> None:
     """A whole configuration, or some of its sections on their own."""
     if "screw" in table:
         config.parse(table, place)
+        return
+    if table.keys() <= Client.model_fields.keys():
+        Client.model_validate(table)
         return
     for name, section in table.items():
         if name == "drivers":

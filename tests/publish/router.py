@@ -11,7 +11,7 @@ from tests.patience import PATIENCE_S
 SCRIPT = """
 import sys
 import zenoh
-from observer.publish.zenoh import session_config
+from observer.publish.session import session_config
 with zenoh.open(session_config("router", (), (sys.argv[1],))):
     print("ready", flush=True)
     sys.stdin.read()

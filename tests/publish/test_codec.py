@@ -58,7 +58,7 @@ def _estimates(draw):
 @settings(deadline=None)
 def test_decode_is_the_inverse_of_encode(made, sequence):
     layout, estimates = made
-    encoder = EstimateEncoder(layout)
+    encoder = EstimateEncoder(layout, "ab12cd34")
     for k in range(len(estimates)):
         message = decode_estimate(encoder.cbor(estimates, k, sequence))
         assert message["time_s"] == estimates.time_s[k]
@@ -76,7 +76,7 @@ def test_decode_is_the_inverse_of_encode(made, sequence):
 @settings(deadline=None)
 def test_json_is_strict_and_null_where_unknown(made):
     layout, estimates = made
-    encoder = EstimateEncoder(layout)
+    encoder = EstimateEncoder(layout, "ab12cd34")
 
     def refuse(constant):
         raise AssertionError(constant)
@@ -89,31 +89,39 @@ def test_json_is_strict_and_null_where_unknown(made):
 
 
 def test_documents_are_those_of_the_contract():
-    encoder, one = EstimateEncoder(LAYOUT), block(quality=1)
+    encoder, one = EstimateEncoder(LAYOUT, "ab12cd34"), block(quality=1)
     heat, field, error = (json.loads(e(one, 0, 3)) for e in (encoder.heat, encoder.field, encoder.error))
-    assert list(heat) == ["time_s", "sequence", "sources", "quality"]
+    assert list(heat) == ["time_s", "sequence", "instance", "sources", "quality"]
     assert list(heat["sources"]) == ["nut", "left_bearing"]
     assert list(heat["sources"]["nut"]) == ["heat_W", "sigma_W"]
-    assert list(field) == ["time_s", "sequence", "position_m", "temperature_degC", "sigma_K", "quality"]
-    assert list(error) == ["time_s", "sequence", "position_m", "error_um", "sigma_um", "quality"]
+    assert list(field) == [
+        "time_s",
+        "sequence",
+        "instance",
+        "position_m",
+        "temperature_degC",
+        "sigma_K",
+        "quality",
+    ]
+    assert list(error) == ["time_s", "sequence", "instance", "position_m", "error_um", "sigma_um", "quality"]
     assert (heat["time_s"], heat["sequence"], heat["quality"]) == (1.8e9, 3, "degraded")
     # six decimals are kept
     np.testing.assert_allclose(field["temperature_degC"], one.field_degC[0], rtol=0, atol=5.1e-7)
 
 
 def test_arrays_are_typed_as_rfc_8746_says():
-    raw = cbor2.loads(EstimateEncoder(LAYOUT).cbor(block(), 0, 0))
+    raw = cbor2.loads(EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(), 0, 0))
     assert raw["field_degC"].tag == 85
     assert raw["field_degC"].value == block().field_degC[0].astype("<f4").tobytes()
 
 
 @pytest.mark.parametrize("count", [0, 1, 23, 24, 300])
 def test_several_estimates_are_one_array(count):
-    messages = [EstimateEncoder(LAYOUT).cbor(block(float(i)), 0, i) for i in range(count)]
+    messages = [EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(float(i)), 0, i) for i in range(count)]
     assert [m["sequence"] for m in decode_estimates(array_of(messages))] == list(range(count))
 
 
-ONE = EstimateEncoder(LAYOUT).cbor(block(), 0, 0)
+ONE = EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(), 0, 0)
 
 
 @pytest.mark.parametrize(
@@ -147,5 +155,5 @@ def test_nan_in_a_document_is_refused():
 
 def test_a_layout_without_expansion_has_no_error():
     layout = replace(LAYOUT, has_error=False)
-    message = decode_estimate(EstimateEncoder(layout).cbor(block(layout=layout), 0, 0))
+    message = decode_estimate(EstimateEncoder(layout, "ab12cd34").cbor(block(layout=layout), 0, 0))
     assert len(message["error_um"]) == 0

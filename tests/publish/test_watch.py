@@ -3,17 +3,21 @@
 import io
 import json
 
+import cbor2
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.console import Console
 
 from observer.publish import watch
 from observer.publish.codec import EstimateEncoder, decode_estimate
-from observer.publish.watch import Subscription, live_table
+from observer.publish.watch import KEYS, Subscription, live_line, live_table, message_of
 from tests.publish.blocks import LAYOUT, block
 
 
 def _latest(**changes):
-    one, encoder = block(**changes), EstimateEncoder(LAYOUT)
+    one, encoder = block(**changes), EstimateEncoder(LAYOUT, "ab12cd34")
     return {
         "estimate": decode_estimate(encoder.cbor(one, 0, 1)),
         "heat": json.loads(encoder.heat(one, 0, 1)),
@@ -87,3 +91,65 @@ def test_what_is_not_renewed_is_stale(monkeypatch):
     assert subscription.latest()["heat"]["quality"] == "good"
     channel.waiting = [b"{"]
     assert subscription.latest() == {}
+
+
+_leaf = st.none() | st.booleans() | st.integers() | st.just(10**400) | st.floats() | st.text(max_size=20)
+_words = st.sampled_from(
+    ["heat_W", "sigma_W", "sources", "nut", "quality", "state", "reasons", "temperature_degC", "sigma_K",
+     "error_um", "sigma_um", "sensors", "sensor_quality", "innovation_K", "[/red]", "\x1b[2J"]
+)  # fmt: skip
+_anything = st.recursive(
+    _leaf,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(_words, inner, max_size=6),
+    max_leaves=12,
+)
+_documents = st.dictionaries(st.sampled_from(KEYS), st.dictionaries(_words, _anything, max_size=8))
+
+
+@given(_documents)
+def test_any_document_can_be_shown_and_does_nothing_to_the_terminal(latest):
+    text = _shown(latest) + live_line(latest)
+    assert all(c.isprintable() or c == "\n" for c in text)
+
+
+@given(st.sampled_from(KEYS), st.binary(max_size=300) | _anything.map(lambda v: json.dumps(v).encode()))
+def test_any_bytes_are_a_message_or_none(key, data):
+    message = message_of(key, data)
+    assert message is None or isinstance(message, dict)
+    assert _shown({key: message} if message else {})
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"[" * 200_000,
+        b"9" * 5000,
+        b'{"sources":' * 5000,
+        b"\x9b" + b"\xff" * 8,
+        b"\x81" * 100_000,
+        b"null",
+        b"[]",
+    ],
+    ids=lambda data: repr(data[:12]),
+)
+def test_bytes_that_are_meant_to_hurt_are_no_message(data):
+    assert message_of("heat", data) is None
+    assert message_of("estimate", data) is None
+
+
+def test_a_name_does_nothing_to_the_terminal():
+    name = "\x1b[2Jgood[/red]\x07"
+    heat = {"quality": name, "sources": {name: {"heat_W": 1.0, "sigma_W": 1.0}}}
+    latest = {"heat": heat, "health": {"state": name, "reasons": [name]}}
+    for text in (_shown(latest), live_line(latest)):
+        assert "[2Jgood[/red]" in text
+        assert "\x1b" not in text
+        assert "\x07" not in text
+
+
+def test_a_hostile_estimate_is_shown_as_unknown():
+    data = cbor2.dumps(
+        {"time_s": 1, "sequence": 2, "sensors": [5, None, "a" * 10_000], "sensor_quality": [[], {}, 1],
+         "innovation_K": cbor2.CBORTag(85, b"")}
+    )  # fmt: skip
+    assert _shown({"estimate": message_of("estimate", data)})

@@ -11,8 +11,9 @@ import zenoh
 
 from observer.config import Publish
 from observer.publish.codec import decode_estimate, decode_estimates
+from observer.publish.session import session_config
 from observer.publish.watch import Subscription
-from observer.publish.zenoh import ZenohPublisher, session_config
+from observer.publish.zenoh import ZenohPublisher
 from tests.patience import HERE, PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
 from tests.publish.blocks import LAYOUT, block
@@ -26,7 +27,9 @@ OUTAGE_S = 3.3  # by then Zenoh's own pauses between attempts have grown to four
 
 def _publisher(endpoint: str, mode: str = "client", **settings) -> ZenohPublisher:
     ends = {"listen": (endpoint,)} if mode == "router" else {"connect": (endpoint,)}
-    publisher = ZenohPublisher("lathe-7", "z", Publish(mode=mode, **ends, **settings), '{"hash":"h"}', LAYOUT)
+    publisher = ZenohPublisher(
+        "lathe-7", "z", Publish(mode=mode, **ends, **settings), '{"hash":"h"}', LAYOUT, "0a0a0a0a"
+    )
     publisher.start()
     return publisher
 
@@ -95,7 +98,7 @@ def test_messages_say_what_they_are(publisher):
 
 
 def test_field_and_error_keep_their_rate_by_the_time_of_the_estimate():
-    publisher = ZenohPublisher("m", "x", Publish(field_rate_Hz=2.0), "{}", LAYOUT)
+    publisher = ZenohPublisher("m", "x", Publish(field_rate_Hz=2.0), "{}", LAYOUT, "0a0a0a0a")
     sent = []
     publisher._put = lambda key, payload: sent.append((key, payload))
     for k in range(1000):
@@ -104,27 +107,6 @@ def test_field_and_error_keep_their_rate_by_the_time_of_the_estimate():
         key: sum(sent_key == key for sent_key, _ in sent) for key in ("estimate", "heat", "field", "error")
     }
     assert counts == {"estimate": 1000, "heat": 1000, "field": 20, "error": 20}
-
-
-def test_a_compensation_is_there_only_where_somebody_can_arm_it(publisher):
-    _, endpoint = publisher
-    assert not _get(endpoint, "ballscrew/lathe-7/z/compensation")
-    asked, endpoint = [], f"tcp/127.0.0.1:{free_port()}"
-    settings = Publish(mode="router", listen=(endpoint,))
-    made = ZenohPublisher("lathe-7", "z", settings, "{}", LAYOUT, lambda: asked.append("arm"))
-    made.start()
-    key = "ballscrew/lathe-7/z/compensation"
-    _wait(lambda: made.status.connected)
-    made.compensation(b'{"armed":false}')
-    (told,) = _wait(lambda: _get(endpoint, key))
-    assert told.ok.payload.to_bytes() == b'{"armed":false}'
-    assert not asked
-    (wrong,) = _get(endpoint, f"{key}?arm=true")
-    assert b"only arm=yes is known" in wrong.err.payload.to_bytes()
-    assert not asked
-    (told,) = _get(endpoint, f"{key}?arm=yes")
-    assert asked == ["arm"]
-    assert made.close(2.0)
 
 
 def _get(endpoint, selector):

@@ -90,6 +90,7 @@ class FakePublisher:
     estimates: list = field(default_factory=list)
     healths: list = field(default_factory=list)
     compensations: list = field(default_factory=list)
+    asked: list = field(default_factory=list)
     started: bool = False
     closed: bool = False
 
@@ -99,6 +100,10 @@ class FakePublisher:
 
     def start(self) -> None:
         self.started = True
+
+    def commands(self) -> list:
+        asked, self.asked = self.asked, []
+        return asked
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
         self.estimates.append((sequence, block))

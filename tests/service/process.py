@@ -46,7 +46,9 @@ class Deaf(FakeDriver):
 def main() -> None:
     endpoint, folder, hangs = sys.argv[1:]
     estimator = HangingEstimator(hangs)
-    publisher = ZenohPublisher("m", "x", Publish(mode="client", connect=(endpoint,)), "{}", estimator.layout)
+    publisher = ZenohPublisher(
+        "m", "x", Publish(mode="client", connect=(endpoint,)), "{}", estimator.layout, "0a0a0a0a"
+    )
     recorder = Recorder(Path(folder), "m-x", CHANNELS, 1e9, 5.0)
     script = [(0.05 * k, {"t1_degC": 20.0 + k, "t2_degC": 20.0}, {}) for k in range(2000)]
     driver = (Deaf if hangs == "driver" else FakeDriver)(script)

@@ -138,6 +138,23 @@ def test_anything_but_good_switches_it_off_until_a_hand_arms_it_again(quality: i
     np.testing.assert_array_equal(armed.table_um, state.table_um)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_error_beyond_the_absolute_limit_switches_it_off(sign: float) -> None:
+    plan = compensation.plan_of(machine(limit_um=40.0))
+    state = followed(plan, np.full(9, sign * 39.9), 5.0)
+    assert state.armed
+    beyond = np.full(9, sign * 39.9)
+    beyond[4] = sign * 41.0  # one place of the travel is enough
+    lost = compensation.advance(plan, state, estimate(beyond, state.time_s + 0.5), GRID)
+    assert lost.reason == "the error of 41 µm is beyond limit_um = 40; arm again"
+    np.testing.assert_array_equal(lost.table_um, state.table_um)  # not cut to the limit
+    refused = compensation.advance(plan, lost, estimate(beyond, state.time_s + 1.0), GRID, arm=True)
+    assert not refused.armed
+    back = compensation.advance(plan, refused, estimate(np.zeros(9), state.time_s + 1.5), GRID)
+    assert not back.armed
+    assert compensation.plan_of(machine()).limit_um == 200.0
+
+
 def test_an_estimate_that_comes_late_or_backwards_switches_it_off() -> None:
     plan = compensation.plan_of(machine())
     state = followed(plan, np.full(9, 2.0), 5.0)

@@ -19,7 +19,7 @@ import tomlkit
 import zenoh
 
 from observer.publish.codec import decode_estimate
-from observer.publish.zenoh import session_config
+from observer.publish.session import session_config
 from tests.patience import PATIENCE_S, Stopwatch, until
 
 ROOT = Path(__file__).parents[2]

@@ -39,7 +39,8 @@ def test_a_fault_switches_a_compensation_off_until_somebody_arms_it_again(tmp_pa
             assert newest()["error_um"] is None
             done = _arm(endpoint, *demo)
             assert done.returncode == 0, done.stdout + done.stderr
-            assert json.loads(done.stdout)["armed"] is True
+            assert json.loads(done.stdout)["done"] is True
+            assert json.loads(done.stdout)["instance"] == newest()["instance"]
             until(lambda: newest()["armed"] and newest()["error_um"])
 
             watch = Stopwatch(plant.pid, daemon.process.pid)
@@ -49,7 +50,8 @@ def test_a_fault_switches_a_compensation_off_until_somebody_arms_it_again(tmp_pa
             assert newest()["offset_um"] is None
             refused = _arm(endpoint, *demo)
             assert refused.returncode == 1
-            assert json.loads(refused.stdout)["armed"] is False
+            assert json.loads(refused.stdout)["done"] is False
+            assert "cannot be armed" in json.loads(refused.stdout)["text"]
 
             plant.fault()
             heard.wait_until_good()

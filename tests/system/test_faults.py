@@ -30,7 +30,7 @@ pytestmark = pytest.mark.system
 SENSORS = ("t1", "t2", "t3", "t4", "t5")
 SLOW = """
 import sys, time, zenoh
-from observer.publish.zenoh import session_config
+from observer.publish.session import session_config
 
 def dawdle(sample):
     print("got one")

@@ -1,0 +1,182 @@
+"""Answers to whoever asks: bounded in size and number, and nothing that is asked can end them.
+
+Queries wait in rings, from which a thread of the publisher takes them now and then. Reading a query and
+answering it never raises; a defect is logged, once in a while, and the next query is answered.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import structlog
+import zenoh
+
+from observer.publish.codec import ESTIMATE_ENCODING, ESTIMATES_ENCODING, JSON_ENCODING, array_of, to_json
+from observer.publish.commands import KINDS, Command, Outcome, plain_name
+
+_RING = 16
+_WAITING = 4  # commands that wait for the next step
+_BYTES_1_S = 4e6
+_LOG_S = 10.0
+_DIGITS = 6
+
+log = structlog.get_logger()
+
+
+class Budget:
+    """Bytes that may go out: so many a second, and as many at once."""
+
+    def __init__(self, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._per_s = self._left = per_s
+        self._clock = clock
+        self._at_s = clock()
+
+    def is_spent(self) -> bool:
+        """Whether nothing more may go out now."""
+        now_s = self._clock()
+        self._left = min(self._per_s, self._left + (now_s - self._at_s) * self._per_s)
+        self._at_s = now_s
+        return self._left <= 0
+
+    def spend(self, count: int) -> None:
+        """Count what has gone out; one answer may be larger than what was left."""
+        self._left -= count
+
+
+def _told(_: Outcome) -> None:
+    """Nothing: who asked has been told already."""
+
+
+class Answers:
+    """What is known of one axis, for those who ask, and the commands of those who may give them."""
+
+    def __init__(self, prefix: str, config_json: bytes, history: int, instance: str) -> None:
+        """Take what stays; `config_json` has the `hash` that every command must name."""
+        self._prefix = prefix
+        self._config = config_json
+        self._digest = json.loads(config_json).get("hash")
+        self._instance = instance
+        self.estimates: deque[bytes] = deque(maxlen=history)
+        self.documents: dict[str, bytes] = {}
+        self._commands: deque[Command] = deque()
+        self._outcomes: deque[tuple[str, Any, Outcome]] = deque()
+        self._budget = Budget(_BYTES_1_S)
+        self._logged_s = -_LOG_S
+
+    def declare(self, session: zenoh.Session, *, compensates: bool) -> dict[str, Any]:
+        """Declare on a session what can be asked; returns the queryables by their key."""
+        keys = ("config", "estimate", "health", *(["compensation"] if compensates else []))
+        keys += tuple(f"command/{kind}" for kind in KINDS)
+        return {
+            key: session.declare_queryable(
+                f"{self._prefix}/{key}", zenoh.handlers.RingChannel(_RING), complete=True
+            )
+            for key in keys
+        }
+
+    def commands(self) -> list[Command]:
+        """The commands that came since the last call."""
+        return [self._commands.popleft() for _ in range(len(self._commands))]
+
+    def answer(self, queryables: dict[str, Any]) -> None:
+        """Answer the queries that wait, a few of each kind; raises `zenoh.ZError` only without a session."""
+        for query, reply in self._waiting(queryables):
+            try:
+                reply(query)
+            except Exception:  # whatever was asked, the next one gets its answer
+                if time.monotonic() - self._logged_s >= _LOG_S:
+                    self._logged_s = time.monotonic()
+                    log.error("a query could not be answered", exc_info=True)
+
+    def _waiting(self, queryables: dict[str, Any]) -> Iterator[tuple[Any, Callable[[Any], None]]]:
+        for _ in range(len(self._outcomes)):
+            kind, query, outcome = self._outcomes.popleft()
+            yield query, partial(self._tell, kind, outcome)
+        for key, channel in queryables.items():
+            for _ in range(_RING):
+                query = channel.try_recv()
+                if query is None:
+                    break
+                yield query, partial(self._reply, key)
+
+    def _reply(self, key: str, query: Any) -> None:
+        if key.startswith("command/"):
+            self._take_command(key, query)
+            return
+        with query:
+            if self._budget.is_spent():
+                query.reply_err("too much is asked at once; ask again in a second")
+                return
+            found = self._found(key, query)
+            if isinstance(found, str):
+                query.reply_err(found)
+                return
+            payload, encoding = found
+            self._budget.spend(len(payload))
+            query.reply(f"{self._prefix}/{key}", payload, encoding=encoding)
+
+    def _found(self, key: str, query: Any) -> tuple[bytes, str] | str:
+        """An answer with its encoding, or in words why there is none."""
+        if key == "config":
+            return self._config, JSON_ENCODING
+        if key == "estimate":
+            return self._last(query.parameters.get("last"))
+        if key == "compensation" and query.parameters.get("arm") is not None:
+            return f"ask {self._prefix}/command/arm with config=HASH; compensation itself arms no more"
+        if key not in self.documents:
+            return "no health report yet" if key == "health" else f"no {key} yet"
+        return self.documents[key], JSON_ENCODING
+
+    def _last(self, last: str | None) -> tuple[bytes, str] | str:
+        estimates = list(self.estimates)
+        if last is None:
+            return (estimates[-1], ESTIMATE_ENCODING) if estimates else "no estimate yet"
+        if not (last.isascii() and last.isdigit() and len(last) <= _DIGITS and int(last) >= 1):
+            return f"last={last[:20]}: give a whole number from 1 to 999999"
+        wanted = islice(estimates, max(0, len(estimates) - int(last)), None)
+        return array_of(list(wanted)), ESTIMATES_ENCODING
+
+    def _take_command(self, key: str, query: Any) -> None:
+        """Hand a command to the loop; what is wrong with it is told at once."""
+        kind = key.removeprefix("command/")
+        refused = self._refusal(key, query)
+        if len(self._commands) >= _WAITING:
+            refused = "too many commands wait; ask again in a second"
+        elif (
+            str(query.key_expr) == f"{self._prefix}/{key}"
+        ):  # a wildcard is no command, so it is not on record
+            by = plain_name(query.parameters.get("by") or "") or "somebody"
+            answer = _told if refused is not None else partial(self._answer_later, kind, query)
+            self._commands.append(Command(kind, by, time.monotonic(), answer, refused))
+        if refused is not None:
+            with query:
+                query.reply_err(refused)
+
+    def _refusal(self, key: str, query: Any) -> str | None:
+        """Why a command is none; None where key and hash are those of this axis and its configuration."""
+        if str(query.key_expr) != f"{self._prefix}/{key}":
+            return f"a command names one axis: ask {self._prefix}/{key}, without a wildcard"
+        given = query.parameters.get("config")
+        if given is None:
+            return f"a command names the configuration: add config=HASH, as told by {self._prefix}/config"
+        if not self._digest or given != self._digest:
+            return "config names another configuration than the one in force; look at it and ask again"
+        return None
+
+    def _answer_later(self, kind: str, query: Any, outcome: Outcome) -> None:
+        self._outcomes.append((kind, query, outcome))
+
+    def _tell(self, kind: str, outcome: Outcome, query: Any) -> None:
+        document = {"command": kind, "done": outcome.done, "text": outcome.text, "time_s": outcome.time_s}
+        with query:
+            query.reply(
+                f"{self._prefix}/command/{kind}",
+                to_json(document | {"instance": self._instance}),
+                encoding=JSON_ENCODING,
+            )

@@ -1,0 +1,113 @@
+"""The asker's side: one question to a running service, and an answer whatever comes back."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import re
+import socket
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from observer.publish.commands import plain_name
+from observer.publish.session import client_config, close_within
+from observer.publishing import Client
+
+_HASH = re.compile(r"[0-9a-f]{1,64}")
+_AGAIN_S = 0.2
+_LONGEST = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What came back: a JSON object, or in words why there is none."""
+
+    document: dict[str, Any] | None
+    problem: str = ""
+
+
+def ask_health(
+    connect: str, machine: str, axis: str, timeout_s: float, client: Client | None = None
+) -> Answer:
+    """Ask a running service for its health."""
+    return _ask(connect, f"ballscrew/{machine}/{axis}/health", timeout_s, client)
+
+
+def command(
+    kind: str,
+    connect: str,
+    machine: str,
+    axis: str,
+    timeout_s: float,
+    client: Client | None = None,
+    digest: str | None = None,
+) -> Answer:
+    """Have a running service do something; whether it did stands in the answer under `done`.
+
+    The command names the configuration it is meant for, by its hash `digest`; where none is given, it is the
+    one in force now.
+    """
+    until_s = time.monotonic() + timeout_s
+    prefix = f"ballscrew/{machine}/{axis}"
+    if digest is None:
+        told = _ask(connect, f"{prefix}/config", timeout_s, client)
+        if told.document is None:
+            return told
+        digest = told.document.get("hash")
+    if not isinstance(digest, str) or not _HASH.fullmatch(digest):
+        return Answer(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
+    selector = f"{prefix}/command/{kind}?config={digest};by={_myself()}"
+    return _ask(connect, selector, max(0.1, until_s - time.monotonic()), client)
+
+
+def _myself() -> str:
+    """Who asks, as far as this computer knows; only for the record, nobody is let in by it."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = "unknown"
+    return plain_name(f"{user}@{socket.gethostname()}")
+
+
+def _ask(connect: str, selector: str, timeout_s: float, client: Client | None) -> Answer:
+    """Ask until somebody answers or the time is over."""
+    config = client_config((connect,), client)
+    until_s = time.monotonic() + timeout_s
+    answer = Answer(None, f"no service answers at {connect}, or it does not let this client in")
+    while time.monotonic() < until_s:
+        try:
+            session = zenoh.open(config)
+        except zenoh.ZError:
+            time.sleep(_AGAIN_S)
+            continue
+        try:
+            for reply in session.get(selector, timeout=max(0.1, until_s - time.monotonic())):
+                if reply.ok is not None:
+                    return answer_of(reply.ok.payload.to_bytes())
+                refusal = refusal_of(reply.err.payload.to_bytes()) if reply.err is not None else "Timeout"
+                if refusal != "Timeout":  # what Zenoh itself says where nobody has answered
+                    return Answer(None, refusal)
+        finally:
+            close_within(session, 1.0)
+        time.sleep(_AGAIN_S)
+    return answer
+
+
+def answer_of(data: bytes) -> Answer:
+    """An answer from the bytes that came."""
+    try:
+        document = json.loads(data)
+    except (ValueError, RecursionError):
+        return Answer(None, "what came back is not JSON; is this the service?")
+    if not isinstance(document, dict):
+        return Answer(None, "what came back is not a JSON object; is this the service?")
+    return Answer(document)
+
+
+def refusal_of(data: bytes) -> str:
+    """The words of a refusal, fit for a terminal."""
+    text = data[:_LONGEST].decode("utf-8", "replace")
+    return "".join(c for c in text if c.isprintable()) or "refused without a reason"

@@ -1,0 +1,40 @@
+"""What somebody may ask a running service to do, and what came of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+KINDS = ("arm", "disarm", "reset")
+_STRANGE = re.compile(r"[^A-Za-z0-9_.@-]")
+_NAME_LENGTH = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Whether a command was done, why or why not in words, and when (service time)."""
+
+    done: bool
+    text: str
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One of `KINDS`, asked by somebody who says to be `by`.
+
+    `refused` is the reason where it was refused already and is only to be put on record. `asked_s` is the
+    moment on the monotonic clock. `answer` takes the outcome from any thread and waits for nothing.
+    """
+
+    kind: str
+    by: str
+    asked_s: float
+    answer: Callable[[Outcome], None]
+    refused: str | None = None
+
+
+def plain_name(text: str) -> str:
+    """A name as it may stand in a log: short, and of letters, digits and `_.@-` only."""
+    return _STRANGE.sub("_", text[:_NAME_LENGTH])

@@ -1,0 +1,210 @@
+"""Zenoh sessions: whom they talk to, what they take in, how they are opened safely and closed in time."""
+
+from __future__ import annotations
+
+import json
+import ssl
+import stat
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import zenoh
+
+from observer.errors import ConfigError
+from observer.publish.access import access_control
+from observer.publishing import Client, Login, Publish, Tls
+
+DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second
+LEASE_MS = 2000
+MOST_BYTES = 65_536
+"""The largest message that a service takes in: what comes is a query with a few words, or a forgery."""
+_CLIENT_MOST_BYTES = 16_777_216  # what a service answers may be a long history
+_CONNECT_MS = 1000
+_SESSIONS = 128
+_STALLED_US = 1_000_000  # an asker who does not take his answer is cut off, so that the others get theirs
+
+
+def session_config(
+    mode: str, connect: tuple[str, ...], listen: tuple[str, ...], most_bytes: int = _CLIENT_MOST_BYTES
+) -> zenoh.Config:
+    """A Zenoh configuration that talks to the named endpoints and to nobody else.
+
+    A message of more than `most_bytes` is thrown away as it comes in.
+    """
+    return _config(
+        {
+            "mode": mode,
+            "connect/endpoints": list(connect),
+            "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
+            "connect/exit_on_failure": mode == "client",
+            "connect/retry": {
+                "period_init_ms": RETRY_MS,
+                "period_max_ms": RETRY_MS,
+                "period_increase_factor": 1,
+            },
+            "listen/endpoints": list(listen),
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/autoconnect": {"router": [], "peer": []},
+            "open/return_conditions/connect_scouted": False,
+            "transport/link/tx/lease": LEASE_MS,
+            "transport/link/tx/queue/congestion_control/block/wait_before_close": _STALLED_US,
+            "transport/link/rx/max_message_size": most_bytes,
+            "transport/unicast/max_sessions": _SESSIONS,
+            "transport/shared_memory/enabled": False,
+        }
+    )
+
+
+def _config(settings: dict[str, Any], config: zenoh.Config | None = None) -> zenoh.Config:
+    config = zenoh.Config() if config is None else config
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def service_config(settings: Publish) -> zenoh.Config:
+    """The session of a service. Raises `ConfigError` where a file of keys or passwords cannot be used."""
+    config = session_config(settings.mode, settings.connect, listening(settings), MOST_BYTES)
+    if settings.tls is not None:
+        _config(_tls(settings.tls, "publish.tls", listens=bool(settings.listen)), config)
+    if settings.login is not None:
+        _config(_login(settings.login, "publish.login"), config)
+    if settings.access is not None:
+        _config({"access_control": access_control(settings.access)}, config)
+    return config
+
+
+def ear_config(settings: Publish) -> zenoh.Config | None:
+    """A session beside a peer's, which hears what its router does not tell peers; None for all others."""
+    if settings.mode != "peer" or not settings.connect:
+        return None
+    alone = {"mode": "client", "listen": (), "access": None}
+    return service_config(settings.model_copy(update=alone))
+
+
+def client_config(connect: tuple[str, ...], client: Client | None = None) -> zenoh.Config:
+    """The session of a command. Raises `ConfigError` where a file of keys or passwords cannot be used."""
+    config = session_config("client", connect, ())
+    if client is not None and client.tls is not None:
+        _config(_tls(client.tls, "tls", listens=False), config)
+    if client is not None and client.login is not None:
+        _config(_login(client.login, "login"), config)
+    return config
+
+
+def listening(settings: Publish) -> tuple[str, ...]:
+    """Where a session of these settings listens: on loopback, if it is told no place and nobody to go to."""
+    if settings.listen or settings.connect or settings.mode == "client":
+        return settings.listen
+    return (DEFAULT_LISTEN,)
+
+
+def _tls(tls: Tls, place: str, *, listens: bool) -> dict[str, Any]:
+    """Zenoh's keys for certificates.
+
+    Zenoh has one switch for showing one's certificate and for asking others for theirs; who only connects
+    shows what he has.
+    """
+    settings: dict[str, Any] = {}
+    context = ssl.create_default_context()
+    if tls.ca is not None:
+        settings["root_ca_certificate"] = ca = _readable(tls.ca, f"{place}.ca")
+        _try(lambda: context.load_verify_locations(ca), f"{place}.ca")
+    if tls.certificate is not None and tls.key is not None:
+        certificate = _readable(tls.certificate, f"{place}.certificate")
+        key = _readable(tls.key, f"{place}.key", secret=True)
+        _try(lambda: context.load_cert_chain(certificate, key, password=""), f"{place}.certificate")
+        settings |= {"listen_certificate": certificate, "listen_private_key": key}
+        settings |= {"connect_certificate": certificate, "connect_private_key": key}
+    if not settings:
+        return {}
+    settings["enable_mtls"] = tls.client_certificates or (tls.certificate is not None and not listens)
+    return {"transport/link/tls": settings}
+
+
+def _try(load: Callable[[], object], place: str) -> None:
+    try:
+        load()
+    except (ssl.SSLError, OSError) as error:
+        raise ConfigError(
+            f"{place}: no usable PEM file ({error}); give a certificate, and its key without a password"
+        ) from None
+
+
+def _login(login: Login, place: str) -> dict[str, Any]:
+    """Zenoh's keys for names and passwords."""
+    settings: dict[str, Any] = {}
+    if login.users_file is not None:
+        settings["dictionary_file"] = _users(login.users_file, f"{place}.users_file")
+    if login.user is not None and login.password_file is not None:
+        path = _readable(login.password_file, f"{place}.password_file", secret=True)
+        password = _text(path, f"{place}.password_file").strip()
+        if not password:
+            raise ConfigError(f"{place}.password_file: {path} is empty; write the password into it")
+        settings |= {"user": login.user, "password": password}
+    return {"transport/auth/usrpwd": settings} if settings else {}
+
+
+def _users(file: Path, place: str) -> str:
+    """A file of `name:password` lines, checked, because Zenoh would pass over a line that is wrong."""
+    path = _readable(file, place, secret=True)
+    lines = _text(path, place).splitlines()
+    for number, line in enumerate(lines, 1):
+        name, _, password = line.partition(":")
+        if not name.strip() or not password.strip() or name != name.strip():
+            raise ConfigError(f"{place}: {path}, line {number}: write name:password, nothing else")
+    if not lines:
+        raise ConfigError(f"{place}: {path} names nobody; write a line name:password for each user")
+    return path
+
+
+def _readable(file: Path, place: str, *, secret: bool = False) -> str:
+    """The path of a file that is there; one with a secret in it belongs to its owner alone."""
+    try:
+        with file.open("rb"):
+            mode = stat.S_IMODE(file.stat().st_mode)
+    except OSError as error:
+        raise ConfigError(
+            f"{place}: {file} cannot be read ({error.strerror}); give a readable file"
+        ) from None
+    if secret and mode & 0o077:
+        raise ConfigError(f"{place}: {file} can be read by others (mode {mode:04o}); run chmod 600 {file}")
+    return str(file.absolute())
+
+
+def _text(path: str, place: str) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{place}: {path} is no text in UTF-8; write it anew") from None
+
+
+class Closable(Protocol):
+    """A session, or several in one."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+def close_within(session: Closable, timeout_s: float) -> bool:
+    """Close a session, giving up when a frozen peer does not answer; says whether it closed."""
+    thread = threading.Thread(target=close, args=(session,), name="zenoh-close", daemon=True)
+    thread.start()
+    thread.join(timeout_s)
+    return not thread.is_alive()
+
+
+def close(session: Closable) -> None:
+    """Close a session, however long it takes."""
+    try:
+        session.close()
+    except zenoh.ZError:
+        return  # a frozen router does not confirm; there is nobody left to tell
+
+
+def short(error: Exception) -> str:
+    """The first sentence of an error, without the places in its own source."""
+    return str(error).split(" at /", 1)[0].splitlines()[0].rstrip(".")

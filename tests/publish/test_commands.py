@@ -1,0 +1,188 @@
+"""Commands reach the loop by their exact key and the configuration's hash only, and say what was done."""
+
+import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from observer.publish import ask as asking
+from observer.publish.commands import Outcome, plain_name
+from observer.publish.session import session_config
+from tests.publish.people import PREFIX, ask, published, session, wait
+from tests.publish.router import free_port
+
+HASH = "config=ab12"
+
+
+def _asked(made, opened, selector):
+    """What a query is answered while a loop carries out every command that reaches it; and those commands."""
+    taken = []
+    with ThreadPoolExecutor(1) as pool:
+        answer = pool.submit(ask, opened, selector)
+        while not answer.done():
+            for command in made.commands():
+                taken.append(command)
+                if command.refused is None:
+                    command.answer(Outcome(True, "as told", 12.5))
+        return answer.result(), taken
+
+
+@pytest.mark.system
+def test_a_command_is_handed_over_and_its_outcome_told():
+    with published() as (made, endpoint), session(endpoint) as opened:
+        for kind in ("arm", "disarm", "reset"):
+            (answer,), (command,) = _asked(made, opened, f"{PREFIX}/command/{kind}?{HASH};by=anna@desk")
+            assert (command.kind, command.by, command.refused) == (kind, "anna@desk", None)
+            assert json.loads(answer) == {
+                "command": kind, "done": True, "text": "as told", "time_s": 12.5, "instance": "0a0a0a0a"
+            }  # fmt: skip
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    "selector",
+    [
+        f"ballscrew/**?{HASH}",
+        "ballscrew/**?arm=yes",
+        f"ballscrew/*/*/command/*?{HASH}",
+        f"{PREFIX}/command/*?{HASH}",
+        f"{PREFIX}/command/a$*?{HASH}",
+        f"ballscrew/*/z/command/arm?{HASH}",
+        f"{PREFIX}/compensation?arm=yes",
+        f"{PREFIX}/compensation?arm=yes;{HASH}",
+    ],
+)
+def test_a_wildcard_and_the_old_way_command_nothing(selector):
+    with published() as (made, endpoint), session(endpoint) as opened:
+        made.compensation(b'{"armed":false}')
+        answers, taken = _asked(made, opened, selector)
+        assert taken == []
+        assert not any('"done"' in answer for answer in answers)
+        assert any("command" in answer for answer in answers if answer.startswith("!"))
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ("", "add config=HASH"),
+        ("?arm=yes", "add config=HASH"),
+        ("?config=", "another configuration"),
+        ("?config=ab1", "another configuration"),
+        ("?config=ab12%20", "another configuration"),
+    ],
+)
+def test_a_command_for_another_configuration_is_refused_and_put_on_record(parameters, words):
+    with published() as (made, endpoint), session(endpoint) as opened:
+        (answer,), taken = _asked(made, opened, f"{PREFIX}/command/arm{parameters}")
+        assert answer.startswith("! ")
+        assert words in answer
+        assert all(command.refused for command in taken)
+
+
+@pytest.mark.system
+def test_without_a_configuration_nothing_is_obeyed():
+    with published(digest="") as (made, endpoint), session(endpoint) as opened:
+        answers, taken = _asked(made, opened, f"{PREFIX}/command/reset?config=")
+        assert answers[0].startswith("! ")
+        assert all(command.refused for command in taken)
+
+
+@pytest.mark.system
+def test_only_a_few_commands_wait():
+    with published() as (made, endpoint), session(endpoint) as opened:
+        many = [opened.get(f"{PREFIX}/command/reset?{HASH}", timeout=5) for _ in range(12)]
+        refused = [r for replies in many[4:] for r in replies if r.err]
+        assert refused
+        assert all("too many commands wait" in r.err.payload.to_string() for r in refused)
+        assert 1 <= len(made.commands()) <= 4
+
+
+def test_a_name_is_fit_for_a_log():
+    assert plain_name("anna@desk-7.plant") == "anna@desk-7.plant"
+    assert plain_name('a;b=c,"d"\n!e') == "a_b_c__d___e"
+    assert len(plain_name("x" * 10_000)) == 64
+
+
+@given(st.binary(max_size=200) | st.recursive(st.none() | st.floats() | st.text(), st.lists).map(
+    lambda value: json.dumps(value).encode()
+))  # fmt: skip
+def test_an_answer_of_any_bytes_is_an_object_or_a_sentence(data):
+    answer = asking.answer_of(data)
+    assert (answer.document is None) == bool(answer.problem)
+    assert answer.document is None or isinstance(answer.document, dict)
+    assert asking.refusal_of(data).isprintable()
+
+
+class _Liar:
+    """A queryable on every key of the axis that answers with what it is told to."""
+
+    def __init__(self, endpoint: str, data: bytes) -> None:
+        self._session = zenoh.open(session_config("router", (), (endpoint,)))
+        self._queries = self._session.declare_queryable("ballscrew/**", zenoh.handlers.FifoChannel(64))
+        self._data = data
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._answer)
+        self._thread.start()
+
+    def _answer(self) -> None:
+        while not self._ended.wait(0.005):
+            while (query := self._queries.try_recv()) is not None:
+                with query:
+                    query.reply(query.key_expr, self._data)
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._session.close()
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"", b"{", b"[]", b"null", b"17", b"\xff\xfe", b"9" * 5000, b"[" * 100_000, b'"text"', b"{}",
+        b'{"hash": 5}', b'{"hash": "ab;arm=yes"}', b'{"hash": "\\u001b[2J"}',
+        b'{"done": 1, "state": ["good"]}', b'{"hash": "ab12", "done": "yes"}', b"x" * 2_000_000,
+    ],
+    ids=lambda data: data[:20].decode("latin-1"),
+)  # fmt: skip
+def test_whatever_comes_back_an_asker_gets_an_answer_in_words(data):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    liar = _Liar(endpoint, data)
+    try:
+        health = asking.ask_health(endpoint, "lathe-7", "z", 5)
+        assert health.problem or isinstance(health.document, dict)
+        armed = asking.command("arm", endpoint, "lathe-7", "z", 5)
+        assert armed.problem or armed.document.get("done") is not True
+    finally:
+        liar.close()
+
+
+@pytest.mark.system
+def test_the_commands_find_the_hash_themselves_or_take_the_one_given():
+    with published() as (made, endpoint), ThreadPoolExecutor(1) as pool:
+        for digest, done in ((None, True), ("ab12", True), ("ab13", False)):
+            answer = pool.submit(asking.command, "disarm", endpoint, "lathe-7", "z", 10, None, digest)
+            while not answer.done():
+                for command in made.commands():
+                    assert "@" in command.by
+                    if command.refused is None:
+                        command.answer(Outcome(True, "as told", 1.0))
+            found = answer.result()
+            assert (found.document is not None and found.document["done"]) is done
+            assert done or "another configuration" in found.problem
+
+
+@pytest.mark.system
+def test_a_compensation_is_there_only_where_it_is_switched_on():
+    with published(compensates=False) as (_, endpoint), session(endpoint) as opened:
+        assert ask(opened, f"{PREFIX}/compensation") in ([], ["! Timeout"])
+    with published() as (made, endpoint), session(endpoint) as opened:
+        wait(lambda: ask(opened, f"{PREFIX}/compensation") == ["! no compensation yet"])
+        made.compensation(b'{"armed":false}')
+        assert ask(opened, f"{PREFIX}/compensation") == ['{"armed":false}']

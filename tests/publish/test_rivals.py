@@ -1,0 +1,134 @@
+"""One writer: a second service is refused, and what others publish on the service's keys is noticed."""
+
+import cbor2
+import pytest
+import zenoh
+
+from observer.publish.codec import EstimateEncoder
+from observer.publish.rivals import _INSTANCE
+from observer.publish.session import session_config
+from observer.publish.zenoh import ZenohPublisher
+from observer.publishing import Publish
+from tests.publish.blocks import LAYOUT, block
+from tests.publish.people import PREFIX, published, session, wait
+from tests.publish.router import Router, free_port
+
+
+def _client(endpoint: str, instance: str, mode: str = "client") -> ZenohPublisher:
+    settings = Publish.model_validate({"mode": mode, "connect": (endpoint,)})
+    made = ZenohPublisher("lathe-7", "z", settings, '{"hash":"ab12"}', LAYOUT, instance)
+    made.start()
+    return made
+
+
+def test_an_instance_is_found_in_every_message():
+    encoder, one = EstimateEncoder(LAYOUT, "0a1b2c3d"), block()
+    for message in (encoder.cbor(one, 0, 1), encoder.heat(one, 0, 1), encoder.field(one, 0, 1)):
+        assert _INSTANCE.search(message)[1] == b"0a1b2c3d"
+    assert _INSTANCE.search(cbor2.dumps({"instance": "0a1b2c3d9"})) is None
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("mode", ["client", "peer"])
+def test_a_second_service_is_refused_until_the_first_has_gone(mode):
+    with Router() as router:
+        first = _client(router.endpoint, "11111111", mode)
+        wait(lambda: first.status.connected)
+        second = _client(router.endpoint, "22222222", mode)
+        wait(lambda: second.status.settled)
+        assert f"another service runs as {PREFIX}; end it" in second.status.taken
+        assert second.status.reason == second.status.taken
+        second.publish(block(), 0)
+        assert (second.status.published, second.status.dropped) == (0, 4)
+        assert first.close(5.0)
+        wait(lambda: second.status.connected and second.status.taken is None)
+        assert second.close(5.0)
+
+
+@pytest.mark.system
+def test_a_service_that_comes_back_at_once_is_not_refused():
+    with Router() as router:
+        first = _client(router.endpoint, "11111111")
+        wait(lambda: first.status.connected)
+        again = _client(router.endpoint, "22222222")
+        assert first.close(5.0)
+        wait(lambda: again.status.settled)
+        assert again.status.taken is None
+        assert again.close(5.0)
+
+
+@pytest.mark.system
+def test_two_that_start_at_one_moment_both_notice():
+    with Router() as router:
+        pair = [_client(router.endpoint, name) for name in ("11111111", "22222222")]
+        wait(lambda: all(one.status.connected or one.status.taken for one in pair))
+        if not any(one.status.taken for one in pair):
+
+            def noticed():
+                for one in pair:
+                    one.publish(block(), 0)
+                return all(one.status.rival for one in pair)
+
+            wait(noticed)
+            assert "instance 22222222" in pair[0].status.rival
+        for one in pair:
+            assert one.close(5.0)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("mode", ["client", "peer"])
+def test_two_that_both_went_on_notice_each_other(monkeypatch, mode):
+    monkeypatch.setattr("observer.publish.rivals.Rivals.token_is_there", lambda _: False)
+    with Router() as router:
+        pair = [_client(router.endpoint, name, mode) for name in ("11111111", "22222222")]
+        wait(lambda: all(one.status.connected for one in pair))
+
+        def noticed():
+            for one in pair:
+                one.publish(block(), 0)
+            return all(one.status.rival for one in pair)
+
+        wait(noticed)
+        words = [one.status.rival for one in pair]
+        assert all(one.status.reason == word for one, word in zip(pair, words, strict=True))
+        assert "instance 22222222" in words[0]
+        assert "instance 11111111" in words[1]
+        for one in pair:
+            assert one.close(5.0)
+
+
+@pytest.mark.system
+def test_its_own_messages_and_the_truth_are_not_foreign():
+    with published() as (made, endpoint), session(endpoint) as other:
+        heard = other.declare_subscriber(f"{PREFIX}/**", zenoh.handlers.FifoChannel(1000))
+
+        def done():
+            made.publish(block(), 0)
+            other.put(f"{PREFIX}/truth/heat", b"{}")
+            other.put("ballscrew/lathe-8/z/heat", b"{}")
+            return heard.try_recv()
+
+        for _ in range(20):
+            wait(done)
+        assert made.status.rival is None
+        wait(lambda: other.put(f"{PREFIX}/heat", b"\xff") or made.status.rival)
+        assert f"publishes on {PREFIX}/heat (of no known instance)" in made.status.rival
+
+
+@pytest.mark.system
+def test_where_nobody_answers_a_service_starts_all_the_same():
+    for mode in ("client", "peer"):
+        made = _client(f"tcp/127.0.0.1:{free_port()}", "11111111", mode)
+        wait(lambda made=made: made.status.settled)
+        assert made.status.taken is None
+        made.close(1.0)
+
+
+@pytest.mark.system
+def test_a_large_message_does_not_come_in():
+    with published() as (made, endpoint), zenoh.open(session_config("client", (endpoint,), ())) as other:
+        for size in (70_000, 1_000_000, 100_000_000):
+            other.put(f"{PREFIX}/heat", b"x" * size)
+        other.put(f"{PREFIX}/field", b"small")
+        wait(lambda: made.status.rival)
+        assert "/field " in made.status.rival

@@ -1,0 +1,296 @@
+"""Commands are obeyed between two steps, answered with what was done, and put on record for the replay."""
+
+import asyncio
+import contextlib
+import json
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import structlog
+
+from observer.errors import UserError
+from observer.frames import Reading
+from observer.logs import Log, read_log
+from observer.publish.commands import Command, Outcome
+from observer.publish.zenoh import PublishStatus
+from observer.service.align import blocks_of_log, faults_of, frames_of_log
+from observer.service.clock import ServiceClock
+from observer.service.commands import Commands
+from observer.service.compensate import Compensator
+from observer.service.loop import Service, serve
+from observer.service.record import Recorder
+from observer.service.replay import estimates_of
+from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
+from tests.service.streams import CHANNELS, plan
+from tests.service.test_compensate import GRID, at, estimate, machine
+
+
+def _command(kind: str, told: list, *, asked_s: float | None = None, refused: str | None = None) -> Command:
+    return Command(kind, "anna@desk", time.monotonic() if asked_s is None else asked_s, told.append, refused)
+
+
+async def _serve(service: Service, until) -> None:
+    task = asyncio.ensure_future(serve(service))
+    async with asyncio.timeout(30):
+        while not until() and not task.done():
+            await asyncio.sleep(0.005)
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+def _service(drivers=(), recorder=None, publisher=None, clock=None) -> Service:
+    notes: list[str] = []
+    aligned = plan(expected_s=(0.1, 0.1, 0.02), period_s=0.1)
+    made = Service(
+        tuple(drivers), aligned, FakeDrive(), FakeEstimator(), publisher or FakePublisher(), recorder,
+        clock or ServiceClock(), notes.append, instance="0a0a0a0a",
+    )  # fmt: skip
+    made.estimator.notes = notes
+    return made
+
+
+async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
+    rng = np.random.default_rng(7)
+    slow = [(0.1 * k, {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}, {}) for k in range(30)]
+    fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(150)]
+    recorder, told = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
+    service = _service([FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")], recorder)
+    asked = [10, 11, 20]
+
+    def until():
+        if asked and len(service.publisher.estimates) >= asked[0]:
+            asked.pop(0)
+            service.publisher.asked.append(_command("reset", told))
+        return not slow and not fast and len(told) == 3
+
+    await _serve(service, until)
+    assert [(outcome.done, outcome.text) for outcome in told] == [(True, "the estimator starts afresh")] * 3
+    (path,) = tmp_path.glob("m-x-*.csv")
+    assert path.read_text().count(",!reset=done by anna%40desk\n") == 3
+    log = read_log(path, CHANNELS)
+    np.testing.assert_array_equal(np.diff(log.time_s) > 0, True)
+    live = np.concatenate([block.field_degC for _, block in service.publisher.estimates])
+    drive, told = FakeDrive(), lambda done, total: None
+    replayed = np.concatenate(
+        [block.field_degC for block in estimates_of(log, service.plan, drive, FakeEstimator(), told)]
+    )
+    assert live.tobytes() == replayed.tobytes()
+    assert len(live) >= 20
+    without = replace(log, flags=tuple((flags or "").partition("!")[0] for flags in log.flags))
+    forgotten = np.concatenate(
+        [block.field_degC for block in estimates_of(without, service.plan, drive, FakeEstimator(), told)]
+    )
+    assert forgotten.tobytes() != live.tobytes()  # the resets were needed
+
+
+@pytest.mark.parametrize("block", [1, 3, 4096])
+def test_a_block_begins_at_each_reset_whatever_its_size(block):
+    rows, step = 12, [k % 2 == 1 for k in range(12)]
+    flags = [None] * rows
+    for row in (0, 4, 6, 7, 11):
+        flags[row] = "!reset=done by a"
+    flags[2] = "!reset=refused to a: no"
+    log = Log(
+        "run.csv", np.arange(rows, dtype=float), CHANNELS, np.full((rows, 3), np.nan), np.array(step),
+        tuple(flags),
+    )  # fmt: skip
+    blocks = list(blocks_of_log(log, plan(), block))
+    first, afresh = 0, []
+    for frames, reset in blocks:
+        afresh += [first] * reset
+        first += len(frames)
+    assert first == 6
+    assert afresh == [0, 2, 3, 5]  # one on a tick's own row comes before that tick
+    whole = np.concatenate([frames.time_s for frames in frames_of_log(log, plan(), block)])
+    np.testing.assert_array_equal(whole, np.arange(1.0, rows, 2.0))
+
+
+def test_a_command_is_no_fault_of_any_channel():
+    assert faults_of("!reset=done by anna") == {}
+    assert faults_of("t1_degC=open_circuit;!arm=done by a") == {"t1_degC": "open_circuit"}
+    assert faults_of("%21reset=open_circuit") == {"!reset": "open_circuit"}  # a channel of that name
+
+
+class _Loop:
+    """Commands beside a real compensator, driven step by step."""
+
+    def __init__(self, config=None, recorder=None) -> None:
+        self.config = config or machine(rate_limit_um_s=1e3, gradient_limit_um_m=1e3)
+        self.compensator = Compensator(self.config, GRID)
+        self.resets = 0
+        self.commands = Commands(0.5, self.compensator, recorder, lambda reading: reading, self._reset)
+        self.time_s = 10.0
+        self.document: dict = {}
+
+    def _reset(self) -> None:
+        self.resets += 1
+
+    def step(self, *commands: Command, error_um: float = 5.0, quality: int = 0) -> None:
+        self.time_s += 0.5
+        self.commands.before_step(commands, self.time_s)
+        block = estimate(np.full(9, error_um), self.time_s, quality)
+        self.document = json.loads(self.compensator.step(block, at(self.config, self.time_s, 0.2), 0))
+        self.commands.after_step(self.time_s)
+
+
+def test_the_answer_says_what_was_really_done():
+    loop, told = _Loop(), []
+    loop.step(_command("disarm", told))
+    loop.step(_command("arm", told), quality=1)
+    loop.step(_command("arm", told))
+    assert loop.document["armed"] is True
+    loop.step(_command("disarm", told))
+    assert loop.document["armed"] is False
+    loop.step(_command("arm", told), error_um=300.0)
+    loop.step(_command("arm", told), _command("disarm", told))
+    loop.step(_command("arm", told))
+    loop.step(_command("reset", told))
+    assert loop.document["armed"] is False
+    assert loop.resets == 1
+    loop.step()
+    assert loop.document["reason"] == "the estimator was started afresh; arm again"
+    assert [(outcome.done, outcome.text) for outcome in told] == [
+        (True, "it was off already: not armed yet"),
+        (False, "not armed: the estimate is degraded, so it cannot be armed"),
+        (True, "armed"),
+        (True, "disarmed"),
+        (False, "not armed: the error of 300 µm is beyond limit_um = 200; arm again"),
+        (True, "it was off already: the error of 300 µm is beyond limit_um = 200; arm again"),
+        (False, "not armed: disarmed by anna@desk; arm again"),
+        (True, "armed"),
+        (True, "the estimator starts afresh"),
+    ]
+
+
+def test_a_command_that_waited_is_not_obeyed():
+    loop, told = _Loop(), []
+    loop.step(_command("arm", told, asked_s=time.monotonic() - 6.0))
+    loop.step()
+    assert loop.document["armed"] is False
+    assert told == [Outcome(False, "not done: it waited for too long; ask again", told[0].time_s)]
+
+
+def test_without_a_compensation_there_is_nothing_to_arm():
+    told = []
+    commands = Commands(0.5, None, None, lambda reading: reading, lambda: None)
+    commands.before_step([_command("arm", told), _command("disarm", told)], 1.0)
+    commands.after_step(1.0)
+    assert [outcome.done for outcome in told] == [False, False]
+    assert "set enabled = true in [compensation]" in told[0].text
+
+
+def test_everything_asked_is_logged_and_recorded(tmp_path):
+    recorder, told = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
+    loop = _Loop(recorder=recorder)
+    with structlog.testing.capture_logs() as logs:
+        loop.step(_command("arm", told), _command("reset", told, refused='a, b; c=\n"d"'))
+    assert recorder.close(5.0)
+    assert [(e["command"], e["done"], e["by"]) for e in logs] == [
+        ("reset", False, "anna@desk"), ("arm", True, "anna@desk")
+    ]  # fmt: skip
+    (path,) = tmp_path.glob("*.csv")
+    rows = path.read_text().splitlines()[1:]
+    assert rows == [
+        "10.499999999999998,,,,,!reset=refused to anna%40desk: a%2C b%3B c%3D%0A%22d%22",
+        "10.5,,,,,!arm=done by anna%40desk",
+    ]
+    log = read_log(path, CHANNELS)
+    assert not log.step.any()
+    assert len(told) == 1  # who was refused knows already
+
+
+async def test_a_foreign_message_disarms_and_shows_in_health():
+    rival = "another program publishes on ballscrew/m/x/heat (instance 0b0b0b0b); end one of the two"
+
+    class Shared(FakePublisher):
+        rival: str | None = None
+
+        @property
+        def status(self) -> PublishStatus:
+            return PublishStatus(True, reason=self.rival, rival=self.rival)
+
+    class Follower:
+        def __init__(self) -> None:
+            self.disarmed: list[str] = []
+
+        reason = None
+
+        def disarm(self, reason):
+            self.disarmed.append(reason)
+
+        def step(self, *_):
+            return b"{}"
+
+    publisher = Shared()
+    service = replace(_service(publisher=publisher, clock=FastClock()), compensator=Follower())
+
+    def until():
+        if len(publisher.estimates) >= 3:
+            assert publisher.rival or not service.compensator.disarmed
+            publisher.rival = rival
+        return any(rival in reason for h in publisher.healths for reason in json.loads(h)["reasons"])
+
+    await _serve(service, until)
+    assert service.compensator.disarmed[0] == f"{rival}, then arm again"
+    assert json.loads(publisher.healths[-1])["instance"] == "0a0a0a0a"
+
+
+async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
+    class Mortal(FakePublisher):
+        alive = True
+
+        @property
+        def status(self) -> PublishStatus:
+            return PublishStatus(True, alive=self.alive, reason=None if self.alive else "dead")
+
+    publisher = Mortal()
+    service = _service(publisher=publisher, clock=FastClock())
+    notes = service.estimator.notes
+    pings = []
+
+    def until():
+        if len(publisher.estimates) >= 5 and publisher.alive:
+            assert "WATCHDOG=1" in notes
+            publisher.alive = False
+            pings.append((len(notes), len(publisher.estimates)))
+        return pings and len(publisher.estimates) >= pings[0][1] + 50
+
+    await _serve(service, until)
+    assert len(notes) == pings[0][0]
+    assert any("publishing: dead" in json.loads(h)["reasons"] for h in publisher.healths)
+
+
+async def test_where_another_service_has_the_axis_it_does_not_start(tmp_path):
+    class Second(FakePublisher):
+        looks = 0
+
+        @property
+        def status(self) -> PublishStatus:
+            self.looks += 1
+            settled = self.looks > 5
+            return PublishStatus(settled=settled, taken="another service runs" if settled else None)
+
+    publisher = Second()
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
+    service = _service([FakeDriver([(0, {"t1_degC": 20.0}, {})])], recorder, publisher)
+    with pytest.raises(UserError, match="another service runs"):
+        await asyncio.wait_for(serve(service), 20)
+    assert publisher.estimates == []
+    assert publisher.closed
+
+
+def test_a_reading_without_values_changes_no_frame():
+    from observer.service.align import Aligner
+
+    frames = []
+    for extra in (False, True):
+        aligner = Aligner(plan())
+        aligner.ingest(Reading(1.0, {"t1_degC": 20.0, "t2_degC": 21.0}))
+        if extra:
+            aligner.ingest(Reading(1.2, {}))
+        frames.append(aligner.tick(1.5))
+    for name in ("time_s", "values", "fresh", "quality", "age_s"):
+        assert getattr(frames[0], name).tobytes() == getattr(frames[1], name).tobytes()

@@ -1,0 +1,159 @@
+"""A real service is commanded by the program's own commands, and stays the only one of its name."""
+
+from __future__ import annotations
+
+import json
+import random
+import subprocess
+import sys
+import threading
+
+import pytest
+import zenoh
+
+from observer.logs import read_log
+from observer.publish.session import session_config
+from observer.publish.watch import KEYS
+from tests.publish.router import free_port
+from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until, write
+from tests.system.test_recording import _assert_same, _replay, _rows
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+NAMES = ("--machine", "demo", "--axis", "x")
+
+
+def _observer(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "observer", *words]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100)
+
+
+def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+
+    def give(kind, *more):
+        return _observer(kind, *NAMES, "--connect", endpoint, "--timeout-s", "20", *more)
+
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["compensation"] = {
+            "enabled": True, "controller_compensates": False, "position_feedback": "motor"
+        }  # fmt: skip
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            for kind, text in (("arm", "armed"), ("reset", "the estimator starts afresh")):
+                done = give(kind)
+                assert done.returncode == 0, done.stdout + done.stderr
+                assert json.loads(done.stdout)["text"] == text
+            until(lambda: seen.documents["compensation"][-1]["armed"] is False, 20)
+            assert "started afresh" in seen.documents["compensation"][-1]["reason"]
+            seen.wait_until_good()
+            assert give("disarm").returncode == 0
+            wrong = give("reset", "--config-hash", "0123456789abcdef")
+            assert wrong.returncode == 1
+            assert "another configuration" in wrong.stdout
+            count = len(seen.estimates)
+            until(lambda: len(seen.estimates) > count + 30, 60)
+            instances = {m["instance"] for d in seen.documents.values() for m in d}
+            assert instances == {e["instance"] for e in seen.estimates}
+            assert len(instances) == 1
+            daemon.stop()
+            live = list(seen.estimates)
+    said = [json.loads(line) for line in daemon.said().splitlines() if '"event": "command"' in line]
+    assert [(s["command"], s["done"]) for s in said] == [
+        ("arm", True), ("reset", True), ("disarm", True), ("reset", False)
+    ]  # fmt: skip
+    flags = [f for f in read_log(daemon.recording()).flags if f and f.startswith("!")]
+    assert [f.split(" ")[0] for f in flags] == ["!arm=done", "!reset=done", "!disarm=done", "!reset=refused"]
+    assert all("%40" in f for f in flags)  # who it says to be
+    replayed = _rows(_replay(daemon, tmp_path / "one"))
+    assert len(live) > 40
+    for message in live:
+        _assert_same(message, replayed[message["time_s"]])
+
+
+def test_a_second_service_of_the_same_name_does_not_start(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            for mode in ("client", "peer"):
+                second = table_for(plant.wires, mode=mode, connect=[endpoint])
+                config = write(tmp_path, second, f"{mode}.toml")
+                done = _observer("run", "--config", str(config), "--seconds", "60")
+                assert done.returncode == 2, done.stderr
+                assert "observer: another service runs as ballscrew/demo/x; end it" in done.stderr
+                assert "Traceback" not in done.stderr
+            daemon.stop()
+
+
+@pytest.mark.parametrize("kind", ["arm", "disarm", "reset"])
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--machine", "*", "--axis", "x"), "--machine: * may be several; name the one that is meant"),
+        (("--machine", "a/b", "--axis", "x"), "--machine: 'a/b' is no name"),
+        (("--machine", "a", "--axis", "x?config=1"), "is no name"),
+        (
+            (*NAMES, "--client", "/nowhere.toml"),
+            "/nowhere.toml: no such file; give the path of a client's file",
+        ),
+    ],
+)
+def test_a_command_names_one_axis(kind, words, sentence):
+    done = _observer(kind, *words, "--connect", "tcp/127.0.0.1:9", "--timeout-s", "0.5")
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_command_that_nobody_answers_says_so():
+    for kind in ("arm", "health"):
+        done = _observer(kind, *NAMES, "--connect", f"tcp/127.0.0.1:{free_port()}", "--timeout-s", "0.5")
+        assert done.returncode == 1
+        assert "no service answers at" in done.stdout
+        assert done.stderr == ""
+
+
+def test_watch_shows_whatever_a_hostile_publisher_sends():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    rng, ended = random.Random(3), threading.Event()
+    values = [None, True, 10**400, "[/red]\x1b[2J", [[]], {"a": {}}, 1e308, -1]
+
+    def document() -> bytes:
+        keys = ("sources", "quality", "state", "reasons", "temperature_degC", "sigma_K", "sensors", "hash")
+        made = {key: rng.choice([*values, {"nut": {"heat_W": rng.choice(values)}}]) for key in keys}
+        texts = [json.dumps(made), "NaN", "[" * 50_000, '{"sources":', "9" * 5000]
+        return rng.choice([text.encode() for text in texts] + [rng.randbytes(300)])
+
+    with zenoh.open(session_config("router", (), (endpoint,))) as router:
+
+        def attack() -> None:
+            while not ended.wait(0.002):
+                router.put(f"ballscrew/demo/x/{rng.choice(KEYS)}", document())
+
+        thread = threading.Thread(target=attack)
+        thread.start()
+        try:
+            done = _observer("watch", "--connect", endpoint, "--seconds", "4")
+        finally:
+            ended.set()
+            thread.join()
+    assert done.returncode in (0, 2)  # 2: nothing but rubbish was heard last
+    assert "Traceback" not in done.stderr
+    assert "\x1b" not in done.stdout
+
+
+def test_a_file_of_passwords_that_others_can_read_is_refused_at_the_start(tmp_path):
+    users = tmp_path / "users"
+    users.write_text("anna:see\n")
+    users.chmod(0o644)
+    wires = {"modbus_port": 9, "can_device": "/dev/null"}
+    listen = [f"tcp/127.0.0.1:{free_port()}"]
+    table = table_for(wires, listen=listen, login={"users_file": str(users)})
+    done = _observer("run", "--config", str(write(tmp_path, table)), "--seconds", "1")
+    assert done.returncode == 2
+    assert (
+        f"publish.login.users_file: {users} can be read by others (mode 0644); run chmod 600" in done.stderr
+    )
+    assert "Traceback" not in done.stderr
