@@ -20,6 +20,7 @@ from drivers.settings import DRIVER_KINDS, UNION_TAGS, DriverSettings, Settings
 from observer.effects.catalogue import KINDS, Effect
 from observer.endpoints import checked_endpoint
 from observer.errors import ConfigError
+from observer.keeping import Checkpoint, Record
 from observer.mounting import Compensation
 from observer.quantities import Name, NonNegative, Positive, Section, Temperature
 from observer.sections import Description
@@ -95,12 +96,9 @@ class Publish(Section):
     history: Annotated[int, Field(ge=1, le=100_000)] = 1000
 
 
-class Record(Section):
-    """Where the lossless log of the daemon goes; `directory` unset means that nothing is recorded."""
-
-    directory: Path | None = None
-    rotate_MB: Positive = 64.0
-    sync_s: Positive = 5.0
+_BESIDE_THE_MODEL = {
+    "machine", "calibrate", "discover", "compensation", "drivers", "publish", "record", "checkpoint"
+}  # fmt: skip
 
 
 class Config(Description):
@@ -117,6 +115,7 @@ class Config(Description):
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict)
     publish: Publish = Publish()
     record: Record = Record()
+    checkpoint: Checkpoint = Checkpoint()
 
     @model_validator(mode="after")
     def _fits_the_screw(self) -> Config:
@@ -191,6 +190,11 @@ class Config(Description):
         names.append(self.surface.speed_channel)  # type: ignore[arg-type]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
+
+    @property
+    def plant_digest(self) -> str:
+        """A hash of what gives an estimator's state its meaning: all but what lies beside the model."""
+        return hashlib.sha256(self.model_dump_json(exclude=_BESIDE_THE_MODEL).encode()).hexdigest()[:16]
 
     @property
     def digest(self) -> str:

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, laws, mounting, nodes, quantities, sections
+from observer import config, keeping, laws, mounting, nodes, quantities, sections
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 
@@ -37,7 +37,8 @@ CONFIGURATION = {
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
     "`[publish]`": config.Publish,
-    "`[record]`": config.Record,
+    "`[record]`": keeping.Record,
+    "`[checkpoint]`": keeping.Checkpoint,
 }
 DEVICES = {
     "`modbus_tcp`": settings.ModbusTcpSettings,
