@@ -102,7 +102,7 @@ class _Memory:
     last_tick_s: FloatArray = field(default_factory=lambda: np.array([np.nan]))
 
 
-def _no_memory(channels: int) -> _Memory:
+def _no_memory(channels: int, last_tick_s: float = math.nan) -> _Memory:
     return _Memory(
         np.full(channels, np.nan),
         np.full(channels, np.nan),
@@ -111,6 +111,7 @@ def _no_memory(channels: int) -> _Memory:
         np.zeros(channels, np.bool_),
         np.zeros(channels, np.bool_),
         no_memory(channels),
+        np.array([last_tick_s]),
     )
 
 
@@ -191,12 +192,13 @@ class Aligner:
     A channel is good while its newest reading is a usable value no older than twice the time it is expected
     in (or the tick's period, if that is longer), and stale beyond; missing while it has never been seen or
     its newest reading holds no value; rejected while its newest reading carries a fault or it is stuck.
+    After a warm start the first step begins at `last_tick_s`, the last tick before it.
     """
 
-    def __init__(self, plan: AlignPlan) -> None:
+    def __init__(self, plan: AlignPlan, last_tick_s: float = math.nan) -> None:
         self._plan = plan
         self._column = {name: j for j, name in enumerate(plan.channels)}
-        self._memory = _no_memory(len(plan.channels))
+        self._memory = _no_memory(len(plan.channels), last_tick_s)
         self._pending: list[Reading] = []
         self._faults: dict[str, str] = {}
         self._last_s = -math.inf
@@ -245,12 +247,15 @@ class Aligner:
         return self._last_s
 
 
-def frames_of_log(log: Log, plan: AlignPlan, block: int = BLOCK) -> Iterator[FrameBlock]:
+def frames_of_log(
+    log: Log, plan: AlignPlan, block: int = BLOCK, last_tick_s: float = math.nan
+) -> Iterator[FrameBlock]:
     """The frames of a log in blocks: the ticks of a recording, or every row of any other log.
 
     In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value.
+    `last_tick_s` is the last tick before a recording that goes on from a warm start.
     """
-    memory = _no_memory(len(plan.channels))
+    memory = _no_memory(len(plan.channels), last_tick_s)
     rows = _rows_of_log(log, plan.channels)
     ends = np.flatnonzero(rows.step) + 1
     start = 0
@@ -281,6 +286,6 @@ def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
 
 
 def faults_of(flags: str | None) -> dict[str, str]:
-    """The faults written in a recording's `flags` cell: `channel=fault;channel=fault`."""
-    pairs = (item.split("=", 1) for item in flags.split(";")) if flags else ()
+    """The faults written in a recording's `flags` cell: `channel=fault;channel=fault`; a checksum is none."""
+    pairs = (item.split("=", 1) for item in flags.split(";") if item[:1] != "#") if flags else ()
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Generic, Protocol, TypeVar
 
-from observer.estimators.protocol import Estimator
+from observer.estimators.protocol import Estimator, EstimatorState
 from observer.frames import EstimateBlock, FrameBlock, Inputs
 
 DriveState = TypeVar("DriveState")
@@ -35,6 +35,14 @@ class Pipeline(Generic[DriveState]):
         self._estimator_state, estimates = self._estimator.run(self._estimator_state, inputs)
         self._drive_state = drive_state
         return estimates
+
+    def snapshot(self) -> tuple[DriveState, EstimatorState]:
+        """Where drive and estimator stand; both are frozen."""
+        return self._drive_state, self._estimator_state
+
+    def restore(self, drive: DriveState, estimator: EstimatorState) -> None:
+        """Go on from where another pipeline of the same parts stood."""
+        self._drive_state, self._estimator_state = drive, estimator
 
     def warm_up(self, frames: FrameBlock) -> None:
         """Have everything compiled and loaded, by steps that are then forgotten."""

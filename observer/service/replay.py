@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,8 +16,9 @@ from observer.errors import LogError
 from observer.estimators.protocol import Estimator
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
 from observer.log_writer import Column, TableWriter
-from observer.logs import TIME, Log
+from observer.logs import SUFFIXES, TIME, Log
 from observer.service.align import AlignPlan, frames_of_log
+from observer.service.checkpoint import START_SUFFIX, Fit, Standing, UnfitError, load, recent
 from observer.service.pipeline import Drive, Pipeline
 
 Progress = Callable[[int, int], None]
@@ -24,16 +26,40 @@ _SENSOR_LABELS = np.array([quality.label for quality in Quality])
 
 
 def estimates_of(
-    log: Log, plan: AlignPlan, drive: Drive[Any], estimator: Estimator, progress: Progress
+    log: Log,
+    plan: AlignPlan,
+    drive: Drive[Any],
+    estimator: Estimator,
+    progress: Progress,
+    start: Standing | None = None,
 ) -> Iterator[EstimateBlock]:
-    """The estimates of a log in blocks; `progress` is told the rows done and their total."""
+    """The estimates of a log in blocks, from a cold start or from `start`.
+
+    `progress` is told the rows done and their total.
+    """
     pipeline = Pipeline(drive, estimator)
+    if start is not None:
+        pipeline.restore(start.drive, start.estimator)
     total = len(log) if log.step is None else int(log.step.sum())
     done = 0
-    for frames in frames_of_log(log, plan):
+    last_tick_s = math.nan if start is None else start.tick_s
+    for frames in frames_of_log(log, plan, last_tick_s=last_tick_s):
         yield pipeline.step(frames)
         done += len(frames)
         progress(done, total)
+
+
+def start_of(log: Log, fit: Fit) -> tuple[Standing | None, str]:
+    """Where the service stood when it began a recording, None if cold, and a sentence that says so."""
+    suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
+    beside = log.path.with_name(log.path.name.removesuffix(suffix) + START_SUFFIX)
+    if log.step is None or not beside.exists():
+        return None, "cold"
+    try:
+        standing = recent(load(beside, fit), float(log.time_s[0]), math.inf)
+    except UnfitError as error:
+        return None, f"cold; {beside.name} is left out, {error}"
+    return standing, f"warm, from {beside.name}, {log.time_s[0] - standing.tick_s:.3f} s before the first row"
 
 
 @dataclass(frozen=True, slots=True)
