@@ -13,15 +13,22 @@ from observer.config import Config
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock
 from observer.model.rod.supports import error_at
 from observer.publish.codec import to_json
+from observer.service.renew import stepped
 
 
 class Compensator:
     """Follows the estimates of one axis; `arm` may be called from another thread."""
 
-    def __init__(self, config: Config, grid_m: FloatArray) -> None:
-        """Plan the compensation of a configuration whose `[compensation]` is enabled."""
+    def __init__(
+        self, config: Config, grid_m: FloatArray, held: compensation.CompensationState | None = None
+    ) -> None:
+        """Plan the compensation of a configuration whose `[compensation]` is enabled.
+
+        `held` is what one before held: off, with its values for the next arming to start from.
+        """
         self._plan = compensation.plan_of(config)
-        self._state = compensation.initial(self._plan)
+        self._state = held or compensation.initial(self._plan)
+        self._offset_s = 0.0
         self._grid_m = grid_m
         nuts = [s.position_channel for s in config.source if s.position_channel is not None]
         self._nut_channel = nuts[0] if nuts else None
@@ -31,6 +38,22 @@ class Compensator:
         """Ask for the compensation to be armed with the next estimate, if that is good."""
         self._asked.set()
 
+    @property
+    def held(self) -> compensation.CompensationState:
+        """What is in force, or was last."""
+        return self._state
+
+    def see_clock(self, offset_s: float) -> None:
+        """Take how far the computer's clock is ahead of the service's time; where it was set, disarm.
+
+        A control compares the time up to which a document holds with a clock of its own.
+        """
+        self._offset_s = offset_s
+        if (why := stepped(offset_s)) is not None:
+            self._asked.clear()
+            if self._state.armed:
+                self._state = compensation.off(self._state, f"{why}; arm again")
+
     def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> bytes:
         """Follow an estimate, a block of one; return the document to publish."""
         asked = self._asked.is_set()
@@ -39,7 +62,7 @@ class Compensator:
         body: dict[str, Any] = {
             "time_s": float(block.time_s[0]),
             "sequence": sequence,
-            "valid_until_s": float(block.time_s[0]) + self._plan.late_s,
+            "valid_until_s": float(block.time_s[0]) + self._plan.late_s + min(0.0, self._offset_s),
             "armed": self._state.armed,
             "reason": self._state.reason,
             **self._values(block),

@@ -40,7 +40,7 @@ class Facts:
     """All that a health report is made of, gathered at one moment.
 
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
-    valid estimate has been there; `failure` is what the last cycle failed with.
+    valid estimate has been there; `failure` is what the last cycle failed with; `notices` are more reasons.
     """
 
     time_s: float
@@ -55,6 +55,7 @@ class Facts:
     record: RecordStatus | None
     publish: PublishStatus
     clock_offset_s: float
+    notices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +153,7 @@ def _reasons(facts: Facts) -> Iterator[str]:
         yield f"recording: {facts.record.reason}"
     if facts.publish.reason:
         yield f"publishing: {facts.publish.reason}"
+    yield from facts.notices
     if abs(facts.clock_offset_s) > _CLOCK_STEP_S:
         step = f"{facts.clock_offset_s:+.1f} s"
         yield f"the computer's clock stepped by {step}; times go on from the service's start"
