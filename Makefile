@@ -22,7 +22,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system lint format bench discover-campaign figures container-check lock clean
+.PHONY: help env demo test unit system lint format bench soak discover-campaign figures container-check lock clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,6 +47,9 @@ system: $(READY)  ## tests with real processes, servers and routers, one at a ti
 
 bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
 	$(BIN)/python -m benchmarks $(ARGS)
+
+soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"
+	$(BIN)/python -m tests.soak $(ARGS)
 
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
 	$(BIN)/python -m tests.campaign $(ARGS)
