@@ -57,6 +57,9 @@ demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loo
 month: $(READY)  ## two simulated months of a machine as configured: at most one false reason each
 	$(BIN)/python -m pytest tests/reference/test_selftest.py -m slow -s -p no:benchmark $(ARGS)
 
+soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"
+	$(BIN)/python -m tests.soak $(ARGS)
+
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
 	$(BIN)/python -m tests.campaign $(ARGS)
 

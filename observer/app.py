@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,14 @@ from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.results import results_in
 from observer.service.align import AlignPlan, doubts, frames_of_log
+from observer.service.pipeline import Pipeline
+
+if TYPE_CHECKING:  # the daemon's parts; the other commands start without them
+    from observer.service.checkpoint import Fit, Standing
+    from observer.service.clock import ServiceClock
+    from observer.service.loop import Service
+    from observer.service.renew import Renewals
+    from observer.service.warm import Compiler
 
 Progress = Callable[[int, int], None]
 
@@ -49,39 +57,134 @@ class Machine:
         """What holds the estimates against the model and the laws."""
         return SelfTest(self.config, self.plant)
 
+    def pipeline(self, estimator: Estimator) -> Pipeline[Any]:
+        """Frames in, estimates out, of the quality that they earn."""
+        return Pipeline(self.drive, estimator, self.self_test())
+
     def estimator(self) -> Estimator:
         """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
         return build_estimator(self.plant, self.config.estimator)
 
 
-def serve(config: Config, seconds: float | None = None) -> None:
-    """Run the daemon until it is stopped; the caller leaves the process afterwards."""
+def serve(config: Config, seconds: float | None = None, path: Path | None = None) -> None:
+    """Run the daemon until it is stopped; the caller leaves the process afterwards.
+
+    With `path`, SIGHUP has the configuration read again from there.
+    """
+    from observer.publish.session import listening
+    from observer.service.checkpoint import shifted
+    from observer.service.clock import ServiceClock
+    from observer.service.keeper import carried, stored
+    from observer.service.lives import run
+    from observer.service.renew import Renewal, Renewals
+
+    refuse_taken(listening(config.publish), "publish.listen")
+    ready, clock = _Ready.of(config), ServiceClock()
+    renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
+
+    def anew(renewal: Renewal[_Ready]) -> Service:
+        nonlocal ready, clock
+        before, ready, standing = ready, renewal.prepared or ready, renewal.standing
+        if renewal.new_time and standing is not None:
+            standing = shifted(standing, clock.offset_s())
+        clock = ServiceClock() if renewal.new_time else clock
+        carry = carried(standing, before.fit, ready.fit)
+        return _service(ready, clock, renewals, carry, alone=False)
+
+    file = ready.checkpoint
+    start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
+    run(_service(ready, clock, renewals, start, alone=True), seconds, anew)
+
+
+@dataclass(frozen=True, slots=True)
+class _Ready:
+    """A configuration for the daemon that has been checked, with what takes long to build."""
+
+    config: Config
+    machine: Machine
+    estimator: Estimator
+    fit: Fit
+
+    @classmethod
+    def of(cls, config: Config) -> _Ready:
+        """Check and build. Raises `UserError`."""
+        from observer.service.checkpoint import Fit
+
+        _every_channel_has_a_driver(config)
+        if config.record.directory is not None:
+            _can_be_made(config.record.directory)
+        machine = Machine.of(config)
+        estimator = machine.estimator()
+        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
+
+    @property
+    def checkpoint(self) -> Path | None:
+        """The file of the checkpoint, if there is to be one."""
+        place, name = self.config.checkpoint.place(self.config.record), self.config.machine
+        return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
+
+    def compiler(self) -> Compiler:
+        """What has its kernels compiled."""
+        import sdnotify
+
+        from observer.service.warm import Compiler
+
+        line = self.config.model_dump_json(by_alias=True, exclude_unset=True)
+        return Compiler("observer.compile_kernels", line, sdnotify.SystemdNotifier().notify)
+
+
+def _reread(path: Path, now: Config) -> _Ready:
+    """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
+    from drivers import open_driver
+    from observer.publish.session import listening
+    from observer.service.align import Aligner
+
+    config = load(path)
+    refuse_taken(set(listening(config.publish)) - set(listening(now.publish)), "publish.listen")
+    for key, settings in config.drivers.items():
+        open_driver(key, settings)
+    ready = _Ready.of(config)
+    frame = Aligner(ready.machine.plan).tick(0.0)
+    ready.compiler().warm(lambda: ready.machine.pipeline(ready.estimator).warm_up(frame))
+    return ready
+
+
+def _service(
+    ready: _Ready,
+    clock: ServiceClock,
+    renewals: Renewals[_Ready],
+    start: Standing | None,
+    *,
+    alone: bool,
+) -> Service:
+    """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
+
+    `alone` asks for nobody else to have the axis.
+    """
     import secrets
 
     import sdnotify
 
     from drivers import open_driver
     from observer.publish.codec import config_json
-    from observer.publish.session import listening
     from observer.publish.zenoh import ZenohPublisher
-    from observer.service.clock import ServiceClock
+    from observer.service.checkpoint import pack
     from observer.service.compensate import Compensator
-    from observer.service.loop import Service, run
+    from observer.service.keeper import Keeper
+    from observer.service.loop import Service
     from observer.service.record import Recorder
+    from observer.service.retention import Retention
 
-    _every_channel_has_a_driver(config)
-    refuse_taken(listening(config.publish), "publish.listen")
-    machine = Machine.of(config)
-    estimator = machine.estimator()
-    name = config.machine
-    record = config.record
-    if record.directory is not None:
-        _can_be_made(record.directory)
-    instance = secrets.token_hex(4)
+    config, machine, estimator = ready.config, ready.machine, ready.estimator
+    name, record, instance = config.machine, config.record, secrets.token_hex(4)
+    held = None if start is None else start.compensation
     compensator = (
-        Compensator(config, estimator.layout.position_m, instance) if config.compensation.enabled else None
+        Compensator(config, estimator.layout.position_m, instance, held)
+        if config.compensation.enabled
+        else None
     )
-    service = Service(
+    file = ready.checkpoint
+    return Service(
         drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
         plan=machine.plan,
         drive=machine.drive,
@@ -101,16 +204,22 @@ def serve(config: Config, seconds: float | None = None) -> None:
             config.channels,
             int(record.rotate_MB * 1e6),
             record.sync_s,
+            Retention.of(record),
+            None if start is None else pack(start, ready.fit),
         )
         if record.directory
         else None,
-        clock=ServiceClock(),
+        clock=clock,
         notify=sdnotify.SystemdNotifier().notify,
         compensator=compensator,
         self_test=machine.self_test(),
         instance=instance,
+        start=start,
+        keeper=None if file is None else Keeper(file, ready.fit, config.checkpoint.period_s),
+        renewals=renewals,
+        compiler=ready.compiler(),
+        alone=alone,
     )
-    run(service, seconds)
 
 
 def wires(config: Config) -> dict[str, Any]:
@@ -144,8 +253,10 @@ def _every_channel_has_a_driver(config: Config) -> None:
 
 def _can_be_made(recordings: Path) -> None:
     """Raise `ConfigError` where no recording can be written; a disk that fills up later is another matter."""
+    from observer.service.files import make_folder
+
     try:
-        recordings.mkdir(parents=True, exist_ok=True)
+        make_folder(recordings)
         tempfile.TemporaryFile(dir=recordings).close()
     except OSError as error:
         raise ConfigError(
@@ -160,6 +271,7 @@ def replay(
     suffix: str,
     *,
     accept_truncated: bool = False,
+    accept_damaged: bool = False,
     progress: Progress,
 ) -> dict[str, Any]:
     """Run a log through the live path; write estimates, `summary.json` and `overview.png` into `output`.
@@ -168,11 +280,13 @@ def replay(
     """
     from observer.report.collect import Collector
     from observer.report.overview import write_overview
-    from observer.service.replay import estimates_of, write_results
+    from observer.service.checkpoint import Fit
+    from observer.service.replay import estimates_of, start_of, write_results
 
-    log = _recorded(log_path, config, accept_truncated=accept_truncated)
+    log = _recorded(log_path, config, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
     machine = Machine.of(config)
     estimator = machine.estimator()
+    start, told = start_of(log, Fit.of(config, machine.drive, estimator))
     collector = Collector(config)
     tee = _Tee(machine.drive)
     reasons: dict[str, int] = {}
@@ -180,26 +294,30 @@ def replay(
     def blocks() -> Iterator[EstimateBlock]:
         self_test = machine.self_test()
         for block in estimates_of(
-            log, machine.plan, tee, estimator, self_test, progress, reasons.__setitem__
+            log, machine.plan, tee, estimator, self_test, progress, reasons.__setitem__, start
         ):
             collector.add(tee.inputs, block)
             yield block
 
     more: dict[str, Any] = _verdicts(config, log) | _open_loop(machine, frames_of_log(log, machine.plan))
-    more |= {"doubts": doubts(log, frames_of_log(log, machine.plan), config), "reasons": reasons}
+    more |= {
+        "doubts": doubts(log, frames_of_log(log, machine.plan), config),
+        "reasons": reasons,
+        "start": told,
+    }
     with results_in(output) as part:
         summary = write_results(part, suffix, estimator.layout, blocks(), log, config.digest, more)
         write_overview(part / "overview.png", config, collector.samples(), f"replay of {log_path.name}")
     return summary
 
 
-def _recorded(path: Path, config: Config, *, accept_truncated: bool) -> Log:
+def _recorded(path: Path, config: Config, *, accept_truncated: bool, accept_damaged: bool) -> Log:
     """Read a log, or a recording of a CAN bus."""
     from observer.service.can_log import is_can_recording, read_can_log
 
     if is_can_recording(path):
         return read_can_log(path, config)
-    return read_log(path, config.channels, accept_truncated=accept_truncated)
+    return read_log(path, config.channels, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
 
 
 def identify(
@@ -209,6 +327,7 @@ def identify(
     options: MethodOptions,
     *,
     accept_truncated: bool = False,
+    accept_damaged: bool = False,
     progress: Callable[[str], None],
 ) -> dict[str, Any]:
     """Estimate the heats over a whole log at once; write `heat.csv`, `summary.json` and `heat.png`.
@@ -221,7 +340,7 @@ def identify(
 
     options.check()
     progress("reading the log")
-    log = _recorded(log_path, config, accept_truncated=accept_truncated)
+    log = _recorded(log_path, config, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
     # no field is reported, so the inputs of a long log need not carry its rows
     ends_only = Output(positions_m=(0.0, config.screw.length_m))
     machine = Machine.of(config.model_copy(update={"output": ends_only}))

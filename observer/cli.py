@@ -110,7 +110,7 @@ def run(
 
     configure(as_json=log_format is LogFormat.json)
     try:
-        parts.serve(load(config), seconds)
+        parts.serve(load(config), seconds, config)
     except UserError as error:
         _say(error)
         leave(2)  # threads of parts that had been started may hang at the interpreter's exit
@@ -126,6 +126,7 @@ def replay(
     output: OutputOption,
     format: Annotated[Format, typer.Option(help="Format of the estimates.")] = Format.csv,
     accept_truncated: Annotated[bool, typer.Option(help="Drop a last row that was cut off.")] = False,
+    accept_damaged: Annotated[bool, typer.Option(help="Drop rows whose checksum is wrong.")] = False,
 ) -> None:
     """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
     from observer import app as parts
@@ -139,8 +140,11 @@ def replay(
             output,
             f".{format.value}",
             accept_truncated=accept_truncated,
+            accept_damaged=accept_damaged,
             progress=progress,
         )
+    if summary["start"] != "cold":
+        typer.echo(f"start: {summary['start']}")
     quality = ", ".join(f"{n} {name}" for name, n in summary["quality"].items() if n)
     typer.echo(f"{summary['rows']} estimates over {summary['duration_s']:.6g} s: {quality}")
     for name, mean_W in summary["heat_mean_W"].items():
@@ -180,6 +184,7 @@ def identify(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
     accept_truncated: Annotated[bool, typer.Option(help="Drop a last row that was cut off.")] = False,
+    accept_damaged: Annotated[bool, typer.Option(help="Drop rows whose checksum is wrong.")] = False,
 ) -> None:
     """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
     from observer import app as parts
@@ -190,7 +195,13 @@ def identify(
     options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
     with saying("identify") as progress:
         summary = parts.identify(
-            log, load(config), output, options, accept_truncated=accept_truncated, progress=progress
+            log,
+            load(config),
+            output,
+            options,
+            accept_truncated=accept_truncated,
+            accept_damaged=accept_damaged,
+            progress=progress,
         )
     typer.echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")
     for name, mean_W in summary["heat_mean_W"].items():

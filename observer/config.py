@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 from drivers.settings import DriverSettings, delivered
 from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
+from observer.keeping import Checkpoint, Record
 from observer.limits import ChannelLimits
 from observer.mounting import Compensation
 from observer.problems import as_message, problems_of
@@ -27,7 +28,6 @@ from observer.quantities import (
     Channel,
     Count,
     Duration,
-    File,
     Flag,
     Name,
     NonNegative,
@@ -106,12 +106,9 @@ class Output(Section):
     reference_degC: Air | None = None
 
 
-class Record(Section):
-    """Where the lossless log of the daemon goes; `directory` unset means that nothing is recorded."""
-
-    directory: File | None = None
-    rotate_MB: Annotated[Positive, Field(ge=0.001, le=1e6)] = 64.0
-    sync_s: Annotated[Positive, Field(ge=0.01, le=3600)] = 5.0
+_BESIDE_THE_MODEL = {
+    "machine", "calibrate", "discover", "compensation", "drivers", "publish", "record", "checkpoint"
+}  # fmt: skip
 
 
 class Config(Description):
@@ -129,6 +126,7 @@ class Config(Description):
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
     record: Record = Record()
+    checkpoint: Checkpoint = Checkpoint()
 
     @model_validator(mode="after")
     def _fits_together(self) -> Config:
@@ -155,6 +153,11 @@ class Config(Description):
         names.append(self.surface.speed_channel)  # type: ignore[arg-type]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
+
+    @property
+    def plant_digest(self) -> str:
+        """A hash of what gives an estimator's state its meaning: all but what lies beside the model."""
+        return hashlib.sha256(self.model_dump_json(exclude=_BESIDE_THE_MODEL).encode()).hexdigest()[:16]
 
     @property
     def digest(self) -> str:

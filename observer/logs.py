@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from observer.checksums import damaged, rows_of, without
 from observer.errors import LogError, UserError
 from observer.frames import BoolArray, FloatArray
 from observer.regular import one_line, refuse_irregular
@@ -51,10 +52,17 @@ class Log:
         return len(self.time_s)
 
 
-def read_log(path: Path | str, needed: Sequence[str] = (), *, accept_truncated: bool = False) -> Log:
+def read_log(
+    path: Path | str,
+    needed: Sequence[str] = (),
+    *,
+    accept_truncated: bool = False,
+    accept_damaged: bool = False,
+) -> Log:
     """Read a log, only the columns in `needed` if any are named.
 
-    `accept_truncated` drops a last row that was cut off instead of refusing the log. Raises `LogError` with
+    `accept_truncated` drops a last row that was cut off instead of refusing the log, `accept_damaged` the
+    rows of a recording that do not have the checksum they were recorded with. Raises `LogError` with
     one sentence that names the file, the row or column, and the remedy.
     """
     path = Path(path)
@@ -63,7 +71,7 @@ def read_log(path: Path | str, needed: Sequence[str] = (), *, accept_truncated: 
         refuse_irregular(path, "a readable log")
         if suffix == ".parquet":
             return _read_parquet(path, needed)
-        return _read_csv(path, needed, accept_truncated)
+        return _read_csv(path, needed, accept_truncated, accept_damaged)
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; give the path of a log") from None
     except OSError as error:
@@ -83,7 +91,7 @@ def suffix_of(path: Path) -> str:
     raise LogError(f"{path}: unknown kind of log; name it {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
 
 
-def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool) -> Log:
+def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool, accept_damaged: bool) -> Log:
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
     from pyarrow import csv as pa_csv  # noqa: PLC0415
 
@@ -91,6 +99,8 @@ def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool) -> Log:
     header = _header(path, data)
     wanted = _wanted(path, header, needed)
     data = _without_cut_row(path, data, header, cut, accept_truncated)
+    if STEP in header and FLAGS in header:
+        data = _without_damage(path, data, accept_damaged)
     types = {name: pa.string() if _is_flags(name, header) else pa.float64() for name in wanted}
     numbered = [name or f"\0{i}" for i, name in enumerate(header)]  # unnamed columns are never wanted
     try:
@@ -190,6 +200,18 @@ def _without_cut_row(path: Path, data: bytes, header: Sequence[str], cut: bool, 
     raise LogError(
         f"{path}: {_place(data, row)} is cut off; use the rows before it with --accept-truncated, "
         "or copy the log again"
+    )
+
+
+def _without_damage(path: Path, data: bytes, accept: bool) -> bytes:
+    """The data without the blocks whose checksum is wrong; refuses such blocks unless `accept`."""
+    parts = damaged(data)
+    if accept or not parts:
+        return without(data, parts)
+    more = f", nor do rows at {len(parts) - 1} more places" if len(parts) > 1 else ""
+    raise LogError(
+        f"{path}: {rows_of(data, parts[0])} do not have the checksum they were recorded with{more}; copy the "
+        "recording again, or leave those rows out with --accept-damaged"
     )
 
 

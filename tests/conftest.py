@@ -27,12 +27,11 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     from observer import app, config
     from observer.estimators.smoother import smooth_heats
     from observer.service.align import Aligner
-    from observer.service.pipeline import Pipeline
 
     settings = config.load(DEMO)
     for kind in ("kalman", "luenberger"):
         estimator = settings.estimator.model_copy(update={"kind": kind})
         machine = app.Machine.of(settings.model_copy(update={"estimator": estimator}))
-        Pipeline(machine.drive, machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
+        machine.pipeline(machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
     _, nothing = machine.drive.run(machine.drive.initial(), Aligner(machine.plan).tick(0.0))
     smooth_heats(machine.plant, settings.estimator, [nothing])

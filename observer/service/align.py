@@ -117,13 +117,14 @@ class Aligner:
     A channel is good while its newest reading is a usable value no older than twice the time it is expected
     in (or the tick's period, if that is longer), and stale beyond; missing while it has never been seen or
     its newest reading holds no value; rejected while its newest reading carries a fault or it is stuck.
+    After a warm start the first step begins at `last_tick_s`, the last tick before it.
     """
 
-    def __init__(self, plan: AlignPlan) -> None:
+    def __init__(self, plan: AlignPlan, last_tick_s: float = math.nan) -> None:
         self._plan = plan
         self._column = {name: j for j, name in enumerate(plan.channels)}
         self._expected = plan.expected()
-        self._memory = nothing_yet(self._expected)
+        self._memory = nothing_yet(self._expected, last_tick_s)
         self._pending: list[Reading] = []
         self._faults: dict[str, str] = {}
         self._last_s = -math.inf
@@ -187,18 +188,23 @@ class Aligner:
         return self._last_s
 
 
-def frames_of_log(log: Log, plan: AlignPlan, block: int = BLOCK) -> Iterator[FrameBlock]:
+def frames_of_log(
+    log: Log, plan: AlignPlan, block: int = BLOCK, last_tick_s: float = math.nan
+) -> Iterator[FrameBlock]:
     """The frames of a log in blocks: the ticks of a recording, or every row of any other log.
 
     In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value.
+    `last_tick_s` is the last tick before a recording that goes on from a warm start.
     """
-    return (frames for frames, _ in blocks_of_log(log, plan, block))
+    return (frames for frames, _ in blocks_of_log(log, plan, block, last_tick_s))
 
 
-def blocks_of_log(log: Log, plan: AlignPlan, block: int = BLOCK) -> Iterator[tuple[FrameBlock, bool]]:
+def blocks_of_log(
+    log: Log, plan: AlignPlan, block: int = BLOCK, last_tick_s: float = math.nan
+) -> Iterator[tuple[FrameBlock, bool]]:
     """The frames of a log in blocks, each with whether the estimator was reset before its first frame."""
     expected = plan.expected()
-    memory = nothing_yet(expected)
+    memory = nothing_yet(expected, last_tick_s)
     rows = _rows_of_log(log, plan.channels)
     ends = np.flatnonzero(rows.step) + 1
     resets = [row for row, flags in enumerate(log.flags or ()) if flags and flags.startswith(RESET)]

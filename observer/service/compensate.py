@@ -12,16 +12,27 @@ from observer.config import Config
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock
 from observer.model.rod.supports import error_at
 from observer.publish.codec import to_json
+from observer.service.renew import stepped
 
 
 class Compensator:
     """Follows the estimates of one axis."""
 
-    def __init__(self, config: Config, grid_m: FloatArray, instance: str = "") -> None:
-        """Plan the compensation of a configuration whose `[compensation]` is enabled."""
+    def __init__(
+        self,
+        config: Config,
+        grid_m: FloatArray,
+        instance: str = "",
+        held: compensation.CompensationState | None = None,
+    ) -> None:
+        """Plan the compensation of a configuration whose `[compensation]` is enabled.
+
+        `held` is what one before held: off, with its values for the next arming to start from.
+        """
         self._instance = instance
         self._plan = compensation.plan_of(config)
-        self._state = compensation.initial(self._plan)
+        self._state = held or compensation.initial(self._plan)
+        self._offset_s = 0.0
         self._grid_m = grid_m
         nuts = [s.position_channel for s in config.source if s.position_channel is not None]
         self._nut_channel = nuts[0] if nuts else None
@@ -42,6 +53,20 @@ class Compensator:
             self._state = compensation.off(self._state, reason)
         self._asked = False
 
+    @property
+    def held(self) -> compensation.CompensationState:
+        """What is in force, or was last."""
+        return self._state
+
+    def see_clock(self, offset_s: float) -> None:
+        """Take how far the computer's clock is ahead of the service's time; where it was set, disarm.
+
+        A control compares the time up to which a document holds with a clock of its own.
+        """
+        self._offset_s = offset_s
+        if (why := stepped(offset_s)) is not None:
+            self.disarm(f"{why}; arm again")
+
     def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> bytes:
         """Follow an estimate, a block of one; return the document to publish."""
         asked, self._asked = self._asked, False
@@ -50,7 +75,7 @@ class Compensator:
             "time_s": float(block.time_s[0]),
             "sequence": sequence,
             "instance": self._instance,
-            "valid_until_s": float(block.time_s[0]) + self._plan.late_s,
+            "valid_until_s": float(block.time_s[0]) + self._plan.late_s + min(0.0, self._offset_s),
             "armed": self._state.armed,
             "reason": self._state.reason,
             **self._values(block),

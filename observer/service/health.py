@@ -43,7 +43,7 @@ class Facts:
 
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
     valid estimate has been there; `failure` is what the last cycle failed with; `findings` what the self-test
-    says.
+    says; `notices` are more reasons.
     """
 
     time_s: float
@@ -59,6 +59,7 @@ class Facts:
     publish: PublishStatus
     clock_offset_s: float
     findings: tuple[Finding, ...] = ()
+    notices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +158,7 @@ def _reasons(facts: Facts) -> Iterator[str]:
         yield f"recording: {facts.record.reason}"
     if facts.publish.reason:
         yield f"publishing: {facts.publish.reason}"
+    yield from facts.notices
     if abs(facts.clock_offset_s) > _CLOCK_STEP_S:
         step = f"{facts.clock_offset_s:+.1f} s"
         yield f"the computer's clock stepped by {step}; times go on from the service's start"

@@ -7,10 +7,9 @@ recorder are handed in. Nothing in it waits for anything but the next tick.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import structlog
@@ -24,13 +23,16 @@ from observer.publish.codec import to_json
 from observer.publish.commands import Command
 from observer.publish.zenoh import PublishStatus
 from observer.service.align import Aligner, AlignPlan
+from observer.service.checkpoint import Standing
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
 from observer.service.health import Facts, Health, assess
+from observer.service.keeper import Keeper
 from observer.service.pipeline import Drive, Pipeline
 from observer.service.record import Recorder
-from observer.service.shutdown import StopSignals
-from observer.service.wires import Wires, leave_in_peace, take_short_turns
+from observer.service.renew import Renewal, Renewals
+from observer.service.warm import Compiler
+from observer.service.wires import Wires
 
 HEALTH_PERIOD_S = 5.0
 _LOOK_S = 0.5
@@ -40,6 +42,7 @@ _SETTLE_LOOK_S = 0.02
 _DRIVERS_END_S = 0.3
 _RECORDER_END_S = 0.4
 _PUBLISHER_END_S = 0.7
+_KEEPER_END_S = 0.1
 
 log = structlog.get_logger()
 
@@ -85,7 +88,11 @@ class Publisher(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The parts of a service. `notify` tells the service manager (`sd_notify`), `instance` names a start."""
+    """The parts of a service.
+
+    `notify` tells the service manager (`sd_notify`), `instance` names a start, `start` is where the estimator
+    goes on from, None if cold. With `alone` it makes sure, before the first tick, that no other has the axis.
+    """
 
     drivers: tuple[Driver, ...]
     plan: AlignPlan
@@ -98,59 +105,46 @@ class Service:
     compensator: Compensator | None = None
     self_test: SelfTest | None = None
     instance: str = ""
+    start: Standing | None = None
+    keeper: Keeper | None = None
+    renewals: Renewals[Any] | None = None
+    compiler: Compiler | None = None
+    alone: bool = True
 
 
-def run(service: Service, seconds: float | None = None) -> None:
-    """Run a service until SIGTERM, SIGINT or for `seconds`; to be called from the main thread.
+async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
+    """Serve until cancelled or until a renewal is due, then end every part within 1.4 s.
 
-    After a signal the process is left by force, with the recording written, where the parts do not end in
-    time. The caller should then `leave`, because a library's threads may hang at the interpreter's exit.
-    Raises `UserError` where another service has the axis already.
+    `when_warm` is called before the first tick. Raises `UserError` where another service has the axis already.
     """
-
-    def flush() -> None:
-        if service.recorder is not None:
-            service.recorder.close(0.1)
-
-    take_short_turns()
-    with StopSignals(flush) as signals:
-        asyncio.run(_until_stopped(service, seconds, signals))
-
-
-async def _until_stopped(service: Service, seconds: float | None, signals: StopSignals) -> None:
-    loop = asyncio.get_running_loop()
-    task = asyncio.ensure_future(serve(service, when_warm=leave_in_peace))
-
-    def stop() -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended by itself
-            loop.call_soon_threadsafe(task.cancel)
-
-    signals.when_heard(stop)
-    if seconds is not None:
-        loop.call_later(seconds, stop)
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
-
-
-async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> None:
-    """Serve until cancelled, then end every part within 1.4 s; `when_warm` is called before a first tick."""
     cycles = _Cycles(service)
     service.publisher.start()
     cycles.wires.start()
+    renewal = None
     try:
         await asyncio.to_thread(cycles.warm_up)
-        await _refuse_a_second_service(service.publisher)
+        if service.alone:
+            await _refuse_a_second_service(service.publisher)
         if when_warm is not None:
             when_warm()
-        await cycles.tick_for_ever()
+        renewal = await cycles.tick_until_renewed()
+        return renewal
     finally:
+        if service.compiler is not None:
+            service.compiler.end()
+        if service.keeper is not None:
+            service.keeper.end(cycles.standing())
         if not cycles.wires.close(_DRIVERS_END_S):
             log.warning("a driver did not end in time")
         if service.recorder is not None and not service.recorder.close(_RECORDER_END_S):
             log.error("recording not complete", reason=service.recorder.status.reason)
         if not service.publisher.close(_PUBLISHER_END_S):
             log.warning("zenoh did not close in time; its peer does not answer")
-        log.info("stopped", cycles=cycles.count, overruns=cycles.overruns)
+        if service.keeper is not None and not service.keeper.close(_KEEPER_END_S):
+            log.warning("the last checkpoint could not be written in time")
+        log.info(
+            "stopped" if renewal is None else "parts ended", cycles=cycles.count, overruns=cycles.overruns
+        )
 
 
 async def _refuse_a_second_service(publisher: Publisher) -> None:
@@ -168,9 +162,12 @@ class _Cycles:
 
     def __init__(self, service: Service) -> None:
         self._service = service
+        self._standing = start = service.start
         self.wires = Wires(service.drivers, service.clock.now, self._take)
-        self._aligner = Aligner(service.plan)
+        self._aligner = Aligner(service.plan, math.nan if start is None else start.tick_s)
         self._pipeline = Pipeline(service.drive, service.estimator, service.self_test)
+        if start is not None:
+            self._pipeline.restore(start.drive, start.estimator)
         self._commands = Commands(
             service.plan.period_s,
             service.compensator,
@@ -191,7 +188,19 @@ class _Cycles:
 
     def warm_up(self) -> None:
         """Have everything compiled and loaded, by a tick without readings that is then forgotten."""
-        self._pipeline.warm_up(Aligner(self._service.plan).tick(0.0))
+        compiler = self._service.compiler
+
+        def run() -> None:
+            self._pipeline.warm_up(Aligner(self._service.plan).tick(0.0))
+
+        run() if compiler is None else compiler.warm(run)
+
+    def standing(self) -> Standing | None:
+        """Where the pipeline stands after its last step, None while the estimator knows nothing yet."""
+        standing, compensator = self._standing, self._service.compensator
+        if standing is None or not standing.estimator.started:
+            return None
+        return standing if compensator is None else replace(standing, compensation=compensator.held)
 
     def _take(self, name: str, reading: Reading) -> None:
         """Take a reading: none from the future; a late one keeps its time, one far too late is a fault."""
@@ -208,8 +217,11 @@ class _Cycles:
         if self._service.recorder is not None:
             self._service.recorder.reading(used)
 
-    async def tick_for_ever(self) -> None:
-        """Tick at the whole multiples of the period; one that is missed is counted and left out."""
+    async def tick_until_renewed(self) -> Renewal[Any] | None:
+        """Tick at the whole multiples of the period, until the parts are to be built anew.
+
+        A tick that is missed is counted and left out.
+        """
         clock, period_s = self._service.clock, self._service.plan.period_s
         number = math.floor(clock.now() / period_s) + 1
         while True:
@@ -218,6 +230,12 @@ class _Cycles:
             due = math.floor(clock.now() / period_s)
             self.overruns += max(0, due - number)
             number = max(due, number) + 1
+            if renewal := self._renewal():
+                return replace(renewal, standing=self.standing())
+
+    def _renewal(self) -> Renewal[Any] | None:
+        renewals, clock = self._service.renewals, self._service.clock
+        return None if renewals is None else renewals.due(clock.now(), clock.offset_s())
 
     def _tick(self, time_s: float) -> None:
         self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
@@ -237,6 +255,8 @@ class _Cycles:
     def _estimate_of(self, frame: FrameBlock) -> bool:
         """Step and publish; says whether the estimate's quality has changed."""
         compensator = self._service.compensator
+        if compensator is not None:
+            compensator.see_clock(self._service.clock.offset_s())
         try:
             estimate = self._pipeline.step(frame)
         except Exception as error:  # reported as invalid; the watchdog is not pinged
@@ -254,17 +274,35 @@ class _Cycles:
                 compensator.disarm(f"{rival}, then arm again")
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
-        ready = ["READY=1"] if self.count == 1 else []
-        if words := ready + (["WATCHDOG=1"] if self._all_alive() else []):
-            self._service.notify("\n".join(words))
+        self._standing = Standing(float(frame.time_s[0]), *self._pipeline.snapshot())
+        if self._service.keeper is not None:
+            self._service.keeper.step(self.standing, self._service.clock.now())
+        self._ping()
         before, self._estimate = self._estimate, EstimateQuality(estimate.quality[0])
         self._had_estimate |= self._estimate != EstimateQuality.INVALID
         self._failure = None
         return before != self._estimate
 
+    def _ping(self) -> None:
+        """Tell the service manager that a cycle is complete and, if they are, that all threads live."""
+        words = ["READY=1"] if self.count == 1 else []
+        words += ["WATCHDOG=1"] if self._all_alive() else []
+        if words:
+            self._service.notify("\n".join(words))
+
     def _all_alive(self) -> bool:
         """Whether every thread lives that the service needs; else the watchdog is pinged no more."""
-        return self._service.publisher.status.alive and self.wires.alive
+        service = self._service
+        parts = (self.wires, service.publisher.status, service.recorder, service.keeper)
+        return all(part is None or part.alive for part in parts)
+
+    def _notices(self) -> tuple[str, ...]:
+        """What is wrong beside the estimates."""
+        keeper, renewals = self._service.keeper, self._service.renewals
+        told = () if self.wires.alive else ("drivers: their thread has ended; restart the service",)
+        if keeper is not None and keeper.reason:
+            told = (*told, f"checkpoint: {keeper.reason}")
+        return told if renewals is None else (*told, *renewals.notices())
 
     def _report(self, now_s: float) -> None:
         """Publish the health when it has changed or five seconds have passed."""
@@ -284,6 +322,7 @@ class _Cycles:
                 service.publisher.status,
                 service.clock.offset_s(),
                 self._pipeline.findings,
+                self._notices(),
             )
         )
         changed = self._health is None or health.essence != self._health.essence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Generic, Protocol, TypeVar
 
-from observer.estimators.protocol import Estimator
+from observer.estimators.protocol import Estimator, EstimatorState
 from observer.estimators.selftest import Finding, SelfTest
 from observer.frames import EstimateBlock, FrameBlock, Inputs
 
@@ -65,6 +65,14 @@ class Pipeline(Generic[DriveState]):
         """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""
         self._estimator_state = self._estimator.initial()
         self._test_state = None if self._self_test is None else self._self_test.initial()
+
+    def snapshot(self) -> tuple[DriveState, EstimatorState]:
+        """Where drive and estimator stand; both are frozen."""
+        return self._drive_state, self._estimator_state
+
+    def restore(self, drive: DriveState, estimator: EstimatorState) -> None:
+        """Go on from where another pipeline of the same parts stood."""
+        self._drive_state, self._estimator_state = drive, estimator
 
     def warm_up(self, frames: FrameBlock) -> None:
         """Have everything compiled and loaded, by steps that are then forgotten."""

@@ -9,24 +9,29 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import threading
 import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import quote
+
+import structlog
 
 from observer.frames import Reading
 from observer.logs import FLAGS, LATE, STEP, TIME
 from observer.service.align import COMMAND_MARK, MISSING_FAULT
+from observer.service.part import Part
+from observer.service.retention import TRUSTED_AFTER_S, Retention, shortage, tidy
 
 _CAPACITY_ROWS = 100_000
 _BATCH_S = 0.2
 _RETRY_S = 1.0
+_TIDY_S = 60.0
 _PLAIN = "()[]/:+ "
+
+log = structlog.get_logger()
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,31 +48,50 @@ class Recorder:
     """Writes readings and ticks to CSV files named by machine, axis and UTC start.
 
     A file is complete by itself: when it has grown to `rotate_bytes` the next tick is its last row. All rows
-    are handed to the system at least every 0.2 s and to the disk at least every `sync_s`.
+    are handed to the system at least every 0.2 s and to the disk at least every `sync_s`. After a warm start
+    `start` says where the service stood; it goes beside the first file. What `keep` does not keep is removed.
     """
 
     def __init__(
-        self, directory: Path, name: str, channels: Sequence[str], rotate_bytes: float, sync_s: float
+        self,
+        directory: Path,
+        name: str,
+        channels: Sequence[str],
+        rotate_bytes: float,
+        sync_s: float,
+        keep: Retention | None = None,
+        start: bytes | None = None,
     ) -> None:
         self._directory = directory
         self._name = name
         self._channels = tuple(channels)
         self._rotate_bytes = rotate_bytes
         self._sync_s = sync_s
+        self._keep = keep
+        self._start = start
         self._queue: deque[tuple[bytes, bool]] = deque()
         self._held: list[tuple[bytes, bool]] = []  # taken from the queue, not yet written
         self._dropped = 0
-        self._file = _Part()
+        self._file = Part()
         self._written = 0
-        self._reason: str | None = None
+        self._refused: str | None = None
+        self._shortage: str | None = None
+        self._begun_s = time.monotonic()
+        self._tidied_s = -math.inf
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread = threading.Thread(target=self._supervised, name="recorder", daemon=True)
         self._thread.start()
 
     @property
     def status(self) -> RecordStatus:
         """How the recording stands."""
-        return RecordStatus(self._file.path, self._written, self._dropped, self._reason)
+        reason = self._refused or self._shortage
+        return RecordStatus(self._file.path, self._written, self._dropped, reason)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread that writes is there; without it nothing is recorded."""
+        return self._thread.is_alive()
 
     def reading(self, reading: Reading) -> None:
         """Record a reading as the aligner uses it."""
@@ -80,7 +104,7 @@ class Recorder:
     def command(self, time_s: float, name: str, outcome: str) -> None:
         """Record what somebody asked the service to do, and what came of it, in a row without any value."""
         entry = f"{COMMAND_MARK}{name}={quote(outcome, safe=_PLAIN)}"
-        self._put(f"{time_s!r},{',' * len(self._channels)},{entry}\n".encode(), False)
+        self._put(f"{time_s!r},{',' * len(self._channels)},,{entry}\n".encode(), False)
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """Write what is left and end; says whether all of it reached the disk in that time."""
@@ -94,22 +118,31 @@ class Recorder:
         else:
             self._queue.append((row, is_tick))
 
+    def _supervised(self) -> None:
+        """Write until closed; a defect in here is told, and ends the thread, which `alive` shows."""
+        try:
+            self._run()
+        except Exception as error:  # whatever it is, health and watchdog are to know
+            self._refused = f"the thread that writes has ended ({error!r}); restart the service"
+            log.error("recorder ended", exc_info=True)
+
     def _run(self) -> None:
         synced_s = time.monotonic()
         while True:
-            closing = self._closing.wait(_BATCH_S if self._reason is None else _RETRY_S)
+            closing = self._closing.wait(_BATCH_S if self._refused is None else _RETRY_S)
             try:
                 self._drain()
                 if closing or time.monotonic() - synced_s >= self._sync_s:
                     self._file.sync()
                     synced_s = time.monotonic()
-                self._reason = None
+                self._refused = None
             except OSError as error:
                 place = self._file.path or self._directory
-                self._reason = f"{place}: cannot be written ({error.strerror}); free space or mend the place"
+                self._refused = f"{place}: cannot be written ({error.strerror}); free space or mend the place"
             if closing:
                 self._file.close()
                 return
+            self._tidy()
 
     def _drain(self) -> None:
         """Write the rows that wait, a file at a time; a row leaves the queue once the system has it."""
@@ -119,7 +152,8 @@ class Recorder:
             self._file.close()
         while self._held:
             if self._file.path is None:
-                self._file.open(self._directory, self._name, header(self._channels))
+                self._file.open(self._directory, self._name, header(self._channels), self._start)
+                self._start = None  # it is where the first file begins, and no other
             count, size, full = 0, self._file.size, False
             while count < len(self._held) and not full:
                 row, is_tick = self._held[count]
@@ -131,65 +165,27 @@ class Recorder:
             if full:
                 self._file.sync()
                 self._file.close()
+                self._tidied_s = -math.inf
 
-
-class _Part:
-    """One file of a recording, written straight to the system; a refused write leaves no part of a row."""
-
-    def __init__(self) -> None:
-        self.path: Path | None = None
-        self.size = 0
-        self._fd = -1
-
-    def open(self, directory: Path, name: str, first: bytes) -> None:
-        directory.mkdir(parents=True, exist_ok=True)
-        stamp = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
-        for number in range(1, 1000):
-            part = f"-{number}" if number > 1 else ""
-            path = directory / f"{name}-{stamp}{part}.csv"
-            try:
-                self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
-            except FileExistsError:
-                continue
-            break
-        self.path, self.size = path, 0
+    def _tidy(self) -> None:
+        """Look after age, size and free space now and then, and whenever a file is full."""
+        now_s = time.monotonic()
+        if self._keep is None or self._file.path is None or now_s - self._tidied_s < _TIDY_S:
+            return
+        self._tidied_s = now_s
         try:
-            self.write(first)
-        except OSError:
-            self.close()
-            path.unlink(missing_ok=True)
-            raise
-
-    def write(self, data: bytes) -> None:
-        """Write all of it or, as far as the file can be cut back, nothing."""
-        try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[os.pwrite(self._fd, rest, self.size + len(data) - len(rest)) :]
-        except OSError:
-            os.ftruncate(self._fd, self.size)
-            raise
-        self.size += len(data)
-
-    @property
-    def is_gone(self) -> bool:
-        """Whether somebody has deleted the file, so that what goes into it would be lost."""
-        return self.path is not None and os.fstat(self._fd).st_nlink == 0
-
-    def sync(self) -> None:
-        if self.path is not None:
-            os.fsync(self._fd)
-
-    def close(self) -> None:
-        if self.path is not None:
-            os.close(self._fd)
-            self.path = None
+            trusted = now_s - self._begun_s >= TRUSTED_AFTER_S
+            for path in tidy(self._directory, self._name, self._keep, time.time(), by_age=trusted):
+                log.info("recording removed", path=str(path))
+            self._shortage = shortage(self._directory, self._keep)
+        except OSError as error:
+            self._shortage = f"{self._directory}: cannot be looked after ({error.strerror}); mend the place"
 
 
 def header(channels: Sequence[str]) -> bytes:
     """The first line of a recording."""
     line = io.StringIO()
-    csv.writer(line, lineterminator="\n").writerow([TIME, *channels, STEP, FLAGS, LATE])
+    csv.writer(line, lineterminator="\n").writerow([TIME, *channels, STEP, LATE, FLAGS])
     return line.getvalue().encode()
 
 
@@ -198,7 +194,7 @@ def row_of_reading(reading: Reading, channels: Sequence[str]) -> bytes:
     values = [reading.values.get(name, math.nan) for name in channels]
     cells = [repr(reading.time_s), *("" if math.isnan(value) else repr(value) for value in values)]
     late = repr(reading.late_s) if reading.late_s else ""
-    return f"{','.join(cells)},,{flags_of(reading, channels)},{late}\n".encode()
+    return f"{','.join(cells)},,{late},{flags_of(reading, channels)}\n".encode()
 
 
 def flags_of(reading: Reading, channels: Sequence[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,8 +17,9 @@ from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import Fault, SelfTest
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
 from observer.log_writer import Column, TableWriter
-from observer.logs import TIME, Log
+from observer.logs import SUFFIXES, TIME, Log
 from observer.service.align import AlignPlan, blocks_of_log
+from observer.service.checkpoint import START_SUFFIX, Fit, Standing, UnfitError, load, recent
 from observer.service.pipeline import Drive, Pipeline
 from observer.service.reasons import sentence
 
@@ -34,15 +36,20 @@ def estimates_of(
     self_test: SelfTest | None,
     progress: Progress,
     reasons: Callable[[str, int], None] = lambda _sentence, _steps: None,
+    start: Standing | None = None,
 ) -> Iterator[EstimateBlock]:
-    """The estimates of a log in blocks; `progress` is told the rows done and their total.
+    """The estimates of a log in blocks, from a cold start or from `start`.
 
-    `reasons` is told at the end what the self-test found, as a sentence, and in how many steps.
+    `progress` is told the rows done and their total, `reasons` at the end what the self-test found, as a
+    sentence, and in how many steps.
     """
     pipeline = Pipeline(drive, estimator, self_test)
+    if start is not None:
+        pipeline.restore(start.drive, start.estimator)
     total = len(log) if log.step is None else int(log.step.sum())
     done = 0
-    for frames, afresh in blocks_of_log(log, plan):
+    last_tick_s = math.nan if start is None else start.tick_s
+    for frames, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s):
         if afresh:
             pipeline.reset()
         yield pipeline.step(frames)
@@ -51,6 +58,19 @@ def estimates_of(
     for finding, steps in pipeline.history:
         if finding.fault is not Fault.UNKNOWN:
             reasons(sentence(finding), steps)
+
+
+def start_of(log: Log, fit: Fit) -> tuple[Standing | None, str]:
+    """Where the service stood when it began a recording, None if cold, and a sentence that says so."""
+    suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
+    beside = log.path.with_name(log.path.name.removesuffix(suffix) + START_SUFFIX)
+    if log.step is None or not beside.exists():
+        return None, "cold"
+    try:
+        standing = recent(load(beside, fit), float(log.time_s[0]), math.inf)
+    except UnfitError as error:
+        return None, f"cold; {beside.name} is left out, {error}"
+    return standing, f"warm, from {beside.name}, {log.time_s[0] - standing.tick_s:.3f} s before the first row"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,14 @@
-"""Leaving on SIGTERM or SIGINT within a bound, whatever the rest of the process is stuck in."""
+"""Leaving on SIGTERM or SIGINT within a bound, whatever the process is stuck in; SIGHUP asks to reload."""
 
 from __future__ import annotations
 
 import os
+import select
 import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import NoReturn
@@ -18,8 +20,9 @@ class StopSignals:
     """Tells of the first SIGTERM or SIGINT and leaves the process `GRACE_S` later, or at the second.
 
     Signals are heard by a thread through the wake-up descriptor, which the system writes to even while the
-    main thread hangs in compiled code. `flush` is called before the process is left by force. Only the main
-    thread may enter.
+    main thread hangs in compiled code. `flush` is called before the process is left by force. SIGHUP asks for
+    the configuration to be read again; where there is none, or because the terminal has gone, it ends the
+    process like the others. Only the main thread may enter.
     """
 
     def __init__(self, flush: Callable[[], object]) -> None:
@@ -28,6 +31,12 @@ class StopSignals:
         self._lock = threading.Lock()
         self._heard = False
         self._stop: Callable[[], None] | None = None
+        self._reload: Callable[[], None] | None = None
+        self._terminals = [fd for fd in range(3) if _is_terminal(fd)]
+
+    def when_asked(self, reload: Callable[[], None]) -> None:
+        """Call `reload` at each SIGHUP from now on."""
+        self._reload = reload
 
     def when_heard(self, stop: Callable[[], None]) -> None:
         """Call `stop` at the first signal, or now if it has come already."""
@@ -38,7 +47,7 @@ class StopSignals:
 
     def __enter__(self) -> StopSignals:
         self._there.setblocking(False)
-        self._handlers = {s: signal.signal(s, _ignored) for s in (signal.SIGTERM, signal.SIGINT)}
+        self._handlers = {s: signal.signal(s, _ignored) for s in _HEARD}
         self._fd = signal.set_wakeup_fd(self._there.fileno(), warn_on_full_buffer=False)
         threading.Thread(target=self._listen, name="signals", daemon=True).start()
         return self
@@ -52,23 +61,55 @@ class StopSignals:
         self._there.close()
 
     def _listen(self) -> None:
-        heard = {bytes([s]) for s in self._handlers}
         with self._here:
-            while (byte := self._here.recv(1)) not in heard:
-                if not byte:
-                    return
+            while (number := self._next(None)) == signal.SIGHUP and not self._is_end():
+                pass
+            if not number:
+                return
             with self._lock:
                 self._heard = True
                 if self._stop is not None:
                     self._stop()
-            self._here.settimeout(GRACE_S)
-            try:
-                if not self._here.recv(1):
-                    return  # left in good time
-            except TimeoutError:
+            end_s = time.monotonic() + GRACE_S
+            while (number := self._next(end_s - time.monotonic())) == signal.SIGHUP:
                 pass
+            if number == 0:
+                return  # left in good time
         self._flush()
         leave(0)
+
+    def _next(self, timeout_s: float | None) -> int | None:
+        """The number of the next signal that is listened to; 0 after the end, None when it takes too long."""
+        self._here.settimeout(None if timeout_s is None else max(timeout_s, 1e-3))
+        try:
+            while (byte := self._here.recv(1)) and byte[0] not in self._handlers:
+                pass
+        except TimeoutError:
+            return None
+        return byte[0] if byte else 0
+
+    def _is_end(self) -> bool:
+        """Whether a SIGHUP ends the process; if not, the configuration is read again."""
+        if self._reload is None or any(_is_hung_up(fd) for fd in self._terminals):
+            return True
+        self._reload()
+        return False
+
+
+_HEARD = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+def _is_terminal(fd: int) -> bool:
+    try:
+        return os.isatty(fd)
+    except OSError:
+        return False
+
+
+def _is_hung_up(terminal: int) -> bool:
+    poll = select.poll()
+    poll.register(terminal, select.POLLIN)
+    return any(what & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, what in poll.poll(0))
 
 
 def _ignored(_number: int, _frame: FrameType | None) -> None:

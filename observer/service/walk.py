@@ -71,8 +71,8 @@ class Memory(NamedTuple):
     last_tick_s: FloatArray
 
 
-def nothing_yet(plan: Expected) -> Memory:
-    """The memory before the first row."""
+def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
+    """The memory before the first row; `last_tick_s` is the last tick before a warm start."""
     c = len(plan.noise_K)
 
     def unknown() -> FloatArray:
@@ -89,7 +89,7 @@ def nothing_yet(plan: Expected) -> Memory:
         refused=unknown(),
         noise=no_memory(c),
         passed=np.full((len(plan.position), 2), np.nan),
-        last_tick_s=np.array([np.nan]),
+        last_tick_s=np.array([last_tick_s]),
     )
 
 

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, laws, mounting, nodes, publishing, quantities, sections
+from observer import config, keeping, laws, mounting, nodes, publishing, quantities, sections
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 
@@ -41,7 +41,8 @@ CONFIGURATION = {
     "`[publish.login]`": publishing.Login,
     "`[publish.access]`": publishing.Access,
     "A client's file": publishing.Client,
-    "`[record]`": config.Record,
+    "`[record]`": keeping.Record,
+    "`[checkpoint]`": keeping.Checkpoint,
 }
 DEVICES = {
     "`modbus_tcp`": settings.ModbusTcpSettings,

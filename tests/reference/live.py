@@ -19,7 +19,6 @@ from observer.app import Machine
 from observer.config import Config, load
 from observer.frames import EstimateBlock, FloatArray, Reading
 from observer.service.align import Aligner
-from observer.service.pipeline import Pipeline
 from observer.service.reasons import sentence
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
@@ -78,7 +77,7 @@ def ride(config: Config, arrivals: Arrivals, wires: Wires = in_time) -> Ride:
     machine = Machine.of(config)
     aligner, pipeline = (
         Aligner(machine.plan),
-        Pipeline(machine.drive, machine.estimator(), machine.self_test()),
+        machine.pipeline(machine.estimator()),
     )
     blocks, truth, reasons = [], [], []
     begin_s = arrivals[0][0]

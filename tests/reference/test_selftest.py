@@ -15,7 +15,6 @@ from observer.app import Machine
 from observer.frames import EstimateQuality, Reading
 from observer.logs import Log
 from observer.service.align import doubts, frames_of_log
-from observer.service.pipeline import Pipeline
 from observer.service.reasons import sentence
 from tests.reference import live
 from tests.reference.live import Arrivals, Ride
@@ -174,7 +173,7 @@ def as_configured(days: float, seed: int) -> tuple[int, dict[str, int]]:
     cells = np.column_stack([days_of_work.seen_degC, days_of_work.position_m, days_of_work.speed_rpm])
     log = Log(Path("days.csv"), days_of_work.time_s, tuple(names), cells)
     machine = Machine.of(config)
-    pipeline = Pipeline(machine.drive, machine.estimator(), machine.self_test())
+    pipeline = machine.pipeline(machine.estimator())
     bad, before = 0, 0
     for frames in frames_of_log(log, machine.plan):
         block = pipeline.step(frames)

@@ -11,7 +11,8 @@ from pathlib import Path
 from observer.config import Publish
 from observer.publish.zenoh import ZenohPublisher
 from observer.service.clock import ServiceClock
-from observer.service.loop import Service, run
+from observer.service.lives import run
+from observer.service.loop import Service
 from observer.service.record import Recorder
 from observer.service.shutdown import leave
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator

@@ -1,11 +1,16 @@
-"""The service's time only goes on."""
+"""The service's time only goes on, and a compensation holds by a control's clock as well."""
 
+import json
 from itertools import pairwise
 
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.service.clock import ServiceClock
+from observer.service.compensate import Compensator
+from tests.service.test_compensate import GRID, at, estimate, machine
 
 
 @given(st.lists(st.floats(0, 1e5), min_size=2, max_size=30))
@@ -31,3 +36,38 @@ async def test_sleeps_until_a_time():
     await clock.sleep_until(until_s)
     assert clock.now() >= until_s
     await clock.sleep_until(until_s - 1)
+
+
+def _armed() -> tuple[Compensator, object]:
+    config = machine()
+    compensator = Compensator(config, GRID)
+    compensator.arm()
+    compensator.step(estimate(np.zeros(9), 10.0), at(config, 10.0, 0.2), 0)
+    assert compensator.held.armed
+    return compensator, config
+
+
+@pytest.mark.parametrize("offset_s", [3600.0, -3600.0, 0.6, -0.6])
+def test_a_clock_that_was_set_disarms_until_somebody_arms_again(offset_s):
+    compensator, config = _armed()
+    documents = []
+    for k, ahead_s in enumerate([offset_s, offset_s, 0.0, 0.0]):
+        compensator.see_clock(ahead_s)
+        if k == 1:
+            compensator.arm()  # not while the clock is off
+            compensator.see_clock(ahead_s)
+        step = compensator.step(estimate(np.zeros(9), 10.5 + 0.5 * k), at(config, 10.5, 0.2), k)
+        documents.append(json.loads(step))
+    assert not any(d["armed"] for d in documents)
+    assert all("clock was set" in d["reason"] for d in documents)
+    compensator.arm()
+    assert json.loads(compensator.step(estimate(np.zeros(9), 12.5), at(config, 12.5, 0.2), 5))["armed"]
+
+
+@pytest.mark.parametrize(("offset_s", "until_s"), [(0.0, 12.0), (0.4, 12.0), (-0.4, 11.6)])
+def test_a_document_never_holds_longer_than_by_the_computers_clock(offset_s, until_s):
+    compensator, config = _armed()
+    compensator.see_clock(offset_s)
+    document = json.loads(compensator.step(estimate(np.zeros(9), 10.5), at(config, 10.5, 0.2), 1))
+    assert document["armed"]
+    assert document["valid_until_s"] == pytest.approx(until_s)

@@ -14,6 +14,7 @@ from observer.logs import read_log
 from observer.service.clock import ServiceClock
 from observer.service.loop import Service, serve
 from observer.service.record import Recorder
+from observer.service.renew import Renewals
 from observer.service.replay import estimates_of
 from tests.patience import PATIENCE_S, eventually
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
@@ -90,6 +91,11 @@ async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
 
 class _Follower:
     """Stands in for a compensator: says what it was told."""
+
+    held = None
+
+    def see_clock(self, offset_s):
+        assert offset_s == 0.0
 
     def step(self, block, frame, sequence):
         return f"step {sequence} {block.time_s[0] == frame.time_s[0]}".encode()
@@ -219,3 +225,47 @@ async def test_a_reading_between_the_grid_point_and_its_late_tick_is_recorded_in
     ticks = _ticks(service)
     np.testing.assert_array_equal(log.time_s[log.step], ticks)
     assert all(block.innovation_K.all() for _, block in service.publisher.estimates)  # each used at once
+
+
+async def test_a_dead_recorder_is_told_and_the_watchdog_not_fed(tmp_path, monkeypatch):
+    def defect(*_):
+        raise ZeroDivisionError("a defect")
+
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
+    service = _service(recorder=recorder)
+    task = asyncio.ensure_future(serve(service))
+    async with asyncio.timeout(30.0):
+        while not service.estimator.notes:
+            await asyncio.sleep(0.005)
+        monkeypatch.setattr(recorder, "_drain", defect)
+        while recorder.alive:
+            await asyncio.sleep(0.005)
+        ticks, notes = len(service.publisher.estimates), len(service.estimator.notes)
+        while len(service.publisher.estimates) < ticks + 10:
+            await asyncio.sleep(0.005)
+        assert len(service.estimator.notes) <= notes + 1  # one may have been on its way
+        while not any("a defect" in r for r in json.loads(service.publisher.healths[-1])["reasons"]):
+            await asyncio.sleep(0.005)
+    task.cancel()
+    await asyncio.wait([task])
+
+
+async def test_a_renewal_ends_the_parts_and_tells_where_they_stood():
+    renewals = Renewals()
+    driver = FakeDriver([(0, {"t1_degC": 20.0, "t2_degC": 20.0}, {})])
+    service = replace(_service([driver], clock=FastClock(), period_s=0.5), renewals=renewals)
+    task = asyncio.ensure_future(serve(service))
+    async with asyncio.timeout(30.0):
+        while len(service.publisher.estimates) < 5:
+            await asyncio.sleep(0.005)
+        service.clock.offset = 60.0
+        renewal = await task
+    assert renewal.new_time
+    assert service.publisher.closed
+    last = service.publisher.estimates[-1][1]
+    assert renewal.standing.tick_s == last.time_s[0]
+    # and others go on from there: the first step is as long as the gap
+    after = replace(_service([FakeDriver([])], clock=FastClock(service.clock.time_s)), start=renewal.standing)
+    await _serve(after, lambda: len(after.publisher.estimates) >= 2)
+    first = after.publisher.estimates[0][1]
+    assert first.field_degC[0, 2] == first.field_degC[0, 0] * (first.time_s[0] - last.time_s[0])

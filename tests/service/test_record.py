@@ -2,6 +2,7 @@
 
 import math
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
@@ -16,6 +17,7 @@ from observer.frames import Reading
 from observer.logs import read_log
 from observer.service.align import Aligner, faults_of, frames_of_log
 from observer.service.record import Recorder, header, row_of_reading
+from observer.service.retention import Retention
 from tests.patience import PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
 from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams
@@ -121,7 +123,7 @@ def test_a_refused_write_leaves_no_part_of_a_row(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         return real(fd, data, offset)
 
-    monkeypatch.setattr("observer.service.record.os.pwrite", full_disk)
+    monkeypatch.setattr("observer.service.part.os.pwrite", full_disk)
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 5.0)
     _rows(recorder, 0, 3)
     _wait(lambda: recorder.status.reason is not None)
@@ -187,3 +189,64 @@ def test_a_recording_cut_anywhere_replays_up_to_the_cut(tmp_path):
         assert len(log) == len(rows) - 2
         replayed = joined(list(frames_of_log(log, plan())))
         assert same_bits(replayed, joined(live[: len(replayed["time_s"])]))
+
+
+def test_only_the_owner_may_read_what_is_recorded(tmp_path):
+    folder = tmp_path / "new"
+    recorder = Recorder(folder, "m-x", CHANNELS, 1e9, 5.0, start=b"where it stood")
+    _rows(recorder, 0, 3)
+    recorder.close()
+    modes = {path.suffix: stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()}
+    assert modes == {".csv": 0o600, ".start": 0o600}
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+def test_each_write_ends_with_a_checksum(tmp_path):
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 5.0)
+    for k in range(3):
+        _rows(recorder, 10 * k, 2)
+        _wait(lambda k=k: recorder.status.rows_written == 4 * (k + 1))
+    recorder.close()
+    (path,) = tmp_path.glob("*.csv")
+    assert path.read_bytes().count(b"#crc=") >= 3
+    assert path.read_bytes().splitlines()[-1].split(b",")[-1].startswith(b"#crc=")
+    assert len(read_log(path)) == 12
+
+
+def test_where_the_service_stood_goes_beside_the_first_file_only(tmp_path):
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1000, 5.0, start=b"where it stood")
+    _rows(recorder, 0, 100)
+    recorder.close()
+    (start,) = tmp_path.glob("*.start")
+    assert start.read_bytes() == b"where it stood"
+    files = sorted(tmp_path.glob("*.csv"), key=lambda path: read_log(path).time_s[0])
+    assert len(files) > 2
+    assert start.stem == files[0].stem
+
+
+def test_full_files_go_beyond_the_size_that_is_kept(tmp_path):
+    foreign = tmp_path / "other-x-20200101T000000Z.csv"
+    foreign.write_text("not ours")
+    keep = Retention(keep_bytes=5000)
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 2000, 5.0, keep)
+    for k in range(40):
+        _rows(recorder, 20 * k, 20)
+        _wait(lambda k=k: recorder.status.rows_written == 40 * (k + 1))
+    recorder.close()
+    kept = list(tmp_path.glob("m-x-*.csv"))
+    assert 2000 < sum(path.stat().st_size for path in kept) < 5000 + 2 * 2500
+    assert max(read_log(path).time_s[-1] for path in kept) == 799.5  # the newest stays
+    assert foreign.exists()
+
+
+def test_a_thread_that_ends_is_seen(tmp_path, monkeypatch):
+    def defect(*_):
+        raise ZeroDivisionError("a defect")
+
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 5.0)
+    assert recorder.alive
+    monkeypatch.setattr(recorder, "_drain", defect)
+    _rows(recorder, 0, 1)
+    _wait(lambda: not recorder.alive)
+    assert "a defect" in recorder.status.reason
+    assert not recorder.close()

@@ -1,5 +1,7 @@
 """SIGTERM and SIGINT end a process in time, whatever it hangs in."""
 
+import os
+import pty
 import re
 import signal
 import subprocess
@@ -11,7 +13,8 @@ import pytest
 from tests.patience import Stopwatch, until
 
 WELL = "signals.when_heard(ended.set); print('go', flush=True); ended.wait(30); print('ended', flush=True)"
-DEAF = "signals.when_heard(lambda: None); print('go', flush=True); time.sleep(60)"
+ASKED = "signals.when_asked(lambda: print('reload', flush=True)); " + WELL
+DEAF = "signals.when_heard(lambda: None); print('go', flush=True); [time.sleep(0.01) for _ in range(6000)]"
 SCRIPT = """
 import threading, time
 from observer.service.shutdown import StopSignals
@@ -62,3 +65,48 @@ def test_a_second_signal_leaves_at_once():
     code, out, took_s = _run(DEAF, signal.SIGINT, signal.SIGINT)
     assert (code, out) == (0, "flushed\n")
     assert took_s < 1.5  # before the grace of 1.7 s is over
+
+
+@pytest.mark.system
+def test_a_hang_up_asks_for_the_configuration_as_often_as_it_comes():
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT.format(body=ASKED)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout.readline() == "go\n"
+        for _ in range(3):
+            process.send_signal(signal.SIGHUP)
+            assert process.stdout.readline() == "reload\n"
+        process.send_signal(signal.SIGTERM)
+        out, _ = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, out) == (0, "ended\n")
+
+
+@pytest.mark.system
+def test_a_hang_up_ends_a_process_that_has_nothing_to_read_again():
+    code, out, _ = _run(WELL, signal.SIGHUP)
+    assert (code, out) == (0, "ended\n")
+
+
+@pytest.mark.system
+def test_a_hang_up_of_its_terminal_ends_a_process():
+    """Closing the window is not asking for a configuration."""
+    near, far = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT.format(body=ASKED)],
+        stdin=far,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    os.close(far)
+    try:
+        assert process.stdout.readline() == "go\n"
+        os.close(near)
+        process.send_signal(signal.SIGHUP)
+        out, _ = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, out) == (0, "ended\n")

@@ -1,7 +1,7 @@
-"""`observer` with a computer's clock that somebody sets forward by an hour, a while after the start.
+"""`observer` with a computer's clock that somebody sets, before the start or a while after it.
 
 The service reads its clock through `time.time`; no process can step the real one. Arguments: those of
-`observer run --config C …`. The step comes when a file named `step` appears beside C.
+`observer run --config C …`. A file named `step` beside C says by how many seconds the clock is ahead.
 """
 
 import sys
@@ -10,13 +10,15 @@ from pathlib import Path
 
 from observer.cli import main
 
-STEP_S = 3600.0
 _true_time = time.time
 _here = Path(sys.argv[3]).parent
 
 
 def _stepped() -> float:
-    return _true_time() + (STEP_S if (_here / "step").exists() else 0.0)
+    try:
+        return _true_time() + float((_here / "step").read_text())
+    except (FileNotFoundError, ValueError):  # not there, or just being written
+        return _true_time()
 
 
 time.time = _stepped

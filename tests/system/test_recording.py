@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -17,13 +18,19 @@ from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 pytestmark = pytest.mark.system
 
 
-def _replay(daemon: Daemon, output: Path) -> Path:
-    command = ["replay", str(daemon.recording()), "--config", str(daemon.config), "--output", str(output)]
-    done = subprocess.run(
-        [sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True, text=True
-    )
+def _replay(recording: Path, config: Path, output: Path) -> Path:
+    done = _run_replay(recording, config, output)
     assert done.returncode == 0, done.stderr
     return output
+
+
+def _run_replay(
+    recording: Path, config: Path, output: Path, *options: str
+) -> subprocess.CompletedProcess[str]:
+    command = ["replay", str(recording), "--config", str(config), "--output", str(output), *options]
+    return subprocess.run(
+        [sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True, text=True
+    )
 
 
 def _rows(output: Path) -> dict[float, dict[str, str]]:
@@ -60,6 +67,17 @@ def _assert_same(message: dict[str, Any], row: dict[str, str]) -> None:
     assert {name: row[name] for name in qualities} == qualities
 
 
+def assert_replay_is_live(
+    recording: Path, config: Path, live: list[dict[str, Any]], output: Path
+) -> dict[str, Any]:
+    """Every published estimate is in the replay, to the last bit; returns the replay's summary."""
+    replayed = _rows(_replay(recording, config, output))
+    for message in live:
+        _assert_same(message, replayed[message["time_s"]])
+    summary: dict[str, Any] = json.loads((output / "summary.json").read_text(encoding="utf-8"))
+    return summary
+
+
 def test_the_replay_of_a_modbus_and_can_recording_is_the_live_run(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:
@@ -77,13 +95,29 @@ def test_the_replay_of_a_modbus_and_can_recording_is_the_live_run(tmp_path):
             assert daemon.stop() < 2.0
             live = list(seen.estimates)
     daemon.assert_no_tick_is_missing()
-    replayed = _rows(_replay(daemon, tmp_path / "one"))
     # every fault was in it, and more than 8 s of estimates
     assert {q for e in live for q in e["sensor_quality"]} >= {"good", "rejected"}
     assert {"good", "degraded"} <= {e["quality"] for e in live}
     assert len(live) > 70
-    for message in live:
-        _assert_same(message, replayed[message["time_s"]])
-    _replay(daemon, tmp_path / "two")
+    summary = assert_replay_is_live(daemon.recording(), daemon.config, live, tmp_path / "one")
+    assert summary["start"] == "cold"
+    _replay(daemon.recording(), daemon.config, tmp_path / "two")
     for name in ("estimates.csv", "summary.json", "overview.png"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
+    _flip_a_digit(daemon.recording())
+    refused = _run_replay(daemon.recording(), daemon.config, tmp_path / "three")
+    assert refused.returncode == 2
+    assert "do not have the checksum they were recorded with" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    assert not (tmp_path / "three").exists()
+    accepted = _run_replay(daemon.recording(), daemon.config, tmp_path / "three", "--accept-damaged")
+    assert accepted.returncode == 0, accepted.stderr
+    left_out = len(_rows(tmp_path / "one")) - len(_rows(tmp_path / "three"))
+    assert 0 <= left_out <= 30  # some 0.2 s, or what a busy computer wrote at once
+
+
+def _flip_a_digit(recording: Path) -> None:
+    data = bytearray(recording.read_bytes())
+    place = next(k for k in range(len(data) // 2, len(data)) if data[k : k + 1] == b"7")
+    data[place : place + 1] = b"8"
+    recording.write_bytes(data)

@@ -1,0 +1,30 @@
+"""Compiles into the cache what a configuration's service needs; the configuration comes as a line of JSON."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+
+from observer.app import Machine
+from observer.config import Config
+from observer.service.align import Aligner
+
+
+def main() -> None:
+    """Compile, and end at once when the service that waits for it has ended."""
+    config = Config.model_validate_json(sys.stdin.readline())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    machine = Machine.of(config)
+    machine.pipeline(machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
+
+
+def _end_with_parent() -> None:
+    sys.stdin.read()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main()
+    sys.stdout.flush()
+    os._exit(0)  # the thread that waits for the parent holds standard input

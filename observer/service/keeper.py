@@ -1,0 +1,106 @@
+"""Leaves a checkpoint on the disk now and then, in a thread of its own: a slow disk holds up no tick."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import structlog
+
+from observer.service.checkpoint import Fit, Standing, UnfitError, load, pack, recent, unpack
+from observer.service.files import make_folder, write_whole
+
+log = structlog.get_logger()
+
+
+def stored(path: Path, fit: Fit, now_s: float, oldest_s: float) -> Standing | None:
+    """Where the service stood when it ran last, None for a cold start; the log says which and why."""
+    try:
+        standing = recent(load(path, fit), now_s, oldest_s)
+    except UnfitError as error:
+        log.warning("cold start", checkpoint=str(path), reason=str(error))
+        return None
+    log.info("warm start", checkpoint=str(path), age_s=round(now_s - standing.tick_s, 3))
+    return standing
+
+
+def carried(standing: Standing | None, before: Fit, now: Fit) -> Standing | None:
+    """A standing for parts that are built anew, None where it does not fit them; the log says why."""
+    if standing is None:
+        return None
+    try:
+        return unpack(pack(standing, before), now)
+    except UnfitError as error:
+        log.warning("cold start", reason=str(error))
+        return None
+
+
+class Keeper:
+    """Writes the newest standing to one file, at most every `period_s`, and the last one at the end."""
+
+    def __init__(self, path: Path, fit: Fit, period_s: float) -> None:
+        self._path = path
+        self._fit = fit
+        self._period_s = period_s
+        self._given_s = -math.inf
+        self._changed = threading.Condition()
+        self._newest: Standing | None = None
+        self._closing = False
+        self.reason: str | None = None
+        self._thread = threading.Thread(target=self._supervised, name="checkpoint", daemon=True)
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread that writes is there."""
+        return self._thread.is_alive()
+
+    def step(self, standing: Callable[[], Standing | None], now_s: float) -> None:
+        """Take where the service stands after a step, if it is time again."""
+        if now_s - self._given_s >= self._period_s:
+            self._given_s = now_s
+            self._give(standing(), closing=False)
+
+    def end(self, standing: Standing | None) -> None:
+        """Take where the service stands at its end, which is written at once."""
+        self._give(standing, closing=True)
+
+    def close(self, timeout_s: float) -> bool:
+        """Wait until all is written after `end`; says whether it was in that time."""
+        self._give(None, closing=True)
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _give(self, standing: Standing | None, *, closing: bool) -> None:
+        with self._changed:
+            self._newest = standing or self._newest
+            self._closing |= closing
+            self._changed.notify()
+
+    def _supervised(self) -> None:
+        """Write until closed; a defect in here is told, and ends the thread, which `alive` shows."""
+        try:
+            self._run()
+        except Exception as error:  # whatever it is, health and watchdog are to know
+            self.reason = f"the thread that writes has ended ({error!r}); restart the service"
+            log.error("checkpoints ended", exc_info=True)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._newest is not None or self._closing)
+                newest, self._newest, closing = self._newest, None, self._closing
+            if newest is not None:
+                self._write(newest)
+            elif closing:
+                return
+
+    def _write(self, standing: Standing) -> None:
+        try:
+            make_folder(self._path.parent)
+            write_whole(self._path, pack(standing, self._fit))
+            self.reason = None
+        except OSError as error:
+            self.reason = f"{self._path}: cannot be written ({error.strerror}); free space or mend the place"

@@ -1,0 +1,66 @@
+"""A service from its start to its end, through every renewal of its parts."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+import structlog
+
+from observer.service.loop import Service, serve
+from observer.service.renew import Renewal
+from observer.service.shutdown import StopSignals
+from observer.service.wires import leave_in_peace, take_short_turns
+
+log = structlog.get_logger()
+
+
+def run(
+    service: Service, seconds: float | None = None, anew: Callable[[Renewal[Any]], Service] | None = None
+) -> None:
+    """Run a service until SIGTERM, SIGINT or for `seconds`; to be called from the main thread.
+
+    `anew` builds its parts for a renewal, where it can have one. After a signal the process is left by force,
+    with the recording written, where the parts do not end in time. The caller should then `leave`, because a
+    library's threads may hang at the interpreter's exit. Raises `UserError` where another service has the axis
+    already.
+    """
+    end_s = None if seconds is None else time.monotonic() + seconds
+
+    def flush() -> None:
+        if service.compiler is not None:
+            service.compiler.end()
+        if service.recorder is not None:
+            service.recorder.close(0.1)
+
+    take_short_turns()
+    with StopSignals(flush) as signals:
+        while True:
+            left_s = None if end_s is None else max(0.0, end_s - time.monotonic())
+            renewal = asyncio.run(_until_ended(service, left_s, signals))
+            if renewal is None or anew is None:
+                return
+            log.warning("begun anew", reason=renewal.reason)
+            service = anew(renewal)
+
+
+async def _until_ended(service: Service, seconds: float | None, signals: StopSignals) -> Renewal[Any] | None:
+    """Serve until a signal, for `seconds`, or until a renewal is due, which is returned."""
+    loop = asyncio.get_running_loop()
+    task = asyncio.ensure_future(serve(service, when_warm=leave_in_peace))
+
+    def stop() -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended by itself
+            loop.call_soon_threadsafe(task.cancel)
+
+    if service.renewals is not None and service.renewals.can_reload:
+        signals.when_asked(service.renewals.reload)
+    signals.when_heard(stop)
+    if seconds is not None:
+        loop.call_later(seconds, stop)
+    with contextlib.suppress(asyncio.CancelledError):
+        return await task
+    return None

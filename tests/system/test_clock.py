@@ -1,0 +1,94 @@
+"""A computer's clock that is set while the service runs, or wrong when it starts: times are soon right."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from observer.logs import read_log
+from tests.publish.router import free_port
+from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+
+LAUNCHER = ("-m", "tests.system.clock_steps")
+HOUR_S = 3600.0
+
+
+def _set_clock(folder: Path, ahead_s: float) -> None:
+    """Set the daemon's clock at once, as a rename replaces a file."""
+    part = folder / "step.part"
+    part.write_text(repr(ahead_s))
+    part.replace(folder / "step")
+
+
+@pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
+def test_a_clock_that_is_set(tmp_path, step_s):
+    """Estimates go on with the new time and from where they stood; the compensation is off at once."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["compensation"] = {
+            "enabled": True, "controller_compensates": False, "position_feedback": "motor"
+        }  # fmt: skip
+        with Daemon(tmp_path, table, LAUNCHER) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            command = ["arm", "--connect", endpoint, "--machine", "demo", "--axis", "x"]
+            until(lambda: _observer(command) == 0, 30.0)
+            until(lambda: seen.documents["compensation"][-1]["armed"], 30.0)
+            _set_clock(tmp_path, step_s)
+            set_s = time.time()
+            until(lambda: any("clock" in r for r in seen.health()["reasons"]), 30.0)
+            seen_at = len(seen.documents["compensation"])
+            until(lambda: abs(seen.estimates[-1]["time_s"] - time.time() - step_s) < HOUR_S / 2, 60.0)
+            before = [e for e in seen.estimates if abs(e["time_s"] - set_s) < HOUR_S / 2]
+            new = len(seen.estimates)
+            until(lambda: len(seen.estimates) > new + 20, 30.0)
+            until(lambda: seen.health()["clock_offset_s"] == pytest.approx(0.0, abs=0.5), 30.0)
+            documents = list(seen.documents["compensation"])
+            assert daemon.stop() < 2.0
+    after = [e for e in seen.estimates if abs(e["time_s"] - set_s - step_s) < HOUR_S / 2]
+    assert len(before) + len(after) == len(seen.estimates)
+    # from when the step is seen until somebody arms again, no document is armed, whichever clock it tells
+    assert documents[seen_at:]
+    assert not any(d["armed"] for d in documents[seen_at:])
+    assert any("clock was set" in str(d["reason"]) for d in documents[seen_at:])
+    assert all(d["valid_until_s"] < set_s + 5.0 for d in documents if d["armed"])
+    # nothing is lost by it: the heats go on from where they stood
+    for was, now, sigma in zip(
+        before[-1]["heat_W"], after[0]["heat_W"], after[0]["heat_sigma_W"], strict=True
+    ):
+        assert abs(now - was) < 3.0 * sigma
+    # each file has times that only go on
+    files = sorted(
+        (read_log(path) for path in daemon.recordings.glob("*.csv")), key=lambda log: log.time_s[0]
+    )
+    assert len(files) == 2
+    assert abs(files[1].time_s[0] - files[0].time_s[0]) == pytest.approx(HOUR_S, abs=120.0)
+
+
+def test_a_clock_that_is_wrong_at_boot(tmp_path):
+    """A computer without a battery starts in 1970; the time comes from the network some seconds later."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    _set_clock(tmp_path, -time.time())
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        with Daemon(tmp_path, table, LAUNCHER) as daemon, Subscriber(endpoint) as seen:
+            until(lambda: any(e["quality"] == "good" for e in seen.estimates), 90.0)
+            assert seen.estimates[-1]["time_s"] < 1e6
+            _set_clock(tmp_path, 0.0)
+            until(lambda: abs(seen.estimates[-1]["time_s"] - time.time()) < 10.0, 60.0)
+            seen.wait_until_good(60.0)
+            assert daemon.stop() < 2.0
+        said = [json.loads(line) for line in daemon.said().splitlines()]
+    assert any("clock was set" in str(line.get("reason")) for line in said)
+
+
+def _observer(command: list[str]) -> int:
+    done = subprocess.run([sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True)
+    return done.returncode

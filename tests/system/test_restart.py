@@ -1,0 +1,146 @@
+"""A service that is started again, or told to read its configuration again, goes on from where it stood."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+import tomlkit
+
+from tests.publish.router import free_port
+from tests.system.plant import Daemon, Subscriber, machine, table_for, until
+from tests.system.test_recording import assert_replay_is_live
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
+
+COMPENSATION = {"enabled": True, "controller_compensates": False, "position_feedback": "motor"}
+
+
+def _good(seen: Subscriber) -> dict[str, Any]:
+    """The next estimate that is good."""
+    time_s = seen.wait_until_good()
+    return next(e for e in seen.estimates if e["time_s"] == time_s)
+
+
+def _moved(before: dict[str, Any], after: dict[str, Any]) -> float:
+    """How far the heats have moved, in standard deviations."""
+    sigma_W = np.maximum(before["heat_sigma_W"], after["heat_sigma_W"])
+    return float(np.max(np.abs(after["heat_W"] - before["heat_W"]) / sigma_W))
+
+
+def test_a_restart_of_ten_seconds(tmp_path):
+    """Heats and their uncertainty go on; the recording after it replays to the last bit."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint]) | {"compensation": COMPENSATION}
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            enough = len(seen.estimates) + 300  # by then the heats are known to some 2 W
+            until(lambda: len(seen.estimates) > enough, 120.0)
+            before = _good(seen)
+            assert daemon.stop() < 2.0
+        stopped_s = time.monotonic()
+        until(lambda: time.monotonic() - stopped_s > 8.0, 60.0)  # the machine goes on meanwhile
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            after = _good(seen)
+            until(lambda: len(seen.estimates) > 50, 60.0)
+            off = seen.documents["compensation"][0]
+            assert daemon.stop() < 2.0
+            live = list(seen.estimates)
+    assert "warm start" in daemon.said()
+    assert after["time_s"] - before["time_s"] > 8.0
+    assert _moved(before, after) < 1.0
+    assert (after["heat_sigma_W"] < 2.0 * before["heat_sigma_W"]).all()  # a cold start knows much less
+    assert not off["armed"]
+    (recording,) = (path.with_suffix(".csv") for path in daemon.recordings.glob("*.start"))
+    summary = assert_replay_is_live(recording, daemon.config, live, tmp_path / "replay")
+    assert summary["start"].startswith(f"warm, from {recording.stem}.start")
+
+
+def test_after_a_crash_the_last_checkpoint_has_to_do(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint]) | {"checkpoint": {"period_s": 1.0}}
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            enough = len(seen.estimates) + 100
+            until(lambda: len(seen.estimates) > enough, 60.0)
+            daemon.process.kill()
+            daemon.process.wait(10)
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            after = _good(seen)
+            assert daemon.stop() < 2.0
+    assert "warm start" in daemon.said()
+    assert (after["heat_sigma_W"] < 7.5).all()  # of 15 W and 8 W that are all a cold start knows
+
+
+@pytest.mark.parametrize("content", [b"", b"no checkpoint at all", bytes(100_000)])
+def test_a_checkpoint_that_is_of_no_use_stops_nothing(tmp_path, content):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / "demo-x.checkpoint").write_bytes(content)
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            assert daemon.stop() < 2.0
+    (line,) = [json.loads(line) for line in daemon.said().splitlines() if '"cold start"' in line]
+    assert "no checkpoint of this program" in line["reason"]
+
+
+def test_a_configuration_is_read_again_or_refused_whole(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint]) | {"compensation": COMPENSATION}
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            enough = len(seen.estimates) + 100
+            until(lambda: len(seen.estimates) > enough, 60.0)
+            good = tomlkit.parse(daemon.config.read_text(encoding="utf-8"))
+
+            def reload(table: Any) -> None:
+                daemon.config.write_text(tomlkit.dumps(table), encoding="utf-8")
+                os.kill(daemon.process.pid, signal.SIGHUP)
+
+            # one key is wrong: nothing of it is taken, and health says why
+            bad = tomlkit.parse(tomlkit.dumps(good))
+            bad["publish"]["field_rate_Hz"] = 1.0
+            bad["estimator"]["gate_sigma"] = -1.0
+            reload(bad)
+            until(lambda: any("estimator.gate_sigma" in r for r in seen.health()["reasons"]), 60.0)
+            assert [e["sequence"] for e in seen.estimates[-5:]] == list(
+                range(seen.estimates[-5]["sequence"], seen.estimates[-5]["sequence"] + 5)
+            )
+            before = len(seen.estimates)
+
+            # what lies beside the model is changed: the estimates go on
+            good["publish"]["field_rate_Hz"] = 1.0
+            reload(good)
+            begun = until(lambda: _begun_anew(seen, before), 60.0)
+            until(lambda: len(seen.estimates) > begun + 20, 60.0)
+            assert _moved(seen.estimates[begun - 1], seen.estimates[begun]) < 1.5
+            assert not any("refused" in r for r in seen.health()["reasons"])
+            assert not seen.documents["compensation"][-1]["armed"]
+
+            # another model: a cold start, which is said
+            again = len(seen.estimates)
+            good["screw"]["conductivity_W_mK"] = 40.0
+            reload(good)
+            begun = until(lambda: _begun_anew(seen, again), 60.0)
+            until(lambda: len(seen.estimates) > begun + 5, 60.0)
+            assert daemon.stop() < 2.0
+    said = [json.loads(line) for line in daemon.said().splitlines()]
+    assert any(line["event"] == "cold start" and "another configuration" in line["reason"] for line in said)
+    assert len(list(daemon.recordings.glob("*.csv"))) == 3
+    assert len(list(daemon.recordings.glob("*.start"))) == 1
+
+
+def _begun_anew(seen: Subscriber, since: int) -> int | None:
+    """The first estimate of parts that were built anew."""
+    numbers = [e["sequence"] for e in list(seen.estimates)]
+    return next((k for k in range(since, len(numbers)) if numbers[k] < numbers[k - 1]), None)
