@@ -25,8 +25,8 @@ def run(
 
     `anew` builds its parts for a renewal, where it can have one. After a signal the process is left by force,
     with the recording written, where the parts do not end in time. The caller should then `leave`, because a
-    library's threads may hang at the interpreter's exit. Raises `UserError` where another service has the axis
-    already.
+    library's threads may hang at the interpreter's exit. Raises `UserError` where another service has the
+    axis already.
     """
     end_s = None if seconds is None else time.monotonic() + seconds
 

@@ -7,6 +7,7 @@ recorder are handed in. Nothing in it waits for anything but the next tick.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -115,7 +116,8 @@ class Service:
 async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
     """Serve until cancelled or until a renewal is due, then end every part within 1.4 s.
 
-    `when_warm` is called before the first tick. Raises `UserError` where another service has the axis already.
+    `when_warm` is called before the first tick. Raises `UserError` where another service has the axis
+    already.
     """
     cycles = _Cycles(service)
     service.publisher.start()
