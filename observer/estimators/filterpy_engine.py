@@ -97,8 +97,10 @@ class FilterpyEstimator:
         if judging.gate(nu, S, usable, running.suspect, self._gate_sigma, accepted):
             judging.add_prior(self._arrays, kf.P, 1.0)
         else:
-            judging.hold_back(usable, accepted, running.suspect, running.refused_s)
-        judging.reopen(self._arrays, C, u.dt[k], usable, accepted, nu, running.refused_s, kf.P)
+            judging.hold_back(nu, usable, accepted, running.suspect, running.refused_s, running.opened_K)
+        judging.reopen(
+            self._arrays, C, u.dt[k], usable, accepted, nu, running.refused_s, running.opened_K, kf.P
+        )
         if accepted.any():
             kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
         running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P

@@ -220,7 +220,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             out.innovation_sigma[k, i] = np.sqrt(S[i]) if usable[i] else np.nan
         released = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
         if not released:
-            hold_back(usable, accepted, state.suspect, state.refused_s)
+            hold_back(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
         correcting = accepted.any()
         key, complete = key_of(u, k, usable, accepted, state.suspect, rungs.rung[d])
         chosen = find_gain(gains, key)
@@ -229,7 +229,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             return k, key, STARTED if started else PREDICTED
         if released:
             add_prior(p, P, 1.0)
-        if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, P) or released:
+        if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or released:
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
         if correcting and (optimal or started or released):

@@ -23,6 +23,7 @@ NUT_LOST = 2
 LOST_S = 40.0
 _REOPEN_AT_LEAST = 0.01
 _REOPEN_SIGMA = 3.0
+_AGREES = 0.3  # part of what a sensor was off when the state was opened for it
 
 
 @inlined
@@ -80,17 +81,18 @@ def gate(nu, S, usable, suspect, gate_sigma, accepted):
 
 
 @inlined
-def hold_back(usable, accepted, suspect, refused_s):
-    """Keep sensors out that the state has been opened for, until the others have spoken."""
+def hold_back(nu, usable, accepted, suspect, refused_s, opened_K):
+    """Keep sensors out that the state was opened for, until the others have spoken or they agree again."""
     for i in range(len(usable)):
         since_s = refused_s[i] - REOPEN_AFTER_S
-        if accepted[i] and since_s >= 0.0 and since_s % REOPEN_EVERY_S < HELD_BACK_S:
+        due = since_s >= 0.0 and since_s % REOPEN_EVERY_S < HELD_BACK_S
+        if accepted[i] and due and opened_K[i] != 0.0 and abs(nu[i]) > _AGREES * abs(opened_K[i]):
             accepted[i] = False
             suspect[i] = 1.0
 
 
 @inlined
-def reopen(p, C, dt_s, usable, accepted, nu, refused_s, P):
+def reopen(p, C, dt_s, usable, accepted, nu, refused_s, opened_K, P):
     """Count for how long each sensor has been refused; return whether P was opened for one of them.
 
     A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
@@ -101,11 +103,15 @@ def reopen(p, C, dt_s, usable, accepted, nu, refused_s, P):
     for i in range(len(usable)):
         if usable[i] and accepted[i]:
             refused_s[i] = 0.0
+            opened_K[i] = 0.0
         elif usable[i] or refused_s[i] > 0.0:
             before = np.floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S)
             refused_s[i] += dt_s
-            if usable[i] and np.floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
+            if np.floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
+                opened_K[i] = np.inf  # due with its next sample
+            if usable[i] and np.isinf(opened_K[i]):
                 share = max(share, _share_of_prior(p, C, i, nu[i]))
+                opened_K[i] = nu[i]
     if share == 0.0:
         return False
     add_prior(p, P, share)

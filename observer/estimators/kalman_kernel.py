@@ -68,8 +68,8 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
             if opened:
                 add_prior(p, P, 1.0)
             else:
-                hold_back(usable, accepted, state.suspect, state.refused_s)
-            if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, P) or opened:
+                hold_back(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
+            if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or opened:
                 covariance_with_sensors(C, P, s, g)
                 compare(p, C, u, k, usable, g, x, nu, S)
             out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)

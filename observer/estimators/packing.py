@@ -68,6 +68,7 @@ class Running(NamedTuple):
     P: FloatArray
     suspect: FloatArray
     refused_s: FloatArray
+    opened_K: FloatArray
     lost_s: FloatArray
     flags: IntArray
 
@@ -179,7 +180,7 @@ def initial_state(plant: Plant) -> EstimatorState:
     """Return the state before the first usable measurement."""
     n = len(plant.decay_1_s) + int(plant.estimated.sum())
     never = np.zeros(plant.rows.sensors)
-    return EstimatorState(np.zeros(n), np.zeros((n, n)), False, never, never, float("nan"))
+    return EstimatorState(np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"))
 
 
 def thaw(state: EstimatorState) -> Running:
@@ -190,6 +191,7 @@ def thaw(state: EstimatorState) -> Running:
         pad_rows(state.P, padded_width(len(state.P))),
         np.array(state.suspect, dtype=float),
         np.array(state.refused_s, dtype=float),
+        np.array(state.opened_K, dtype=float),
         np.array([state.lost_s]),
         flags,
     )
@@ -233,6 +235,7 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
         bool(running.flags[0]),
         running.suspect,
         running.refused_s,
+        running.opened_K,
         time_s,
         int(running.flags[1]),
         float(running.lost_s[0]),

@@ -14,8 +14,9 @@ class EstimatorState:
 
     Shapes, with n = n_x + m_e (plant states, then the estimated heats' deviations from their laws):
     `x_hat` (n,), `P` (n, n). `started` is false until the first usable measurement. `suspect` (s,) counts
-    the steps for which each sensor has been refused in a row, `refused_s` (s,) for how long; `silent` counts
-    the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.
+    the steps for which each sensor has been refused in a row, `refused_s` (s,) for how long, and
+    `opened_K` (s,) how far off it was when the state was last opened for it; `silent` counts the steps in a
+    row in which no sensor was good; for `lost_s` the place of a nut has not been known.
     """
 
     x_hat: FloatArray
@@ -23,6 +24,7 @@ class EstimatorState:
     started: bool
     suspect: FloatArray
     refused_s: FloatArray
+    opened_K: FloatArray
     time_s: float
     silent: int = 0
     lost_s: float = 0.0

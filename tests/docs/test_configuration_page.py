@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, keeping, laws, mounting, nodes, publishing, quantities, sections
+from observer import config, keeping, laws, limits, mounting, nodes, publishing, quantities, sections
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 
@@ -36,6 +36,7 @@ CONFIGURATION = {
     "`[output]`": config.Output,
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
+    "`[limits]`": limits.ChannelLimits,
     "`[publish]`": publishing.Publish,
     "`[publish.tls]`": publishing.Tls,
     "`[publish.login]`": publishing.Login,

@@ -71,7 +71,7 @@ def test_says_which_rows_and_reads_the_others_where_that_is_accepted(tmp_path):
 def test_rows_after_the_last_checksum_pass_as_a_crash_leaves_them(tmp_path):
     data = _recording(tmp_path)
     path = tmp_path / "crashed.csv"
-    path.write_bytes(data + b"200.0,20.5,1.0,,\n201.0,20.")
+    path.write_bytes(data + b"200.0,20.5,1.0,,,\n201.0,20.")
     with pytest.raises(LogError, match="cut off"):
         read_log(path)
     assert len(read_log(path, accept_truncated=True)) == 21
@@ -79,5 +79,5 @@ def test_rows_after_the_last_checksum_pass_as_a_crash_leaves_them(tmp_path):
 
 def test_a_recording_of_an_older_version_has_no_checksum_to_miss(tmp_path):
     path = tmp_path / "old.csv"
-    path.write_bytes(header(CHANNELS) + b"1.0,20.5,,,t2_degC=timeout\n1.5,,,1,\n")
+    path.write_bytes(b"time_s,t1_degC,t2_degC,step,flags\n1.0,20.5,,,t2_degC=timeout\n1.5,,,1,\n")
     assert read_log(path).flags == ("t2_degC=timeout", None)

@@ -89,7 +89,7 @@ def test_json_is_strict_and_null_where_unknown(made):
 
 
 def test_documents_are_those_of_the_contract():
-    encoder, one = EstimateEncoder(LAYOUT, "ab12cd34"), block(quality=1)
+    encoder, one = EstimateEncoder(LAYOUT, "ab12cd34"), block(quality=2)
     heat, field, error = (json.loads(e(one, 0, 3)) for e in (encoder.heat, encoder.field, encoder.error))
     assert list(heat) == ["time_s", "sequence", "instance", "sources", "quality"]
     assert list(heat["sources"]) == ["nut", "left_bearing"]

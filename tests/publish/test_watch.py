@@ -33,7 +33,7 @@ def _shown(latest) -> str:
 
 
 def test_shows_heats_field_error_sensors_and_reasons():
-    latest = _latest(quality=1)
+    latest = _latest(quality=2)
     latest["heat"]["sources"]["nut"] = {"heat_W": 61.234, "sigma_W": 2.0}
     latest["truth/heat"] = {"sources": {"nut": {"heat_W": 59.234, "sigma_W": 0}}}
     latest["health"] = {"state": "degraded", "reasons": ["channel t2_degC is stale"]}

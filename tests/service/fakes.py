@@ -58,7 +58,7 @@ class FakeEstimator:
         self.fail = False
 
     def initial(self) -> EstimatorState:
-        return EstimatorState(np.zeros(1), np.eye(1), False, np.zeros(2), np.zeros(2), 0.0)
+        return EstimatorState(np.zeros(1), np.eye(1), False, np.zeros(2), np.zeros(2), np.zeros(2), 0.0)
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         if self.fail:
@@ -80,7 +80,9 @@ class FakeEstimator:
             inputs.time_s, inputs.law_W, np.ones((k, 1)), field_degC, np.ones((k, 3)), 10 * field_degC,
             np.ones((k, 3)), innovation, inputs.quality, quality, np.ones((k, 2)), inputs.law_W,
         )  # fmt: skip
-        return EstimatorState(np.array([x]), np.eye(1), started, np.zeros(2), np.zeros(2), 0.0), block
+        return EstimatorState(
+            np.array([x]), np.eye(1), started, np.zeros(2), np.zeros(2), np.zeros(2), 0.0
+        ), block
 
 
 @dataclass

@@ -22,7 +22,6 @@ from observer.service import checkpoint
 from observer.service.align import frames_of_log
 from observer.service.checkpoint import Fit, Standing, UnfitError, load, pack, recent, shifted, unpack
 from observer.service.keeper import Keeper, carried, stored
-from observer.service.pipeline import Pipeline
 from observer.service.replay import estimates_of
 
 ROOT = Path(__file__).parents[2]
@@ -39,7 +38,7 @@ def machine() -> app.Machine:
 def rig(machine):
     """Some minutes of the shipped log, and where the pipeline stood after them."""
     estimator = machine.estimator()
-    pipeline = Pipeline(machine.drive, estimator)
+    pipeline = machine.pipeline(estimator)
     log = read_log(RIG / "run_c.csv.gz", machine.config.channels)
     log = replace(log, time_s=log.time_s[:4000] + 1.8e9, values=log.values[:4000])
     blocks = list(frames_of_log(log, machine.plan, 2000))
@@ -78,7 +77,13 @@ def test_a_restored_pipeline_goes_on_to_the_last_bit(machine, rig, fit):
     rest = replace(log, time_s=log.time_s[2000:], values=log.values[2000:])
     again = list(
         estimates_of(
-            rest, machine.plan, machine.drive, estimator, lambda *_: None, unpack(pack(standing, fit), fit)
+            rest,
+            machine.plan,
+            machine.drive,
+            estimator,
+            machine.self_test(),
+            lambda *_: None,
+            start=unpack(pack(standing, fit), fit),
         )
     )
     assert np.concatenate([b.heat_W for b in again]).tobytes() == second.heat_W.tobytes()
@@ -89,7 +94,7 @@ def test_a_restored_pipeline_goes_on_to_the_last_bit(machine, rig, fit):
 def test_a_gap_of_ten_seconds_is_predicted_over(machine, minutes):
     """The heats move by less than a standard deviation, which grows with the gap (docs/how-to/operate.md)."""
     estimator = machine.estimator()
-    pipeline = Pipeline(machine.drive, estimator)
+    pipeline = machine.pipeline(estimator)
     log, rows = read_log(RIG / "run_c.csv.gz", machine.config.channels), 120 * minutes  # two rows a second
     before = replace(log, time_s=log.time_s[:rows], values=log.values[:rows])
     for frames in frames_of_log(before, machine.plan):
@@ -97,7 +102,19 @@ def test_a_gap_of_ten_seconds_is_predicted_over(machine, minutes):
     standing = Standing(float(last.time_s[-1]), *pipeline.snapshot())
     later = slice(rows + 19, rows + 60)
     after = replace(log, time_s=log.time_s[later], values=log.values[later])
-    first = next(iter(estimates_of(after, machine.plan, machine.drive, estimator, lambda *_: None, standing)))
+    first = next(
+        iter(
+            estimates_of(
+                after,
+                machine.plan,
+                machine.drive,
+                estimator,
+                machine.self_test(),
+                lambda *_: None,
+                start=standing,
+            )
+        )
+    )
     assert first.time_s[0] - last.time_s[-1] == 10.0
     assert first.quality[0] == EstimateQuality.GOOD
     assert (np.abs(first.heat_W[0] - last.heat_W[-1]) < 0.6 * first.heat_sigma_W[0]).all()

@@ -41,7 +41,7 @@ def test_columns_are_those_of_the_contract(tmp_path):
         "field_50_degC", "field_50_sigma_K",
         "error_0_um", "error_0_sigma_um", "error_2.225_um", "error_2.225_sigma_um",
         "error_50_um", "error_50_sigma_um",
-        "innovation_t1_K", "quality_t1", "innovation_t2_K", "quality_t2",
+        "innovation_t1_K", "quality_t1", "innovation_t2_K", "quality_t2", "quality",
     ]  # fmt: skip
 
 

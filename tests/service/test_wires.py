@@ -131,6 +131,7 @@ async def test_a_reading_that_is_late_keeps_its_time_and_one_far_too_late_is_a_f
 
     class Recorder:
         status = None
+        alive = True
         readings: list = []  # noqa: RUF012
 
         def reading(self, used):
