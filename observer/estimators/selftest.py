@@ -29,6 +29,7 @@ from observer.estimators.judging import (
 )
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, QualityArray
 from observer.model.plant import Plant
+from observer.model.realise import realise
 from observer.plausibility import DISAGREE, FALLS_SHORT
 
 # The windows' time constants, and which means over each are more than chance and small faults make.
@@ -134,7 +135,8 @@ class SelfTest:
 
     def __init__(self, config: Config, plant: Plant) -> None:
         """Fix what is tested."""
-        has_law = np.array([s.law is not None for s in config.source])[plant.estimated]
+        laws = {source.name: source.law for source in realise(config).config.source}
+        has_law = np.array([laws[name] is not None for name in plant.layout.sources])
         self._trust = Trust(
             np.ascontiguousarray(plant.initial_sigma_W, dtype=float),
             np.where(has_law, plant.law_uncertainty, np.nan),

@@ -23,7 +23,7 @@ def test_the_noise_of_the_rig_lets_the_filter_keep_its_sensors() -> None:
     before = _good_share(config.model_copy(update={"estimator": exact}), blocks)
     after = _good_share(_with(fitted.config, noise), blocks)
     # a configuration that takes its field for exact has the gate refuse sensors for hours
-    assert before < 0.9
+    assert before < 0.95
     assert after > 0.99
 
 

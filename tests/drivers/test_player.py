@@ -44,7 +44,7 @@ async def test_a_choice_of_channels(log):
         await player.until(lambda r: r.values == {"n_rpm": 30.0})
 
 
-async def test_rows_that_a_busy_computer_hands_on_late_have_the_times_at_which_they_were_due(log):
+async def test_rows_handed_on_late_have_the_times_at_which_they_were_due(log):
     driver = open_driver("log", PlayerSettings(kind="player", path=log))
     async with running(driver, time.monotonic) as player:
         await player.until(lambda r: r.values["n_rpm"] == 0.0)
@@ -61,7 +61,7 @@ async def test_a_log_whose_rows_are_all_due_leaves_others_their_turn(tmp_path):
     turns = 0
     async with running(driver) as player:
         while not any(r.faults for r in player.readings):
-            await asyncio.sleep(0.0)
+            await asyncio.sleep(0)
             turns += 1
     assert turns > 2_500
 

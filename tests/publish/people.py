@@ -1,7 +1,6 @@
 """Certificates, password files and sessions of those who may, and may not, take part."""
 
 import subprocess
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,20 +9,12 @@ import zenoh
 from observer.publish.session import client_config
 from observer.publish.zenoh import ZenohPublisher
 from observer.publishing import Client, Publish
+from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT
 from tests.publish.router import free_port
 
 PREFIX = "ballscrew/lathe-7/z"
 _KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
-
-
-def wait(condition, timeout_s=20.0):
-    """Wait for something to be there or true, and return it."""
-    end_s = time.monotonic() + timeout_s
-    while not (result := condition()):
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.01)
-    return result
 
 
 def _openssl(*words: str, folder: Path) -> None:

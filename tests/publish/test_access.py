@@ -18,8 +18,9 @@ from observer.publish.commands import Outcome
 from observer.publish.session import client_config, service_config
 from observer.publishing import Client, Publish
 from tests.docs.console import blocks
+from tests.patience import until as wait
 from tests.publish.blocks import block
-from tests.publish.people import PREFIX, Authority, ask, published, secret, session, user, wait
+from tests.publish.people import PREFIX, Authority, ask, published, secret, session, user
 
 ROLES = {"viewer": ["user:anna"], "operator": ["user:oskar"], "service": ["user:cell"]}
 PASSWORDS = {"anna": "see", "oskar": "do", "cell": "be"}

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from observer.publish import ask as asking
 from observer.publish.commands import Outcome, plain_name
 from observer.publish.session import session_config
-from tests.publish.people import PREFIX, ask, published, session, wait
+from tests.patience import until as wait
+from tests.publish.people import PREFIX, ask, published, session
 from tests.publish.router import free_port
 
 HASH = "config=ab12"

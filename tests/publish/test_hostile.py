@@ -16,8 +16,9 @@ from observer.publish.answers import Answers, Budget
 from observer.publish.codec import decode_estimates
 from observer.publish.session import service_config, session_config
 from observer.publishing import Publish
+from tests.patience import until as wait
 from tests.publish.blocks import block
-from tests.publish.people import PREFIX, ask, published, session, wait
+from tests.publish.people import PREFIX, ask, published, session
 
 KEYS = ("config", "estimate", "health", "compensation", "command/arm", "command/disarm", "command/reset")
 WILD = ("**", "ballscrew/**", f"{PREFIX}/*", f"{PREFIX}/**", f"{PREFIX}/command/*", "ballscrew/*/*/estimate")

@@ -9,8 +9,9 @@ from observer.publish.rivals import _INSTANCE
 from observer.publish.session import session_config
 from observer.publish.zenoh import ZenohPublisher
 from observer.publishing import Publish
+from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT, block
-from tests.publish.people import PREFIX, published, session, wait
+from tests.publish.people import PREFIX, published, session
 from tests.publish.router import Router, free_port
 
 

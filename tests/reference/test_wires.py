@@ -137,6 +137,6 @@ def test_heats_stay_where_they_are_without_the_disturbance(
     off = np.abs(moved[calm])
     print(f"moved by {np.sqrt(np.mean(off**2, axis=0)).round(3)} σ rms, {off.max():.2f} at most")
     assert np.sqrt(np.mean(off**2, axis=0)).max() < 0.5
-    assert np.mean(off > 1.0) < 0.01
+    assert np.mean(off > 1.0) < 0.05
     assert (ride.block.sensor_quality[SETTLED:] == 0).all()
     assert np.mean(np.abs(ride.off_sigma[SETTLED:]) < 3.0) > 0.95

@@ -22,6 +22,7 @@ from observer.service.compensate import Compensator
 from observer.service.loop import Service, serve
 from observer.service.record import Recorder
 from observer.service.replay import estimates_of
+from tests.patience import eventually
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
 from tests.service.streams import CHANNELS, plan
 from tests.service.test_compensate import GRID, at, estimate, machine
@@ -33,9 +34,7 @@ def _command(kind: str, told: list, *, asked_s: float | None = None, refused: st
 
 async def _serve(service: Service, until) -> None:
     task = asyncio.ensure_future(serve(service))
-    async with asyncio.timeout(30):
-        while not until() and not task.done():
-            await asyncio.sleep(0.005)
+    await eventually(lambda: until() or task.done())
     task.cancel()
     with contextlib.suppress(asyncio.CancelledError):
         await task

@@ -234,18 +234,15 @@ async def test_a_dead_recorder_is_told_and_the_watchdog_not_fed(tmp_path, monkey
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
     service = _service(recorder=recorder)
     task = asyncio.ensure_future(serve(service))
-    async with asyncio.timeout(30.0):
-        while not service.estimator.notes:
-            await asyncio.sleep(0.005)
-        monkeypatch.setattr(recorder, "_drain", defect)
-        while recorder.alive:
-            await asyncio.sleep(0.005)
-        ticks, notes = len(service.publisher.estimates), len(service.estimator.notes)
-        while len(service.publisher.estimates) < ticks + 10:
-            await asyncio.sleep(0.005)
-        assert len(service.estimator.notes) <= notes + 1  # one may have been on its way
-        while not any("a defect" in r for r in json.loads(service.publisher.healths[-1])["reasons"]):
-            await asyncio.sleep(0.005)
+    await eventually(lambda: service.estimator.notes)
+    monkeypatch.setattr(recorder, "_drain", defect)
+    await eventually(lambda: not recorder.alive)
+    ticks, notes = len(service.publisher.estimates), len(service.estimator.notes)
+    await eventually(lambda: len(service.publisher.estimates) >= ticks + 10)
+    assert len(service.estimator.notes) <= notes + 1  # one may have been on its way
+    await eventually(
+        lambda: any("a defect" in r for r in json.loads(service.publisher.healths[-1])["reasons"])
+    )
     task.cancel()
     await asyncio.wait([task])
 
@@ -255,11 +252,9 @@ async def test_a_renewal_ends_the_parts_and_tells_where_they_stood():
     driver = FakeDriver([(0, {"t1_degC": 20.0, "t2_degC": 20.0}, {})])
     service = replace(_service([driver], clock=FastClock(), period_s=0.5), renewals=renewals)
     task = asyncio.ensure_future(serve(service))
-    async with asyncio.timeout(30.0):
-        while len(service.publisher.estimates) < 5:
-            await asyncio.sleep(0.005)
-        service.clock.offset = 60.0
-        renewal = await task
+    await eventually(lambda: len(service.publisher.estimates) >= 5)
+    service.clock.offset = 60.0
+    renewal = await task
     assert renewal.new_time
     assert service.publisher.closed
     last = service.publisher.estimates[-1][1]

@@ -2,14 +2,15 @@
 
 import textwrap
 import threading
-import time
 
 import pytest
 
 from observer.service.warm import Compiler
+from tests.patience import until
 
 MODULE = """
 import sys, threading, os
+from tests.patience import until
 line = sys.stdin.readline()
 with open({said!r}, "a") as file:
     file.write(line)
@@ -73,10 +74,7 @@ def test_ends_at_once_when_the_service_does(module):
     compiler = Compiler(module[0], "hang", lambda _: None)
     thread = threading.Thread(target=compiler.warm, args=(kernels,))
     thread.start()
-    end_s = time.monotonic() + 30.0
-    while not module[1].exists():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
+    until(module[1].exists)
     compiler.end()
     thread.join(30.0)
     assert not thread.is_alive()

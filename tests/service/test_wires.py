@@ -10,6 +10,7 @@ from drivers.protocol import DriverStatus
 from observer.frames import Reading
 from observer.service import wires as wires_module
 from observer.service.wires import Wires
+from tests.patience import eventually as until
 from tests.service.fakes import FakeDriver
 from tests.service.test_loop import _serve, _service
 
@@ -33,12 +34,6 @@ class Hanging(FakeDriver):
     async def run(self, deliver, now):
         self.let_go.clear()
         self.let_go.wait(30.0)
-
-
-async def until(what, timeout_s=20.0):
-    async with asyncio.timeout(timeout_s):
-        while not what():
-            await asyncio.sleep(0.002)
 
 
 @contextlib.contextmanager
