@@ -53,6 +53,7 @@ class EstimateEncoder:
             "sources": self._sources,
             "heat_W": _typed(block.heat_W[k]),
             "heat_sigma_W": _typed(block.heat_sigma_W[k]),
+            "law_W": _typed(block.law_W[k]),
             "position_m": self._position,
             "field_degC": _typed(block.field_degC[k]),
             "field_sigma_K": _typed(block.field_sigma_K[k]),
@@ -60,6 +61,7 @@ class EstimateEncoder:
             "error_sigma_um": _typed(block.error_sigma_um[k]),
             "sensors": self._sensors,
             "innovation_K": _typed(block.innovation_K[k]),
+            "innovation_sigma_K": _typed(block.innovation_sigma_K[k]),
             "sensor_quality": [_SENSOR_QUALITY[q] for q in block.sensor_quality[k].tolist()],
         }
         return cbor2.dumps(message)

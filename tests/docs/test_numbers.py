@@ -44,8 +44,8 @@ def test_a_model_taken_for_exact_refuses_good_sensors_and_the_default_does_not()
         np.mean(_replayed(noise).sensor_quality == Quality.REJECTED, axis=0)
         for noise in (0.0, config.EstimatorSettings().field_noise_K_sqrt_s)
     )
-    assert np.sort(exact)[-2] > 0.1, (
-        "two sensors lost more than a tenth of their samples when this was decided"
+    assert np.sort(exact)[-2] > 0.02, (
+        "two sensors lose 2 and 6 % of their samples, even as the state is opened"
     )
     assert default.max() < 0.01
 

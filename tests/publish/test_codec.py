@@ -29,6 +29,8 @@ ARRAYS = (
     "error_um",
     "error_sigma_um",
     "innovation_K",
+    "innovation_sigma_K",
+    "law_W",
 )
 _names = st.lists(st.text("abcxyz_1", min_size=1, max_size=8), max_size=4, unique=True)
 
