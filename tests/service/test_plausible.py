@@ -1,0 +1,98 @@
+"""What is believed of each kind of channel, and the units that wrong values look like."""
+
+import math
+
+import numpy as np
+import pytest
+
+from observer.config import ConfigError, parse
+from observer.frames import Quality, Reading
+from observer.plausibility import Breach, Kind, Limits, motion_sentence, unit_hint
+from observer.service.align import Aligner, AlignPlan
+from tests.reference import live
+
+
+def table(**limits):
+    made = live.demo().model_dump(mode="json", exclude_unset=True, by_alias=True)
+    return made | {"limits": limits}
+
+
+@pytest.mark.parametrize(
+    ("channel", "value", "words"),
+    [
+        ("t1_degC", 71.6, "looks like °F"),
+        ("t1_degC", 295.0, "looks like K"),
+        ("t1_degC", 3276.7, "code for a fault"),
+        ("t1_degC", -3276.8, "code for a fault"),
+        ("t1_degC", 215.0, "tenths of °C"),
+        ("nut_position_m", 312.0, "looks like mm"),
+        ("nut_position_m", 18.7, "looks like inches"),
+        ("nut_position_m", -0.2, "below -0.05"),
+        ("screw_speed_rpm", 9000.0, "degrees a second"),
+        ("screw_speed_rpm", 90000.0, "revolutions an hour"),
+    ],
+)
+def test_a_value_beyond_its_limits_is_refused_with_its_unit(channel, value, words):
+    aligner = Aligner(AlignPlan.of(live.demo()))
+    aligner.ingest(Reading(1.0, {channel: value}))
+    frame = aligner.tick(1.5)
+    column = frame.channels.index(channel)
+    assert frame.quality[0, column] == Quality.REJECTED
+    assert math.isnan(frame.values[0, column])
+    assert words in aligner.faults[channel]
+
+
+def test_a_value_within_its_limits_is_believed_again_at_once():
+    aligner = Aligner(AlignPlan.of(live.demo()))
+    aligner.ingest(Reading(1.0, {"nut_position_m": 312.0}))
+    aligner.tick(1.5)
+    aligner.ingest(Reading(1.6, {"nut_position_m": 0.312}))
+    frame = aligner.tick(2.0)
+    assert frame.quality[0, frame.channels.index("nut_position_m")] == Quality.GOOD
+    assert "nut_position_m" not in aligner.faults
+
+
+def test_a_leap_is_refused_until_time_would_allow_it():
+    aligner = Aligner(AlignPlan.of(live.demo()))
+    aligner.ingest(Reading(1.0, {"t1_degC": 22.0}))
+    aligner.ingest(Reading(1.5, {"t1_degC": 52.0}))
+    frame = aligner.tick(2.0)
+    assert frame.quality[0, 0] == Quality.REJECTED
+    assert "a change faster than 5 a second" in aligner.faults["t1_degC"]
+    aligner.ingest(Reading(8.0, {"t1_degC": 52.0}))
+    assert aligner.tick(8.5).quality[0, 0] == Quality.GOOD
+
+
+def test_the_configuration_says_otherwise():
+    config = parse(table(t1_degC={"high": 40.0}, nut_position_m={"low": -1.0, "high": 400.0}))
+    limits = Limits.of(config)
+    at = config.channels.index
+    assert limits.doubt(at("t1_degC"), 41.0) is not None
+    assert limits.doubt(at("t2_degC"), 41.0) is None
+    assert limits.doubt(at("nut_position_m"), 312.0) is None
+    with pytest.raises(ConfigError, match=r'no channel "t1_deg" \(did you mean t1_degC\?\)'):
+        parse(table(t1_deg={"high": 40.0}))
+    with pytest.raises(ConfigError, match="must be smaller"):
+        parse(table(t1_degC={"low": 40.0, "high": 30.0}))
+
+
+def test_a_heater_on_a_bench_may_be_hot():
+    heated = live.demo().source[0].model_copy(update={"power_channel": "heater_W"})
+    config = live.demo()
+    hot = config.model_copy(update={"source": (heated, *config.source[1:])})
+    assert Limits.of(config).doubt(0, 80.0) is not None
+    assert Limits.of(hot).doubt(0, 80.0) is None
+
+
+def test_no_unit_is_guessed_where_none_fits():
+    assert unit_hint(Kind.SCREW, 9e5, -40.0, 150.0, math.nan) is None
+    assert unit_hint(Kind.OTHER, 1e9, -math.inf, math.inf, math.nan) is None
+    assert Breach(0) is Breach.NONE
+
+
+@pytest.mark.parametrize(
+    ("ratio", "words"), [(9.5, "rad/s"), (59.0, "revolutions a second"), (2.0, "look at lead_m")]
+)
+def test_a_ratio_of_ways_names_the_unit(ratio, words):
+    assert words in motion_sentence("nut_position_m", "screw_speed_rpm", ratio)
+    assert np.isfinite(ratio)
