@@ -274,7 +274,7 @@ def load(path: Path) -> Config:
 
 def load_client(path: Path) -> Client:
     """Read and check how a command shows who it is; raises `ConfigError`."""
-    table = read_toml(path)
+    table = read_toml(path, "a client's file with --client")
     try:
         return Client.model_validate(table)
     except ValidationError:

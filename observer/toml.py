@@ -13,12 +13,12 @@ MOST_BYTES = 4_000_000
 MOST_DEPTH = 24
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file. Raises `ConfigError`."""
+def read_toml(path: Path, what: str = "a configuration with --config") -> dict[str, Any]:
+    """Return the table of a TOML file, `what` it is to be. Raises `ConfigError`."""
     try:
         table = tomllib.loads(read_regular(path, MOST_BYTES, "a TOML file").decode("utf-8"))
     except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file; give the path of a configuration with --config") from None
+        raise ConfigError(f"{path}: no such file; give the path of {what}") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: cannot be read as text ({error}); give a TOML file in UTF-8") from None
     except OSError as error:

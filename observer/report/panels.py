@@ -10,7 +10,7 @@ import numpy as np
 from observer.config import Config
 from observer.frames import EstimateQuality, FloatArray, Quality
 from observer.report.collect import IntArray
-from observer.report.style import FIELD_MAP, INK, QUALITY, QUIET, colour, ordered_colours
+from observer.report.style import ESTIMATE_QUALITY, FIELD_MAP, INK, QUALITY, QUIET, colour, ordered_colours
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -150,15 +150,16 @@ def quality_strip(axes: Axes, key: Axes, t: FloatArray, quality: IntArray) -> No
         _edges(t),
         [0.0, 1.0],
         quality[None, :],
-        cmap=ListedColormap(list(QUALITY)),
+        cmap=ListedColormap(list(ESTIMATE_QUALITY)),
         vmin=-0.5,
-        vmax=3.5,
+        vmax=len(ESTIMATE_QUALITY) - 0.5,
         rasterized=True,
     )
     axes.set_yticks([0.5], ["quality"])
     axes.grid(visible=False)
     seen = sorted({int(EstimateQuality.GOOD), *np.unique(quality).tolist()})
-    key_of(key, [Patch(color=QUALITY[q]) for q in seen], [EstimateQuality(q).label for q in seen])
+    patches = [Patch(color=ESTIMATE_QUALITY[q]) for q in seen]
+    key_of(key, patches, [EstimateQuality(q).label for q in seen])
 
 
 def predictions(

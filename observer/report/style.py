@@ -12,7 +12,9 @@ INK, QUIET, FAINT = "#1b1f24", "#6b7280", "#e2e5e9"
 CATEGORIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#444444")
 """Okabe & Ito (2008), without yellow, which is lost on white."""
 QUALITY = ("#cfe8dc", "#E69F00", "#D55E00", "#444444")
-"""By rising severity."""
+"""Of a sensor, by rising severity."""
+ESTIMATE_QUALITY = ("#cfe8dc", "#9ecae9", *QUALITY[1:])
+"""The same of an estimate, which may also be starting."""
 FIELD_MAP = "inferno"
 ORDERED_MAP = "viridis"
 

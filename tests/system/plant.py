@@ -133,7 +133,7 @@ class Daemon:
     def step_times_s(self) -> list[float]:
         """The ticks in the recording so far; a row that is being written is left out."""
         rows = self.recording().read_text(encoding="utf-8").split("\n")[1:-1]
-        return [float(row.split(",", 1)[0]) for row in rows if row.split(",")[-2] == "1"]
+        return [float(row.split(",", 1)[0]) for row in rows if row.split(",")[-3] == "1"]
 
     def overruns(self) -> int:
         """How many ticks it says to have left out; to be asked once it has stopped."""

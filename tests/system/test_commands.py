@@ -65,7 +65,7 @@ def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_pat
     flags = [f for f in read_log(daemon.recording()).flags if f and f.startswith("!")]
     assert [f.split(" ")[0] for f in flags] == ["!arm=done", "!reset=done", "!disarm=done", "!reset=refused"]
     assert all("%40" in f for f in flags)  # who it says to be
-    replayed = _rows(_replay(daemon, tmp_path / "one"))
+    replayed = _rows(_replay(daemon.recording(), daemon.config, tmp_path / "one"))
     assert len(live) > 40
     for message in live:
         _assert_same(message, replayed[message["time_s"]])

@@ -83,8 +83,9 @@ def test_it_ends_by_itself_and_leaves_nothing_behind(demo):
 
 
 def test_the_live_view_shows_estimates_beside_the_truth(demo):
-    lines = [line for line in demo["out"].splitlines() if line.startswith("good: nut")]
+    lines = [line for line in demo["out"].splitlines() if line.startswith(("good: nut", "starting: nut"))]
     assert len(lines) > SECONDS / 2
+    assert sum(line.startswith("good") for line in lines) > SECONDS / 4
     assert all("truth" in line for line in lines[2:])
 
 
@@ -95,7 +96,7 @@ def test_the_readme_subscriber_prints_heats_and_temperatures(demo):
     assert len(heats) >= 5
     for heat in heats:
         assert heat["sources"].keys() == {"nut", "left_bearing", "right_bearing"}
-        assert heat["quality"] == "good"
+        assert heat["quality"] in {"good", "starting"}
     assert len(field["temperature_degC"]) == len(field["position_m"]) == 21
 
 

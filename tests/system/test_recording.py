@@ -60,6 +60,7 @@ def _assert_same(message: dict[str, Any], row: dict[str, str]) -> None:
     qualities = dict(
         zip((f"quality_{n}" for n in message["sensors"]), message["sensor_quality"], strict=True)
     )
+    qualities["quality"] = message["quality"]
     assert row.keys() == {"time_s"} | columns.keys() | qualities.keys()
     for name, value in columns.items():
         replayed = np.float32(row[name] or "nan")
