@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -15,6 +16,7 @@ from observer.service.reasons import sentence
 from observer.service.record import RecordStatus
 
 _CLOCK_STEP_S = 0.5
+_FIGURES = re.compile(r"(?<![\w.])[-+]?\d[\d.]*(?:e[-+]?\d+)?")  # and no digit of a name, as of t3
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +88,11 @@ class Health:
 
     @property
     def essence(self) -> tuple[Any, ...]:
-        """What makes a report worth sending at once when it changes: everything but ages and counts."""
-        return self.state, self.reasons, tuple((n, c.quality) for n, c in self.channels.items())
+        """What makes a report worth sending at once when it changes: everything but ages, counts and the
+        figures within the reasons.
+        """
+        reasons = tuple(_FIGURES.sub("", reason) for reason in self.reasons)
+        return self.state, reasons, tuple((n, c.quality) for n, c in self.channels.items())
 
     def document(self) -> dict[str, Any]:
         """The report as it is published."""

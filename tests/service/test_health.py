@@ -90,3 +90,11 @@ def test_a_channel_that_is_not_good_is_named(quality):
 def test_ages_and_counts_do_not_make_a_report_new():
     assert assess(_facts()).essence == assess(_facts(cycles=9, time_s=11.0)).essence
     assert assess(_facts()).essence != assess(_facts(clock_offset_s=9.0)).essence
+
+
+def test_figures_within_a_reason_are_no_change_worth_telling():
+    first = replace(assess(_facts()), reasons=("t3 is refused: +1.02 K from what is expected, since 14:02",))
+    later = replace(first, reasons=("t3 is refused: -0.98 K from what is expected, since 14:02",))
+    other = replace(first, reasons=("t4 is refused: +1.02 K from what is expected, since 14:02",))
+    assert first.essence == later.essence
+    assert first.essence != other.essence
