@@ -125,12 +125,11 @@ class _Ready:
 
     def compiler(self) -> Compiler:
         """What has its kernels compiled."""
-        import sdnotify
-
+        from observer.service.notify import service_manager
         from observer.service.warm import Compiler
 
         line = self.config.model_dump_json(by_alias=True, exclude_unset=True)
-        return Compiler("observer.compile_kernels", line, sdnotify.SystemdNotifier().notify)
+        return Compiler("observer.compile_kernels", line, service_manager())
 
 
 def _reread(path: Path, now: Config) -> _Ready:
@@ -163,8 +162,6 @@ def _service(
     """
     import secrets
 
-    import sdnotify
-
     from drivers import open_driver
     from observer.publish.codec import config_json
     from observer.publish.zenoh import ZenohPublisher
@@ -172,6 +169,7 @@ def _service(
     from observer.service.compensate import Compensator
     from observer.service.keeper import Keeper
     from observer.service.loop import Service
+    from observer.service.notify import service_manager
     from observer.service.record import Recorder
     from observer.service.retention import Retention
 
@@ -210,7 +208,7 @@ def _service(
         if record.directory
         else None,
         clock=clock,
-        notify=sdnotify.SystemdNotifier().notify,
+        notify=service_manager(),
         compensator=compensator,
         self_test=machine.self_test(),
         instance=instance,

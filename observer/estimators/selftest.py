@@ -35,8 +35,8 @@ from observer.plausibility import DISAGREE, FALLS_SHORT
 # The windows' time constants, and which means over each are more than chance and small faults make.
 WINDOWS_S = np.array([60.0, 600.0])
 _SURE = 6.0  # standard errors
-_BIAS = np.array([0.4, 0.15])  # of σ
-_COLOUR = np.array([0.35, 0.15])  # lag-one correlation
+_BIAS = np.array([0.4, 0.25])  # of σ
+_COLOUR = np.array([0.35, 0.25])  # lag-one correlation
 _NOISE = 1.5  # of σ², beyond the one that is expected
 _LAW_WINDOWS_S = np.array([15.0, 600.0])
 _OFF_LAW = np.array([3.0, 2.5])  # of what law and estimate are trusted for …
@@ -338,7 +338,9 @@ def _test_sensor(state, u, k, i, scores):
     if came and not refused:
         _average(state, i, min(max(u.nu[k, i] / u.nu_sigma[k, i], -_CLIP), _CLIP), u.time_s[k])
     _scores(state, i, scores)
-    mean, product, square = state.sensor[i, 0, 0], state.sensor[i, 0, 1], state.sensor[i, 0, 2]
+    last, long = state.sensor[i, 0], state.sensor[i, 1]
+    mean = long[0] if abs(long[0]) / _BIAS[1] > abs(last[0]) / _BIAS[0] else last[0]
+    product, square = max(last[1], long[1]), max(last[2], long[2])
     _note(state, test, scores[0], u.time_s[k], mean, 0.0)
     _note(state, test + 1, scores[1], u.time_s[k], product, 0.0)
     _note(state, test + 2, scores[2], u.time_s[k], np.sqrt(max(square, 0.0)), 1.0)

@@ -30,7 +30,7 @@ def _what(finding: Finding) -> str:
 
 
 _SENTENCES = {
-    Fault.BIASED: "{subject} and the model disagree by {value:+.1f} σ on average: an offset, a place, or "
+    Fault.BIASED: "{subject} and the model disagree by {value:+.2g} σ on average: an offset, a place, or "
     "film and ambient",
     Fault.COLOURED: "what {subject} shows beyond the model is no noise (it repeats by {value:.0%})",
     Fault.NOISY: "{subject} is {value:.1f} times as restless as its noise_K and the model say",
