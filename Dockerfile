@@ -39,4 +39,4 @@ EXPOSE 7447
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=5s --start-period=180s CMD ["observer", "health"]
 ENTRYPOINT ["observer"]
-CMD ["run", "--config", "/config/observer.toml"]
+CMD ["run", "--config", "/config/observer.files.toml"]

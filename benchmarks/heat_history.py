@@ -13,12 +13,12 @@ from benchmarks.plants import config_of, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.config import EstimatorSettings
-from observer.estimators.conjugate_gradient import Convolution, descend
-from observer.estimators.history import HeatHistory
-from observer.estimators.smoother import smooth_heats
-from observer.estimators.stacked import Prior, StackedProblem, stacked_problem
-from observer.estimators.tikhonov import TikhonovSolution, normal_equations, solve
 from observer.frames import Inputs
+from observer.history.conjugate_gradient import Convolution, descend
+from observer.history.history import HeatHistory
+from observer.history.smoother import smooth_heats
+from observer.history.stacked import Prior, StackedProblem, stacked_problem
+from observer.history.tikhonov import TikhonovSolution, normal_equations, solve
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config, parse
+from observer.config import Config
 from observer.frames import FloatArray, Inputs
+from observer.installation import parse
 from observer.model.discretise import augmented, step_matrices
 from observer.model.plant import Plant
 

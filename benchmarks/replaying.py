@@ -16,9 +16,9 @@ from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.estimators.constant_gain import ConstantGainEstimator
 from observer.estimators.kalman import KalmanEstimator
+from observer.files.logs import read_log
+from observer.files.writer import write_log
 from observer.frames import FloatArray
-from observer.log_writer import write_log
-from observer.logs import read_log
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 

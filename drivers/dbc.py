@@ -20,7 +20,7 @@ from cantools.errors import Error as CantoolsError
 from drivers.devices import DBC_OF, can_input
 from drivers.settings import CanChannel, CanSettings
 from observer.errors import UserError
-from observer.regular import one_line, read_regular
+from observer.files.regular import one_line, read_regular
 
 if TYPE_CHECKING:
     import can

@@ -11,8 +11,8 @@ import numpy as np
 from drivers.protocol import Clock, Deliver, DriverStatus, faulty
 from drivers.settings import PlayerSettings
 from observer.errors import LogError
+from observer.files.logs import read_log
 from observer.frames import Reading
-from observer.logs import read_log
 
 SHORTEST_S = 0.005  # between the faults after the log's end
 

@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from observer.errors import raise_all
-from observer.quantities import Count, File, Finite, Number, checked_channel
+from observer.tables.quantities import Count, File, Finite, Number, checked_channel
 
 
 def _any_base(code: object) -> object:

@@ -12,19 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from observer.config import Config, Output, load
-from observer.endpoints import refuse_taken
+from observer.config import Output
 from observer.errors import ConfigError, LogError, UserError
 from observer.estimators import build_estimator
-from observer.estimators.options import MethodOptions
 from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import SelfTest
+from observer.files.logs import Log, read_log, suffix_of
+from observer.files.results import results_in
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
-from observer.logs import Log, read_log, suffix_of
+from observer.history.options import MethodOptions
+from observer.installation import Installation, load
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.results import results_in
+from observer.publish.taken import refuse_taken
 from observer.service.align import AlignPlan, doubts, frames_of_log
 from observer.service.pipeline import Pipeline
 
@@ -42,13 +43,13 @@ Progress = Callable[[int, int], None]
 class Machine:
     """A configuration with the plant, the drive and the expectations of its channels that follow from it."""
 
-    config: Config
+    config: Installation
     plant: Plant
     drive: Drive
     plan: AlignPlan
 
     @classmethod
-    def of(cls, config: Config) -> Machine:
+    def of(cls, config: Installation) -> Machine:
         """Build the parts of a configuration."""
         plant = build_plant(config)
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
@@ -66,7 +67,7 @@ class Machine:
         return build_estimator(self.plant, self.config.estimator)
 
 
-def serve(config: Config, seconds: float | None = None, path: Path | None = None) -> None:
+def serve(config: Installation, seconds: float | None = None, path: Path | None = None) -> None:
     """Run the daemon until it is stopped; the caller leaves the process afterwards.
 
     With `path`, SIGHUP has the configuration read again from there.
@@ -100,13 +101,13 @@ def serve(config: Config, seconds: float | None = None, path: Path | None = None
 class _Ready:
     """A configuration for the daemon that has been checked, with what takes long to build."""
 
-    config: Config
+    config: Installation
     machine: Machine
     estimator: Estimator
     fit: Fit
 
     @classmethod
-    def of(cls, config: Config) -> _Ready:
+    def of(cls, config: Installation) -> _Ready:
         """Check and build. Raises `UserError`."""
         from observer.service.checkpoint import Fit
 
@@ -132,7 +133,7 @@ class _Ready:
         return Compiler("observer.compile_kernels", line, service_manager())
 
 
-def _reread(path: Path, now: Config) -> _Ready:
+def _reread(path: Path, now: Installation) -> _Ready:
     """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
     from drivers import open_driver
     from observer.publish.session import listening
@@ -220,11 +221,11 @@ def _service(
     )
 
 
-def wires(config: Config) -> dict[str, Any]:
+def wires(config: Installation) -> dict[str, Any]:
     """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
     from drivers import open_driver
-    from observer.plausibility import Limits
     from observer.service.one_look import look
+    from observer.service.plausibility import Limits
 
     limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
 
@@ -234,7 +235,7 @@ def wires(config: Config) -> dict[str, Any]:
     return look([open_driver(key, settings) for key, settings in config.drivers.items()], doubt)
 
 
-def _every_channel_has_a_driver(config: Config) -> None:
+def _every_channel_has_a_driver(config: Installation) -> None:
     """Raise `ConfigError` where the model reads a channel that no driver delivers; a player delivers all."""
     offered: set[str] = set()
     for settings in config.drivers.values():
@@ -251,7 +252,7 @@ def _every_channel_has_a_driver(config: Config) -> None:
 
 def _can_be_made(recordings: Path) -> None:
     """Raise `ConfigError` where no recording can be written; a disk that fills up later is another matter."""
-    from observer.service.files import make_folder
+    from observer.files.folders import make_folder
 
     try:
         make_folder(recordings)
@@ -264,7 +265,7 @@ def _can_be_made(recordings: Path) -> None:
 
 def replay(
     log_path: Path,
-    config: Config,
+    config: Installation,
     output: Path,
     suffix: str,
     *,
@@ -309,7 +310,7 @@ def replay(
     return summary
 
 
-def _recorded(path: Path, config: Config, *, accept_truncated: bool, accept_damaged: bool) -> Log:
+def _recorded(path: Path, config: Installation, *, accept_truncated: bool, accept_damaged: bool) -> Log:
     """Read a log, or a recording of a CAN bus."""
     from observer.service.can_log import is_can_recording, read_can_log
 
@@ -320,7 +321,7 @@ def _recorded(path: Path, config: Config, *, accept_truncated: bool, accept_dama
 
 def identify(
     log_path: Path,
-    config: Config,
+    config: Installation,
     output: Path,
     options: MethodOptions,
     *,
@@ -332,7 +333,7 @@ def identify(
 
     Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
-    from observer.estimators.identify import heat_history
+    from observer.history.identify import heat_history
     from observer.report.heat_history import HistorySamples, write_heat_history
     from observer.service.identify import inputs_of, write_history
 
@@ -417,7 +418,7 @@ def _predicted(
         yield inputs, rows
 
 
-def _verdicts(config: Config, log: Log) -> dict[str, Any]:
+def _verdicts(config: Installation, log: Log) -> dict[str, Any]:
     """Return, per moving source, whether the log tells the nut's path."""
     from observer.model.rod.moving import judge_path
 
@@ -431,14 +432,14 @@ def _verdicts(config: Config, log: Log) -> dict[str, Any]:
 
 
 def simulate(
-    program: Path, config: Config, output: Path, start_degC: float | None, progress: Progress
+    program: Path, config: Installation, output: Path, start_degC: float | None, progress: Progress
 ) -> FloatArray:
     """Predict a run from the heat laws alone and write it as a log, with `overview.png` beside it.
 
     The program is a log of the input channels; where it also holds the sensors' channels, their first values
     give the initial field. Returns the last predicted sensor temperatures in °C.
     """
-    from observer.log_writer import write_log
+    from observer.files.writer import write_log
     from observer.report.collect import SimulationCollector
     from observer.report.overview import write_simulation_overview
 
@@ -463,7 +464,7 @@ def simulate(
     return np.asarray(rows[-1, machine.plant.rows.sensor_slice])
 
 
-def _program(path: Path, config: Config) -> Log:
+def _program(path: Path, config: Installation) -> Log:
     """Read a program; sensors that it does not hold count as missing."""
     sensors = {s.channel for s in config.sensor}
     log = read_log(path)
@@ -503,10 +504,10 @@ def calibrate(
 
     Returns the content of `calibration.json`.
     """
-    from observer.discovery.calibrate import calibrate as fit
-    from observer.discovery.process_noise import fit_noise
     from observer.discovery.result import calibration_result
-    from observer.discovery.write_back import write_back
+    from observer.fit.calibrate import calibrate as fit
+    from observer.fit.process_noise import fit_noise
+    from observer.installation.write_back import write_back
 
     config = load(config_path)
     runs, odd = _runs(log_paths, config)
@@ -522,7 +523,7 @@ def calibrate(
     return result
 
 
-def _runs(log_paths: Sequence[Path], config: Config) -> tuple[list[list[FrameBlock]], list[str]]:
+def _runs(log_paths: Sequence[Path], config: Installation) -> tuple[list[list[FrameBlock]], list[str]]:
     """The frames of each log, and what is doubtful about the logs' channels."""
     plan = AlignPlan.of(config)
     runs, odd = [], []
@@ -547,7 +548,7 @@ def discover(
     """
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
-    from observer.discovery.write_back import with_effects, write_back
+    from observer.installation.write_back import with_effects, write_back
     from observer.report.discovery import write_discovery_report
 
     config = load(config_path)
@@ -569,9 +570,9 @@ def discover(
     return result
 
 
-def place(config: Config, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
+def place(config: Installation, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
     """Rank sensor sites: the best sets of 1 … `count` positions and how well they see."""
-    from observer.estimators.placement import rank_sensor_sites
+    from observer.estimators.design.placement import rank_sensor_sites
 
     length_m = config.screw.length_m
     points = 41 if spacing_m is None else max(2, round(length_m / spacing_m) + 1)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 import typer
 
 from observer.errors import UserError
-from observer.publishing import Client
+from observer.tables.publishing import Client
 
 if TYPE_CHECKING:
-    from observer.config import Config
+    from observer.installation import Installation
 
 app = typer.Typer(
     help="A ball screw's temperature field, heat inputs and thermal error, live and from logs.",
@@ -34,7 +34,7 @@ SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself
 
 def _endpoint(option: typer.CallbackParam, text: str) -> str:
     """Refuse what is no endpoint before anything is started."""
-    from observer.endpoints import checked_endpoint
+    from observer.tables.endpoints import checked_endpoint
 
     try:
         return checked_endpoint(text)
@@ -104,7 +104,7 @@ def run(
 ) -> None:
     """Run the daemon beside the CNC until SIGTERM or Ctrl-C."""
     from observer import app as parts
-    from observer.config import load
+    from observer.installation import load
     from observer.service.messages import configure
     from observer.service.shutdown import leave
 
@@ -130,7 +130,7 @@ def replay(
 ) -> None:
     """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
     from observer import app as parts
-    from observer.config import load
+    from observer.installation import load
     from observer.report.progress import counting
 
     with counting("replay") as progress:
@@ -188,8 +188,8 @@ def identify(
 ) -> None:
     """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
     from observer import app as parts
-    from observer.config import load
-    from observer.estimators.options import MethodOptions
+    from observer.history.options import MethodOptions
+    from observer.installation import load
     from observer.report.progress import saying
 
     options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
@@ -243,7 +243,7 @@ def simulate(
 ) -> None:
     """Predict a run from the heat laws alone, as a log with overview.png beside it."""
     from observer import app as parts
-    from observer.config import load
+    from observer.installation import load
     from observer.report.progress import counting
 
     settings = load(config)
@@ -327,7 +327,7 @@ def check(
     Console(highlight=False).print(as_text(found))
 
 
-def _look_at_wires(settings: Config, as_json: bool) -> None:
+def _look_at_wires(settings: Installation, as_json: bool) -> None:
     """Show what comes from the devices; leaves with 0 if every channel came with a usable value, else 1."""
     from rich.console import Console
 
@@ -352,7 +352,7 @@ def place(
 ) -> None:
     """Rank sensor positions by how well they tell field and heats (conditioning, not rank)."""
     from observer import app as parts
-    from observer.config import load
+    from observer.installation import load
 
     sets = parts.place(load(config), sensors, spacing_m)
     if as_json:
@@ -385,7 +385,7 @@ def watch(
 
 def _client(path: Path | None) -> Client | None:
     """Read who asks."""
-    from observer.config import load_client
+    from observer.installation import load_client
 
     return None if path is None else load_client(path)
 

@@ -7,13 +7,13 @@ import sys
 import threading
 
 from observer.app import Machine
-from observer.config import Config
+from observer.installation import Installation
 from observer.service.align import Aligner
 
 
 def main() -> None:
     """Compile, and end at once when the service that waits for it has ended."""
-    config = Config.model_validate_json(sys.stdin.readline())
+    config = Installation.model_validate_json(sys.stdin.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     machine = Machine.of(config)
     machine.pipeline(machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))

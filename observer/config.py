@@ -1,7 +1,7 @@
-"""The configuration: every unit and every range, checked once, here.
+"""The configuration of a machine without its wires: every unit and every range, checked once, here.
 
-The file is TOML with the unit in the name of each key. `load` returns frozen objects; nothing else in
-the package checks ranges again.
+Nothing else in the package checks ranges again. What delivers the channels comes with the installation
+(`observer.installation`), which mathematics does not know.
 """
 
 from __future__ import annotations
@@ -10,20 +10,17 @@ import difflib
 import hashlib
 import itertools
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from drivers.settings import DriverSettings, delivered
 from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
-from observer.keeping import Checkpoint, Record
-from observer.limits import ChannelLimits
-from observer.mounting import Compensation
-from observer.problems import as_message, problems_of
-from observer.publishing import Client, Publish
-from observer.quantities import (
+from observer.tables.keeping import Checkpoint, Record
+from observer.tables.limits import ChannelLimits
+from observer.tables.mounting import Compensation
+from observer.tables.publishing import Publish
+from observer.tables.quantities import (
     Air,
     Channel,
     Count,
@@ -37,8 +34,7 @@ from observer.quantities import (
     Rise,
     Section,
 )
-from observer.sections import Description
-from observer.toml import read_toml
+from observer.tables.sections import Description
 
 MOST_ROWS = 1500
 """Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
@@ -112,7 +108,7 @@ _BESIDE_THE_MODEL = {
 
 
 class Config(Description):
-    """A whole configuration."""
+    """What is known of a machine, and what is asked about it."""
 
     machine: Machine = Machine()
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
@@ -123,25 +119,32 @@ class Config(Description):
     output: Output = Output()
     compensation: Compensation = Compensation()
     limits: dict[Channel, ChannelLimits] = Field(default_factory=dict, max_length=256)
-    drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
     record: Record = Record()
     checkpoint: Checkpoint = Checkpoint()
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Config:
-        raise_all(
-            [
-                *_beyond_the_screw(self),
-                *_too_much_work(self),
-                *_growth_unknown(self),
-                *_names_twice(self),
-                *_heats_unknown(self),
-                *_delivered_twice(self),
-                *_limits_unknown(self),
-            ]
-        )
+    def _fits_together(self) -> Self:
+        raise_all(self.contradictions())
         return self
+
+    def contradictions(self) -> list[str]:
+        """What does not fit together, a sentence each."""
+        return [
+            *_beyond_the_screw(self),
+            *_too_much_work(self),
+            *_growth_unknown(self),
+            *_names_twice(self),
+            *_heats_unknown(self),
+            *_limits_unknown(self),
+        ]
+
+    def remade(self, table: dict[str, Any]) -> Self:
+        """Return a configuration of the same kind from another table, checked anew; raises `ConfigError`."""
+        try:
+            return self.model_validate(table)
+        except ValidationError as error:
+            raise ConfigError(f"the configuration with other values: {error}") from None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -250,47 +253,6 @@ def _heats_unknown(config: Config) -> Iterator[str]:
             )
     if not any(s.estimate for s in config.source):
         yield "every source has estimate = false; leave at least one to be estimated"
-
-
-def _delivered_twice(config: Config) -> Iterator[str]:
-    by: dict[str, str] = {}
-    for name, settings in config.drivers.items():
-        for channel in delivered(settings) or ():
-            if channel in by:
-                yield (
-                    f'drivers.{name}: "{channel}" is delivered by drivers.{by[channel]} already; give it to '
-                    "one of them"
-                )
-            by.setdefault(channel, name)
-
-
-def load(path: Path) -> Config:
-    """Read and check a configuration file.
-
-    Raises `ConfigError`, a sentence for each problem that names the file, the key and the remedy.
-    """
-    return parse(read_toml(path), str(path))
-
-
-def load_client(path: Path) -> Client:
-    """Read and check how a command shows who it is; raises `ConfigError`."""
-    table = read_toml(path, "a client's file with --client")
-    try:
-        return Client.model_validate(table)
-    except ValidationError:
-        problems = problems_of(table, Client, Client.model_validate)
-        raise ConfigError(as_message(str(path), problems)) from None
-
-
-def parse(table: dict[str, Any], place: str = "configuration") -> Config:
-    """Check a configuration given as a table; `place` is named in errors (`ConfigError`)."""
-    try:
-        config = Config.model_validate(table)
-    except ValidationError:
-        raise ConfigError(as_message(place, problems_of(table, Config, Config.model_validate))) from None
-    if problems := effect_problems(config):
-        raise ConfigError(as_message(place, problems))
-    return config
 
 
 def effect_problems(config: Config) -> list[str]:

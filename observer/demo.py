@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from observer.config import Config, load
-from observer.endpoints import refuse_taken
 from observer.errors import UserError
+from observer.installation import Installation, load
+from observer.publish.taken import refuse_taken
 
 START_S = 20.0
 VIEW_END_S = 0.5
@@ -133,7 +133,7 @@ def _first_line(process: subprocess.Popen[bytes], timeout_s: float) -> bytes:
     return lines[0] if lines else b""
 
 
-def connected(config: Config, wires: Mapping[str, Any], listen: str) -> Config:
+def connected(config: Installation, wires: Mapping[str, Any], listen: str) -> Installation:
     """Return the demo's configuration with the wires that the simulated machine has."""
     thermocouples, axis = config.drivers["thermocouples"], config.drivers["axis"]
     return config.model_copy(

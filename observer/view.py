@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from observer.publishing import Client
+from observer.tables.publishing import Client
 
 REFRESH_S = 0.25
 PLAIN_S = 1.0

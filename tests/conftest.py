@@ -24,11 +24,11 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput") or session.config.option.collectonly:
         return
     # Imported here, because a worker's import of the product belongs to its tests.
-    from observer import app, config
-    from observer.estimators.smoother import smooth_heats
+    from observer import app, installation
+    from observer.history.smoother import smooth_heats
     from observer.service.align import Aligner
 
-    settings = config.load(DEMO)
+    settings = installation.load(DEMO)
     for kind in ("kalman", "luenberger"):
         estimator = settings.estimator.model_copy(update={"kind": kind})
         machine = app.Machine.of(settings.model_copy(update={"estimator": estimator}))

@@ -20,15 +20,15 @@ from matplotlib.figure import Figure
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1]))
 
-from observer import config  # noqa: E402
-from observer.estimators.conjugate_gradient import Convolution  # noqa: E402
-from observer.estimators.history import HeatHistory  # noqa: E402
-from observer.estimators.identify import heat_history  # noqa: E402
-from observer.estimators.options import MethodOptions  # noqa: E402
-from observer.estimators.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve  # noqa: E402
-from observer.estimators.stacked import Prior, stacked_problem  # noqa: E402
-from observer.estimators.tikhonov import normal_equations  # noqa: E402
+from observer import installation  # noqa: E402
 from observer.frames import FloatArray  # noqa: E402
+from observer.history.conjugate_gradient import Convolution  # noqa: E402
+from observer.history.history import HeatHistory  # noqa: E402
+from observer.history.identify import heat_history  # noqa: E402
+from observer.history.options import MethodOptions  # noqa: E402
+from observer.history.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve  # noqa: E402
+from observer.history.stacked import Prior, stacked_problem  # noqa: E402
+from observer.history.tikhonov import normal_equations  # noqa: E402
 from observer.model.build import build_plant  # noqa: E402
 from observer.report.panels import Z95  # noqa: E402
 from observer.report.style import CATEGORIES, QUIET  # noqa: E402
@@ -171,7 +171,7 @@ def draw_lathe() -> None:
 def draw_li() -> None:
     """Li's experiment at three speeds, identified with the shipped configuration."""
     figure, axes = _new_figure(2, 3.6)
-    settings = config.load(LI)
+    settings = installation.load(LI)
     plant = build_plant(settings)
     for i, speed_m_min in enumerate((5.0, 10.0, 15.0)):
         truth = li_experiment(settings, speed_m_min / 60.0, seed=3)

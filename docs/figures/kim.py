@@ -14,13 +14,13 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from observer import config
+from observer import installation
 from observer.estimators import build_estimator
-from observer.estimators.kim import kim_gains, kim_gains_printed, kim_poles
+from observer.estimators.design.kim import kim_gains, kim_gains_printed, kim_poles
 from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
 from observer.model import simulate
 from observer.model.build import build_plant
-from observer.model.heat.law import heat_law
+from observer.model.law import heat_law
 from observer.model.plant import Plant
 from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.screw import End, Rod
@@ -138,7 +138,7 @@ def ball_screw_run(steps: int = 60, *, default_bandwidth: bool = False) -> Run:
 
     The bandwidth is that of `config/kim-screw.toml`, or the one that is taken where none is given.
     """
-    settings = config.load(HERE.parents[1] / "config" / "kim-screw.toml")
+    settings = installation.load(HERE.parents[1] / "config" / "kim-screw.toml")
     plant = build_plant(settings)
     design = settings.estimator
     if default_bandwidth:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from observer import app, config
+from observer import app, installation
 
 HERE = Path(__file__).parent
 RIG = HERE.parents[1] / "tests" / "data" / "rig"
@@ -20,7 +20,7 @@ def draw_overview(target: Path) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch)
         app.calibrate([LOG], RIG / "config.toml", place, print)
-        calibrated = config.load(place / "config.toml")
+        calibrated = installation.load(place / "config.toml")
         app.replay(LOG, calibrated, place, ".parquet", progress=lambda _done, _total: None)
         _shrink(place / "overview.png", target)
 

@@ -13,12 +13,12 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
 from observer.config import Config
-from observer.discovery.hypothesis import Parameter
-from observer.discovery.parameters import FILM
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.laws import SPEED_LAWS, Surface
-from observer.model.heat.law import law_channels
+from observer.fit.hypothesis import Parameter
+from observer.fit.parameters import FILM
+from observer.model.law import law_channels
+from observer.tables.laws import SPEED_LAWS, Surface
 
 BY_KIND = dict(zip(KINDS, LIBRARY, strict=True))
 NEUTRAL = {"exponent": 1.0}

@@ -14,21 +14,21 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import library
-from observer.discovery.evidence import gather
 from observer.discovery.excitation import lacking
 from observer.discovery.experiment import SEPARATES, Experiment, propose
-from observer.discovery.forward import Forward
-from observer.discovery.hypothesis import Problem
 from observer.discovery.localise import Place, localised
-from observer.discovery.parameters import free_keys
 from observer.discovery.phases import courses_of
 from observer.discovery.proof import Proof, prove
 from observer.discovery.remainder import Event, event
-from observer.discovery.runs import prepare
 from observer.discovery.search import Progress, Search, search
 from observer.discovery.verdict import Verdict, decide
 from observer.effects.base import EffectTable
 from observer.errors import LogError
+from observer.fit.evidence import gather
+from observer.fit.forward import Forward
+from observer.fit.hypothesis import Problem
+from observer.fit.parameters import free_keys
+from observer.fit.runs import prepare
 from observer.frames import FrameBlock
 
 LEAST_S = 300.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.phases import Course
-from observer.discovery.runs import Run
+from observer.fit.runs import Run
 from observer.frames import FloatArray
 
 LEAST_S = 1800.0

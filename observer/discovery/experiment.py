@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.evidence import gather
-from observer.discovery.forward import Forward
-from observer.discovery.hypothesis import Problem, told_lags
 from observer.discovery.phases import courses_of
-from observer.discovery.runs import prepare
+from observer.fit.evidence import gather
+from observer.fit.forward import Forward
+from observer.fit.hypothesis import Problem, told_lags
+from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock, NutPath
 
 STEP_S = 1.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.discovery.hypothesis import Fit
 from observer.discovery.phases import PHASES, Course, courses_of
+from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
 
 LEAST_MEANS = 6

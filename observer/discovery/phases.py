@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
-from observer.discovery.coarse import CoarseRun
-from observer.discovery.hypothesis import Problem
+from observer.fit.coarse import CoarseRun
+from observer.fit.hypothesis import Problem
 from observer.frames import FloatArray
 
 PHASES = ("isothermal", "heat_up", "steady", "dwell", "cool_down")

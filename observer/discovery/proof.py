@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.hypothesis import Fit
+from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
 
 WORSE = 1.2

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.hypothesis import Fit
 from observer.discovery.phases import PHASES, courses_of
 from observer.effects.heat import LocalHeat
+from observer.fit.hypothesis import Fit
 from observer.frames import FloatArray
-from observer.sections import Sensor, Source
+from observer.tables.sections import Sensor, Source
 
 WINDOW_S = 600.0
 PRIOR_W = 10.0

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from observer.discovery.calibrate import Calibration, Gap
 from observer.discovery.discover import Discovery
-from observer.discovery.hypothesis import NORMAL_95, Fit
-from observer.discovery.identifiability import describe
-from observer.discovery.parameters import kind_of
 from observer.discovery.search import Trial
-from observer.discovery.write_back import rounded
+from observer.fit.calibrate import Calibration, Gap
+from observer.fit.hypothesis import NORMAL_95, Fit
+from observer.fit.identifiability import describe
+from observer.fit.parameters import kind_of, rounded
 
 
 def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> dict[str, Any]:

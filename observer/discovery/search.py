@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from observer.discovery.candidates import BY_KIND, Candidate
-from observer.discovery.hypothesis import Fit, Problem, fit_effects, fit_null
 from observer.discovery.signatures import Promise, Signature, promises, signatures
 from observer.effects.film import UnevenConvection
 from observer.effects.heat import LocalHeat
+from observer.fit.hypothesis import Fit, Problem, fit_effects, fit_null
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3

@@ -10,7 +10,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import BY_KIND, Candidate
-from observer.discovery.hypothesis import Fit, Problem, told_lags
+from observer.fit.hypothesis import Fit, Problem, told_lags
 from observer.frames import FloatArray
 
 

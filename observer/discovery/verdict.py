@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from observer.discovery.candidates import Candidate
-from observer.discovery.hypothesis import Fit
 from observer.discovery.proof import Proof
 from observer.discovery.search import FORM, Search, same_physics
+from observer.fit.hypothesis import Fit
 
 Kind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
 

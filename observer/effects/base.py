@@ -9,8 +9,8 @@ from pydantic import Field
 
 from observer.effects.terms import Term
 from observer.errors import ConfigError
-from observer.quantities import Section
-from observer.sections import Description, Source
+from observer.tables.quantities import Section
+from observer.tables.sections import Description, Source
 
 Target = Annotated[str, Field(min_length=1, max_length=64)]
 

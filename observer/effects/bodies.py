@@ -8,8 +8,8 @@ from pydantic import Field
 
 from observer.effects.base import EffectTable, Target, free_end, source_free_to_warm
 from observer.effects.terms import Body, End, EndConductance, Heat, Term
-from observer.quantities import Finite
-from observer.sections import Description, Source
+from observer.tables.quantities import Finite
+from observer.tables.sections import Description, Source
 
 
 class EndConduction(EffectTable):

@@ -12,8 +12,8 @@ from observer.effects.base import EffectTable, on_screw, speed_channel
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
-from observer.quantities import Channel, Finite, NonNegative, Temperature
-from observer.sections import Description
+from observer.tables.quantities import Channel, Finite, NonNegative, Temperature
+from observer.tables.sections import Description
 
 # Air at 25 °C, as Yu et al. take it.
 AIR_CONDUCTIVITY_W_MK = 0.0254

@@ -20,9 +20,9 @@ from observer.effects.base import (
 from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
-from observer.laws import SPEED_LAWS
-from observer.quantities import Channel, Finite, NonNegative, Positive, Temperature
-from observer.sections import Description, Source
+from observer.tables.laws import SPEED_LAWS
+from observer.tables.quantities import Channel, Finite, NonNegative, Positive, Temperature
+from observer.tables.sections import Description, Source
 
 REFERENCE_RPM = 1000.0
 """The speed at which a law keeps its heat when its exponent changes."""

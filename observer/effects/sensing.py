@@ -8,8 +8,8 @@ from pydantic import Field
 
 from observer.effects.base import EffectTable, Target, named_sensor
 from observer.effects.terms import Lag, Offset, Term
-from observer.quantities import Finite
-from observer.sections import Description
+from observer.tables.quantities import Finite
+from observer.tables.sections import Description
 
 
 class SensorLag(EffectTable):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from observer.frames import FloatArray
-from observer.sections import Source
+from observer.tables.sections import Source
 
 End = Literal["left", "right"]
 

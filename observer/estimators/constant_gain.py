@@ -6,11 +6,11 @@ import numpy as np
 
 from observer.config import EstimatorSettings
 from observer.errors import UserError
-from observer.estimators import packing
+from observer.estimators.compiled import packing
+from observer.estimators.design.gains import Refusal
+from observer.estimators.design.riccati import steady_kalman
 from observer.estimators.fixed_gain import FixedGainEngine
-from observer.estimators.gains import Refusal
 from observer.estimators.protocol import EstimatorState
-from observer.estimators.riccati import steady_kalman
 from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs, Layout
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.plant import Plant

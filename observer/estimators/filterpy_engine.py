@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from observer.config import EstimatorSettings
-from observer.estimators import judging, kernels, packing
+from observer.estimators.compiled import judging, kernels, packing
+from observer.estimators.compiled.steps import StepCache, chunks
 from observer.estimators.protocol import EstimatorState
-from observer.estimators.steps import StepCache, chunks
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 from observer.model.coupling import coupled
 from observer.model.discretise import StepMatrices, quantise, step_matrices

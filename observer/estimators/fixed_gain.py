@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from observer.estimators import packing
-from observer.estimators.cruise_kernel import columns
-from observer.estimators.fixed_gain_kernel import DONE, GainTable, Rungs, run_fixed_gain
-from observer.estimators.gains import sensor_rows
+from observer.estimators.compiled import packing
+from observer.estimators.compiled.cruise_kernel import columns
+from observer.estimators.compiled.fixed_gain_kernel import DONE, GainTable, Rungs, run_fixed_gain
+from observer.estimators.compiled.steps import StepCache, StepTable, chunks
+from observer.estimators.design.gains import sensor_rows
+from observer.estimators.design.riccati import steady_covariance
 from observer.estimators.protocol import EstimatorState
-from observer.estimators.riccati import steady_covariance
-from observer.estimators.steps import StepCache, StepTable, chunks
 from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant

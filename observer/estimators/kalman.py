@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from observer.config import EstimatorSettings
-from observer.estimators import packing
-from observer.estimators.kalman_kernel import run_kalman
+from observer.estimators.compiled import packing
+from observer.estimators.compiled.kalman_kernel import run_kalman
+from observer.estimators.compiled.steps import StepCache, StepTable, chunks
 from observer.estimators.protocol import EstimatorState
-from observer.estimators.steps import StepCache, StepTable, chunks
 from observer.frames import EstimateBlock, Inputs, Layout
 from observer.model.plant import Plant
 

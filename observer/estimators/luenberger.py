@@ -6,21 +6,14 @@ import numpy as np
 
 from observer.config import EstimatorSettings
 from observer.errors import UserError
-from observer.estimators import packing
+from observer.estimators.compiled import packing
+from observer.estimators.design.bandwidth import bandwidth, design, everything
+from observer.estimators.design.gains import LuenbergerGain, Refusal
 from observer.estimators.fixed_gain import FixedGainEngine
-from observer.estimators.gains import LuenbergerGain, Refusal, design_bandwidth, design_kim
 from observer.estimators.protocol import EstimatorState
-from observer.estimators.riccati import steady_covariance
 from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs, Layout
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.plant import Plant
-
-_SLOWEST_1_S = 1e-5
-_PER_DECADE = 4
-_LADDER_STEPS = 32
-_WORSE = 10.0
-# Sensor noise alone may at most move a heat by this share of its initial sigma.
-_NOISE_AT_MOST = 1.0
 
 
 class LuenbergerEstimator:
@@ -67,67 +60,3 @@ class LuenbergerEstimator:
     def _design(self, step: StepMatrices, present: BoolArray) -> FloatArray | None:
         gain = design(self._plant, step, present, self._rule, self._bandwidth_1_s)
         return None if isinstance(gain, Refusal) else gain.K
-
-
-def everything(plant: Plant) -> BoolArray:
-    """Return the mask (s,) of all sensors."""
-    return np.ones(plant.rows.sensors, dtype=np.bool_)
-
-
-def design(
-    plant: Plant, step: StepMatrices, present: BoolArray, rule: str, bandwidth_1_s: float
-) -> LuenbergerGain | Refusal:
-    """Design by the rule of the configuration; under the bandwidth rule a gain that only makes noise is
-    refused.
-    """
-    if rule == "kim":
-        return design_kim(plant, step, present)
-    gain = design_bandwidth(plant, step, present, bandwidth_1_s)
-    if isinstance(gain, LuenbergerGain) and not noise_share(plant, gain, present) <= _NOISE_AT_MOST:
-        names = tuple(name for name, here in zip(plant.layout.sensors, present, strict=True) if here)
-        return Refusal(names, "sensor noise alone would move a heat by more than its initial_sigma_W")
-    return gain
-
-
-def noise_share(plant: Plant, gain: LuenbergerGain, present: BoolArray) -> float:
-    """Heat σ made by the noise of the sensors present, as a share of the heats' initial sigma."""
-    noise_K = float(np.sqrt(plant.noise_R_K2[present].max()))
-    return float(np.max(gain.noise_gain_W_K * noise_K / plant.initial_sigma_W))
-
-
-def bandwidth(plant: Plant, settings: EstimatorSettings) -> float:
-    """Return the configured bandwidth, 1/s, or the default.
-
-    The default is the one, of four per decade, at which the heats' steady σ (random walk, sensor noise and
-    the observer's own lag together) is smallest against their initial_sigma_W; no faster than a half per
-    period. Raises `UserError` where none serves.
-    """
-    if settings.bandwidth_1_s is not None:
-        return float(settings.bandwidth_1_s)
-    step = step_matrices(plant, settings.period_s)
-    best, best_sigma = 0.0, np.inf
-    for omega in _SLOWEST_1_S * 10.0 ** (np.arange(_LADDER_STEPS) / _PER_DECADE):
-        if omega * settings.period_s > 0.5:
-            break
-        gain = design(plant, step, everything(plant), "bandwidth", float(omega))
-        sigma = np.inf if isinstance(gain, Refusal) else _steady_heat_sigma(plant, step, gain.K)
-        if sigma < best_sigma:
-            best, best_sigma = float(omega), sigma
-        elif sigma > _WORSE * best_sigma:
-            break
-    if best == 0.0:
-        raise UserError(
-            "estimator: no bandwidth gives the Luenberger observer poles it can reach and heats above the "
-            "sensors' noise; add sensors or move them nearer the sources (`observer place`), or use "
-            'kind = "kalman"'
-        )
-    return best
-
-
-def _steady_heat_sigma(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
-    """Largest steady heat σ under a gain, as a share of the heats' initial sigma."""
-    steady = steady_covariance(plant, step, K)
-    if steady is None:
-        return float("inf")
-    variance_W2 = np.diag(steady.P)[len(plant.decay_1_s) :]
-    return float(np.sqrt(np.max(variance_W2 / plant.initial_sigma_W**2)))

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.compiling import cached_loop, inlined
+from observer.compiled import cached_loop, inlined
 from observer.config import Config
-from observer.estimators import judging
-from observer.estimators.judging import (
+from observer.estimators.compiled import judging
+from observer.estimators.compiled.judging import (
     ESTIMATE_DEGRADED,
     ESTIMATE_INVALID,
     ESTIMATE_STARTING,
@@ -30,7 +30,6 @@ from observer.estimators.judging import (
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, QualityArray
 from observer.model.plant import Plant
 from observer.model.realise import realise
-from observer.plausibility import DISAGREE, FALLS_SHORT
 
 # The windows' time constants, and which means over each are more than chance and small faults make.
 WINDOWS_S = np.array([60.0, 600.0])
@@ -51,6 +50,12 @@ _FLOOR = 0.05  # … by this part of it
 _LEAST_W = 0.3
 _MOTION_S = 20.0
 _MOTION_ENOUGH = 1.0  # strokes
+
+
+DISAGREE = 1.5
+"""Ratio of the way a nut makes to what speed and lead allow, beyond which the two disagree …"""
+FALLS_SHORT = 0.5
+"""… and below which they do; samples cut reversals off, so a way may well fall short."""
 
 
 class Fault(IntEnum):

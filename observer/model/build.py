@@ -36,7 +36,7 @@ from observer.model.rod.sources import footprints, mean_stretch, nut_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, source_field
 from observer.model.rod.supports import restraint_of
 from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input
-from observer.sections import Source
+from observer.tables.sections import Source
 
 MOST_MODES = 400
 MOST_ASKED = 150

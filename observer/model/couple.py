@@ -20,7 +20,7 @@ from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, quadrature, source_field
 from observer.model.rod.truncation import contributions
-from observer.sections import Description, Screw
+from observer.tables.sections import Description, Screw
 
 STEFAN_BOLTZMANN_W_M2K4 = 5.670374419e-8
 NEGLIGIBLE = 1e-9

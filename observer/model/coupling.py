@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.compiling import inlined
+from observer.compiled import inlined
 from observer.frames import FloatArray
 
 ZERO_DEGC_K = 273.15

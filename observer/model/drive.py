@@ -17,7 +17,7 @@ from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.model.couple import surface_rate
-from observer.model.heat.law import Law, heat_law, law_channels
+from observer.model.law import Law, heat_law, law_channels
 from observer.model.plant import OFFSET, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning

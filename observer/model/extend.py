@@ -11,7 +11,7 @@ from observer.frames import FloatArray
 from observer.model.network.attach import Attached
 from observer.model.network.network import NodeModes
 from observer.model.plant import OFFSET, MovingSource, Plant
-from observer.sections import Description
+from observer.tables.sections import Description
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from observer.config import Config
 from observer.effects.terms import EndConductance, Film, Heat, SpeedLoss, Term
-from observer.laws import Surface
-from observer.model.heat.surface import surface_film_W_m2K, turning_film
-from observer.sections import Boundary, Source
+from observer.model.surface import surface_film_W_m2K, turning_film
+from observer.tables.laws import Surface
+from observer.tables.sections import Boundary, Source
 
 
 @dataclass(frozen=True, slots=True)

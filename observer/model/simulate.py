@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.compiling import cached_loop
+from observer.compiled import cached_loop
 from observer.frames import FloatArray, Inputs
 from observer.model import coupling, discretise
 from observer.model.coupling import couple, faded, swept

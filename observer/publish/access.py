@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from observer.publishing import Access
+from observer.tables.publishing import Access
 
 _EVERYTHING = "ballscrew/**"
 _ANSWERS = ("ballscrew/*/*/*", "ballscrew/*/*/truth/*")

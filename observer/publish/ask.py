@@ -14,7 +14,7 @@ import zenoh
 
 from observer.publish.commands import plain_name
 from observer.publish.session import client_config, close_within
-from observer.publishing import Client
+from observer.tables.publishing import Client
 
 _HASH = re.compile(r"[0-9a-f]{1,64}")
 _AGAIN_S = 0.2

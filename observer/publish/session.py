@@ -14,7 +14,7 @@ import zenoh
 
 from observer.errors import ConfigError
 from observer.publish.access import access_control
-from observer.publishing import Client, Login, Publish, Tls
+from observer.tables.publishing import Client, Login, Publish, Tls
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
-from observer.publishing import Client
+from observer.tables.publishing import Client
 
 KEYS = ("estimate", "heat", "field", "error", "health", "truth/heat")
 _STYLE = {"good": "green", "degraded": "yellow", "stale": "yellow", "starting": "cyan"}

@@ -29,7 +29,7 @@ from observer.publish.session import (
     service_config,
     short,
 )
-from observer.publishing import Publish
+from observer.tables.publishing import Publish
 
 _LOOK_S = 0.05
 _LINKED_S = 1.5  # a peer's link to its router is there by then, or the router is not

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
 from observer.effects.base import EffectTable
 from observer.effects.terms import Body, Lag, Radiation, SpeedLoss, StretchFilm
 from observer.errors import ConfigError
 from observer.estimators import refuse_what_it_cannot_follow
-from observer.estimators.report import DesignReport, design_report
+from observer.estimators.design.report import DesignReport, design_report
+from observer.installation import Installation
 from observer.model.build import build_plant
 from observer.model.generator import settled_rows
 from observer.model.network.attach import attached
@@ -25,14 +25,14 @@ from observer.model.rod.supports import force_N
 from observer.model.rod.truncation import tail_left
 from observer.model.transient import transient_error_K_W
 from observer.report.doubts import doubts
-from observer.sections import Source
+from observer.tables.sections import Source
 
 TRANSIENT_S = (0.5, 10.0)
 MOST_DESIGNED = 200
 """A design costs the cube of the modes: seconds here, minutes at twice as many."""
 
 
-def findings(config: Config) -> dict[str, Any]:
+def findings(config: Installation) -> dict[str, Any]:
     """Return what must be known of a configuration. Raises `UserError` where no design exists."""
     if (config.model.modes or 0) > MOST_DESIGNED:
         raise ConfigError(
@@ -76,7 +76,7 @@ def findings(config: Config) -> dict[str, Any]:
     }
 
 
-def _left_out(config: Config, plant: Plant) -> float:
+def _left_out(config: Installation, plant: Plant) -> float:
     """The largest part of a source's steady field that the modes alone would leave out."""
     machine = realise(config).config
     modes = solve_modes(rod_of(machine), max(plant.mode_index))
@@ -93,7 +93,7 @@ def _seen(plant: Plant) -> list[float]:
     return [min(1.0, float(x)) for x in share]
 
 
-def _path_limit_rpm(config: Config, source: Source) -> float:
+def _path_limit_rpm(config: Installation, source: Source) -> float:
     """The speed up to which a nut's position is sampled often enough to tell its path."""
     low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
     sample_s = config.estimator.period_s
@@ -104,17 +104,17 @@ def _path_limit_rpm(config: Config, source: Source) -> float:
     return 60.0 * (high_m - low_m) / ((source.lead_m or 1.0) * SAMPLES_PER_TRAVERSE * sample_s)
 
 
-def _adds_states(effect: EffectTable, config: Config) -> bool:
+def _adds_states(effect: EffectTable, config: Installation) -> bool:
     return any(isinstance(term, Body | Lag) for term in effect.terms(config))
 
 
-def _without_states(config: Config) -> Config:
+def _without_states(config: Installation) -> Installation:
     """The configuration without the effects that add states: designs know modes, lags and heats only."""
     rest = tuple(e for e in config.effect if not _adds_states(e, config))
     return config.model_copy(update={"effect": rest})
 
 
-def _state_warnings(config: Config) -> list[str]:
+def _state_warnings(config: Installation) -> list[str]:
     kinds = dict.fromkeys(e.kind for e in config.effect if _adds_states(e, config))
     return [
         f'poles, gains and observability are those of the plant without the effect "{kind}", whose state '
@@ -123,42 +123,42 @@ def _state_warnings(config: Config) -> list[str]:
     ]
 
 
-def _model_warnings(config: Config, design: DesignReport) -> list[str]:
+def _model_warnings(config: Installation, design: DesignReport) -> list[str]:
     machine = realise(config)
-    config, rod = machine.config, rod_of(machine.config)
+    there, rod = machine.config, rod_of(machine.config)
     warnings = []
     if rod.floating and not any(isinstance(t, SpeedLoss | StretchFilm | Radiation) for t in machine.terms):
         warnings.append(
             "no heat can leave the screw (insulated ends, no film): its mean temperature can only rise; set "
             "surface.convection_W_m2K or an end"
         )
-    beside, period_s = attached(config, ()), config.estimator.period_s
+    beside, period_s = attached(there, ()), there.estimator.period_s
     warnings += [
         f"node {beside.names[node]} and the screw meet within {beside.network.capacity_J_K[node] / G:.2g} s, "
         f"faster than the period of {period_s:g} s: the step is not exact there; join it with a neighbour"
         for node, _, G in beside.ties
         if beside.network.capacity_J_K[node] < G * period_s
     ]
-    for source in config.source:
+    for source in there.source:
         if source.shape == "nut" and source.position_channel is None:
             warnings.append(
                 f"source {source.name} has no position_channel: its heat is spread evenly over its stroke; "
                 "name the channel of the nut's position"
             )
-        at_end = {0.0: rod.left, config.screw.length_m: rod.right}
+        at_end = {0.0: rod.left, there.screw.length_m: rod.right}
         if source.shape == "point" and source.position_m in at_end and at_end[source.position_m].prescribed:
             warnings.append(
                 f"source {source.name} stands at an end with a prescribed temperature, where heat changes "
                 "nothing; move it, or make that end convective"
             )
-    if design.kind == "kalman" and config.screw.expansion_1_K is None:
+    if design.kind == "kalman" and there.screw.expansion_1_K is None:
         warnings.append(
             "no expansion coefficient: the thermal error is not reported; set screw.expansion_1_K"
         )
     return warnings
 
 
-def _supports(config: Config, plant: Plant) -> dict[str, Any] | None:
+def _supports(config: Installation, plant: Plant) -> dict[str, Any] | None:
     """What the supports do to a screw that is 10 K warm all over; None where none are configured."""
     held, screw = plant.rows.restraint, config.screw
     if held is None or config.supports is None or screw.expansion_1_K is None:
@@ -173,7 +173,7 @@ def _supports(config: Config, plant: Plant) -> dict[str, Any] | None:
     }
 
 
-def _nodes(config: Config) -> dict[str, dict[str, float]]:
+def _nodes(config: Installation) -> dict[str, dict[str, float]]:
     """Each node's time constant, and how much 1 W into it warms it at rest, with the screw at ambient
     temperature where it touches that.
     """

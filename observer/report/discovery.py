@@ -11,11 +11,11 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.discover import Discovery
-from observer.discovery.evidence import UNUSED
 from observer.discovery.result import effects_of
 from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, Trial
-from observer.discovery.tolerance import LAG_S, PLACE_M, UNEVEN
-from observer.discovery.tolerance import MATERIAL as MATERIAL_KNOWN
+from observer.fit.evidence import UNUSED
+from observer.fit.tolerance import LAG_S, PLACE_M, UNEVEN
+from observer.fit.tolerance import MATERIAL as MATERIAL_KNOWN
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
 from observer.report.page import (
@@ -49,7 +49,7 @@ from observer.report.wording import (
     not_told_sentence,
     unit_text,
 )
-from observer.sections import Sensor
+from observer.tables.sections import Sensor
 
 __all__ = ["as_sentences", "write_discovery_report"]
 

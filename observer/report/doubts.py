@@ -10,9 +10,9 @@ from typing import Any
 from drivers.decode import spans
 from drivers.devices import modbus_input
 from drivers.settings import ModbusChannel, ModbusRtuSettings, ModbusTcpSettings
-from observer.config import Config
-from observer.problems import key_of
-from observer.slips import doubt
+from observer.installation import Installation
+from observer.installation.problems import key_of
+from observer.installation.slips import doubt
 
 NEAR = 1e-3
 """Places nearer than this part of the screw's length are the same place."""
@@ -20,7 +20,7 @@ _WHOLE_NUMBERS = ("int16", "uint16", "int32", "uint32")
 _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
 
 
-def doubts(config: Config) -> list[str]:
+def doubts(config: Installation) -> list[str]:
     """Return what looks like a slip, a sentence each."""
     return [
         *_unusual(config.model_dump(exclude_unset=True)),
@@ -51,7 +51,7 @@ def _numbers(at: Any, path: tuple[int | str, ...]) -> Iterator[tuple[tuple[int |
         yield from _numbers(value, (*path, key))
 
 
-def _same_places(config: Config) -> Iterator[str]:
+def _same_places(config: Installation) -> Iterator[str]:
     near_m = NEAR * config.screw.length_m
     sensors = [(s.name, s.position_m) for s in config.sensor if s.position_m is not None]
     points = [(s.name, s.position_m) for s in config.source if s.estimate and s.position_m is not None]
@@ -64,7 +64,7 @@ def _same_places(config: Config) -> Iterator[str]:
                 yield f"{kind} {one} and {other} are both at {at_m:g} m: {harm}"
 
 
-def _short_strokes(config: Config) -> Iterator[str]:
+def _short_strokes(config: Installation) -> Iterator[str]:
     for source in config.source:
         low, high = source.stroke_m or (0.0, math.inf)
         if source.length_m is not None and high - low < source.length_m:
@@ -74,7 +74,7 @@ def _short_strokes(config: Config) -> Iterator[str]:
             )
 
 
-def _registers(config: Config) -> Iterator[tuple[str, str, ModbusChannel]]:
+def _registers(config: Installation) -> Iterator[tuple[str, str, ModbusChannel]]:
     """Every Modbus channel with its driver."""
     for name, settings in config.drivers.items():
         if isinstance(settings, ModbusTcpSettings | ModbusRtuSettings):
@@ -85,7 +85,7 @@ def _registers(config: Config) -> Iterator[tuple[str, str, ModbusChannel]]:
                     yield name, channel, place
 
 
-def _shared_registers(config: Config) -> Iterator[str]:
+def _shared_registers(config: Installation) -> Iterator[str]:
     """Values that overlap, within a device and between drivers of the same device."""
     wires: dict[tuple[Any, ...], list[tuple[str, str, ModbusChannel]]] = {}
     for name, channel, place in _registers(config):
@@ -108,7 +108,7 @@ def _words_of(channel: ModbusChannel) -> set[tuple[str, int]]:
     return {(own.function, own.first + i) for i in range(own.count)}
 
 
-def _finer_than_the_device(config: Config) -> Iterator[str]:
+def _finer_than_the_device(config: Installation) -> Iterator[str]:
     steps = {
         channel: abs(place.scale) for _, channel, place in _registers(config) if place.type in _WHOLE_NUMBERS
     }

@@ -10,21 +10,22 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from drivers.settings import CanSettings, DriverSettings, PlayerSettings, delivered
-from observer.config import Config, effect_problems
-from observer.discovery.parameters import free_problems
+from observer.config import effect_problems
 from observer.errors import ConfigError, LogError
-from observer.logs import read_log
-from observer.problems import as_message, problems_of
-from observer.toml import read_toml
+from observer.files.logs import read_log
+from observer.files.toml import read_toml
+from observer.fit.parameters import free_problems
+from observer.installation import Installation
+from observer.installation.problems import as_message, problems_of
 
 _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
 
 
-def examine(path: Path) -> Config:
+def examine(path: Path) -> Installation:
     """Read a configuration and every file that its drivers need. Raises `ConfigError` with all problems."""
     table = read_toml(path)
-    problems = problems_of(table, Config, Config.model_validate)
-    config = None if problems else Config.model_validate(table)
+    problems = problems_of(table, Installation, Installation.model_validate)
+    config = None if problems else Installation.model_validate(table)
     settings = dict(_drivers(table)) if config is None else config.drivers
     if config is not None:
         problems += effect_problems(config) + free_problems(config) + _undelivered(config)
@@ -62,7 +63,7 @@ def file_problems(name: str, settings: DriverSettings) -> list[str]:
     return []
 
 
-def _undelivered(config: Config) -> list[str]:
+def _undelivered(config: Installation) -> list[str]:
     """Channels that no driver delivers, where there are drivers; without any, the model is for logs."""
     offered: set[str] = set()
     for settings in config.drivers.values():

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from observer.config import Config
-from observer.estimators.history import HeatHistory
 from observer.frames import BoolArray, FloatArray, Inputs
+from observer.history.history import HeatHistory
 from observer.report.collect import Decimator
 from observer.report.overview import page_of
 from observer.report.panels import Z95, key_of, limits_of

@@ -16,10 +16,10 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from observer.config import Config
+from observer.files.logs import Log
 from observer.frames import FloatArray, FrameBlock, Reading
-from observer.logs import Log
-from observer.plausibility import Breach, Limits, doubts_of_log
+from observer.installation import Installation
+from observer.service.plausibility import Breach, Limits, doubts_of_log
 from observer.service.walk import Expected, Rows, nothing_yet, walk
 
 BLOCK = 4096
@@ -58,7 +58,7 @@ class AlignPlan:
     limits: Limits
 
     @classmethod
-    def of(cls, config: Config) -> AlignPlan:
+    def of(cls, config: Installation) -> AlignPlan:
         """The plan of a configuration."""
         channels = config.channels
         periods = expected_periods(config)
@@ -84,7 +84,7 @@ class AlignPlan:
         )  # fmt: skip
 
 
-def _positions(config: Config) -> dict[str, Position]:
+def _positions(config: Installation) -> dict[str, Position]:
     """The position channels, each once."""
     found: dict[str, Position] = {}
     for source in config.source:
@@ -100,7 +100,7 @@ def _positions(config: Config) -> dict[str, Position]:
     return found
 
 
-def expected_periods(config: Config) -> dict[str, float]:
+def expected_periods(config: Installation) -> dict[str, float]:
     """How often each channel comes, by what the configuration says of its driver; a player's is not known."""
     periods: dict[str, float] = {}
     for settings in config.drivers.values():
@@ -246,7 +246,7 @@ def faults_of(flags: str | None) -> dict[str, str]:
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}
 
 
-def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
+def doubts(log: Log, blocks: Iterable[FrameBlock], config: Installation) -> list[str]:
     """Say which channels of a log are not what the configuration takes them for, with the likely unit.
 
     `blocks` are the log's frames.

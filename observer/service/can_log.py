@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers.settings import CanSettings
-from observer.config import Config
 from observer.errors import ConfigError, LogError
+from observer.files.logs import Log
 from observer.frames import Reading
-from observer.logs import Log
+from observer.installation import Installation
 from observer.service.record import flags_of
 
 SUFFIXES = (".asc", ".blf", ".trc", ".log", ".mf4", ".db")
@@ -24,7 +24,7 @@ def is_can_recording(path: Path) -> bool:
     return path.with_suffix("").suffix in SUFFIXES if path.suffix == ".gz" else path.suffix in SUFFIXES
 
 
-def read_can_log(path: Path, config: Config) -> Log:
+def read_can_log(path: Path, config: Installation) -> Log:
     """Decode a recording by the configuration's CAN drivers, with a tick at each period.
 
     Raises `LogError` where it cannot be read, was cut off or goes back in time, `ConfigError` where no CAN

@@ -17,10 +17,10 @@ from typing import Any
 import cbor2
 import numpy as np
 
-from observer import compensation
-from observer.compensation import CompensationState
 from observer.config import Config
 from observer.estimators.protocol import Estimator, EstimatorState
+from observer.service import compensation
+from observer.service.compensation import CompensationState
 from observer.service.pipeline import Drive
 
 SUFFIX = ".checkpoint"

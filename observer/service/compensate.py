@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from observer import compensation
 from observer.config import Config
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock
 from observer.model.rod.supports import error_at
 from observer.publish.codec import to_json
+from observer.service import compensation
 from observer.service.renew import stepped
 
 

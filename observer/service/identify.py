@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from observer.errors import LogError
-from observer.estimators.history import HeatHistory
+from observer.files.logs import TIME, Log
+from observer.files.writer import Column, TableWriter
 from observer.frames import FloatArray, Inputs, Layout
-from observer.log_writer import Column, TableWriter
-from observer.logs import TIME, Log
+from observer.history.history import HeatHistory
 from observer.model.drive import Drive
 from observer.service.align import AlignPlan, frames_of_log
 

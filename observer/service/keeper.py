@@ -9,8 +9,8 @@ from pathlib import Path
 
 import structlog
 
+from observer.files.folders import make_folder, write_whole
 from observer.service.checkpoint import Fit, Standing, UnfitError, load, pack, recent, unpack
-from observer.service.files import make_folder, write_whole
 
 log = structlog.get_logger()
 

@@ -14,9 +14,9 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from observer.checksums import CHECKSUM
+from observer.files.checksums import CHECKSUM
+from observer.files.folders import OWNER_ONLY, make_folder, write_whole
 from observer.service.checkpoint import START_SUFFIX
-from observer.service.files import OWNER_ONLY, make_folder, write_whole
 
 
 class Part:

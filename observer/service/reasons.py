@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from observer.estimators.selftest import Fault, Finding
-from observer.plausibility import motion_sentence
+from observer.service.plausibility import motion_sentence
 
 _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 

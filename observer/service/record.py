@@ -19,8 +19,8 @@ from urllib.parse import quote
 
 import structlog
 
+from observer.files.logs import FLAGS, LATE, STEP, TIME
 from observer.frames import Reading
-from observer.logs import FLAGS, LATE, STEP, TIME
 from observer.service.align import COMMAND_MARK, MISSING_FAULT
 from observer.service.part import Part
 from observer.service.retention import TRUSTED_AFTER_S, Retention, shortage, tidy

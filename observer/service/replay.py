@@ -15,9 +15,9 @@ import numpy as np
 from observer.errors import LogError
 from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import Fault, SelfTest
+from observer.files.logs import SUFFIXES, TIME, Log
+from observer.files.writer import Column, TableWriter
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
-from observer.log_writer import Column, TableWriter
-from observer.logs import SUFFIXES, TIME, Log
 from observer.service.align import AlignPlan, blocks_of_log
 from observer.service.checkpoint import START_SUFFIX, Fit, Standing, UnfitError, load, recent
 from observer.service.pipeline import Drive, Pipeline

@@ -16,8 +16,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from observer.keeping import Record
 from observer.service.checkpoint import START_SUFFIX
+from observer.tables.keeping import Record
 
 CLOCK_SET_S = 1_600_000_000.0
 """A file older than this (2020) was written before the computer's clock was set; its age is not known."""

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from observer.compiling import cached_loop
+from observer.compiled import cached_loop
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality, QualityArray
 from observer.service import evening, stuck
 from observer.service.evening import even_out

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config, load, parse
+from observer.config import Config
+from observer.files.logs import read_log
 from observer.frames import FloatArray, FrameBlock
-from observer.logs import read_log
+from observer.installation import load, parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start

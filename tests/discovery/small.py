@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.evidence import gather
-from observer.discovery.forward import Forward
-from observer.discovery.hypothesis import Problem
-from observer.discovery.parameters import free_keys
-from observer.discovery.runs import prepare
+from observer.fit.evidence import gather
+from observer.fit.forward import Forward
+from observer.fit.hypothesis import Problem
+from observer.fit.parameters import free_keys
+from observer.fit.runs import prepare
 from observer.frames import FrameBlock
 
 

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.discovery.calibrate import Calibration, calibrate
-from observer.discovery.identifiability import describe
-from observer.discovery.parameters import FILM, replaced
 from observer.discovery.result import calibration_result
 from observer.errors import LogError
+from observer.fit.calibrate import Calibration, calibrate
+from observer.fit.identifiability import describe
+from observer.fit.parameters import FILM, replaced
 from tests.discovery.cases import machine, made_log, rig
 
 TRUE = {FILM: 26.0, "source.heater.scale": 0.8, "source.bearing.l.scale": 1.3}

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from observer.discovery.evidence import (
+from observer.fit.evidence import (
     BEAT_K,
     BEAT_S,
     BEAT_SHARE,
@@ -21,7 +21,7 @@ from observer.discovery.evidence import (
     UNUSED,
     Evidence,
 )
-from observer.discovery.hypothesis import fit_null
+from observer.fit.hypothesis import fit_null
 from observer.frames import FloatArray, FrameBlock
 from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of

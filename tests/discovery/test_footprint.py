@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.discovery.coarse import CoarseRun
-from observer.discovery.footprint import PLACES, interpolation
-from observer.discovery.forward import Forward, lean_config, sensor_plant
-from observer.discovery.runs import Run, prepare
 from observer.effects.base import EffectTable
 from observer.effects.bodies import AttachedMass, EndConduction
 from observer.effects.heat import Dwell
+from observer.fit.coarse import CoarseRun
+from observer.fit.footprint import PLACES, interpolation
+from observer.fit.forward import Forward, lean_config, sensor_plant
+from observer.fit.runs import Run, prepare
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.drive import Drive

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.discovery.interval import correlation_time, covariance, half_width
+from observer.fit.interval import correlation_time, covariance, half_width
 
 
 def _coloured(rng: np.random.Generator, rho: float, n: int, s: int) -> np.ndarray:

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.discovery.parameters import FILM, candidates, free_keys, get, kind_of, replaced
 from observer.errors import ConfigError
+from observer.fit.parameters import FILM, candidates, free_keys, get, kind_of, replaced
 from tests.discovery.cases import machine
 
 CONVECTIVE = {"right": {"kind": "convective", "coefficient_W_m2K": 50.0}}

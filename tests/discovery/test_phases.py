@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.discovery.coarse import CoarseRun
 from observer.discovery.excitation import lacking, speeds_rpm
 from observer.discovery.phases import PHASES, Course, course_of
-from observer.discovery.runs import prepare
+from observer.fit.coarse import CoarseRun
+from observer.fit.runs import prepare
 from observer.frames import FloatArray
 from tests.discovery.cases import frames, machine
 

@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.config import parse
-from observer.discovery.calibrate import calibrate
-from observer.discovery.process_noise import FIELD, MOST_ROWS, fit_noise, liveliest
-from observer.discovery.runs import joined
 from observer.estimators.kalman import KalmanEstimator
-from observer.estimators.likelihood import innovations_log_likelihood
+from observer.fit.calibrate import calibrate
+from observer.fit.likelihood import innovations_log_likelihood
+from observer.fit.process_noise import FIELD, MOST_ROWS, fit_noise, liveliest
+from observer.fit.runs import joined
 from observer.frames import EstimateQuality
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from tests.discovery.cases import machine, made_log, rig

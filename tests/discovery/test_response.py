@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.config import parse
-from observer.discovery.parameters import replaced
-from observer.discovery.response import Predictor
-from observer.discovery.runs import joined, prepare
+from observer.fit.parameters import replaced
+from observer.fit.response import Predictor
+from observer.fit.runs import joined, prepare
 from observer.frames import Quality
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start_from_sensors
-from observer.nodes import Node
+from observer.tables.nodes import Node
 from tests.discovery.cases import machine, made_log, rig
 
 CHANGED = {

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from observer.cli import main
-from observer.config import load
+from observer.installation import load
 from tests.discovery.cases import RIG
 
 CONFIG = RIG / "config.toml"

@@ -10,11 +10,11 @@ import pytest
 from observer.config import Config
 from observer.discovery.candidates import library
 from observer.discovery.discover import Discovery, discover
-from observer.discovery.parameters import free_keys
 from observer.discovery.search import same_physics
 from observer.effects.catalogue import KINDS
 from observer.effects.film import UnevenConvection
 from observer.effects.heat import LocalHeat
+from observer.fit.parameters import free_keys
 from tests.discovery.cases import machine, made_log
 
 BIAS = {"kind": "sensor_bias", "target": "b", "offset_K": 0.8}

@@ -13,14 +13,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from observer.config import parse
 from observer.discovery.candidates import library
 from observer.discovery.discover import Discovery, discover
-from observer.discovery.hypothesis import Fit
 from observer.discovery.result import discovery_result
 from observer.discovery.search import Trial, tried
 from observer.discovery.signatures import Signature, signatures
 from observer.discovery.verdict import goodness
+from observer.fit.hypothesis import Fit
+from observer.installation import parse
 from observer.service.align import AlignPlan, frames_of_log
 from tests.reference.steel_wall import wall_config, wall_log
 

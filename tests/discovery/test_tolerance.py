@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from observer.config import Config
 from observer.discovery.candidates import library
-from observer.discovery.hypothesis import Marginal, fit_effects, fit_null
-from observer.discovery.parameters import replaced
 from observer.discovery.search import tried
 from observer.discovery.signatures import promises, signatures
-from observer.discovery.tolerance import MATERIAL, tolerances
 from observer.effects.bodies import EndConduction
+from observer.fit.hypothesis import Marginal, fit_effects, fit_null
+from observer.fit.parameters import replaced
+from observer.fit.tolerance import MATERIAL, tolerances
 from observer.frames import FrameBlock
 from observer.model.build import build_plant
 from observer.model.drive import Drive

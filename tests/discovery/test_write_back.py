@@ -5,12 +5,12 @@ import tomllib
 
 import pytest
 
-from observer.config import parse
-from observer.discovery.parameters import get
-from observer.discovery.write_back import rounded, with_effects, write_back
 from observer.effects.bodies import EndConduction
 from observer.effects.sensing import SensorLag
 from observer.errors import ConfigError
+from observer.fit.parameters import get, rounded
+from observer.installation import parse
+from observer.installation.write_back import with_effects, write_back
 from tests.discovery.cases import RIG
 
 TEXT = """\

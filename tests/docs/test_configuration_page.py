@@ -12,9 +12,10 @@ import pytest
 from pydantic import BaseModel
 
 from drivers import settings
-from observer import config, keeping, laws, limits, mounting, nodes, publishing, quantities, sections
+from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
+from observer.tables import keeping, laws, limits, mounting, nodes, publishing, quantities, sections
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer import config, laws
+from observer import installation
 from observer.discovery.candidates import library
-from observer.discovery.forward import Forward
-from observer.discovery.parameters import free_keys
-from observer.discovery.runs import prepare
-from observer.discovery.tolerance import tolerances
+from observer.files.logs import Log, read_log
+from observer.fit.forward import Forward
+from observer.fit.parameters import free_keys
+from observer.fit.runs import prepare
+from observer.fit.tolerance import tolerances
 from observer.frames import EstimateBlock, Quality
-from observer.logs import Log, read_log
 from observer.service.align import AlignPlan, frames_of_log
+from observer.tables import laws
 from tests.reference.service_path import replay
 
 ROOT = Path(__file__).parents[2]
@@ -28,7 +29,7 @@ CALIBRATED = {"film": 13.73, "torque": 0.3331, "left": 0.00566, "right": 0.00564
 
 @cache
 def rig() -> tuple[config.Config, Log]:
-    settings = config.load(RIG / "config.toml")
+    settings = installation.load(RIG / "config.toml")
     return settings, read_log(RIG / "run_c.csv.gz", settings.channels)
 
 

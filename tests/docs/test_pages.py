@@ -11,9 +11,10 @@ import pytest
 from pydantic import BaseModel, TypeAdapter
 
 from drivers.settings import DriverSettings
-from observer import config, sections
+from observer import installation
 from observer.effects.catalogue import Effect
-from observer.publishing import Client
+from observer.tables import sections
+from observer.tables.publishing import Client
 from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
@@ -62,7 +63,7 @@ def test_toml_examples_are_valid(page: Path) -> None:
 def _check(table: dict[str, Any], place: str) -> None:
     """A whole configuration, or some of its sections on their own."""
     if "screw" in table:
-        config.parse(table, place)
+        installation.parse(table, place)
         return
     if table.keys() <= Client.model_fields.keys():
         Client.model_validate(table)

@@ -8,7 +8,7 @@ import pytest
 from observer.config import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators import build_estimator
-from observer.estimators.gains import (
+from observer.estimators.design.gains import (
     LuenbergerGain,
     Refusal,
     closed_loop,
@@ -18,7 +18,7 @@ from observer.estimators.gains import (
     pole_error,
     poles_of,
 )
-from observer.estimators.riccati import steady_covariance, steady_kalman
+from observer.estimators.design.riccati import steady_covariance, steady_kalman
 from observer.frames import EstimateQuality
 from observer.model.discretise import augmented, step_matrices
 from tests.estimators.plants import inputs, rod

@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from observer.estimators.kim import (
+from observer.estimators.design.kim import (
     gains_on_chain,
     gains_on_eigenvectors,
     kim_gains,

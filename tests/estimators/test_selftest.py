@@ -10,8 +10,8 @@ import pytest
 
 from observer.app import Machine
 from observer.estimators.selftest import Fault
+from observer.files.logs import Log
 from observer.frames import EstimateQuality
-from observer.logs import Log
 from observer.service.align import frames_of_log
 from tests.reference import live
 from tests.truth.shifts import Axis, record, work

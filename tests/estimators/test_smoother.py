@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from observer.config import EstimatorSettings
-from observer.estimators import build_estimator, smoother
-from observer.estimators.smoother import smooth_heats
+from observer.estimators import build_estimator
+from observer.history import smoother
+from observer.history.smoother import smooth_heats
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from tests.estimators.dense import posterior_heats

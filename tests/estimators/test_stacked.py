@@ -7,15 +7,15 @@ import pytest
 
 from observer.config import EstimatorSettings
 from observer.errors import UserError
-from observer.estimators.conjugate_gradient import Convolution, descend
-from observer.estimators.identify import heat_history
-from observer.estimators.options import MethodOptions
-from observer.estimators.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve
-from observer.estimators.smoother import smooth_heats
-from observer.estimators.spread import spread
-from observer.estimators.stacked import Prior, stacked_problem
-from observer.estimators.stepwise import stepwise_heats
-from observer.estimators.tikhonov import normal_equations, solve
+from observer.history.conjugate_gradient import Convolution, descend
+from observer.history.identify import heat_history
+from observer.history.options import MethodOptions
+from observer.history.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve
+from observer.history.smoother import smooth_heats
+from observer.history.spread import spread
+from observer.history.stacked import Prior, stacked_problem
+from observer.history.stepwise import stepwise_heats
+from observer.history.tikhonov import normal_equations, solve
 from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
 from tests.estimators.simulate import temperatures
 

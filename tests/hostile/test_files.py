@@ -14,7 +14,7 @@ from pyarrow import parquet
 from drivers.dbc import dbc_problems, load_decoder
 from drivers.settings import CanSettings
 from observer.errors import LogError, UserError
-from observer.logs import Log, read_log
+from observer.files.logs import Log, read_log
 from tests.hostile.bits import damaged
 from tests.hostile.test_wires import MUX_DBC
 from tests.system.bad_inputs import CHANNELS, rows, text

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from observer.errors import LogError
+from observer.files.logs import read_log
 from observer.frames import Reading
-from observer.logs import read_log
 from observer.service.part import Part
 from observer.service.record import header, row_of_reading
 

@@ -10,7 +10,7 @@ import pytest
 from pyarrow import parquet
 
 from observer.errors import LogError
-from observer.logs import read_log
+from observer.files.logs import read_log
 
 GOOD = "time_s,t1_degC,nut_position_m\n0,20.5,0.1\n0.5,,0.2\n1.25,21,\n"
 

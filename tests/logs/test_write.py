@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from observer.errors import LogError
-from observer.log_writer import TableWriter, write_log
-from observer.logs import SUFFIXES, read_log
+from observer.files.logs import SUFFIXES, read_log
+from observer.files.writer import TableWriter, write_log
 
 
 @given(

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from observer.laws import Surface
-from observer.model.heat import film
-from observer.model.heat.air import YU_AIR, air_at
-from observer.model.heat.surface import surface_film_W_m2K, turning_film
+from observer.model.surface import surface_film_W_m2K, turning_film
+from observer.physics import film
+from observer.physics.air import YU_AIR, air_at
+from observer.tables.laws import Surface
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.model.heat import friction
+from observer.physics import friction
 
 SPEEDS = np.array([0.0, 20.0, 49.9, 50.1, 180.0, 216.0, 3000.0])
 

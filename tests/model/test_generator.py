@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from observer.config import Config, parse
-from observer.estimators.riccati import steady_kalman
+from observer.config import Config
+from observer.estimators.design.riccati import steady_kalman
 from observer.frames import FloatArray, Inputs
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.model.generator import augmented_step, design_step, generator, settled_rows

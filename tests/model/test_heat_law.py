@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 
 from observer import app
-from observer.config import Config, load, parse
-from observer.discovery.calibrate import calibrate
-from observer.discovery.response import unit_laws
+from observer.config import Config
 from observer.errors import ConfigError
+from observer.files.logs import read_log
+from observer.files.writer import write_log
+from observer.fit.calibrate import calibrate
+from observer.fit.response import unit_laws
 from observer.frames import FloatArray
-from observer.log_writer import write_log
-from observer.logs import read_log
+from observer.installation import load, parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.model.heat import friction
-from observer.model.heat.law import heat_law
+from observer.model.law import heat_law
 from observer.model.rod.screw import rod_of
 from observer.model.simulate import simulate, start
+from observer.physics import friction
 from tests.discovery.cases import frames, table
 
 BEARING = {

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from observer.config import parse
 from observer.errors import ConfigError
 from observer.frames import FloatArray
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.network.network import Network, assemble, crank_nicolson, node_modes, steady
 from observer.model.network.resistance import ball_W_K, bar_W_K, conductance_W_K, gap_W_K, ring_W_K
 from observer.model.simulate import start
-from observer.nodes import Link
+from observer.tables.nodes import Link
 from tests.discovery.cases import table
 from tests.reference.cases import config_of, known, play, point
 from tests.truth import yu

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from observer.config import Config, parse
+from observer.config import Config
 from observer.frames import FloatArray, Inputs
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.rod.modes import solve_modes
 from observer.model.rod.screw import rod_of

@@ -13,17 +13,18 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from observer import app
-from observer.config import Config, parse
+from observer.config import Config
 from observer.errors import ConfigError
 from observer.estimators import build_estimator
+from observer.files.logs import read_log
+from observer.files.writer import write_log
 from observer.frames import FloatArray
-from observer.log_writer import write_log
-from observer.logs import read_log
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.rod.supports import Restraint, error_at, fold, force_N, held_back_um, restraint_of
-from observer.mounting import Supports
 from observer.report.check import findings
+from observer.tables.mounting import Supports
 from tests.discovery.cases import frames, table
 
 LENGTH_M, DIAMETER_M, MODULUS_PA = 0.8, 0.03, 2.06e11

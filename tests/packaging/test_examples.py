@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from observer import config
+from observer import installation
 from observer.report.check import findings
 
 ROOT = Path(__file__).parents[2]
@@ -18,19 +18,19 @@ EXAMPLES = sorted((ROOT / "config").glob("*.toml"))
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.name)
 def test_every_example_loads(path: Path) -> None:
-    loaded = config.load(path)
+    loaded = installation.load(path)
     heats = sum(s.estimate for s in loaded.source)
     assert len(loaded.sensor) >= heats, "fewer sensors than heats: constant heats cannot all be observed"
 
 
 def test_kim_uses_the_diffusivity_of_the_table() -> None:
-    screw = config.load(ROOT / "config" / "kim-screw.toml").screw
+    screw = installation.load(ROOT / "config" / "kim-screw.toml").screw
     diffusivity_m2_s = screw.conductivity_W_mK / (screw.density_kg_m3 * screw.specific_heat_J_kgK)
     assert diffusivity_m2_s == pytest.approx(1.67e-5, rel=1e-4)  # the file gives c with five digits
 
 
 def test_li_lies_inside_its_screw_and_matches_its_table() -> None:
-    loaded = config.load(ROOT / "config" / "li-lathe-axis.toml")
+    loaded = installation.load(ROOT / "config" / "li-lathe-axis.toml")
     nut = loaded.source[0]
     assert nut.stroke_m is not None
     assert nut.stroke_m[1] - nut.stroke_m[0] == pytest.approx(0.42)
@@ -42,7 +42,7 @@ def test_li_lies_inside_its_screw_and_matches_its_table() -> None:
 
 @pytest.mark.parametrize("name", ["li-network.toml", "yu-dual-drive.toml"])
 def test_the_sensors_of_a_network_tell_its_heats(name: str) -> None:
-    found = findings(config.load(ROOT / "config" / name))
+    found = findings(installation.load(ROOT / "config" / name))
     assert all(gain is not None and gain < 20.0 for gain in found["noise_gain_W_K"].values())
     assert not any("do not serve" in w or "the step is not exact" in w for w in found["warnings"])
 
@@ -56,7 +56,7 @@ YU_LINKS = """
 
 
 def test_the_layout_of_yu_is_the_papers() -> None:
-    loaded = config.load(ROOT / "config" / "yu-dual-drive.toml")
+    loaded = installation.load(ROOT / "config" / "yu-dual-drive.toml")
     short = {"air_inside": "I", "ambient": "A", "nut": "S"} | {f"n{i}": str(i) for i in range(5, 19)}
     linked = {frozenset(short[end] for end in link.between) for link in loaded.link}
     assert linked == {frozenset(pair.split("-")) for pair in YU_LINKS.split()}

@@ -8,7 +8,7 @@ import zenoh
 
 from observer.publish.session import client_config
 from observer.publish.zenoh import ZenohPublisher
-from observer.publishing import Client, Publish
+from observer.tables.publishing import Client, Publish
 from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT
 from tests.publish.router import free_port

@@ -16,7 +16,7 @@ from observer.errors import ConfigError
 from observer.publish.ask import ask_health, command
 from observer.publish.commands import Outcome
 from observer.publish.session import client_config, service_config
-from observer.publishing import Client, Publish
+from observer.tables.publishing import Client, Publish
 from tests.docs.console import blocks
 from tests.patience import until as wait
 from tests.publish.blocks import block

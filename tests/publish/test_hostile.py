@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from observer.publish.answers import Answers, Budget
 from observer.publish.codec import decode_estimates
 from observer.publish.session import service_config, session_config
-from observer.publishing import Publish
+from observer.tables.publishing import Publish
 from tests.patience import until as wait
 from tests.publish.blocks import block
 from tests.publish.people import PREFIX, ask, published, session

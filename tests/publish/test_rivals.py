@@ -8,7 +8,7 @@ from observer.publish.codec import EstimateEncoder
 from observer.publish.rivals import _INSTANCE
 from observer.publish.session import session_config
 from observer.publish.zenoh import ZenohPublisher
-from observer.publishing import Publish
+from observer.tables.publishing import Publish
 from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT, block
 from tests.publish.people import PREFIX, published, session

@@ -9,8 +9,8 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators.kalman import KalmanEstimator
+from observer.files.logs import Log
 from observer.frames import EstimateBlock, FloatArray
-from observer.logs import Log
 from observer.model.build import build_plant
 from tests.reference.cases import config_of
 from tests.reference.service_path import inputs_of

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from observer.config import Config
+from observer.files.logs import Log
 from observer.frames import FloatArray, Inputs
-from observer.logs import Log
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from tests.reference.cases import config_of

@@ -10,8 +10,8 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators.kalman import KalmanEstimator
+from observer.files.logs import Log
 from observer.frames import EstimateBlock, FloatArray, Inputs
-from observer.logs import Log
 from observer.model import simulate
 from observer.model.build import build_plant
 from observer.model.drive import Drive

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from observer.config import Config, parse
-from observer.logs import Log
+from observer.config import Config
+from observer.files.logs import Log
+from observer.installation import parse
 from tests.reference.service_path import log_of
 
 DATA = Path(__file__).parents[1] / "data" / "steel-wall" / "DATA.csv"

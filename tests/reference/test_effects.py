@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer.config import Config, parse
-from observer.discovery.runs import joined
+from observer.config import Config
+from observer.files.logs import read_log
+from observer.fit.runs import joined
 from observer.frames import FloatArray
-from observer.logs import read_log
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start

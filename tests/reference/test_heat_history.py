@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer.config import Config, EstimatorSettings, load
-from observer.estimators.history import HeatHistory
-from observer.estimators.identify import heat_history
-from observer.estimators.options import MethodOptions
+from observer.config import Config, EstimatorSettings
 from observer.frames import FloatArray
+from observer.history.history import HeatHistory
+from observer.history.identify import heat_history
+from observer.history.options import MethodOptions
+from observer.installation import load
 from observer.model.build import build_plant
 from tests.reference.heat_cases import (
     FAR_M,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from observer.config import Config
+from observer.files.logs import Log
 from observer.frames import EstimateBlock, FloatArray, NutPath
-from observer.logs import Log
 from observer.model.build import build_plant
 from observer.model.rod import moving
 from observer.model.rod.moving import NutTable, judge_path

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from observer import app
-from observer.config import load, parse
 from observer.estimators.filterpy_engine import FilterpyEstimator
 from observer.estimators.kalman import KalmanEstimator
-from observer.log_writer import write_log
-from observer.logs import read_log
+from observer.files.logs import read_log
+from observer.files.writer import write_log
+from observer.installation import load, parse
 from observer.model.build import build_plant
 from tests.discovery.cases import table
 from tests.reference.node_cases import (

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from observer.config import Config, load
+from observer.config import Config
+from observer.files.logs import Log, read_log
 from observer.frames import FloatArray
-from observer.logs import Log, read_log
+from observer.installation import load
 from tests.reference.service_path import open_loop, replay
 
 RIG = Path(__file__).parents[1] / "data" / "rig"

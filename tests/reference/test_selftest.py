@@ -12,8 +12,8 @@ import pytest
 
 from drivers.simulated.screw import Rod
 from observer.app import Machine
+from observer.files.logs import Log
 from observer.frames import EstimateQuality, Reading
-from observer.logs import Log
 from observer.service.align import doubts, frames_of_log
 from observer.service.reasons import sentence
 from tests.reference import live

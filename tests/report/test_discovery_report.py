@@ -12,14 +12,14 @@ import pytest
 
 from observer.config import Config
 from observer.discovery.discover import Discovery, discover
-from observer.discovery.evidence import PROOF, UNUSED
 from observer.discovery.remainder import Event
 from observer.discovery.result import discovery_result
+from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
 from observer.report.discovery import as_sentences, site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
 from observer.report.wording import LACKS, headline, interval
-from observer.sections import Sensor
+from observer.tables.sections import Sensor
 from tests.discovery.cases import machine, made_log
 
 HOSTILE = '<b>"$x_1$ & -->'

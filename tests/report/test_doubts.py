@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from observer.config import parse
 from observer.errors import ConfigError
+from observer.installation import parse
 from observer.report.doubts import doubts
 from tests.system.bad_inputs import MODBUS, changed
 

@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from observer.frames import FrameBlock, Reading
-from observer.plausibility import Limits
 from observer.service.align import Aligner, AlignPlan, Position
+from observer.service.plausibility import Limits
 from observer.service.record import header, row_of_reading
 
 CHANNELS = ("t1_degC", "t2_degC", "nut_position_m")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from observer.files.logs import Log, read_log
 from observer.frames import Quality, Reading
-from observer.logs import Log, read_log
 from observer.service.align import Aligner, AlignPlan, faults_of, frames_of_log
 from observer.service.stuck import is_stuck, no_memory
 from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams, write
@@ -203,7 +203,7 @@ def test_a_stuck_sensor_is_rejected_live_and_named():
 
 
 def test_the_plan_of_a_configuration():
-    from observer.config import parse
+    from observer.installation import parse
 
     config = parse(
         {

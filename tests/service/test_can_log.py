@@ -11,8 +11,9 @@ import cantools
 import pytest
 
 from observer.app import replay
-from observer.config import Config, parse
+from observer.config import Config
 from observer.errors import ConfigError, LogError
+from observer.installation import parse
 
 DBC = """VERSION ""
 BS_:

@@ -13,16 +13,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer import app, compensation
-from observer.config import load as load_config
+from observer import app
+from observer.files.logs import read_log
 from observer.frames import EstimateQuality
-from observer.keeping import STATE_DIRECTORY, Checkpoint, Record
-from observer.logs import read_log
-from observer.service import checkpoint
+from observer.installation import load as load_config
+from observer.service import checkpoint, compensation
 from observer.service.align import frames_of_log
 from observer.service.checkpoint import Fit, Standing, UnfitError, load, pack, recent, shifted, unpack
 from observer.service.keeper import Keeper, carried, stored
 from observer.service.replay import estimates_of
+from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, Record
 
 ROOT = Path(__file__).parents[2]
 RIG = ROOT / "tests" / "data" / "rig"

@@ -11,8 +11,8 @@ import pytest
 import structlog
 
 from observer.errors import UserError
+from observer.files.logs import Log, read_log
 from observer.frames import Reading
-from observer.logs import Log, read_log
 from observer.publish.commands import Command, Outcome
 from observer.publish.zenoh import PublishStatus
 from observer.service.align import blocks_of_log, faults_of, frames_of_log

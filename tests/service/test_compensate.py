@@ -12,12 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from observer import compensation
-from observer.compensation import CompensationState, Plan
-from observer.config import Config, parse
+from observer.config import Config
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Layout
+from observer.installation import parse
+from observer.service import compensation
 from observer.service.compensate import Compensator
+from observer.service.compensation import CompensationState, Plan
 from tests.discovery.cases import frames, table
 from tests.publish.blocks import block
 

@@ -7,9 +7,9 @@ import pytest
 
 from observer import app
 from observer.errors import LogError
-from observer.estimators.options import MethodOptions
-from observer.log_writer import write_log
-from observer.logs import read_log
+from observer.files.logs import read_log
+from observer.files.writer import write_log
+from observer.history.options import MethodOptions
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar, End
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.protocol import DriverStatus
+from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
-from observer.logs import read_log
 from observer.service.clock import ServiceClock
 from observer.service.loop import Service, serve
 from observer.service.record import Recorder

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from observer.config import ConfigError, parse
+from observer.config import ConfigError
 from observer.frames import Quality, Reading
-from observer.plausibility import Breach, Kind, Limits, motion_sentence, unit_hint
+from observer.installation import parse
 from observer.service.align import Aligner, AlignPlan
+from observer.service.plausibility import Breach, Kind, Limits, motion_sentence, unit_hint
 from tests.reference import live
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from observer.logs import read_log
+from observer.files.logs import read_log
 from observer.publish.watch import Subscription
 from tests.patience import PATIENCE_S, Stopwatch, until
 from tests.publish.router import Router, free_port

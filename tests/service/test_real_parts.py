@@ -6,10 +6,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from observer.config import parse
 from observer.estimators import build_estimator
+from observer.files.logs import read_log
 from observer.frames import EstimateBlock, Reading
-from observer.logs import read_log
+from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.service.align import Aligner, AlignPlan, frames_of_log

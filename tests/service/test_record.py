@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from observer.files.logs import read_log
 from observer.frames import Reading
-from observer.logs import read_log
 from observer.service.align import Aligner, faults_of, frames_of_log
 from observer.service.record import Recorder, header, row_of_reading
 from observer.service.retention import Retention

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from observer.errors import LogError
+from observer.files.logs import Log, read_log
 from observer.frames import Reading
-from observer.logs import Log, read_log
 from observer.service.align import Aligner, frames_of_log
 from observer.service.pipeline import Pipeline
 from observer.service.replay import estimates_of, write_results

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from observer.keeping import Record
 from observer.service import retention
 from observer.service.retention import Disk, Recording, Retention, tidy, to_remove
+from observer.tables.keeping import Record
 
 NOW_S = 1.8e9
 DAY_S = 86_400.0

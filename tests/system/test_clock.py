@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from observer.logs import read_log
+from observer.files.logs import read_log
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
 

@@ -11,7 +11,7 @@ import threading
 import pytest
 import zenoh
 
-from observer.logs import read_log
+from observer.files.logs import read_log
 from observer.publish.session import session_config
 from observer.publish.watch import KEYS
 from tests.publish.router import free_port

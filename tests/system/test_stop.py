@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from observer.logs import read_log
+from observer.files.logs import read_log
 from tests.patience import Stopwatch, computed_s
 from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for, until

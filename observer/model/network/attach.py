@@ -12,8 +12,8 @@ from observer.frames import FloatArray
 from observer.model.network.network import Network, assemble, node_modes
 from observer.model.network.resistance import conductance_W_K
 from observer.model.prior import PAST
-from observer.nodes import AMBIENT
-from observer.sections import Description
+from observer.tables.nodes import AMBIENT
+from observer.tables.sections import Description
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import math
 
 from scipy.special import ellipk
 
-from observer.nodes import Link
+from observer.tables.nodes import Link
 
 
 def conductance_W_K(link: Link) -> float:

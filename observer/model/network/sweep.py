@@ -13,7 +13,7 @@ from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch, nut_stretch
 from observer.model.rod.static import Stretch, quadrature
 from observer.model.rod.truncation import modal_input
-from observer.sections import Description, Source
+from observer.tables.sections import Description, Source
 
 SMALL = 1e-3
 """Rate of a shape against the largest, below which it is left out."""

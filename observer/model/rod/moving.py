@@ -16,7 +16,7 @@ from typing import Literal
 import numba
 import numpy as np
 
-from observer.compiling import cached_loop
+from observer.compiled import cached_loop
 from observer.frames import FloatArray, NutPath
 from observer.model.rod import path as path_of_nut
 from observer.model.rod.path import MEMORY_S, SAMPLES_PER_TRAVERSE, PathState, advance, on_the_way

@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 from observer.config import Config
-from observer.model.heat.surface import surface_film_W_m2K
-from observer.sections import Boundary
+from observer.model.surface import surface_film_W_m2K
+from observer.tables.sections import Boundary
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from observer.model.rod.static import Stretch
-from observer.sections import Screw, Source
+from observer.tables.sections import Screw, Source
 
 
 def mean_stretch(source: Source, screw: Screw) -> Stretch:

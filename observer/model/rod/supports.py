@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.mounting import Supports
+from observer.tables.mounting import Supports
 
 UM_PER_M = 1e6
 _NEAR_SIGMAS = 2.0

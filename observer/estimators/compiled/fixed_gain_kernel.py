@@ -1,0 +1,250 @@
+"""The compiled loop of an observer with fixed gains: one gain per set of sensors and length of step.
+
+x⁺ = x_pred + K (y - C x_pred). While the covariance is that of the steady state it is neither propagated nor
+reported anew, which makes the step many times cheaper. As soon as a sensor is lost, a step has another length
+or a law jumps, it is propagated with the gain in use (Joseph form for an arbitrary K), so σ stays honest.
+"""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+# The loop is one compiled function, so that K steps cost one call.
+# ruff: noqa: PLR0912, PLR0915
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.compiled import cached_loop, inlined
+from observer.estimators.compiled import cruise_kernel, judging, kernels, packing, steps
+from observer.estimators.compiled.cruise_kernel import cruise
+from observer.estimators.compiled.judging import (
+    GOOD,
+    add_prior,
+    doubt_nut,
+    find_usable,
+    gate,
+    hold_back,
+    invalidate,
+    judge,
+    reopen,
+    skip,
+    step_is_finite,
+    write_sigmas,
+    write_values,
+)
+from observer.estimators.compiled.kernels import (
+    compare,
+    covariance_with_sensors,
+    joseph_update,
+    move_columns,
+    predict,
+    put_laws,
+    start,
+    symmetrise,
+)
+from observer.frames import FloatArray
+from observer.model import coupling
+
+DONE = -1
+PREDICTED, STARTED = 1, 2
+# Within these of its steady value a covariance counts as settled: 1 % of σ; a law's jump of 0.05 % of σ².
+_SETTLED = 0.02
+
+
+class GainTable(NamedTuple):
+    """Gains known so far: `key` (G,) = rung 2^s + sensors as bits, `K` (G, n, s), zero columns for absent
+    sensors.
+
+    With `steady` (G,): the covariance `P` (G, n, n) after a correction, the innovations' variances `S` (G,
+    s), `heat_sigma` (G, m_e), `field_sigma` (G, R-s) that go with it.
+    """
+
+    key: NDArray[np.int64]
+    K: FloatArray
+    steady: NDArray[np.bool_]
+    P: FloatArray
+    S: FloatArray
+    heat_sigma: FloatArray
+    field_sigma: FloatArray
+
+
+class Rungs(NamedTuple):
+    """For each step length of a table: which rung's gains it uses, and whether that rung has exactly its
+    length.
+    """
+
+    rung: NDArray[np.int64]
+    exact: NDArray[np.bool_]
+
+
+@inlined
+def find_gain(gains, key):
+    """Index of a key, or -1."""
+    for i in range(len(gains.key)):
+        if gains.key[i] == key:
+            return i
+    return -1
+
+
+@inlined
+def find_settled(gains, P):
+    """The gain whose steady covariance P is, to the last bit, or -1."""
+    n = P.shape[0]
+    for i in range(len(gains.key)):
+        same = gains.steady[i]
+        for a in range(n):
+            for b in range(n):
+                same = same and gains.P[i, a, b] == P[a, b]
+        if same:
+            return i
+    return -1
+
+
+@inlined
+def near(P, goal):
+    """Whether every variance is within the tolerance of its steady value."""
+    far = 0
+    for a in range(P.shape[0]):
+        if abs(P[a, a] - goal[a, a]) > _SETTLED * goal[a, a]:
+            far += 1
+    return far == 0
+
+
+@inlined
+def copy(source, target):
+    """Copy a vector."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@inlined
+def put(source, target):
+    """Copy a matrix into the first columns of another."""
+    for a in range(source.shape[0]):
+        for b in range(source.shape[1]):
+            target[a, b] = source[a, b]
+
+
+@inlined
+def correct_covariance(R_K2, C, accepted, K, g, P, A):
+    """P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ for any K, with g_i = P c_i; absent sensors take no part."""
+    (n, width), n_x = P.shape, C.shape[1]
+    put(P, A)
+    for i in range(len(accepted)):
+        if accepted[i]:
+            for a in range(n):
+                gain = K[a, i]
+                for b in range(width):
+                    A[a, b] -= gain * g[i, b]
+    put(A, P)
+    for i in range(len(accepted)):
+        if accepted[i]:
+            for a in range(n):
+                rest = R_K2[i] * K[a, i]
+                for b in range(n_x):
+                    rest -= A[a, b] * C[i, b]
+                for b in range(n):
+                    P[a, b] += rest * K[b, i]
+    symmetrise(P)
+
+
+@inlined
+def key_of(u, k, usable, accepted, suspect, rung):
+    """Key of the gain for the sensors that are good, and whether all of them correct at step k.
+
+    A good sensor that only has no new sample at this tick counts as present: its gain waits for its next
+    sample.
+    """
+    s = len(usable)
+    alive, complete = 0, True
+    for i in range(s):
+        if u.quality[k, i] == GOOD and suspect[i] == 0.0:
+            alive += 1 << i
+            complete = complete and accepted[i]
+    return (rung << s) + alive, complete
+
+
+@inlined
+def correct_state(K, chosen, accepted, nu, x):
+    """Add K ν of the accepted sensors to x."""
+    for i in range(len(accepted)):
+        if accepted[i]:
+            for a in range(len(x)):
+                x[a] += K[chosen, a, i] * nu[i]
+
+
+@cached_loop(coupling, cruise_kernel, judging, kernels, packing, steps)
+def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
+    """Run the observer over the steps of `u` from `first` on, changing `state` and filling `out`.
+
+    Returns (k, key, resumed). Where a gain is not in the table it stops before that step's correction and
+    names it; called again from there with the `resumed` it returned, it goes on. `optimal`: until the
+    covariance has settled, correct by the Kalman gain of the moment instead of the one in the table.
+    """
+    s = u.y.shape[1]
+    x, P, B, C = state.x, state.P, work.B, work.C
+    nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
+    suspect = work.suspect
+    settled = find_settled(gains, P) if resumed == 0 else -1
+    k = first
+    while k < len(u.step):
+        if settled >= 0:
+            k = cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work, c)
+            settled = -1
+            continue
+        present = find_usable(u, k, usable)
+        if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
+            skip(u, k, usable, state, out)
+            k += 1
+            continue
+        d = u.step[k]
+        started = resumed == STARTED
+        move_columns(p, u, k, B, C)
+        if resumed == 0 and state.flags[0] == 0:
+            start(p, C, u, k, usable, x, P, nu)
+            put_laws(p, u, k, B, x, work.law)
+            started = True
+            state.flags[0] = 1
+        elif resumed == 0:
+            predict(p, t, d, u, k, B, x, P, work)
+            doubt_nut(p, u, k, state.lost_s, P)
+        resumed = 0
+        covariance_with_sensors(C, P, s, g)
+        compare(p, C, u, k, usable, g, x, nu, S)
+        copy(state.suspect, suspect)
+        for i in range(s):
+            out.innovation[k, i] = nu[i] if usable[i] else np.nan
+            out.innovation_sigma[k, i] = np.sqrt(S[i]) if usable[i] else np.nan
+        released = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
+        if not released:
+            hold_back(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
+        correcting = accepted.any()
+        key, complete = key_of(u, k, usable, accepted, state.suspect, rungs.rung[d])
+        chosen = find_gain(gains, key)
+        if chosen < 0 and correcting:
+            copy(suspect, state.suspect)
+            return k, key, STARTED if started else PREDICTED
+        if released:
+            add_prior(p, P, 1.0)
+        if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or released:
+            covariance_with_sensors(C, P, s, g)
+            compare(p, C, u, k, usable, g, x, nu, S)
+        if correcting and (optimal or started or released):
+            joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
+        elif correcting:
+            correct_state(gains.K, chosen, accepted, nu, x)
+            correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)
+        steady = correcting and complete and rungs.exact[d] and p.coupling.active == 0
+        if steady and gains.steady[chosen] and near(P, gains.P[chosen]):
+            put(gains.P[chosen], P)
+            settled = chosen
+        out.quality[k] = judge(u, k, usable, accepted, state, out)
+        known = write_values(p, C, u, k, work.law, x, out)
+        known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
+        if not known:
+            invalidate(out, k)
+        k += 1
+    return len(u.step), DONE, 0

@@ -1,0 +1,243 @@
+"""What a step is worth, compiled: which values may be used, the gate, the qualities, and what is reported."""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+
+from __future__ import annotations
+
+import numpy as np
+
+from observer.compiled import inlined, rarely
+
+GOOD, STALE, REJECTED = 0, 2, 3
+ESTIMATE_GOOD, ESTIMATE_STARTING, ESTIMATE_DEGRADED, ESTIMATE_STALE, ESTIMATE_INVALID = 0, 1, 2, 3, 4
+RELEASE_AFTER_STEPS = 3
+STALE_AFTER_STEPS = 2
+# A sensor that has been refused for so long may be right, and the state led astray …
+REOPEN_AFTER_S = 20.0
+# … which is tried again so often …
+REOPEN_EVERY_S = 60.0
+# … and each time the other sensors, with the state opened, have so long to speak first.
+HELD_BACK_S = 40.0
+NUT_LOST = 2
+LOST_S = 40.0
+_REOPEN_AT_LEAST = 0.01
+_REOPEN_SIGMA = 3.0
+_AGREES = 0.3  # part of what a sensor was off when the state was opened for it
+
+
+@inlined
+def step_is_finite(u, k):
+    """Whether every law, known input and moving column of step k is a number."""
+    total = 0.0
+    for j in range(u.law.shape[1]):
+        total += u.law[k, j]
+    for q in range(u.z_end.shape[1]):
+        total += u.z_start[k, q] + u.z_end[k, q]
+    for i in range(u.moving_B.shape[1]):
+        for a in range(u.moving_B.shape[2]):
+            total += u.moving_B[k, i, a]
+    return np.isfinite(total)
+
+
+@inlined
+def find_usable(u, k, usable):
+    """Which sensors may correct at step k; return how many. A value that is no number never may."""
+    count = 0
+    for i in range(len(usable)):
+        usable[i] = u.usable[k, i] and np.isfinite(u.y[k, i])
+        if usable[i]:
+            count += 1
+    return count
+
+
+@inlined
+def gate(nu, S, usable, suspect, gate_sigma, accepted):
+    """Refuse |ν_i| > gate √S_ii; return whether the model, not the sensors, is the surprised one.
+
+    That is so when more than half of the usable sensors have each been refused for three steps in a row: then
+    everything is accepted, the counts start afresh, and the caller must inflate P before it corrects. A
+    single sensor among several stays refused for as long as it disagrees.
+    """
+    present, long_refused = 0, 0
+    for i in range(len(nu)):
+        accepted[i] = usable[i]
+        if usable[i]:
+            present += 1
+            if nu[i] * nu[i] > gate_sigma * gate_sigma * S[i]:
+                accepted[i] = False
+                suspect[i] += 1.0
+                if suspect[i] >= RELEASE_AFTER_STEPS:
+                    long_refused += 1
+            else:
+                suspect[i] = 0.0
+    if 2 * long_refused <= present:
+        return False
+    for i in range(len(nu)):
+        accepted[i] = usable[i]
+        if usable[i]:
+            suspect[i] = 0.0
+    return True
+
+
+@inlined
+def hold_back(nu, usable, accepted, suspect, refused_s, opened_K):
+    """Keep sensors out that the state was opened for, until the others have spoken or they agree again."""
+    for i in range(len(usable)):
+        since_s = refused_s[i] - REOPEN_AFTER_S
+        due = since_s >= 0.0 and since_s % REOPEN_EVERY_S < HELD_BACK_S
+        if accepted[i] and due and opened_K[i] != 0.0 and abs(nu[i]) > _AGREES * abs(opened_K[i]):
+            accepted[i] = False
+            suspect[i] = 1.0
+
+
+@inlined
+def reopen(p, C, dt_s, usable, accepted, nu, refused_s, opened_K, P):
+    """Count for how long each sensor has been refused; return whether P was opened for one of them.
+
+    A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
+    After 20 s, and then every minute, P gets the share of its prior that would let the refused sensor be
+    right, and the others say first what they make of it. One that is broken is refused again.
+    """
+    share = 0.0
+    for i in range(len(usable)):
+        if usable[i] and accepted[i]:
+            refused_s[i] = 0.0
+            opened_K[i] = 0.0
+        elif usable[i] or refused_s[i] > 0.0:
+            before = np.floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S)
+            refused_s[i] += dt_s
+            if np.floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
+                opened_K[i] = np.inf  # due with its next sample
+            if usable[i] and np.isinf(opened_K[i]):
+                share = max(share, _share_of_prior(p, C, i, nu[i]))
+                opened_K[i] = nu[i]
+    if share == 0.0:
+        return False
+    add_prior(p, P, share)
+    return True
+
+
+@inlined
+def doubt_nut(p, u, k, lost_s, P):
+    """Let P grow while the place of a nut is not known: its heat goes where nobody sees it.
+
+    What is misplaced grows with time, so the prior's share with its square, up to the whole after 40 s.
+    """
+    if u.degraded[k] < NUT_LOST:
+        lost_s[0] = 0.0
+        return
+    before_s = lost_s[0]
+    lost_s[0] = min(before_s + u.dt[k], LOST_S)
+    add_prior(p, P, (max(lost_s[0], u.dt[k]) ** 2 - min(before_s, LOST_S - u.dt[k]) ** 2) / LOST_S**2)
+
+
+@rarely
+def _share_of_prior(p, C, i, nu):
+    """The share of the prior that makes an innovation of sensor i one of three standard deviations."""
+    n_x, variance = C.shape[1], 0.0
+    for a in range(n_x):
+        for b in range(n_x):
+            variance += C[i, a] * p.prior_P[a, b] * C[i, b]
+    return min(1.0, max(_REOPEN_AT_LEAST, (nu / _REOPEN_SIGMA) ** 2 / max(variance, 1e-12)))
+
+
+@rarely
+def add_prior(p, P, share):
+    """Add a share of the prior's covariance of field and heats to P."""
+    n_x = len(p.uniform)
+    for a in range(n_x):
+        for b in range(n_x):
+            P[a, b] += share * p.prior_P[a, b]
+    for j in range(len(p.source)):
+        P[n_x + j, n_x + j] += share * p.initial_W2[j]
+
+
+@inlined
+def judge(u, k, usable, accepted, state, out):
+    """Fill in each sensor's quality and return that of the estimate; `state.flags[1]` counts the silent
+    steps.
+
+    A refused sensor stays marked between its samples. Only quality is judged: a tick between two samples of a
+    slow sensor is neither degraded nor stale.
+    """
+    good, stale = 0, 0
+    for i in range(len(usable)):
+        quality = u.quality[k, i]
+        if quality == GOOD and (
+            (usable[i] and not accepted[i]) or (not usable[i] and state.suspect[i] > 0.0)
+        ):
+            quality = REJECTED
+        out.sensor_quality[k, i] = quality
+        if quality == GOOD:
+            good += 1
+        elif quality == STALE:
+            stale += 1
+    state.flags[1] = 0 if good > 0 else state.flags[1] + 1
+    if state.flags[1] > STALE_AFTER_STEPS or stale == len(usable):
+        return ESTIMATE_STALE
+    if u.degraded[k] != 0 or good < len(usable):
+        return ESTIMATE_DEGRADED
+    return ESTIMATE_GOOD
+
+
+@rarely
+def skip(u, k, usable, state, out):
+    """Report a step that cannot be computed; the state stays as it is."""
+    judge(u, k, usable, usable, state, out)
+    invalidate(out, k)
+
+
+@rarely
+def invalidate(out, k):
+    """Mark step k as not known."""
+    out.heat[k, :] = np.nan
+    out.heat_sigma[k, :] = np.nan
+    out.field[k, :] = np.nan
+    out.field_sigma[k, :] = np.nan
+    out.quality[k] = ESTIMATE_INVALID
+
+
+@inlined
+def write_values(p, C, u, k, law, x, out):
+    """Heats and their laws, field and error of step k; return whether all are numbers."""
+    n_x, s = C.shape[1], u.y.shape[1]
+    total = 0.0
+    for j in range(len(p.source)):
+        out.law[k, j] = law[p.source[j]]
+        out.heat[k, j] = law[p.source[j]] + x[n_x + j]
+        total += out.heat[k, j]
+    for r in range(s, C.shape[0]):
+        value = 0.0
+        for a in range(n_x):
+            value += C[r, a] * x[a]
+        for q in range(p.F.shape[1]):
+            value += p.F[r, q] * u.z_end[k, q]
+        out.field[k, r - s] = value
+        total += value
+    return np.isfinite(total)
+
+
+@inlined
+def write_sigmas(C, s, P, heat_sigma, field_sigma, k, work):
+    """σ = √(c P cᵀ) of every heat and output row into row k; return whether all are numbers."""
+    n_x = C.shape[1]
+    g = work.row
+    total = 0.0
+    for j in range(P.shape[0] - n_x):
+        heat_sigma[k, j] = np.sqrt(P[n_x + j, n_x + j])
+        total += heat_sigma[k, j]
+    for r in range(s, C.shape[0]):
+        for b in range(P.shape[1]):
+            g[b] = 0.0
+        for a in range(n_x):
+            c = C[r, a]
+            for b in range(P.shape[1]):
+                g[b] += c * P[a, b]
+        variance = 0.0
+        for a in range(n_x):
+            variance += C[r, a] * g[a]
+        # A field that is known exactly (a prescribed end) has a variance of zero, give or take rounding.
+        field_sigma[k, r - s] = np.sqrt(max(0.0, variance))
+        total += variance
+    return np.isfinite(total)

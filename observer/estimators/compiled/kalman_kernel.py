@@ -1,0 +1,80 @@
+"""The Kalman filter's compiled loop over K steps."""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+
+from __future__ import annotations
+
+import numpy as np
+
+from observer.compiled import cached_loop
+from observer.estimators.compiled import judging, kernels, packing, steps
+from observer.estimators.compiled.judging import (
+    add_prior,
+    doubt_nut,
+    find_usable,
+    gate,
+    hold_back,
+    invalidate,
+    judge,
+    reopen,
+    skip,
+    step_is_finite,
+    write_sigmas,
+    write_values,
+)
+from observer.estimators.compiled.kernels import (
+    compare,
+    covariance_with_sensors,
+    joseph_update,
+    move_columns,
+    predict,
+    put_laws,
+    start,
+)
+from observer.model import coupling
+
+
+@cached_loop(coupling, judging, kernels, packing, steps)
+def run_kalman(p, t, u, state, gate_sigma, out, work):
+    """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
+
+    A step whose laws or known inputs are no numbers cannot be computed: it leaves the state as it is and is
+    invalid.
+    """
+    s = u.y.shape[1]
+    x, P, B, C = state.x, state.P, work.B, work.C
+    nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
+    for k in range(len(u.step)):
+        present = find_usable(u, k, usable)
+        if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
+            skip(u, k, usable, state, out)
+            continue
+        move_columns(p, u, k, B, C)
+        if state.flags[0] == 0:
+            start(p, C, u, k, usable, x, P, nu)
+            put_laws(p, u, k, B, x, work.law)
+            state.flags[0] = 1
+        else:
+            predict(p, t, u.step[k], u, k, B, x, P, work)
+            doubt_nut(p, u, k, state.lost_s, P)
+        if present > 0:
+            covariance_with_sensors(C, P, s, g)
+            compare(p, C, u, k, usable, g, x, nu, S)
+            for i in range(s):
+                if usable[i]:
+                    out.innovation[k, i], out.innovation_sigma[k, i] = nu[i], np.sqrt(S[i])
+            opened = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
+            if opened:
+                add_prior(p, P, 1.0)
+            else:
+                hold_back(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
+            if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or opened:
+                covariance_with_sensors(C, P, s, g)
+                compare(p, C, u, k, usable, g, x, nu, S)
+            out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
+        out.quality[k] = judge(u, k, usable, accepted, state, out)
+        known = write_values(p, C, u, k, work.law, x, out)
+        known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
+        if not known:
+            invalidate(out, k)

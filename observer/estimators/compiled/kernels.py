@@ -1,0 +1,321 @@
+"""The compiled arithmetic of one step: predict state and covariance, correct them by scalar measurements.
+
+The plant is diagonal and the heats reach it only through their input columns, so predicting a covariance
+costs O(n²). Nothing here calls BLAS and no sum is reordered: K steps give the same bits as K runs of one.
+Arrays are changed in place; shapes are those of `packing`.
+"""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+
+from __future__ import annotations
+
+import numpy as np
+
+from observer.compiled import inlined, rarely
+from observer.estimators.compiled.judging import add_prior
+from observer.model.coupling import coupled, faded
+
+
+@inlined
+def move_columns(p, u, k, B, C):
+    """Put the columns of the moving sources over step k in place."""
+    for i in range(len(p.moving)):
+        index = p.moving[i]
+        for a in range(B.shape[1]):
+            B[index, a] = u.moving_B[k, i, a]
+        for r in range(C.shape[0]):
+            C[r, p.modes + index] = u.moving_C[k, i, r]
+
+
+@inlined
+def put_laws(p, u, k, B, x, law):
+    """Each source's heat by its law over step k, at the temperature of the moment if it depends on that."""
+    for j in range(len(law)):
+        law[j] = u.law[k, j]
+        if p.coupling.active:
+            law[j] *= faded(p.coupling, j, u.z_start[k], B, x)
+
+
+@rarely
+def couple_half(p, u, k, z, B, x, P, work):
+    """Half a step of what couples the states: x ← M x + b, P ← [M 0; 0 I] P [M 0; 0 I]ᵀ."""
+    M, b, was = work.couple, work.shift, work.was
+    n_x, n = M.shape[0], P.shape[0]
+    coupled(p.coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], x, M, b)
+    for a in range(n_x):
+        was[a, 0] = x[a]
+    for a in range(n_x):
+        x[a] = b[a]
+        for i in range(n_x):
+            x[a] += M[a, i] * was[i, 0]
+    for a in range(n_x):
+        for q in range(n):
+            was[a, q] = 0.0
+        for i in range(n_x):
+            if M[a, i] != 0.0:
+                for q in range(n):
+                    was[a, q] += M[a, i] * P[i, q]
+    for a in range(n_x):
+        for q in range(n_x, n):
+            P[a, q] = was[a, q]
+            P[q, a] = was[a, q]
+        for q in range(a + 1):
+            total = 0.0
+            for i in range(n_x):
+                total += was[a, i] * M[q, i]
+            P[a, q] = total
+            P[q, a] = total
+
+
+@inlined
+def predict(p, t, d, u, k, B, x, P, work):
+    """One step of state and covariance; what couples the states acts in two halves around it."""
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_start[k], B, x, P, work)
+    put_laws(p, u, k, B, x, work.law)
+    predict_state(p, t, d, u, k, B, x, work)
+    predict_covariance(p, t, d, u, k, B, P, work)
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_end[k], B, x, P, work)
+
+
+@inlined
+def predict_state(p, t, d, u, k, B, x, work):
+    """x⁺ = e∘x + hold∘(B law + E z_start) + ramp∘(E (z_end - z_start)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
+    n_x = B.shape[1]
+    for a in range(n_x):
+        work.forced[a] = 0.0
+        work.ramped[a] = 0.0
+    for j in range(B.shape[0]):
+        law = work.law[j]
+        for a in range(n_x):
+            work.forced[a] += B[j, a] * law
+    for q in range(p.E.shape[0]):
+        z, rise = u.z_start[k, q], u.z_end[k, q] - u.z_start[k, q]
+        for a in range(n_x):
+            work.forced[a] += p.E[q, a] * z
+            work.ramped[a] += p.E[q, a] * rise
+    for a in range(n_x):
+        x[a] = t.decay[d, a] * x[a] + t.hold[d, a] * work.forced[a] + t.ramp[d, a] * work.ramped[a]
+    for j in range(len(p.source)):
+        delta, index = x[n_x + j], p.source[j]
+        for a in range(n_x):
+            x[a] += B[index, a] * t.couple[d, j, a] * delta
+        x[n_x + j] = t.heat_decay[d, j] * delta
+
+
+@inlined
+def predict_covariance(p, t, d, u, k, B, P, work):
+    """P⁺ = Ad (P + jump) Adᵀ + Qd, with the law's jump acting from the start of the step.
+
+    With G the heats' columns: M = e∘P_xδ + G P_δδ, then P_xx⁺ = (e eᵀ)∘P_xx + M Gᵀ + G (e∘P_xδ)ᵀ + Q_xx. The
+    lower triangle is mirrored at the end, so P stays symmetric to the last bit. Rows are worked out over
+    their padded width, where decay, G, S and M are zero.
+    """
+    n_x, m_e, width = B.shape[1], len(p.source), P.shape[1]
+    G, S, M = work.G, work.S, work.M
+    for j in range(m_e):
+        index = p.source[j]
+        jump = p.law_uncertainty[j] * u.jump[k, index]
+        P[n_x + j, n_x + j] += jump * jump
+        for a in range(n_x):
+            G[j, a] = B[index, a] * t.couple[d, j, a]
+        for b in range(width):
+            S[j, b] = t.decay[d, b] * P[n_x + j, b]
+            M[j, b] = S[j, b]
+    for j in range(m_e):
+        for i in range(m_e):
+            shared = P[n_x + max(j, i), n_x + min(j, i)]
+            for b in range(width):
+                M[j, b] += shared * G[i, b]
+    for a in range(n_x):
+        scale = t.decay[d, a]
+        for b in range(width):
+            P[a, b] = scale * t.decay[d, b] * P[a, b] + t.noise_xx[d, a, b]
+        for j in range(m_e):
+            left, right = M[j, a], G[j, a]
+            for b in range(width):
+                P[a, b] += left * G[j, b] + right * S[j, b]
+    for i in range(len(p.moving)):
+        if p.moving_heat[i] >= 0:
+            add_walk(B, p.moving[i], t.walk_xx, d, p.moving_heat[i], P)
+    predict_heats(p, t, d, B, M, P)
+    mirror(P)
+
+
+@inlined
+def predict_heats(p, t, d, B, M, P):
+    """Lower rows of P⁺: P_δx⁺ = γ∘Mᵀ + Q_δx, P_δδ⁺ = (γ γᵀ)∘P_δδ + Q_δδ."""
+    m_e, n_x = len(p.source), B.shape[1]
+    for j in range(m_e):
+        keep = t.heat_decay[d, j]
+        for a in range(n_x):
+            P[n_x + j, a] = keep * M[j, a] + B[p.source[j], a] * t.walk_dx[d, j, a]
+        for i in range(j + 1):
+            P[n_x + j, n_x + i] = keep * t.heat_decay[d, i] * P[n_x + j, n_x + i]
+        P[n_x + j, n_x + j] += t.walk_dd[d, j]
+
+
+@inlined
+def add_walk(B, index, walk_xx, d, j, P):
+    """Add to the lower triangle what the walk of heat j leaves through its moving column."""
+    for a in range(B.shape[1]):
+        own = B[index, a]
+        for b in range(a + 1):
+            P[a, b] += own * B[index, b] * walk_xx[d, j, a, b]
+
+
+@inlined
+def mirror(P):
+    """Copy the lower triangle to the upper."""
+    for a in range(P.shape[0]):
+        for b in range(a):
+            P[b, a] = P[a, b]
+
+
+@inlined
+def symmetrise(P):
+    """P = (P + Pᵀ)/2."""
+    for a in range(P.shape[0]):
+        for b in range(a):
+            mean = 0.5 * (P[a, b] + P[b, a])
+            P[a, b] = mean
+            P[b, a] = mean
+
+
+@inlined
+def residual(p, C, u, k, i, x):
+    """Measured minus expected temperature of sensor i at the end of step k, K."""
+    nu = u.y[k, i]
+    for a in range(C.shape[1]):
+        nu -= C[i, a] * x[a]
+    for q in range(p.F.shape[1]):
+        nu -= p.F[i, q] * u.z_end[k, q]
+    return nu
+
+
+@inlined
+def sensor_covariance(C, i, P, g):
+    """g_i = P c_i."""
+    for b in range(P.shape[1]):
+        g[i, b] = 0.0
+    for a in range(C.shape[1]):
+        c = C[i, a]
+        for b in range(P.shape[1]):
+            g[i, b] += c * P[a, b]
+
+
+@inlined
+def covariance_with_sensors(C, P, s, g):
+    """g_i = P c_i for the first s rows of C."""
+    for i in range(s):
+        sensor_covariance(C, i, P, g)
+
+
+@inlined
+def project(C, i, g, j):
+    """c_iᵀ g_j over the plant states."""
+    total = 0.0
+    for a in range(C.shape[1]):
+        total += C[i, a] * g[j, a]
+    return total
+
+
+@rarely
+def start(p, C, u, k, usable, x, P, levels):
+    """Set x̂ to a screw of one temperature with the lags at rest under their laws, and P to the prior.
+
+    That temperature is the median over the usable sensors, so that one broken sensor does not set it.
+    `levels` (s,) is scratch.
+    """
+    n_x = C.shape[1]
+    x[:] = 0.0
+    for j in range(u.law.shape[1]):
+        x[p.modes + j] = u.law[k, j]
+    count = 0
+    for i in range(len(usable)):
+        if usable[i]:
+            seen = 0.0
+            for a in range(n_x):
+                seen += C[i, a] * p.uniform[a]
+            # Next to a prescribed end the modes alone see little of a uniform temperature.
+            level = residual(p, C, u, k, i, x) / seen if seen > 0.5 else u.y[k, i]
+            place = count
+            while place > 0 and levels[place - 1] > level:
+                levels[place] = levels[place - 1]
+                place -= 1
+            levels[place] = level
+            count += 1
+    level = 0.5 * (levels[(count - 1) // 2] + levels[count // 2])
+    for a in range(n_x):
+        x[a] += p.uniform[a] * level
+    P[:] = 0.0
+    add_prior(p, P, 1.0)
+
+
+@inlined
+def joseph_covariance(C, i, g, K, r, P, half, rest):
+    """P⁺ = A - K (cᵀ A) + r K Kᵀ with A = P - g Kᵀ, for sensor i; `half` and `rest` are scratch.
+
+    Both outer products are written as the mean of themselves and their transposes, term by term, so that P
+    stays symmetric to the last bit. Where they are not, what rounding leaves antisymmetric grows without
+    bound once P has fourteen digits to lose: copying one triangle over the other is not enough (seen in the
+    tests, and in filterpy).
+    """
+    (n, width), n_x = P.shape, C.shape[1]
+    for b in range(width):
+        half[b] = 0.5 * g[i, b]
+        rest[b] = r * K[b]
+    for a in range(n):
+        gain, expected = K[a], half[a]
+        for b in range(width):
+            P[a, b] -= expected * K[b] + gain * half[b]
+    for a in range(n_x):
+        c = C[i, a]
+        for b in range(width):
+            rest[b] -= c * P[a, b]
+    for b in range(width):
+        rest[b] *= 0.5
+    for a in range(n):
+        gain, left = K[a], rest[a]
+        for b in range(width):
+            P[a, b] += gain * rest[b] + left * K[b]
+
+
+@inlined
+def joseph_update(R_K2, C, accepted, g, nu, x, P, work):
+    """Correct x and P by every accepted sensor in turn; return the log-likelihood of their innovations.
+
+    `nu` are the innovations before any correction; those of the sensors still to come follow on the way.
+    Their g is worked out anew from the P in force: Joseph's form forgives a wrong gain, but not a wrong c P
+    (Bucy and Joseph, 1968). P is symmetric to rounding; the lower triangle is the one that counts.
+    """
+    (n, width), s = P.shape, len(accepted)
+    K, half, rest = work.K, work.half, work.row
+    squares, volume = 0.0, 1.0
+    for i in range(s):
+        if not accepted[i]:
+            continue
+        sensor_covariance(C, i, P, g)
+        innovation, r = nu[i], R_K2[i]
+        S = project(C, i, g, i) + r
+        squares += innovation * innovation / S
+        volume *= 2.0 * np.pi * S
+        for b in range(width):
+            K[b] = g[i, b] / S
+        for a in range(n):
+            x[a] += K[a] * innovation
+        joseph_covariance(C, i, g, K, r, P, half, rest)
+        for later in range(i + 1, s):
+            nu[later] -= project(C, later, g, i) / S * innovation
+    return -0.5 * (squares + np.log(volume))
+
+
+@inlined
+def compare(p, C, u, k, usable, g, x, nu, S):
+    """Innovation ν_i and its variance S_ii before any correction, for every usable sensor."""
+    for i in range(len(usable)):
+        if usable[i]:
+            nu[i] = residual(p, C, u, k, i, x)
+            S[i] = project(C, i, g, i) + p.R_K2[i]

@@ -1,0 +1,1 @@
+"""What is worked out before a run: gains, where to put sensors, and what an estimator is worth."""

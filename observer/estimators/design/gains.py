@@ -1,0 +1,281 @@
+"""Design of the Luenberger gains: poles of the augmented pair [x | δ] in discrete time, on the rows that are
+measured.
+
+Only the slow part is moved. Modes that are faster than the bandwidth, and the lags, keep their poles: in
+coordinates in which they are decoupled from the heats their gain is zero, so the closed loop is block
+triangular and its spectrum exact. Design is for the predict-correct form: eig((I - K C) Ad) = exp(p dt).
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigvals, solve_discrete_lyapunov
+from scipy.optimize import linear_sum_assignment
+
+from observer.estimators.design.kim import gains_on_chain, gains_on_eigenvectors, kim_poles
+from observer.frames import BoolArray, FloatArray
+from observer.model.discretise import StepMatrices
+from observer.model.generator import design_step
+from observer.model.plant import Plant
+
+ComplexArray = NDArray[np.complex128]
+
+POLE_TOLERANCE = 0.01
+_SPREAD = 0.15
+_FASTEST_PER_STEP = 2.0
+_NEGLIGIBLE_Z = 1e-6
+_TOLD = 1e-6  # relative residual of the Lyapunov equation up to which its solution is believed
+_ROUNDING = 1e-10
+# Poles are exact from the first iteration; the others only make the gain more robust, and they are dear.
+_ITERATIONS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class SlowPair:
+    """The part of the augmented pair that is moved, its fast part decoupled.
+
+    `slow` indexes the modes moved, `fast` the states that stay; `A` (n_s, n_s), `C` (s, n_s) of [slow modes |
+    δ]; `V` (n_f, m_e) how far δ displaces the fast states; `scale` (n_s,) the size of each state in its
+    prior.
+    """
+
+    slow: NDArray[np.int64]
+    fast: NDArray[np.int64]
+    A: FloatArray
+    C: FloatArray
+    V: FloatArray
+    scale: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class LuenbergerGain:
+    """A gain `K` (n, s), with zero columns for absent sensors, and what it does.
+
+    Poles in 1/s, of the whole closed loop; `noise_gain_W_K` (m_e,) is a heat's σ under white noise of 1 K on
+    each sensor.
+    """
+
+    K: FloatArray
+    poles_requested_1_s: FloatArray
+    poles_reached_1_s: ComplexArray
+    noise_gain_W_K: FloatArray
+
+    @property
+    def pole_error(self) -> float:
+        """Largest relative distance of a pole from where it was asked to be."""
+        return pole_error(self.poles_requested_1_s, self.poles_reached_1_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why there is no gain for a set of sensors; `sensors` are those present."""
+
+    sensors: tuple[str, ...]
+    reason: str
+
+
+def slow_pair(plant: Plant, step: StepMatrices, bandwidth_1_s: float) -> SlowPair:
+    """Split off the modes slower than the bandwidth, with the heats; lags always stay."""
+    Ad, _ = design_step(plant, step)
+    n_x = len(plant.decay_1_s)
+    heats = np.arange(n_x, len(Ad))
+    mode = np.arange(n_x) < plant.modes
+    slow = np.flatnonzero(mode & (plant.decay_1_s < bandwidth_1_s))
+    fast = np.setdiff1d(np.arange(n_x), slow)
+    V = Ad[np.ix_(fast, heats)] / (step.heat_decay - step.decay[fast, None])
+    kept = np.concatenate([slow, heats])
+    C = plant.rows.C[plant.rows.sensor_slice]
+    scale = np.concatenate([np.sqrt(np.diag(plant.prior_P))[slow], plant.initial_sigma_W])
+    return SlowPair(
+        slow=slow,
+        fast=fast,
+        A=Ad[np.ix_(kept, kept)],
+        C=np.hstack([C[:, slow], C[:, fast] @ V]),
+        V=V,
+        scale=np.where(scale > 0, scale, 1.0),
+    )
+
+
+def lift(pair: SlowPair, K_slow: FloatArray, present: BoolArray) -> FloatArray:
+    """Return K (n, s) in the plant's own states from the gain of the slow pair (n_s, present sensors)."""
+    heats = len(pair.V[0])
+    n = len(pair.slow) + len(pair.fast) + heats
+    K = np.zeros((n, len(present)))
+    K_heat = K_slow[len(pair.slow) :]
+    K[np.ix_(pair.slow, present)] = K_slow[: len(pair.slow)]
+    K[np.ix_(pair.fast, present)] = pair.V @ K_heat
+    K[n - heats :, present] = K_heat
+    return K
+
+
+def bandwidth_poles(count: int, bandwidth_1_s: float, dt_s: float) -> FloatArray:
+    """Return distinct poles around -ω, 1/s: -ω (1, 1.15, 1.3, …), with ω at most 2/dt so that none is at z =
+    0.
+    """
+    omega = bandwidth_1_s if dt_s == 0 else min(bandwidth_1_s, _FASTEST_PER_STEP / dt_s)
+    return np.asarray(-omega * (1.0 + _SPREAD * np.arange(count)))
+
+
+def design_bandwidth(
+    plant: Plant, step: StepMatrices, present: BoolArray, bandwidth_1_s: float
+) -> LuenbergerGain | Refusal:
+    """Place the slow part of the pair around the bandwidth, on the rows of the sensors that are present.
+
+    Source: Kautsky, Nichols and Van Dooren (1985); Tits and Yang (1996), as `scipy.signal.place_poles`.
+    """
+    pair = slow_pair(plant, step, bandwidth_1_s)
+    if not determinable(pair, present):
+        return _refuse(plant, present, "they cannot tell the heats apart from each other and from the field")
+    poles = bandwidth_poles(len(pair.A), bandwidth_1_s, step.dt_s)
+    try:
+        K_slow = _place(pair, plant, present, np.exp(poles * step.dt_s))
+    except (ValueError, np.linalg.LinAlgError):
+        return _refuse(plant, present, "no gain places the poles")
+    gain = _finish(plant, step, pair, K_slow, present, poles)
+    if isinstance(gain, LuenbergerGain) and not gain.pole_error <= POLE_TOLERANCE:
+        return _refuse(plant, present, f"the poles reached are {gain.pole_error:.0%} off")
+    return gain
+
+
+def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> LuenbergerGain | Refusal:
+    """Place all modes and the heat by Kim's rule (27), for one sensor and one heat; lags stay."""
+    if len(present) != 1 or plant.estimated.sum() != 1:
+        return _refuse(plant, present, "Kim's rule is for one sensor and one estimated heat")
+    if not present[0]:
+        return _refuse(plant, present, "without the sensor there is nothing to correct by")
+    pair = slow_pair(plant, step, np.inf)
+    poles = kim_poles(plant.decay_1_s[: plant.modes], plant.diffusion_rate_1_s)
+    return _finish(plant, step, pair, _single_output(pair, np.exp(poles * step.dt_s)), present, poles)
+
+
+def determinable(pair: SlowPair, present: BoolArray) -> bool:
+    """Whether rank [[A - I, B], [C, 0]] is full: constant heats leave a trace in the sensors that are
+    present.
+
+    Source: Davison and Smith (1971); the rows are scaled to the priors so that the rank has a meaning.
+    """
+    matrix = np.vstack([pair.A - np.eye(len(pair.A)), pair.C[present]]) * pair.scale
+    norms = np.linalg.norm(matrix, axis=1, keepdims=True)
+    matrix = matrix / np.where(norms > 0, norms, 1.0)
+    return bool(np.linalg.matrix_rank(matrix, tol=1e-9) == len(pair.A))
+
+
+def noise_gain(M: FloatArray, K: FloatArray, heats: int) -> FloatArray:
+    """Return each heat's steady σ, W, under white noise of 1 K per sensor: Σ = M Σ Mᵀ + K Kᵀ with M = (I -
+    K C) Ad. Infinite where the loop is unstable. Where it is so ill-conditioned that double precision
+    cannot tell, a lower bound: what one sample alone moves the heat, the norm of its row of K.
+    """
+    if not is_stable(M):
+        return np.full(heats, np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # an ill-conditioned equation shows in the residual below
+        Sigma = solve_discrete_lyapunov(M, K @ K.T)
+    residual = np.abs(M @ Sigma @ M.T + K @ K.T - Sigma).max()
+    variance = np.diag(Sigma)[-heats:]
+    if not residual <= _TOLD * np.abs(Sigma).max() or np.any(variance < 0.0):
+        return np.asarray(np.linalg.norm(K[-heats:], axis=1))
+    return np.sqrt(variance)
+
+
+def is_stable(M: FloatArray) -> bool:
+    """Whether every eigenvalue lies inside the unit circle, by more than rounding can tell."""
+    return bool(np.max(np.abs(eigvals(M))) < 1.0 - _ROUNDING)
+
+
+def closed_loop(plant: Plant, step: StepMatrices, K: FloatArray) -> FloatArray:
+    """Return (I - K C) Ad (n, n)."""
+    Ad, _ = design_step(plant, step)
+    C = sensor_rows(plant)
+    return Ad - K @ (C @ Ad)
+
+
+def sensor_rows(plant: Plant) -> FloatArray:
+    """Rows (s, n) of the sensors on the augmented state."""
+    C = plant.rows.C[plant.rows.sensor_slice]
+    return np.hstack([C, np.zeros((len(C), int(plant.estimated.sum())))])
+
+
+def poles_of(M: FloatArray, dt_s: float) -> ComplexArray:
+    """Return log(eig M)/dt, 1/s, slowest first; real where they are real."""
+    z = eigvals(M).astype(np.complex128)
+    z = np.where(z == 0, np.finfo(float).tiny, z)
+    p = np.log(z) / dt_s
+    return np.asarray(p[np.argsort(-p.real, kind="stable")], dtype=np.complex128)
+
+
+def pole_error(requested_1_s: FloatArray, reached_1_s: ComplexArray) -> float:
+    """Largest relative distance between requested and reached poles, matched one to one."""
+    cost = np.abs(requested_1_s[:, None] - reached_1_s[None, :]) / np.abs(requested_1_s)[:, None]
+    if not np.isfinite(cost).all():
+        return float("inf")
+    rows, columns = linear_sum_assignment(cost)
+    return float(cost[rows, columns].max())
+
+
+def _place(pair: SlowPair, plant: Plant, present: BoolArray, z: FloatArray) -> FloatArray:
+    """Gain (n_s, present) of the slow pair, worked out in coordinates scaled to the priors."""
+    from scipy.signal import place_poles  # noqa: PLC0415  (start-up: only this estimator needs it)
+
+    sigma_K = np.sqrt(plant.noise_R_K2[present])
+    A = pair.A * pair.scale / pair.scale[:, None]
+    CA = (pair.C[present] * pair.scale / sigma_K[:, None]) @ A
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore"
+        )  # it warns where it is not optimal; the poles reached are checked by us
+        placed = place_poles(A.T, CA.T, z, method="YT", rtol=1e-2, maxiter=_ITERATIONS)
+    return np.asarray(pair.scale[:, None] * placed.gain_matrix.T / sigma_K)
+
+
+def _single_output(pair: SlowPair, z: FloatArray) -> FloatArray:
+    """Gain (n_s, 1) for one sensor and one heat by the closed form, in the eigenvectors of A."""
+    N = len(pair.slow)
+    e, gamma, G = np.diag(pair.A)[:N], float(pair.A[N, N]), pair.A[:N, N]
+    c = pair.C[0, :N]
+    chained = np.flatnonzero(e == gamma)
+    order = np.concatenate([chained, np.setdiff1d(np.arange(N), chained)])
+    free = order[len(chained) :]
+    v = np.zeros(N)
+    v[free] = G[free] / (gamma - e[free])
+    if len(chained) == 0:
+        c_heat = pair.C[0, N] + c @ v
+        g = gains_on_eigenvectors(np.append(e, gamma), np.append(c * e, c_heat * gamma), z)
+        modes, heat = g[:N], float(g[N])
+    else:
+        first = int(chained[0])
+        c_heat = (pair.C[0, N] + c @ v) * gamma + c[first] * G[first]
+        modes = np.empty(N)
+        modes[order], heat = gains_on_chain(e[order], c[order] * e[order], float(G[first]), c_heat, z)
+    return np.append(modes + v * heat, heat)[:, None]
+
+
+def _finish(
+    plant: Plant,
+    step: StepMatrices,
+    pair: SlowPair,
+    K_slow: FloatArray,
+    present: BoolArray,
+    poles: FloatArray,
+) -> LuenbergerGain | Refusal:
+    if not np.isfinite(K_slow).all():
+        return _refuse(plant, present, "a mode of the model has a node at the sensor")
+    K = lift(pair, K_slow, present)
+    M_slow = pair.A - K_slow @ (pair.C[present] @ pair.A)
+    reached = poles_of(closed_loop(plant, step, K), step.dt_s)
+    visible = plant.decay_1_s[pair.fast] * step.dt_s < -np.log(_NEGLIGIBLE_Z)
+    requested = np.sort(np.concatenate([-plant.decay_1_s[pair.fast][visible], poles]))[::-1]
+    return LuenbergerGain(
+        K=K,
+        poles_requested_1_s=requested,
+        poles_reached_1_s=reached[: len(requested)],
+        noise_gain_W_K=noise_gain(M_slow, K_slow, len(pair.V[0])),
+    )
+
+
+def _refuse(plant: Plant, present: BoolArray, reason: str) -> Refusal:
+    names = tuple(name for name, here in zip(plant.layout.sensors, present, strict=True) if here)
+    return Refusal(names, reason)

@@ -1,0 +1,84 @@
+"""Ranking of sensor sites by conditioning: the smallest singular value of what they see, not a rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.errors import UserError
+from observer.estimators.design.observability import plant_responses, smallest_singular_value
+from observer.frames import FloatArray
+from observer.model.plant import Plant
+
+# A set is only exchanged for one that is better by more than rounding.
+_BETTER = 1.0 + 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class SiteSet:
+    """Candidates chosen together: indices in the order of importance, and how well they see.
+
+    `score_K` is the smallest singular value of the responses: the rms temperature that the worst-seen
+    direction of field and heats, of prior size, leaves at the sensors. `condition` is the largest over the
+    smallest.
+    """
+
+    sites: tuple[int, ...]
+    score_K: float
+    condition: float
+
+
+def rank_sensor_sites(plant: Plant, candidates: FloatArray, count: int) -> list[SiteSet]:
+    """Return the best sets found of 1, 2, … `count` sites out of the candidate rows (G, n_x).
+
+    Greedy choice by the volume of the Gramian, then exchanges, one site at a time, while the smallest
+    singular value grows. Raises `UserError` for more sensors than candidates.
+    """
+    if not 1 <= count <= len(candidates):
+        raise UserError(
+            f"place: {count} sensors cannot stand on {len(candidates)} candidate positions; "
+            f"ask for 1 to {len(candidates)}"
+        )
+    seen = plant_responses(plant, candidates)
+    chosen: list[int] = []
+    ranked = []
+    for _ in range(count):
+        chosen = _exchange(seen, [*chosen, _most_volume(seen, chosen)])
+        singular = np.linalg.svd(seen[chosen].reshape(-1, seen.shape[-1]), compute_uv=False)
+        smallest = smallest_singular_value(seen[chosen])
+        condition = float(singular[0]) / smallest if smallest > 0 else float("inf")
+        ranked.append(SiteSet(tuple(chosen), smallest, condition))
+    return ranked
+
+
+def _most_volume(seen: FloatArray, chosen: list[int]) -> int:
+    """Return the candidate that adds most to log det of the Gramian (with a floor, while it is still
+    singular).
+    """
+    n = seen.shape[-1]
+    flat = seen[chosen].reshape(-1, n)
+    base = flat.T @ flat
+    floor = 1e-12 * float(np.max(np.einsum("rtn,rtn->r", seen, seen))) * np.eye(n)
+    volumes = [
+        -np.inf if i in chosen else np.linalg.slogdet(base + row.T @ row + floor)[1]
+        for i, row in enumerate(seen)
+    ]
+    return int(np.argmax(volumes))
+
+
+def _exchange(seen: FloatArray, chosen: list[int]) -> list[int]:
+    """Replace one site at a time by the candidate that raises the smallest singular value most, until none
+    does.
+    """
+    best = smallest_singular_value(seen[chosen])
+    improved = True
+    while improved:
+        improved = False
+        for place in range(len(chosen)):
+            for candidate in set(range(len(seen))) - set(chosen):
+                trial = [*chosen[:place], candidate, *chosen[place + 1 :]]
+                score = smallest_singular_value(seen[trial])
+                if score > best * _BETTER:
+                    chosen, best, improved = trial, score, True
+    return chosen

@@ -1,0 +1,190 @@
+"""What a user must know of an estimator before trusting it: poles, noise gain, observability, warnings."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.config import EstimatorSettings
+from observer.estimators.design.bandwidth import bandwidth, design, everything
+from observer.estimators.design.gains import (
+    POLE_TOLERANCE,
+    ComplexArray,
+    LuenbergerGain,
+    Refusal,
+    closed_loop,
+    noise_gain,
+    poles_of,
+)
+from observer.estimators.design.observability import plant_responses, smallest_singular_value, weakest_mode
+from observer.estimators.design.riccati import steady_kalman
+from observer.frames import BoolArray, FloatArray
+from observer.model.discretise import StepMatrices, step_matrices
+from observer.model.generator import generator, settled_rows
+from observer.model.plant import Plant
+
+_MOST_SUBSET_SENSORS = 8
+_MOST_DESIGN_WORK = 2e7  # states cubed times designs: some ten seconds on a slow computer
+_NEARLY_BLIND = 0.1
+_ABSURD_NOISE = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class DesignReport:
+    """How a plant's estimator is designed and what that means.
+
+    Poles in 1/s: `eigenvalues_1_s` (n,) of the plant with its heats, `poles_requested_1_s` (none for a Kalman
+    filter), `poles_reached_1_s` recomputed from the closed loop. `noise_gain_W_K`: each estimated heat's σ
+    under white noise of 1 K on every sensor. `weakest_mode` is a mode's number, `weakest_mode_sensor` the
+    sensor that sees it best, `weakest_mode_share` how much of it. `smallest_singular_value_K`: see
+    `observability`. `undetermined`: the sets of lost sensors after which the heats can no longer be told.
+    """
+
+    kind: str
+    bandwidth_1_s: float | None
+    eigenvalues_1_s: FloatArray
+    poles_requested_1_s: FloatArray
+    poles_reached_1_s: ComplexArray
+    noise_gain_W_K: dict[str, float]
+    weakest_mode: int
+    weakest_mode_sensor: str
+    weakest_mode_share: float
+    smallest_singular_value_K: float
+    undetermined: tuple[tuple[str, ...], ...]
+    warnings: tuple[str, ...]
+
+
+def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
+    """Design the estimator of the settings and report on it.
+
+    Raises `UserError` where no bandwidth serves; a design that is refused is reported, with no poles reached.
+    """
+    step = step_matrices(plant, settings.period_s)
+    omega = None
+    if settings.kind == "luenberger" and settings.pole_rule == "bandwidth":
+        omega = bandwidth(plant, settings)
+    whole = _design(plant, step, settings, everything(plant), omega)
+    requested, reached, noise = _outcome(plant, step, whole)
+    mode, sensor, share = weakest_mode(plant)
+    names = plant.layout.sensors
+    undetermined = _undetermined(plant, step, settings, omega)
+    return DesignReport(
+        kind=settings.kind,
+        bandwidth_1_s=omega,
+        eigenvalues_1_s=np.sort(np.concatenate([_rates(plant), -plant.heat_decay_1_s]))[::-1],
+        poles_requested_1_s=requested,
+        poles_reached_1_s=reached,
+        noise_gain_W_K={name: float(g) for name, g in zip(plant.layout.sources, noise, strict=True)},
+        weakest_mode=mode,
+        weakest_mode_sensor=names[sensor],
+        weakest_mode_share=share,
+        smallest_singular_value_K=smallest_singular_value(
+            plant_responses(plant, settled_rows(plant)[plant.rows.sensor_slice])
+        ),
+        undetermined=undetermined,
+        warnings=(
+            *_gain_warnings(plant, whole, noise),
+            *_sight_warnings(names[sensor], mode, share),
+            *_loss_warnings(undetermined),
+        ),
+    )
+
+
+def _rates(plant: Plant) -> FloatArray:
+    """The plant's own eigenvalues, 1/s; links are as passive as the screw, so that they are real."""
+    if not plant.coupling.nodes:
+        return -plant.decay_1_s
+    return np.asarray(np.linalg.eigvals(generator(plant)).real)
+
+
+def _design(
+    plant: Plant, step: StepMatrices, settings: EstimatorSettings, present: BoolArray, omega: float | None
+) -> LuenbergerGain | FloatArray | Refusal:
+    if settings.kind == "luenberger":
+        return design(plant, step, present, settings.pole_rule, omega or np.inf)
+    return steady_kalman(plant, step, present)
+
+
+def _outcome(
+    plant: Plant, step: StepMatrices, whole: LuenbergerGain | FloatArray | Refusal
+) -> tuple[FloatArray, ComplexArray, FloatArray]:
+    """Poles requested, poles reached and noise gains."""
+    if isinstance(whole, LuenbergerGain):
+        return whole.poles_requested_1_s, whole.poles_reached_1_s, whole.noise_gain_W_K
+    heats = int(plant.estimated.sum())
+    if isinstance(whole, Refusal):
+        return np.empty(0), np.empty(0, dtype=np.complex128), np.full(heats, np.nan)
+    M = closed_loop(plant, step, whole)
+    return np.empty(0), poles_of(M, step.dt_s), noise_gain(M, whole, heats)
+
+
+def _undetermined(
+    plant: Plant, step: StepMatrices, settings: EstimatorSettings, omega: float | None
+) -> tuple[tuple[str, ...], ...]:
+    """Smallest sets of sensors whose loss leaves no gain; supersets of one found are not listed again."""
+    s = plant.rows.sensors
+    if s > _MOST_SUBSET_SENSORS:
+        return ()
+    most = _most_lost(len(step.decay) + len(step.heat_decay), s)
+    found: list[frozenset[int]] = []
+    sizes = range(1, most + 1)
+    for lost in itertools.chain.from_iterable(itertools.combinations(range(s), r) for r in sizes):
+        if any(known <= set(lost) for known in found):
+            continue
+        present = everything(plant)
+        present[list(lost)] = False
+        if isinstance(_design(plant, step, settings, present, omega), Refusal):
+            found.append(frozenset(lost))
+    return tuple(tuple(plant.layout.sensors[i] for i in sorted(lost)) for lost in found)
+
+
+def _most_lost(states: int, sensors: int) -> int:
+    """How many sensors are taken away together: all, one by one, or none, by what the designs may cost."""
+    if states**3 * 2**sensors <= _MOST_DESIGN_WORK:
+        return sensors
+    return 1 if states**3 * sensors <= _MOST_DESIGN_WORK else 0
+
+
+def _gain_warnings(
+    plant: Plant, whole: LuenbergerGain | FloatArray | Refusal, noise: FloatArray
+) -> list[str]:
+    if isinstance(whole, Refusal):
+        return [
+            f"sensors {', '.join(whole.sensors)} do not serve: {whole.reason}; add or move sensors "
+            "(observer place) or lower bandwidth_1_s"
+        ]
+    found = []
+    if isinstance(whole, LuenbergerGain) and not whole.pole_error <= POLE_TOLERANCE:
+        found.append(
+            f"the poles reached are up to {whole.pole_error:.2g} times off those requested: the gains are "
+            'too large for double precision; use pole_rule = "bandwidth" or kind = "kalman"'
+        )
+    for name, gain, sigma_W in zip(plant.layout.sources, noise, plant.initial_sigma_W, strict=True):
+        noise_W = float(gain * np.sqrt(plant.noise_R_K2.max()))
+        if not noise_W <= _ABSURD_NOISE * sigma_W:
+            found.append(
+                f"sensor noise alone moves the heat of {name} by {noise_W:.3g} W, more than its "
+                'initial_sigma_W; lower bandwidth_1_s, move a sensor nearer, or use kind = "kalman"'
+            )
+    return found
+
+
+def _sight_warnings(sensor: str, mode: int, share: float) -> list[str]:
+    if share >= _NEARLY_BLIND:
+        return []
+    return [
+        f"no sensor sees more than {share:.0%} of mode {mode} (best: {sensor}), it has a node near every "
+        "sensor; move one sensor (observer place)"
+    ]
+
+
+def _loss_warnings(undetermined: tuple[tuple[str, ...], ...]) -> list[str]:
+    single = [lost[0] for lost in undetermined if len(lost) == 1]
+    if not single:
+        return []
+    return [
+        f"without {' or without '.join(single)} the heats can no longer be told apart and are only predicted"
+        "; add a sensor"
+    ]

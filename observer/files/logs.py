@@ -1,0 +1,311 @@
+"""Logs: CSV (plain or gzip) and Parquet, read with every cell checked, written whole or not at all.
+
+The first column is `time_s`; the others are channels. A log with the columns `step` and `flags` is one of
+the service's own recordings: each row is a reading or, where `step` is 1, a tick of the estimator.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import io
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.errors import LogError, UserError
+from observer.files.checksums import damaged, rows_of, without
+from observer.files.regular import one_line, refuse_irregular
+from observer.frames import BoolArray, FloatArray
+
+TIME = "time_s"
+STEP = "step"
+FLAGS = "flags"
+LATE = "late_s"
+SUFFIXES = (".csv", ".csv.gz", ".parquet")
+EMPTY_CELLS = ("", "NaN", "nan", "NA", "N/A", "null", "NULL")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Log:
+    """A recorded run.
+
+    `time_s` (n,) strictly increasing; `values` (n, c) in the order of `channels`, NaN where a cell is empty.
+    `step` (n,) and `flags` (n,) are there in the service's own recordings only: which rows are ticks, and
+    the faults of each row as text; in newer ones also `late_s` (n,), how long before its row a reading was
+    true, NaN for not at all.
+    """
+
+    path: Path
+    time_s: FloatArray
+    channels: tuple[str, ...]
+    values: FloatArray
+    step: BoolArray | None = None
+    flags: tuple[str | None, ...] | None = None
+    late_s: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+def read_log(
+    path: Path | str,
+    needed: Sequence[str] = (),
+    *,
+    accept_truncated: bool = False,
+    accept_damaged: bool = False,
+) -> Log:
+    """Read a log, only the columns in `needed` if any are named.
+
+    `accept_truncated` drops a last row that was cut off instead of refusing the log, `accept_damaged` the
+    rows of a recording that do not have the checksum they were recorded with. Raises `LogError` with
+    one sentence that names the file, the row or column, and the remedy.
+    """
+    path = Path(path)
+    try:
+        suffix = suffix_of(path)
+        refuse_irregular(path, "a readable log")
+        if suffix == ".parquet":
+            return _read_parquet(path, needed)
+        return _read_csv(path, needed, accept_truncated, accept_damaged)
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file; give the path of a log") from None
+    except OSError as error:
+        reason = error.strerror or one_line(str(error))
+        raise LogError(f"{path}: cannot be read ({reason}); give a readable log") from None
+    except LogError:
+        raise
+    except UserError as error:
+        raise LogError(str(error)) from None
+
+
+def suffix_of(path: Path) -> str:
+    """The kind of a log by its name, one of `SUFFIXES`; raises `LogError` for any other."""
+    for suffix in SUFFIXES:
+        if path.name.endswith(suffix):
+            return suffix
+    raise LogError(f"{path}: unknown kind of log; name it {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+
+
+def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool, accept_damaged: bool) -> Log:
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
+    from pyarrow import csv as pa_csv  # noqa: PLC0415
+
+    data, cut = _bytes_of(path)
+    header = _header(path, data)
+    wanted = _wanted(path, header, needed)
+    data = _without_cut_row(path, data, header, cut, accept_truncated)
+    if STEP in header and FLAGS in header:
+        data = _without_damage(path, data, accept_damaged)
+    types = {name: pa.string() if _is_flags(name, header) else pa.float64() for name in wanted}
+    numbered = [name or f"\0{i}" for i, name in enumerate(header)]  # unnamed columns are never wanted
+    try:
+        table = pa_csv.read_csv(
+            pa.py_buffer(data),
+            read_options=pa_csv.ReadOptions(column_names=numbered, skip_rows=1),
+            convert_options=pa_csv.ConvertOptions(
+                column_types=types, include_columns=wanted, null_values=EMPTY_CELLS, strings_can_be_null=True
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        raise LogError(_first_problem(path, data, header, wanted, error)) from None
+    return _checked(path, table, lambda row: _place(data, row))
+
+
+def _bytes_of(path: Path) -> tuple[bytes, bool]:
+    """The text of a log, and whether it ends before its end: compressed data cut, or blank disk blocks."""
+    data = path.read_bytes()
+    if not path.name.endswith(".gz"):
+        return data.rstrip(b"\0"), data.endswith(b"\0")
+    parts = []
+    while data:
+        member = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
+        try:
+            parts.append(member.decompress(data))
+        except zlib.error as error:
+            raise LogError(f"{path}: damaged gzip data ({error}); copy the log again") from None
+        if not member.eof:
+            return b"".join(parts), True
+        data = member.unused_data
+    return b"".join(parts), False
+
+
+def _header(path: Path, data: bytes) -> list[str]:
+    """The names of the columns; `time_s` first, none twice."""
+    line = data.split(b"\n", 1)[0]
+    try:
+        cells = next(csv.reader([line.decode("utf-8-sig")]), [])
+    except (UnicodeDecodeError, csv.Error):
+        raise LogError(f"{path}: not UTF-8 text; save the log as CSV in UTF-8") from None
+    header = [cell.strip() for cell in cells]
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        raise LogError(f"{path}: columns are separated by semicolons or tabs; separate them by commas")
+    _check_names(path, header)
+    return header
+
+
+def _check_names(path: Path, header: Sequence[str]) -> None:
+    if not header or header[0] != TIME:
+        first = repr(header[0]) if header else "nothing"
+        raise LogError(f"{path}: the first column is {first}; name it {TIME} and give seconds in it")
+    for name in header:
+        if name and header.count(name) > 1:
+            raise LogError(f'{path}: column "{name}" stands there twice; rename or remove one')
+
+
+def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[str]:
+    """The columns to read: time, what is needed (everything, if nothing is), and a recording's own."""
+    missing = [name for name in dict.fromkeys(needed) if name not in header]
+    if missing:
+        names = ", ".join(f'"{name}"{_similar(name, header)}' for name in missing)
+        verb = "is" if len(missing) == 1 else "are"
+        noun = "column" if len(missing) == 1 else "columns"
+        raise LogError(
+            f"{path}: {noun} {names} {verb} missing; add them to the log or name others in the configuration"
+        )
+    own = {STEP, FLAGS, LATE} if STEP in header and FLAGS in header else set()
+    keep = {TIME, *needed, *own} if needed else set(header)
+    return [name for name in header if name in keep and name]
+
+
+def _similar(name: str, header: Sequence[str]) -> str:
+    close = difflib.get_close_matches(name, header, n=1)
+    return f' (did you mean "{close[0]}"?)' if close else ""
+
+
+def _is_flags(name: str, header: Sequence[str]) -> bool:
+    return name == FLAGS and STEP in header
+
+
+def _without_cut_row(path: Path, data: bytes, header: Sequence[str], cut: bool, accept: bool) -> bytes:
+    """The data without a last row that was cut off; refuses such a row unless `accept`.
+
+    A recording ends every row with a newline, so there a missing one is enough; elsewhere a last row that
+    has all its cells is whole.
+    """
+    start = data.rfind(b"\n") + 1
+    last = data[start:]
+    if not last.strip() and not cut:
+        return data
+    whole = len(next(csv.reader([last.decode("utf-8", "replace")]), [])) >= len(header)
+    if whole and not cut and not (STEP in header and FLAGS in header):
+        return data
+    if accept or start == 0:
+        return data[:start]
+    row = len([line for line in data.splitlines() if line.strip()]) - 2
+    raise LogError(
+        f"{path}: {_place(data, row)} is cut off; use the rows before it with --accept-truncated, "
+        "or copy the log again"
+    )
+
+
+def _without_damage(path: Path, data: bytes, accept: bool) -> bytes:
+    """The data without the blocks whose checksum is wrong; refuses such blocks unless `accept`."""
+    parts = damaged(data)
+    if accept or not parts:
+        return without(data, parts)
+    more = f", nor do rows at {len(parts) - 1} more places" if len(parts) > 1 else ""
+    raise LogError(
+        f"{path}: {rows_of(data, parts[0])} do not have the checksum they were recorded with{more}; copy the "
+        "recording again, or leave those rows out with --accept-damaged"
+    )
+
+
+def _place(data: bytes, row: int) -> str:
+    """Where data row `row` (from 0) stands, as a reader counts: rows from 1, lines with the header."""
+    lines = [number for number, line in enumerate(data.splitlines(), 1) if line.strip()]
+    return f"row {row + 1} (line {lines[row + 1]})" if row + 1 < len(lines) else f"row {row + 1}"
+
+
+def _first_problem(path: Path, data: bytes, header: list[str], wanted: list[str], error: Exception) -> str:
+    """Find the first cell that is no number, or the first row of another length, and say so."""
+    numeric = [i for i, name in enumerate(header) if name in wanted and not _is_flags(name, header)]
+    rows = (row for row in csv.reader(io.StringIO(data.decode("utf-8", "replace"), newline="")) if row)
+    for number, row in enumerate(rows):
+        if number == 0:
+            continue
+        place = f"{path}: {_place(data, number - 1)}"
+        if len(row) != len(header):
+            return f"{place} has {len(row)} cells where the header names {len(header)}; mend or remove it"
+        for i in numeric:
+            cell = row[i].strip()
+            if cell not in EMPTY_CELLS and not _is_number(cell):
+                return (
+                    f'{place}, column "{header[i]}": {cell[:40]!r} is not a number; mend it or leave it empty'
+                )
+    return f"{path}: not readable as CSV ({str(error).splitlines()[0]}); mend that place"
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell and cell.isascii()
+
+
+def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
+    import pyarrow as pa  # noqa: PLC0415
+    from pyarrow import parquet  # noqa: PLC0415
+
+    try:
+        with parquet.ParquetFile(path) as file:
+            header = list(file.schema_arrow.names)
+            _check_names(path, header)
+            table = file.read(columns=_wanted(path, header, needed))
+    except pa.ArrowException as error:
+        raise LogError(
+            f"{path}: damaged or not Parquet ({str(error).splitlines()[0]}); copy it again"
+        ) from None
+    for i, name in enumerate(table.column_names):
+        if _is_flags(name, header):
+            continue
+        try:
+            table = table.set_column(i, name, table.column(i).cast(pa.float64()))
+        except pa.ArrowException:
+            kind = table.column(i).type
+            raise LogError(
+                f'{path}: column "{name}" holds {kind}, not numbers; write it as float64'
+            ) from None
+    return _checked(path, table, lambda row: f"row {row + 1}")
+
+
+def _checked(path: Path, table: Any, place: Callable[[int], str]) -> Log:
+    """A log from a table of columns, once its times are seen to be finite and increasing."""
+    names = table.column_names
+    recording = STEP in names and FLAGS in names
+    time_s = _numbers(table, TIME)
+    if not len(time_s):
+        raise LogError(f"{path}: holds no rows; record at least one sample")
+    _check_time(path, time_s, place)
+    channels = tuple(n for n in names if n != TIME and not (recording and n in {STEP, FLAGS, LATE}))
+    values = np.empty((len(time_s), len(channels)))
+    for i, name in enumerate(channels):
+        values[:, i] = _numbers(table, name)
+    if not recording:
+        return Log(path, time_s, channels, values)
+    step = _numbers(table, STEP) == 1.0
+    late_s = _numbers(table, LATE) if LATE in names else None
+    return Log(path, time_s, channels, values, step, tuple(table.column(FLAGS).to_pylist()), late_s)
+
+
+def _numbers(table: Any, name: str) -> FloatArray:
+    return np.asarray(table.column(name).to_numpy(), dtype=np.float64)
+
+
+def _check_time(path: Path, time_s: FloatArray, place: Callable[[int], str]) -> None:
+    bad = np.flatnonzero(~np.isfinite(time_s))
+    if len(bad):
+        raise LogError(f"{path}: {place(int(bad[0]))}: {TIME} is empty or not finite; give seconds there")
+    back = np.flatnonzero(np.diff(time_s) <= 0)
+    if len(back):
+        row = int(back[0]) + 1
+        before_s, after_s = float(time_s[row - 1]), float(time_s[row])
+        what = "repeats" if after_s == before_s else f"goes back from {before_s!r} to"
+        raise LogError(
+            f"{path}: {place(row)}: {TIME} {what} {after_s!r}; sort the rows or split the log there"
+        )

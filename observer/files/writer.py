@@ -1,0 +1,104 @@
+"""Writing a table in blocks: it has its final name only when it is complete."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.errors import LogError
+from observer.files.logs import TIME, suffix_of
+from observer.frames import FloatArray
+
+Column = NDArray[np.float64] | NDArray[np.str_]
+
+
+class TableWriter:
+    """Writes blocks of columns as CSV, CSV.gz or Parquet, by the suffix of `path`.
+
+    Numbers are written so that reading them gives the same bits; NaN is an empty cell. The file takes the
+    place of an older one when the `with` block ends without an exception, and vanishes otherwise. Raises
+    `LogError` where the file cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._suffix = suffix_of(path)
+        self._part = path.with_name(f".{path.name}.part")
+        self._sink: Any = None
+        self._parquet: Any = None
+        self._names: tuple[str, ...] | None = None
+
+    def __enter__(self) -> TableWriter:
+        import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon's path does without
+
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._sink = pa.OSFile(str(self._part), "wb")
+        except OSError as error:
+            raise self._unwritable(error) from None
+        if self._suffix == ".csv.gz":
+            self._sink = pa.CompressedOutputStream(self._sink, "gzip")
+        return self
+
+    def write(self, columns: Mapping[str, Column]) -> None:
+        """Append rows; every block has the same columns in the same order."""
+        import pyarrow as pa  # noqa: PLC0415
+
+        names = tuple(columns)
+        first, self._names = self._names is None, self._names or names
+        if names != self._names:
+            raise ValueError("a block has other columns than the first one")
+        table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
+        try:
+            self._write_parquet(table) if self._suffix == ".parquet" else self._write_csv(table, first)
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    def _write_csv(self, table: Any, first: bool) -> None:
+        from pyarrow import csv as pa_csv  # noqa: PLC0415
+
+        if first:
+            line = io.StringIO()
+            csv.writer(line, lineterminator="\n").writerow(table.column_names)
+            self._sink.write(line.getvalue().encode())
+        options = pa_csv.WriteOptions(include_header=False, quoting_style="none")
+        pa_csv.write_csv(table, self._sink, options)
+
+    def _write_parquet(self, table: Any) -> None:
+        from pyarrow import parquet  # noqa: PLC0415
+
+        if self._parquet is None:
+            self._parquet = parquet.ParquetWriter(self._sink, table.schema)
+        self._parquet.write_table(table)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if self._parquet is not None:
+                self._parquet.close()
+            self._sink.close()
+            if kind is None:
+                self._part.replace(self._path)
+        except OSError as problem:
+            if kind is None:
+                raise self._unwritable(problem) from None
+        finally:
+            self._part.unlink(missing_ok=True)
+
+    def _unwritable(self, error: OSError) -> LogError:
+        reason = error.strerror or error
+        return LogError(f"{self._path}: cannot be written ({reason}); free space or choose another place")
+
+
+def write_log(path: Path, time_s: FloatArray, columns: Mapping[str, Column]) -> None:
+    """Write a whole log: `time_s` (n,), then `columns` of n cells each; NaN is an empty cell."""
+    with TableWriter(path) as writer:
+        writer.write({TIME: time_s, **columns})

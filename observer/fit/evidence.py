@@ -1,0 +1,172 @@
+"""What the logs say, split into folds and weighed: the measured side of every hypothesis.
+
+Each log is cut into means of half a minute. The last log, or the end of a single one, is the proof: it takes
+no part in fitting or choosing. The others are folds: what is fitted to all but one is judged on that one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.fit.coarse import CoarseRun
+from observer.frames import FloatArray
+
+PROOF, UNUSED = -1, -2
+FITTED_SHARE, GAP_SHARE = 0.62, 0.08
+"""Part of a single log that is fitted, and part left out between that and what proves."""
+SLOW_S, SLOW_K, SLOW_SHARE = 900.0, 0.006, 0.0015
+"""What a one-dimensional model cannot follow: correlation time, and standard deviation, of which a part is
+a share of the sensor's rms rise."""
+BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.003, 0.0006
+"""The same of what beats between a nut's motion and the sampling of its position."""
+TRUSTED, LEAST_SAMPLES = 3.0, 200
+RESOLUTION_K = 0.003
+"""What quantisation leaves of a mean over half a minute."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The means of all runs, one row per mean and sensor that was measured.
+
+    `run`, `mean`, `sensor` (n,) say which; `measured_degC` (n,) and its white noise `noise_K` (n,); `fold`
+    (n,): PROOF, UNUSED, or a fold from 0; `time_s` (n,) the end of the mean since the start of its run.
+    `groups` lists rows of one run, sensor and role, in time, with the matrix that whitens them.
+    """
+
+    run: NDArray[np.int64]
+    mean: NDArray[np.int64]
+    sensor: NDArray[np.int64]
+    measured_degC: FloatArray
+    noise_K: FloatArray
+    time_s: FloatArray
+    fold: NDArray[np.int64]
+    groups: tuple[tuple[NDArray[np.int64], FloatArray], ...]
+
+    def rows(self, means: Sequence[FloatArray]) -> FloatArray:
+        """Pick the rows (n,) out of means (b, s) of each run."""
+        out = np.empty(len(self.run))
+        for i, values in enumerate(means):
+            mine = self.run == i
+            out[mine] = values[self.mean[mine], self.sensor[mine]]
+        return out
+
+    def whitened(self, columns: FloatArray) -> FloatArray:
+        """Return columns (n,) or (n, c) in units of their noise, neighbours in time made independent."""
+        out = np.empty_like(columns)
+        for index, matrix in self.groups:
+            out[index] = matrix @ columns[index]
+        return out
+
+    @cached_property
+    def expected(self) -> float:
+        """What white noise alone makes of the mean squared whitened error of a model without fault."""
+        total = sum(float(np.sum((matrix * self.noise_K[index]) ** 2)) for index, matrix in self.groups)
+        return total / max(len(self.run), 1)
+
+    @property
+    def folds(self) -> int:
+        """How many folds there are."""
+        return int(self.fold.max()) + 1
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """The rows that may be fitted and chosen on, (n,)."""
+        return np.asarray(self.fold >= 0)
+
+    @property
+    def proof(self) -> NDArray[np.bool_]:
+        """The rows that prove, (n,)."""
+        return np.asarray(self.fold == PROOF)
+
+
+def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
+    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured."""
+    noise_K = shown_noise(runs, noise_K)
+    parts = []
+    for i, run in enumerate(runs):
+        mean, sensor = np.nonzero(_full(run.ticks.count))
+        measured = run.ticks.measured_degC[mean, sensor]
+        count = run.ticks.count[mean, sensor]
+        time_s = run.ticks.time_s[mean]
+        fold = _folds(time_s, run.ticks.time_s[-1], i, len(runs))
+        parts.append((np.full(len(mean), i), mean, sensor, measured, time_s, fold, count))
+    run_, mean, sensor, measured, time_s, fold, count = (np.concatenate(p) for p in zip(*parts, strict=True))
+    rise_K = _rises(run_, sensor, measured, fold)
+    white_K = np.sqrt(noise_K[sensor] ** 2 / count + RESOLUTION_K**2)
+    groups = []
+    for i in range(len(runs)):
+        for s in range(len(noise_K)):
+            for role in np.unique(fold[(run_ == i) & (sensor == s)]):
+                index = np.flatnonzero((run_ == i) & (sensor == s) & (fold == role))
+                groups.append((index, _whitening(time_s[index], white_K[index] ** 2, rise_K[i, s])))
+    return Evidence(run_, mean, sensor, measured, white_K, time_s, fold, tuple(groups))
+
+
+def shown_noise(runs: Sequence[CoarseRun], noise_K: FloatArray) -> FloatArray:
+    """The noise (s,) that the logs show from sample to sample, within a factor `TRUSTED` of `noise_K`.
+
+    The proof is not looked at.
+    """
+    out = noise_K.copy()
+    fitted = [r.run for r in (runs[:-1] if len(runs) > 1 else runs)]
+    share = FITTED_SHARE if len(runs) == 1 else 1.0
+    early = [r.frames.time_s - r.frames.time_s[0] <= share * r.duration_s for r in fitted]
+    for s in range(len(noise_K)):
+        steps = [np.diff(r.values_degC[e & r.usable[:, s], s]) for r, e in zip(fitted, early, strict=True)]
+        step_K = np.concatenate(steps)
+        if len(step_K) >= LEAST_SAMPLES:
+            shown_K = float(np.sqrt(np.mean(np.clip(step_K, -6 * noise_K[s], 6 * noise_K[s]) ** 2) / 2))
+            out[s] = min(max(shown_K, noise_K[s] / TRUSTED), noise_K[s] * TRUSTED)
+    return out
+
+
+def _full(count: FloatArray) -> NDArray[np.bool_]:
+    """Which means have at least half of the usual number of values."""
+    usual = np.median(count[count > 0]) if (count > 0).any() else 1.0
+    return np.asarray(count >= 0.5 * usual)
+
+
+def _folds(time_s: FloatArray, end_s: float, run: int, runs: int) -> NDArray[np.int64]:
+    """The folds of one run's rows: whole runs where there are several, else parts with a gap between."""
+    if runs >= 3:
+        return np.full(len(time_s), PROOF if run == runs - 1 else run)
+    if runs == 2:
+        return np.full(len(time_s), PROOF) if run else np.where(time_s < end_s / 2, 0, 1)
+    begin = FITTED_SHARE * end_s
+    fold = np.where(time_s < begin / 2, 0, 1)
+    fold = np.where(time_s > begin, UNUSED, fold)
+    return np.where(time_s > begin + GAP_SHARE * end_s, PROOF, fold)
+
+
+def _rises(
+    run: NDArray[np.int64], sensor: NDArray[np.int64], measured: FloatArray, fold: NDArray[np.int64]
+) -> FloatArray:
+    """How far each sensor rises over the start of each run, rms, (runs, s), K; a log's end that proves is
+    not looked at.
+    """
+    out = np.zeros((int(run.max()) + 1, int(sensor.max()) + 1))
+    for i in range(len(out)):
+        for s in range(out.shape[1]):
+            whole = (run == i) & (sensor == s)
+            fitted = whole & (fold >= 0)
+            mine = measured[fitted if fitted.any() else whole]
+            if len(mine):
+                out[i, s] = np.sqrt(np.mean((mine - mine[0]) ** 2))
+    return out
+
+
+def _whitening(time_s: FloatArray, white_K2: FloatArray, rise_K: float) -> FloatArray:
+    """L⁻¹ with L Lᵀ = diag(white) + slow² exp(−|Δt|/τ_slow) + beat² exp(−|Δt|/τ_beat)."""
+    from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+    apart_s = np.abs(time_s[:, None] - time_s)
+    slow_K, beat_K = SLOW_K + SLOW_SHARE * rise_K, BEAT_K + BEAT_SHARE * rise_K
+    covariance = np.diag(white_K2) + slow_K**2 * np.exp(-apart_s / SLOW_S)
+    covariance += beat_K**2 * np.exp(-apart_s / BEAT_S)
+    lower = np.linalg.cholesky(covariance)
+    return np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True))

@@ -1,0 +1,160 @@
+"""The open-loop prediction of several runs for any configuration, as fast as a search needs it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer.config import Config
+from observer.fit.coarse import CoarseRun, means_of
+from observer.fit.runs import Run
+from observer.frames import FloatArray
+from observer.model.build import build_plant
+from observer.model.plant import Plant
+from observer.model.simulate import simulate, start_from_sensors
+from observer.tables.sections import Source
+
+GAP_S, MOST_GAPS = 30.0, 12
+STRETCHES, STRETCH_SHARE = 8, 0.3
+"""Stretches of the screw that a gap may have heated, each by a part of what the strongest source usually
+gives.
+"""
+
+
+class Forward:
+    """Predicts the means (b, s) of each run; the number of modes is that of the configuration it began with.
+
+    What the runs alone decide is worked out once, so a prediction costs the building of a plant and a march
+    over the ticks.
+    """
+
+    def __init__(self, config: Config, runs: Sequence[Run]) -> None:
+        self.runs = tuple(CoarseRun(run) for run in runs)
+        plant = sensor_plant(build_plant(config))
+        self._modes = len(plant.mode_index)
+        self._tables = [m.table for m in plant.moving]
+        self.count = 0
+
+    def __call__(self, config: Config) -> list[FloatArray]:
+        """Return the prediction (b, s) of each run in °C."""
+        self.count += 1
+        lean = lean_config(config, self._modes)
+        plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
+        with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis may be absurd
+            return [self._predict(lean, plant, run) for run in self.runs]
+
+    def by_gaps(self, config: Config) -> list[list[FloatArray]]:
+        """The change (b, s) of each prediction with a heat in each gap of a log: of each source throughout,
+        and on each stretch of the screw throughout and at the end.
+
+        Nobody knows what the machine did there; a heat may have been off, or on, or elsewhere, or later.
+        """
+        if not any((run.ticks.length_s > GAP_S).any() for run in self.runs):
+            return []
+        lean = lean_config(config, self._modes)
+        stretches = _stretches(lean)
+        lean = lean.model_copy(update={"source": (*lean.source, *stretches)})
+        plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
+        stretch = np.isin(plant.source_names, [s.name for s in stretches])
+        here = [self._predict(lean, plant, run) for run in self.runs]
+        changes = []
+        for i, run in enumerate(self.runs):
+            law_W, length_s = run.inputs(lean, plant).law_W, run.ticks.length_s
+            usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
+            usual_W[stretch] = STRETCH_SHARE * usual_W.max()
+            gaps = np.flatnonzero(length_s > GAP_S)
+            longest = gaps[np.argsort(-length_s[gaps])][:MOST_GAPS]
+            for tick in longest.tolist():
+                after = min(tick + 1, len(law_W) - 1)
+                all_at_once = length_s[tick] / max(length_s[after], 1.0)
+                for at, sources, share in ((tick, usual_W > 0, 1.0), (after, stretch, all_at_once)):
+                    for j in np.flatnonzero(sources).tolist():
+                        more_W = np.zeros_like(law_W)
+                        more_W[at, j] = share * usual_W[j]
+                        change = [np.zeros_like(h) for h in here]
+                        change[i] = self._predict(lean, plant, run, more_W) - here[i]
+                        changes.append(change)
+        return changes
+
+    def _with_tables(self, plant: Plant) -> Plant:
+        """The plant with the tables of the first: what the dropped modes add goes with 1/kA, and hardly
+        with the film.
+        """
+        lagging = ~plant.rows.C[:, : plant.modes].any(axis=1)
+        moving = []
+        for m, first in zip(plant.moving, self._tables, strict=True):
+            ratio = first.conductance_W_m / m.table.conductance_W_m
+            table_C, mean_C = first.table_C * ratio, first.mean_C * ratio
+            table_C[:, lagging], mean_C[lagging] = 0.0, 0.0
+            moving.append(replace(m, table=replace(m.table, table_C=table_C, mean_C=mean_C)))
+        return replace(plant, moving=tuple(moving))
+
+    def _predict(
+        self, config: Config, plant: Plant, run: CoarseRun, more_W: FloatArray | None = None
+    ) -> FloatArray:
+        inputs = run.inputs(config, plant)
+        if more_W is not None:
+            inputs = replace(inputs, law_W=inputs.law_W + more_W)
+        state = start_from_sensors(
+            plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
+        )
+        before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
+        sweep = run.sweep(plant)
+        rows = simulate(plant if sweep is None else _told(plant), state, inputs, sweep)[1]
+        return means_of(run.ticks, before, rows, run.ripple_K(plant, inputs))
+
+
+def _told(plant: Plant) -> Plant:
+    """The plant without what it holds of the sweeps of nuts that move, since these are known."""
+    c = plant.coupling
+    kept = ~np.isin(c.spread_source, [m.index for m in plant.moving])
+    less = c._replace(
+        spread_source=c.spread_source[kept],
+        spread_1_s=c.spread_1_s[kept],
+        spread_shape=c.spread_shape[kept],
+    )
+    return replace(plant, coupling=less)
+
+
+def lean_config(config: Config, modes: int) -> Config:
+    """The same screw with as few output rows as can be, and, where they are the first ones, a fixed number of
+    modes: one more or less from one value of the film to the next would be a step in the misfit.
+    """
+    model = config.model
+    if model.criterion == "tail" and model.modes is None:
+        model = model.model_copy(update={"modes": modes})
+    output = config.output.model_copy(
+        update={"positions_m": (0.0, config.screw.length_m), "reference_degC": 0.0}
+    )
+    screw = config.screw.model_copy(update={"expansion_1_K": None})
+    return config.model_copy(update={"output": output, "screw": screw, "model": model, "supports": None})
+
+
+def _stretches(config: Config) -> list[Source]:
+    """Sources that lie end to end along the screw, without a heat of their own."""
+    edges_m = np.linspace(0.0, config.screw.length_m, STRETCHES + 1).tolist()
+    return [
+        Source(name=f"stretch-{i + 1}", shape="band", from_m=a, to_m=b, heat_W=0.0)
+        for i, (a, b) in enumerate(itertools.pairwise(edges_m))
+    ]
+
+
+def sensor_plant(plant: Plant) -> Plant:
+    """The plant with the sensors' rows only."""
+    s = plant.rows.sensors
+    rows = replace(plant.rows, C=plant.rows.C[:s], F=plant.rows.F[:s], grid=0)
+    moving = tuple(
+        replace(
+            m,
+            table=replace(
+                m.table,
+                table_C=np.ascontiguousarray(m.table.table_C[:, :s]),
+                mean_C=m.table.mean_C[:s].copy(),
+            ),
+        )
+        for m in plant.moving
+    )
+    return replace(plant, rows=rows, moving=moving)

@@ -1,0 +1,87 @@
+"""Likelihood of a log under the Kalman filter, and the process noise that makes the log most likely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from observer.estimators.compiled import packing
+from observer.estimators.compiled.kalman_kernel import run_kalman
+from observer.estimators.compiled.steps import StepCache, chunks
+from observer.frames import FloatArray, Inputs
+from observer.model.plant import Plant, Rows
+
+_SWEEPS = 2
+_LOG10_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessNoiseFit:
+    """The most likely `random_walk_W_sqrt_s` (m_e,), its log-likelihood, and how often the log was run."""
+
+    random_walk_W_sqrt_s: FloatArray
+    log_likelihood: float
+    evaluations: int
+
+
+def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
+    """Return Σ log N(ν; 0, S) over all usable measurements, each predicted from those before it.
+
+    No gate; the frame that starts the filter does not count. Source: Schweppe (1965).
+    """
+    bare = replace(
+        plant,
+        rows=Rows(
+            plant.rows.C[: plant.rows.sensors], plant.rows.F[: plant.rows.sensors], plant.rows.sensors, 0
+        ),
+    )
+    results = packing.empty_results(bare, len(inputs))
+    running = packing.thaw(packing.initial_state(bare))
+    arrays, steps = packing.pack_plant(bare), StepCache(bare)
+    work = packing.scratch(arrays)
+    moved = replace(inputs, moving_C=inputs.moving_C[:, :, : plant.rows.sensors])
+    for part, _, u, table in chunks(steps, moved):
+        run_kalman(arrays, table, u, running, np.inf, packing.cut(results, part), work)
+    started = np.flatnonzero(np.isfinite(results.innovation).any(axis=1))
+    return float(results.log_likelihood[started[1:]].sum()) if len(started) else 0.0
+
+
+def fit_process_noise(
+    plant: Plant, logs: Sequence[Inputs], bounds_W_sqrt_s: tuple[float, float] = (1e-3, 1e2)
+) -> ProcessNoiseFit:
+    """Return the random walk of every estimated heat that makes the logs most likely.
+
+    First one factor common to all heats, then each heat in turn, twice; every one a bounded search over
+    log10.
+    """
+    count = 0
+
+    def cost(log10_walk: FloatArray) -> float:
+        nonlocal count
+        count += 1
+        trial = replace(plant, random_walk_W2_s=10.0 ** (2.0 * log10_walk))
+        return -sum(innovations_log_likelihood(trial, log) for log in logs)
+
+    low, high = np.log10(bounds_W_sqrt_s)
+    walk = np.clip(0.5 * np.log10(np.maximum(plant.random_walk_W2_s, 1e-300)), low, high)
+    shift = _search(lambda d: cost(np.clip(walk + d, low, high)), low - walk.max(), high - walk.min())
+    walk = np.clip(walk + shift, low, high)
+    if len(walk) > 1:
+        for j in list(range(len(walk))) * _SWEEPS:
+            walk[j] = _search(lambda v, j=j: cost(_with(walk, j, v)), low, high)  # type: ignore[misc]
+    return ProcessNoiseFit(10.0**walk, -cost(walk), count)
+
+
+def _with(walk: FloatArray, j: int, value: float) -> FloatArray:
+    changed = walk.copy()
+    changed[j] = value
+    return changed
+
+
+def _search(cost: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415  (slow to import)
+
+    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": _LOG10_TOLERANCE})
+    return float(found.x)

@@ -1,0 +1,169 @@
+"""The parameters of a configuration that a log may fit: their names, units, bounds and natural scales.
+
+A key is a dotted path, a source going by its name: `source.nut.torque_Nm`, `surface.convection_W_m2K`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from observer.config import Config
+from observer.errors import ConfigError
+from observer.tables.sections import Source
+
+FILM = "surface.convection_W_m2K"
+
+
+DIGITS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What is known of a parameter beforehand: unit, a change that matters (`scale`), and bounds."""
+
+    unit: str
+    scale: float
+    low: float
+    high: float
+
+
+KINDS: dict[str, dict[str, Kind]] = {
+    "surface": {
+        "convection_W_m2K": Kind("W/m2K", 5.0, 0.0, 1000.0),
+        "factor": Kind("1", 0.5, 1e-3, 100.0),
+    },
+    "boundary": {"coefficient_W_m2K": Kind("W/m2K", 50.0, 1e-3, 1e5)},
+    "screw": {
+        "diameter_m": Kind("m", 0.01, 1e-3, 1.0),
+        "conductivity_W_mK": Kind("W/mK", 10.0, 1.0, 1000.0),
+        "density_kg_m3": Kind("kg/m3", 1000.0, 500.0, 25_000.0),
+        "specific_heat_J_kgK": Kind("J/kgK", 100.0, 50.0, 5000.0),
+    },
+    "source": {
+        "torque_Nm": Kind("Nm", 0.1, 0.0, 1000.0),
+        "share": Kind("1", 0.25, 0.0, 1.0),
+        "heat_W_rpm": Kind("W/rpm", 0.005, 0.0, 100.0),
+        "scale": Kind("1", 0.5, 0.0, 100.0),
+    },
+}
+"""By the first part of the key, then by its last."""
+
+
+def candidates(config: Config) -> tuple[str, ...]:
+    """Return every key of this configuration that may be free."""
+    keys = ["surface.factor" if config.surface.law else FILM]
+    for side in ("left", "right"):
+        if getattr(config.boundary, side).kind == "convective":
+            keys += [f"boundary.{side}.{key}" for key in KINDS["boundary"]]
+    keys += [f"screw.{key}" for key in KINDS["screw"]]
+    for source in config.source:
+        keys += [f"source.{source.name}.{key}" for key in _law_keys(source)]
+    return tuple(keys)
+
+
+def free_keys(config: Config) -> tuple[str, ...]:
+    """Return the keys that the configuration declares free.
+
+    Without `[calibrate] free` these are the base film coefficient, if there is one, and the scale of each
+    heat law. Raises `ConfigError` for a key that cannot be free and where nothing is left to fit.
+    """
+    known = candidates(config)
+    if config.calibrate.free is None:
+        surface = config.surface
+        film = ("surface.factor",) if surface.law else (FILM,) if surface.convection_W_m2K > 0 else ()
+        keys = film + tuple(f"source.{s.name}.scale" for s in config.source if s.law is not None)
+    else:
+        keys = tuple(dict.fromkeys(config.calibrate.free))
+    for key in keys:
+        if key not in known:
+            raise ConfigError(_unknown(key, known))
+    if not keys:
+        raise ConfigError("calibrate: nothing is free to be fitted; name keys in [calibrate] free")
+    return keys
+
+
+def free_problems(config: Config) -> list[str]:
+    """Return why keys that the configuration declares free cannot be, a sentence each."""
+    known = candidates(config)
+    return [_unknown(key, known) for key in dict.fromkeys(config.calibrate.free or ()) if key not in known]
+
+
+def kind_of(key: str) -> Kind:
+    """Return what is known of a parameter beforehand."""
+    parts = key.split(".")
+    return KINDS[parts[0]][parts[-1]]
+
+
+def get(config: Config, key: str) -> float:
+    """Return a parameter's value.
+
+    Raises `ConfigError` for a key that cannot be free in this configuration.
+    """
+    known = candidates(config)
+    if key not in known:
+        raise ConfigError(_unknown(key, known))
+    head, *middle, last = key.split(".")
+    owner: Any = getattr(config, head)
+    if head == "source":
+        owner = next(s for s in config.source if s.name == ".".join(middle))
+    elif head == "boundary":
+        owner = getattr(owner, middle[0])
+    return float(getattr(owner, last))
+
+
+def replaced(config: Config, values: Mapping[str, float]) -> Config:
+    """Return the configuration with other values, checked anew.
+
+    Raises `ConfigError` for a key that cannot be free and for a value out of its range.
+    """
+    known = candidates(config)
+    table = config.model_dump(exclude_unset=True)
+    for key, value in values.items():
+        if key not in known:
+            raise ConfigError(_unknown(key, known))
+        head, *middle, last = key.split(".")
+        section = table.setdefault(head, {})
+        if head == "source":
+            section = next(s for s in section if s["name"] == ".".join(middle))
+        elif head == "boundary":
+            section = section[middle[0]]
+        section[last] = float(value)
+    return config.remade(table)
+
+
+def bounds_of(config: Config, key: str) -> tuple[float, float]:
+    """Return the range in which a parameter is sought; it holds the configured value."""
+    kind, value = kind_of(key), get(config, key)
+    return min(kind.low, value), max(kind.high, value)
+
+
+def scale_of(config: Config, key: str) -> float:
+    """Return a change of a parameter that matters: its own size, or its kind's where it is smaller."""
+    return max(abs(get(config, key)), 0.2 * kind_of(key).scale)
+
+
+def _law_keys(source: Source) -> tuple[str, ...]:
+    if source.torque_Nm is not None:
+        return ("torque_Nm", "share", "scale")
+    if source.heat_W_rpm is not None:
+        return ("heat_W_rpm", "scale")
+    if source.law in ("bearing", "nut_friction"):
+        return ("share", "scale")
+    return ("scale",) if source.law else ()
+
+
+def _unknown(key: str, known: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
+    remedy = f"did you mean {close[0]}?" if close else f"choose among {', '.join(known)}"
+    return f'calibrate: free: "{key}" cannot be fitted in this configuration; {remedy}'
+
+
+def rounded(value: float) -> float:
+    """Return a value with five significant digits."""
+    if value == 0.0 or not math.isfinite(value):
+        return value
+    return round(value, DIGITS - 1 - math.floor(math.log10(abs(value))))

@@ -1,0 +1,76 @@
+"""How fast heats wander from their laws, and the field from the model, by maximum likelihood from the logs.
+
+Both must be sought: with a field that is taken to follow the model exactly, whatever the model lacks can only
+be said with heats that jump about, and the gate then refuses sensors that are right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer.config import Config
+from observer.fit.likelihood import fit_process_noise, innovations_log_likelihood
+from observer.fit.runs import prepare
+from observer.frames import FrameBlock, Inputs
+from observer.model.build import build_plant
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+
+MOST_ROWS = 3000
+"""In all runs together: the filter is run some eighty times."""
+FIELD_BOUNDS_K_SQRT_S = (1e-4, 0.1)
+FIELD = "estimator.field_noise_K_sqrt_s"
+
+
+def fit_noise(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> dict[str, float]:
+    """Return the most likely `estimator.field_noise_K_sqrt_s` and `source.<name>.random_walk_W_sqrt_s`.
+
+    Call it with the calibrated configuration. Of a long run only the stretch around the largest change of
+    heat is used. First the field's noise is sought, then the heats', then the field's again. Raises
+    `LogError` as `prepare` does.
+    """
+    plant, unit_Q = build_plant(config), _unit_field_noise(config)
+    drive = Drive(config, plant)
+    prepared = [prepare(config, blocks, f"log {i + 1}") for i, blocks in enumerate(runs)]
+    each = MOST_ROWS // len(prepared)
+    logs = [liveliest(drive.run(drive.initial(), run.frames)[1], each) for run in prepared]
+
+    def with_field_noise(plant: Plant) -> tuple[Plant, float]:
+        noise = _most_likely_field_noise(plant, unit_Q, logs)
+        return replace(plant, field_noise_Q=noise**2 * unit_Q), noise
+
+    plant, _ = with_field_noise(plant)
+    walks = fit_process_noise(plant, logs).random_walk_W_sqrt_s
+    _, noise = with_field_noise(replace(plant, random_walk_W2_s=walks**2))
+    names = [f"source.{s.name}.random_walk_W_sqrt_s" for s in config.source if s.estimate]
+    return {FIELD: noise} | dict(zip(names, walks.tolist(), strict=True))
+
+
+def liveliest(inputs: Inputs, rows: int) -> Inputs:
+    """Return at most `rows` consecutive steps, the largest change of heat by law a third into them."""
+    change = np.abs(inputs.law_jump_W).sum(axis=1)
+    begin = int(np.clip(np.argmax(change) - rows // 3, 0, max(len(inputs) - rows, 0)))
+    return inputs.part(begin, begin + rows)
+
+
+def _unit_field_noise(config: Config) -> np.typing.NDArray[np.float64]:
+    """The covariance rate (n_x, n_x) of a field noise of 1 K/√s."""
+    settings = config.estimator.model_copy(update={"field_noise_K_sqrt_s": 1.0})
+    return build_plant(config.model_copy(update={"estimator": settings})).field_noise_Q
+
+
+def _most_likely_field_noise(
+    plant: Plant, unit_Q: np.typing.NDArray[np.float64], logs: Sequence[Inputs]
+) -> float:
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
+
+    def cost(log10_noise: float) -> float:
+        trial = replace(plant, field_noise_Q=10.0 ** (2.0 * log10_noise) * unit_Q)
+        return -sum(innovations_log_likelihood(trial, log) for log in logs)
+
+    low, high = np.log10(FIELD_BOUNDS_K_SQRT_S).tolist()
+    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.02})
+    return float(10.0**found.x)

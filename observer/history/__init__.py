@@ -1,0 +1,1 @@
+"""The heats of a whole log at once, by three methods."""

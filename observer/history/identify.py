@@ -1,0 +1,114 @@
+"""The heat history of a whole log by one of three methods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from observer.config import EstimatorSettings
+from observer.frames import FloatArray, Inputs
+from observer.history.conjugate_gradient import Convolution, descend
+from observer.history.history import HeatHistory
+from observer.history.options import MethodOptions
+from observer.history.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve
+from observer.history.smoother import smooth_heats
+from observer.history.spread import spread
+from observer.history.stacked import Prior, StackedProblem, stacked_problem, standing
+from observer.history.stepwise import stepwise_heats
+from observer.history.tikhonov import NormalEquations, normal_equations, solve
+from observer.model.plant import Plant
+
+_EXPLAINED = 1.2
+"""Up to this many times the noise's own misfit, heats still explain a log."""
+_Found = tuple[FloatArray, FloatArray, dict[str, Any]]
+
+
+def heat_history(
+    plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], options: MethodOptions
+) -> HeatHistory:
+    """Return the heats over a whole log, given as consecutive blocks of inputs.
+
+    Raises `UserError` where the options contradict each other, or the method cannot take this log.
+    """
+    options.check()
+    if options.method == "smoother":
+        return smooth_heats(plant, settings, blocks)
+    as_printed = options.order == 0 or options.gradient == "central-differences"
+    problem, first = stacked_problem(plant, blocks, start_known=as_printed)
+    find = _tikhonov if options.method == "tikhonov" else _conjugate_gradient
+    heat, sigma, details = find(plant, problem, options)
+    left = problem.rise_K - Convolution(problem.response_K_W).forward(heat)
+    misfit = float(np.sum(problem.whiten(left) ** 2)) / problem.measurements
+    residual = problem.unexplained(left)
+    return HeatHistory(
+        time_s=np.concatenate([block.time_s for block in blocks]),
+        heat_W=_rows(heat, first),
+        heat_sigma_W=_rows(sigma, first),
+        residual_K=np.vstack([np.full((first, residual.shape[1]), np.nan), residual]),
+        details={**details, "misfit": misfit},
+        warnings=tuple(_warnings(plant, options, misfit)),
+    )
+
+
+def _tikhonov(plant: Plant, problem: StackedProblem, options: MethodOptions) -> _Found:
+    prior = Prior.of(plant, problem.dt_s, 1 if options.order is None else options.order)
+    normal = normal_equations(problem, prior)
+    alpha, details = _regularisation(normal, problem, options)
+    found = solve(problem, prior, normal, alpha)
+    return found.heat_W, found.sigma_W, {**details, "regularisation": alpha}
+
+
+def _regularisation(
+    normal: NormalEquations, problem: StackedProblem, options: MethodOptions
+) -> tuple[float, dict[str, Any]]:
+    """The weight of the prior, and how it came about."""
+    if options.regularisation is not None:
+        return options.regularisation, {}
+    choice = options.parameter_choice or "gcv"
+    spectrum = Spectrum.of(normal, problem.measurements)
+    if choice == "ico":
+        return by_ico(spectrum, options.seed)[0], {"parameter_choice": choice}
+    rule = {"discrepancy": by_discrepancy, "gcv": by_gcv, "l-curve": by_l_curve}[choice]
+    return rule(spectrum), {"parameter_choice": choice}
+
+
+def _conjugate_gradient(plant: Plant, problem: StackedProblem, options: MethodOptions) -> _Found:
+    H = Convolution(problem.response_K_W)
+    walk = Prior.of(plant, problem.dt_s, 1)
+    if options.gradient == "central-differences":
+        still = standing(plant)
+        heat = stepwise_heats(still, problem, problem.rise_K)
+        sigma = spread(problem, walk, H, lambda rise: stepwise_heats(still, problem, rise), options.seed)
+        return heat, sigma, {"gradient": options.gradient}
+    prior = Prior.of(plant, problem.dt_s, 1 if options.order is None else options.order)
+    found = descend(problem, prior, H, problem.rise_K)
+    sigma = spread(problem, walk, H, lambda rise: descend(problem, prior, H, rise).heat_W, options.seed)
+    return found.heat_W, sigma, {"iterations": found.iterations}
+
+
+def _warnings(plant: Plant, options: MethodOptions, misfit: float) -> list[str]:
+    found = []
+    if plant.moving:
+        names = " and ".join(plant.source_names[source.index] for source in plant.moving)
+        found.append(
+            f"{options.method} takes {names} at the mean of the stroke; --method smoother follows the "
+            "position"
+        )
+    if misfit > _EXPLAINED:
+        remedy = "calibrate the configuration, or raise the sensors' noise_K"
+        if options.gradient == "central-differences":
+            remedy = "the steps may be too short for heat to reach the sensors; use --gradient adjoint"
+        elif options.regularisation is not None:
+            remedy = f"use less regularisation, {remedy}"
+        found.append(
+            f"the heats do not explain the log to its noise, what is left is {misfit**0.5:.3g} times that; "
+            f"{remedy}"
+        )
+    return found
+
+
+def _rows(values: FloatArray, first: int) -> FloatArray:
+    """Steps (T, m) as rows of the log (K, m): the first row has the first step's, nothing is known before."""
+    return np.vstack([np.full((first, values.shape[1]), np.nan), values[:1], values])

@@ -1,1 +1,0 @@
-"""Heat laws: how much a source delivers, from speed, torque or a measured power."""

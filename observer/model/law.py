@@ -1,0 +1,114 @@
+"""The heat laws of the configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from observer.frames import FloatArray
+from observer.physics import friction
+from observer.tables.laws import SPEED_LAWS, BearingFriction
+from observer.tables.sections import Source
+
+Law = Callable[..., FloatArray]
+"""Heat in W from the law's channels, one array (k,) each, in the order of `law_channels`."""
+
+
+def law_channels(source: Source, sources: Sequence[Source]) -> tuple[str, ...]:
+    """Return the channels that a source's heat law reads, none where it has no law."""
+    if source.law is None:
+        return ()
+    return owner(source, sources).law_channels if source.law == "heat_of" else source.law_channels
+
+
+def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
+    """Return a source's heat in W as a function of its law's channels.
+
+    Friction: scale · share · duty · M(n) (π/30) |n|, with the torque M given, of a bearing (Palmgren) or of a
+    nut (preload, load, efficiency); where the nut turns too, `relative_heat_W` or, with a torque of its own,
+    `dual_drive_heat_W`. Bearing in one number: scale · duty · heat_W_rpm · |n|. Measured: scale · power.
+    Constant: scale · heat_W, with a drive_channel only while that is not zero. Part of another source:
+    scale · its heat / ratio (Kim et al., eqs. 28 and 29). No law: 0 W. A law without channels takes one array
+    all the same, for its shape.
+    """
+    if source.law == "heat_of":
+        other = heat_law(owner(source, sources), sources, screw_m)
+        part = source.scale / (source.heat_ratio or 1.0)
+        return lambda *channels: part * other(*channels)
+    if source.law == "power_channel":
+        return lambda power_W: source.scale * power_W
+    if source.law not in SPEED_LAWS:
+        heat_W, stops = source.scale * (source.heat_W or 0.0), source.drive_channel is not None
+        return lambda drive: np.where(drive != 0.0, heat_W, 0.0) if stops else np.full_like(drive, heat_W)
+    factor, of_speed = _factor(source, screw_m), _of_speed(source)
+    return lambda *channels: factor * of_speed(*channels)
+
+
+def owner(source: Source, sources: Sequence[Source]) -> Source:
+    """Return the source whose heat a `heat_of` law takes a part of."""
+    return next(other for other in sources if other.name == source.heat_of)
+
+
+def _factor(source: Source, screw_m: float) -> float:
+    """What multiplies a law of the speed."""
+    factor = source.scale * source.duty
+    if source.heat_W_rpm is None:
+        factor *= source.share
+    if source.stroke_share and source.stroke_m is not None:
+        factor *= friction.stroke_share(source.stroke_m, screw_m)
+    return factor
+
+
+def _of_speed(source: Source) -> Law:
+    """A law of the speed, before anything multiplies it."""
+    if source.bearing is not None:
+        return _bearing(source.bearing)
+    if source.heat_W_rpm is not None:
+        W_rpm = source.heat_W_rpm
+        return lambda speed_rpm: np.asarray(W_rpm * np.abs(speed_rpm))
+    torque_Nm = _nut_torque_Nm(source)
+    if source.nut_speed_channel is None:
+        return lambda speed_rpm: friction.friction_heat_W(torque_Nm, speed_rpm)
+    if source.nut_torque_Nm is None:
+        return lambda speed_rpm, nut_rpm: friction.relative_heat_W(torque_Nm, speed_rpm, nut_rpm)
+    own_Nm = source.nut_torque_Nm
+    return lambda speed_rpm, nut_rpm: friction.dual_drive_heat_W(torque_Nm, own_Nm, speed_rpm, nut_rpm)
+
+
+def _nut_torque_Nm(source: Source) -> float:
+    """The friction torque between nut and screw: given, or by preload, load and efficiency."""
+    rubbing = source.nut_friction
+    if rubbing is None:
+        return source.torque_Nm or 0.0
+    lead_m = rubbing.lead_m or source.lead_m or 0.0
+    drag_Nm = friction.preload_torque_Nm(rubbing.preload_N, rubbing.efficiency, lead_m)
+    return drag_Nm + friction.load_friction_torque_Nm(rubbing.axial_load_N, rubbing.efficiency, lead_m)
+
+
+def _bearing(bearing: BearingFriction) -> Law:
+    """Palmgren's law of one bearing or several equal ones."""
+    kind = friction.BEARING_TYPES[bearing.type]
+    load_N = bearing.load_N
+    if load_N is None:
+        load_N = friction.bearing_load_N(kind, bearing.axial_load_N or 0.0, bearing.radial_load_N or 0.0)
+    f1 = bearing.f1
+    if f1 is None:
+        f1 = friction.load_factor(kind, bearing.static_load_N or 0.0, bearing.static_rating_N or 1.0)
+    f0 = kind.f0 if bearing.f0 is None else bearing.f0
+    nu_mm2_s, dry_Nm = _viscosity_mm2_s(bearing), friction.load_torque_Nm(f1, load_N, bearing.mean_diameter_m)
+
+    def heat_W(speed_rpm: FloatArray) -> FloatArray:
+        wet_Nm = friction.lubricant_torque_Nm(speed_rpm, f0, nu_mm2_s, bearing.mean_diameter_m)
+        return bearing.count * friction.friction_heat_W(dry_Nm + wet_Nm, speed_rpm)
+
+    return heat_W
+
+
+def _viscosity_mm2_s(bearing: BearingFriction) -> float:
+    """The lubricant's viscosity, given or at its temperature."""
+    if bearing.viscosity_mm2_s is not None:
+        return bearing.viscosity_mm2_s
+    return friction.viscosity_mm2_s(
+        bearing.lubricant_degC or 0.0, bearing.viscosity_40_mm2_s or 0.0, bearing.viscosity_100_mm2_s or 0.0
+    )

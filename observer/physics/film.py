@@ -1,0 +1,150 @@
+"""Film coefficients: convection of a screw at rest and turning, radiation, threads and end faces.
+
+Pure functions of geometry, speed and temperatures. A Nusselt number becomes a film by h = Nu k_air/length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.frames import FloatArray
+from observer.physics.air import GRAVITY_M_S2, Air
+
+STEFAN_BOLTZMANN_W_m2K4 = 5.670374e-8
+
+
+def rotating_nusselt(reynolds: FloatArray, prandtl: float) -> FloatArray:
+    """Return Nu = 0.133 Re^{2/3} Pr^{1/3} of a cylinder that turns in still air, Re = ω d²/ν.
+
+    Holds for Re < 4.3e5 and 0.7 < Pr < 670 (Yu et al. 2024, §3.1.3, after Becker 1963).
+    """
+    return np.asarray(0.133 * np.cbrt(reynolds) ** 2 * prandtl ** (1 / 3))
+
+
+def rotating_nusselt_kendoush(reynolds: FloatArray, prandtl: float) -> FloatArray:
+    """Return Nu = 0.6366 (Re Pr)^{1/2} of a turning cylinder (Lathe, eq. 8, after Kendoush 1996)."""
+    return np.asarray(0.6366 * np.sqrt(reynolds * prandtl))
+
+
+def rotating_reynolds(speed_rpm: FloatArray, diameter_m: float, air: Air) -> FloatArray:
+    """Return Re = ω d²/ν (Yu et al. 2024, §3.1.3)."""
+    return np.asarray(np.abs(speed_rpm) * math.pi / 30 * diameter_m**2 / air.viscosity_m2_s)
+
+
+def rayleigh(length_m: float, rise_K: float, air: Air) -> float:
+    """Return Ra = Gr Pr = g β |ΔT| l³ Pr/ν² with β = 1/T of the film (Yu et al. 2024, §3.1.3)."""
+    grashof = GRAVITY_M_S2 * air.expansion_1_K * abs(rise_K) * length_m**3 / air.viscosity_m2_s**2
+    return grashof * air.prandtl
+
+
+@dataclass(frozen=True, slots=True)
+class WallRange:
+    """One line of the table of natural convection: Nu = C Ra^n for `low` ≤ Ra ≤ `high`."""
+
+    C: float
+    n: float
+    low: float
+    high: float
+
+
+WALLS: dict[str, tuple[WallRange, ...]] = {
+    "vertical": (WallRange(0.59, 1 / 4, 1e4, 1e9), WallRange(0.12, 1 / 3, 1e9, 1e12)),
+    "up": (WallRange(0.54, 1 / 4, 1e5, 2e7), WallRange(0.14, 1 / 3, 2e7, 3e10)),
+    "down": (WallRange(0.27, 1 / 4, 3e5, 3e10),),
+}
+"""Yu et al. 2024, table 3, by where a warm wall faces. The print has 0.54 for a wall that faces down; that is
+the value of one that faces up (McAdams 1954), as its own range and the second line for "down" show."""
+
+
+def wall_nusselt(orientation: str, rayleigh_number: float) -> float:
+    """Return Nu = C Ra^n of a warm wall, "vertical", or horizontal and facing "up" or "down".
+
+    Outside the table the nearest line holds on. Source: Yu et al. 2024, table 3; McAdams 1954.
+    """
+    lines = WALLS[orientation]
+    line = next((one for one in lines if rayleigh_number < one.high), lines[-1])
+    return float(line.C * rayleigh_number**line.n)
+
+
+def horizontal_cylinder_nusselt(rayleigh_number: float, prandtl: float) -> float:
+    """Return the mean Nu of a long horizontal cylinder in still air, for Ra < 1e12.
+
+    Nu = {0.60 + 0.387 Ra^{1/6}/[1 + (0.559/Pr)^{9/16}]^{8/27}}² (Churchill and Chu 1975). Lathe, eq. 9,
+    prints it without the square, which would leave a quarter of it.
+    """
+    shape = (1.0 + (0.559 / prandtl) ** (9 / 16)) ** (8 / 27)
+    return float((0.60 + 0.387 * rayleigh_number ** (1 / 6) / shape) ** 2)
+
+
+def taylor_number(speed_rpm: FloatArray, radius_m: float, gap_m: float, air: Air) -> FloatArray:
+    """Return Ta²/F_g of the gap between a turning shaft and a tube around it, (k,).
+
+    Ta² = ω² r_m gap³/ν² with the mean radius r_m, and F_g, near 1 for a narrow gap, from the ratio of gap to
+    mean radius s: F_g = π⁴/1697 (1 − s/2)^{−2} P^{−1}, P = 0.0571 Y + 0.00056/Y, Y = 1 − 0.652 s/(1 − s/2).
+    Source: Becker and Kaye 1962; Childs and Long 1996, §4.
+    """
+    mean_m = radius_m + gap_m / 2
+    s = gap_m / mean_m
+    Y = 1.0 - 0.652 * s / (1.0 - s / 2)
+    geometry = math.pi**4 / 1697 / (1.0 - s / 2) ** 2 / (0.0571 * Y + 0.00056 / Y)
+    omega = np.abs(speed_rpm) * math.pi / 30
+    return np.asarray(omega**2 * mean_m * gap_m**3 / air.viscosity_m2_s**2 / geometry)
+
+
+def taylor_nusselt(taylor: FloatArray) -> FloatArray:
+    """Return Nu, on twice the gap, of the flow between a turning shaft and a tube, from Ta²/F_g (k,).
+
+    2 below 1700 (conduction), 0.128 (Ta²/F_g)^{0.367} to 1e4 and 0.409 (Ta²/F_g)^{0.241} to 1e7 (Becker and
+    Kaye 1962; Lathe, eq. 10, where the print has a plus for the product). The three meet within 2 %.
+    """
+    middle, high = 0.128 * taylor**0.367, 0.409 * taylor**0.241
+    return np.asarray(np.where(taylor < 1700.0, 2.0, np.where(taylor < 1e4, middle, high)))
+
+
+def film_W_m2K(nusselt: FloatArray | float, length_m: float, air: Air) -> FloatArray:
+    """Return h = Nu k_air/l (Lathe, eq. 7)."""
+    return np.asarray(nusselt * air.conductivity_W_mK / length_m)
+
+
+def radiation_W_m2(
+    emissivity: float, surface_degC: FloatArray | float, ambient_degC: FloatArray | float
+) -> FloatArray:
+    """Return the grey body's loss ε σ (T_s⁴ − T_a⁴), exact (Lathe, eq. 4)."""
+    hot, cold = np.asarray(surface_degC) + 273.15, np.asarray(ambient_degC) + 273.15
+    return np.asarray(emissivity * STEFAN_BOLTZMANN_W_m2K4 * (hot**4 - cold**4))
+
+
+def radiation_film_W_m2K(emissivity: float, ambient_degC: float, rise_K: float = 0.0) -> float:
+    """Return the film that loses as much as radiation at a rise: ε σ (T_s + T_a)(T_s² + T_a²).
+
+    At a rise of zero this is the tangent 4 ε σ T_a³.
+    """
+    cold = ambient_degC + 273.15
+    hot = cold + rise_K
+    return emissivity * STEFAN_BOLTZMANN_W_m2K4 * (hot + cold) * (hot**2 + cold**2)
+
+
+def thread_factor(
+    lead_m: float, diameter_m: float, ball_radius_m: float, land_m: float, fin_efficiency: float | None = None
+) -> float:
+    """Return how much more a threaded screw loses than the cylinder of its diameter.
+
+    √(1 + (p/π D)²) (π r_b + b)/p: what groove (a half circle of the ball's radius) and land b measure along
+    the helix, over the pitch. With a fin efficiency E, 1 + E × that, the screw as a finned surface. Source:
+    Kuznetsov 2021, eqs. 4 and 5 (shape factor 1).
+    """
+    helix = math.sqrt(1.0 + (lead_m / (math.pi * diameter_m)) ** 2)
+    surface = helix * (math.pi * ball_radius_m + land_m) / lead_m
+    return surface if fin_efficiency is None else 1.0 + fin_efficiency * surface
+
+
+def corrected_length_m(length_m: float, diameter_m: float, end_film_W_m2K: float, film_W_m2K: float) -> float:
+    """Return the length of a fin with an insulated end that loses as much as one with a film on its face.
+
+    L + (h_end/h) (F/P), F/P = d/4 (Kuznetsov 2021, eq. 3). Good while h_end/k is small against 1/L. The
+    model takes a convective end exactly; this is for formulas that know insulated ends only.
+    """
+    return length_m + end_film_W_m2K / film_W_m2K * diameter_m / 4

@@ -1,0 +1,269 @@
+"""What values are believed: limits by kind of channel, and which unit it looks like where one is beyond them.
+
+A wrong unit or a device's code for a fault is a number like any other. Here stands what a ball screw beside a
+machine tool can show at all; `[limits]` says otherwise for single channels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators.selftest import DISAGREE, FALLS_SHORT
+from observer.frames import FloatArray, NutPath
+
+SCREW_RANGE_DEGC = (-40.0, 150.0)
+AMBIENT_RANGE_DEGC = (-20.0, 60.0)
+RATE_K_S = 5.0
+"""A thermocouple on steel is slower; coolant that splashes on it is not."""
+ABOVE_AMBIENT_K, BELOW_AMBIENT_K = 45.0, 25.0
+"""From 17 °C on, the same temperature in °F lies further above the air than this, and no screw should."""
+BEYOND_ENDS = 0.05
+"""Part of the screw's length by which a nut's position may lie beyond an end."""
+DN_MM_RPM = 250_000.0
+"""Diameter times speed that no ball screw reaches (catalogues end at 220,000)."""
+
+
+class Kind(Enum):
+    """What a channel measures."""
+
+    SCREW = "temperature of the screw"
+    NODE = "temperature of a node"
+    END = "temperature of an end"
+    AMBIENT = "ambient temperature"
+    POSITION = "position of a nut"
+    SPEED = "speed"
+    OTHER = "other"
+
+
+class Breach(Enum):
+    """How a value is beyond its limits; the numbers are those of the compiled walk over the rows."""
+
+    NONE = 0
+    LOW = 1
+    HIGH = 2
+    RATE = 3
+    ABOVE_AMBIENT = 4
+    BELOW_AMBIENT = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of c channels, infinite where there are none.
+
+    `low`, `high`, `rate_per_s` (c,) in the channels' own units, `above_K`, `below_K` (c,) from ambient;
+    `usual` (c, 2) where values lie on this machine, from which the unit of one beyond the limits is guessed;
+    `slack` (c,) the change that noise alone may make between two samples. The ambient is channel number
+    `ambient`, or `ambient_degC` where that is −1 (NaN: not known).
+    """
+
+    kinds: tuple[Kind, ...]
+    low: FloatArray
+    high: FloatArray
+    rate_per_s: FloatArray
+    above_K: FloatArray
+    below_K: FloatArray
+    slack: FloatArray
+    usual: FloatArray
+    ambient: int = -1
+    ambient_degC: float = math.nan
+
+    @classmethod
+    def none(cls, channels: int) -> Limits:
+        """No limits for that many channels."""
+        wide = np.full(channels, np.inf)
+        both = np.column_stack([-wide, wide])
+        return cls((Kind.OTHER,) * channels, -wide, wide, wide, wide, wide, np.zeros(channels), both)
+
+    @classmethod
+    def of(cls, config: Config) -> Limits:
+        """The limits of a configuration's channels, in their order."""
+        kinds = kinds_of(config)
+        rows = [_limits(config, channel, kinds[channel]) for channel in config.channels]
+        noise_K = {s.channel: s.noise_K for s in config.sensor}
+        strokes = {s.position_channel: s.stroke_m for s in config.source if s.stroke_m}
+        low, high, rate, above, below = np.array(rows, dtype=float).T
+        ambient = config.ambient.channel
+        return cls(
+            tuple(kinds[channel] for channel in config.channels),
+            low, high, rate, above, below,
+            np.array([10.0 * noise_K.get(channel, 0.0) for channel in config.channels]),
+            np.array([strokes.get(c, row[:2]) for c, row in zip(config.channels, rows, strict=True)]),
+            -1 if ambient is None else config.channels.index(ambient),
+            math.nan if config.ambient.temperature_degC is None else config.ambient.temperature_degC,
+        )  # fmt: skip
+
+    def sentence(self, channel: int, breach: Breach, value: float, ambient_degC: float) -> str:
+        """Say how a value is beyond its limits and, if that can be told, which unit it looks like."""
+        air = f"the ambient {ambient_degC:.4g} °C"
+        limit = {
+            Breach.LOW: f"below {self.low[channel]:g}",
+            Breach.HIGH: f"above {self.high[channel]:g}",
+            Breach.RATE: f"a change faster than {self.rate_per_s[channel]:g} a second",
+            Breach.ABOVE_AMBIENT: f"more than {self.above_K[channel]:g} K above {air}",
+            Breach.BELOW_AMBIENT: f"more than {self.below_K[channel]:g} K below {air}",
+        }[breach]
+        hint = unit_hint(
+            self.kinds[channel], value, self.usual[channel, 0], self.usual[channel, 1], ambient_degC
+        )
+        return f"implausible: {value:.6g} is {limit}" + (f"; {hint}" if hint else "")
+
+    def doubt(self, channel: int, value: float) -> str | None:
+        """Say of a single value how it is beyond its limits; None where it may be right."""
+        ambient_degC = self.ambient_degC
+        for breach, beyond in (
+            (Breach.LOW, value < self.low[channel]),
+            (Breach.HIGH, value > self.high[channel]),
+            (Breach.ABOVE_AMBIENT, value - ambient_degC > self.above_K[channel]),
+            (Breach.BELOW_AMBIENT, ambient_degC - value > self.below_K[channel]),
+        ):
+            if beyond:
+                return self.sentence(channel, breach, value, ambient_degC)
+        return None
+
+
+def kinds_of(config: Config) -> Mapping[str, Kind]:
+    """What each channel of a configuration measures."""
+    kinds = dict.fromkeys(config.channels, Kind.OTHER)
+    for source in config.source:
+        for name in (source.speed_channel, source.nut_speed_channel):
+            if name is not None:
+                kinds[name] = Kind.SPEED
+        if source.position_channel is not None:
+            kinds[source.position_channel] = Kind.POSITION
+    for end in (config.boundary.left, config.boundary.right):
+        if end.channel is not None:
+            kinds[end.channel] = Kind.END
+    if config.ambient.channel is not None:
+        kinds[config.ambient.channel] = Kind.AMBIENT
+    return kinds | {s.channel: Kind.NODE if s.on else Kind.SCREW for s in config.sensor}
+
+
+def _limits(config: Config, channel: str, kind: Kind) -> tuple[float, ...]:
+    """Low, high, rate, and how far above and below ambient, of one channel."""
+    length_m, most_rpm = config.screw.length_m, DN_MM_RPM / (1000.0 * config.screw.diameter_m)
+    low, high = {
+        Kind.SCREW: SCREW_RANGE_DEGC,
+        Kind.NODE: SCREW_RANGE_DEGC,
+        Kind.END: SCREW_RANGE_DEGC,
+        Kind.AMBIENT: AMBIENT_RANGE_DEGC,
+        Kind.POSITION: (-BEYOND_ENDS * length_m, (1.0 + BEYOND_ENDS) * length_m),
+        Kind.SPEED: (-most_rpm, most_rpm),
+        Kind.OTHER: (-math.inf, math.inf),
+    }[kind]
+    rate = RATE_K_S if kind in {Kind.SCREW, Kind.NODE} else math.inf
+    # A heater on a test bench warms a rod as no friction does.
+    near = kind is Kind.SCREW and all(source.power_channel is None for source in config.source)
+    above_K, below_K = (ABOVE_AMBIENT_K, BELOW_AMBIENT_K) if near else (math.inf, math.inf)
+    own = config.limits.get(channel)
+    if own is None:
+        return low, high, rate, above_K, below_K
+    stated = (own.low, own.high, own.rate_per_s, own.above_ambient_K, own.below_ambient_K)
+    default = (low, high, rate, above_K, below_K)
+    return tuple(d if s is None else s for s, d in zip(stated, default, strict=True))
+
+
+Unit = tuple[str, Callable[[float], float]]
+_TEMPERATURES: tuple[Unit, ...] = (
+    ("°F", lambda v: (v - 32.0) / 1.8),
+    ("K", lambda v: v - 273.15),
+    ("tenths of °C", lambda v: v / 10.0),
+    ("hundredths of °C", lambda v: v / 100.0),
+)
+_UNITS: Mapping[Kind, tuple[Unit, ...]] = {
+    Kind.POSITION: (
+        ("mm", lambda v: v / 1000.0),
+        ("µm", lambda v: v / 1e6),
+        ("inches", lambda v: v * 0.0254),
+        ("cm", lambda v: v / 100.0),
+    ),
+    Kind.SPEED: (("degrees a second", lambda v: v / 6.0), ("revolutions an hour", lambda v: v / 60.0)),
+}
+_FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 9999.0, 999.9)
+
+
+def unit_hint(kind: Kind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
+    """Say which unit a value looks like that should lie in `low` … `high`, or that it is a code."""
+    if kind in {Kind.SCREW, Kind.NODE, Kind.END, Kind.AMBIENT}:
+        if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
+            return "it looks like a device's code for a fault, which its driver should know (fault_codes)"
+        centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
+        fitting = [name for name, to in _TEMPERATURES if abs(to(value) - centre) <= ABOVE_AMBIENT_K]
+    else:
+        fitting = [name for name, to in _UNITS.get(kind, ()) if low <= to(value) <= high]
+    return f"it looks like {fitting[0]}" if fitting else None
+
+
+_RATIOS = (
+    (60.0 / (2.0 * math.pi), "the speed looks like rad/s where rpm is expected"),
+    (60.0, "the speed looks like revolutions a second where rpm is expected"),
+    (1.0 / 6.0, "the speed looks like degrees a second where rpm is expected"),
+    (1.0 / 60.0, "the speed looks like revolutions an hour where rpm is expected"),
+    (1000.0, "the position looks like mm where m is expected"),
+    (0.001, "the position looks like km, or lead_m like mm"),
+)
+
+
+def motion_sentence(position: str, speed: str, ratio: float) -> str:
+    """Say that a nut makes `ratio` times the way that speed and lead allow, and what unit that looks like."""
+    likely = next((text for factor, text in _RATIOS if abs(ratio / factor - 1.0) < 0.25), None)
+    what = f"{position} moves {ratio:.2g} times as far as {speed} and lead_m say"
+    return f"{what}; {likely or 'look at lead_m, a gear between them, and both units'}"
+
+
+def doubts_of_log(
+    config: Config, values: FloatArray, channels: Sequence[str], paths: Sequence[Mapping[str, NutPath]]
+) -> Iterator[str]:
+    """Say of a whole log which channels are beyond their limits, and which unit that looks like.
+
+    `values` (n, c) are the log's cells in the order of `channels`, `paths` the nuts' paths, part by part.
+    """
+    limits = Limits.of(config)
+    ambient_degC = limits.ambient_degC
+    if config.ambient.channel in channels:
+        ambient_degC = float(np.nanmedian(values[:, channels.index(str(config.ambient.channel))]))
+    for j, name in enumerate(config.channels):
+        if name not in channels:
+            continue
+        column = values[:, channels.index(name)]
+        column = column[np.isfinite(column)]
+        for breach, beyond in (
+            (Breach.LOW, column < limits.low[j]),
+            (Breach.HIGH, column > limits.high[j]),
+            (Breach.ABOVE_AMBIENT, column - ambient_degC > limits.above_K[j]),
+            (Breach.BELOW_AMBIENT, ambient_degC - column > limits.below_K[j]),
+        ):
+            if beyond.any():
+                typical = float(np.median(column[beyond]))
+                share = f" ({np.mean(beyond):.0%} of its values)" if np.mean(beyond) < 0.995 else ""
+                yield f"channel {name}{share} is {limits.sentence(j, breach, typical, ambient_degC)}"
+                break
+    for source in config.source:
+        position, speed = source.position_channel, source.speed_channel
+        if position is not None and speed is not None:
+            ratio = way_ratio([part[position] for part in paths], _stroke_m(config, source.stroke_m))
+            if ratio is not None and not FALLS_SHORT <= ratio <= DISAGREE:
+                yield motion_sentence(position, speed, ratio)
+
+
+def _stroke_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
+    return config.screw.length_m if stroke_m is None else stroke_m[1] - stroke_m[0]
+
+
+def way_ratio(parts: Sequence[NutPath], stroke_m: float) -> float | None:
+    """The way a nut made over what speed and lead allow, where samples are close enough; None if short."""
+    driven, made = 0.0, 0.0
+    for path in parts:
+        since_s = np.diff(path.time_s)
+        driven_m = 0.5 * (path.driven_m_s[1:] + path.driven_m_s[:-1]) * since_s
+        close = (since_s > 0.0) & (since_s < 10.0) & np.isfinite(driven_m) & (2.5 * driven_m <= stroke_m)
+        driven += float(driven_m[close].sum())
+        made += float(np.abs(np.diff(path.position_m))[close].sum())
+    if max(driven, made) < stroke_m:
+        return None
+    return made / max(driven, 1e-6 * stroke_m)

@@ -1,0 +1,221 @@
+"""The configuration's tables of physical laws: bearing and nut friction, and the film of the surface."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from observer.tables.quantities import (
+    Air,
+    Channel,
+    Count,
+    Diameter,
+    Factor,
+    Film,
+    Flag,
+    Heat,
+    HeatPerSpeed,
+    Lead,
+    Length,
+    Name,
+    NonNegative,
+    Number,
+    Position,
+    Positive,
+    Rise,
+    Section,
+    Share,
+    Speed,
+    Temperature,
+    Torque,
+)
+
+Efficiency = Annotated[Number, Field(gt=0.5, lt=1)]
+Load = Annotated[NonNegative, Field(le=1e9)]
+Viscosity = Annotated[Positive, Field(ge=0.01, le=1e6)]
+FilmLaw = Literal["churchill-chu", "wall", "rotating-cylinder", "kendoush", "taylor-gap"]
+
+
+class BearingFriction(Section):
+    """Palmgren's friction of a rolling bearing, as a source's heat law."""
+
+    type: Literal["angular_contact", "angular_contact_pair", "deep_groove"]
+    mean_diameter_m: Diameter
+    load_N: Load | None = None
+    axial_load_N: Load | None = None
+    radial_load_N: Load | None = None
+    f0: Annotated[Positive, Field(le=1e3)] | None = None
+    f1: Annotated[NonNegative, Field(le=1)] | None = None
+    static_load_N: Load | None = None
+    static_rating_N: Annotated[Positive, Field(ge=1e-3, le=1e9)] | None = None
+    viscosity_mm2_s: Viscosity | None = None
+    viscosity_40_mm2_s: Viscosity | None = None
+    viscosity_100_mm2_s: Viscosity | None = None
+    lubricant_degC: Temperature | None = None
+    count: Annotated[Count, Field(ge=1, le=100)] = 1
+
+    @model_validator(mode="after")
+    def _complete(self) -> BearingFriction:
+        _exactly_one(self, ("load_N",), ("axial_load_N", "radial_load_N"), optional=("radial_load_N",))
+        _exactly_one(self, ("f1",), ("static_load_N", "static_rating_N"))
+        _exactly_one(
+            self, ("viscosity_mm2_s",), ("viscosity_40_mm2_s", "viscosity_100_mm2_s", "lubricant_degC")
+        )
+        cold, hot = self.viscosity_40_mm2_s, self.viscosity_100_mm2_s
+        if cold is not None and hot is not None and not cold > hot >= 2.0:
+            raise ValueError(
+                "viscosity_100_mm2_s is to be at least 2 mm2/s and below viscosity_40_mm2_s; mend one of them"
+            )
+        return self
+
+
+class NutFriction(Section):
+    """Friction of a ball nut from preload, load and efficiency, as a source's heat law."""
+
+    efficiency: Efficiency
+    preload_N: Load = 0.0
+    axial_load_N: Load = 0.0
+    lead_m: Lead | None = None
+
+    @model_validator(mode="after")
+    def _some_load(self) -> NutFriction:
+        if self.preload_N == self.axial_load_N == 0.0:
+            raise ValueError("nothing rubs without a load; give preload_N or axial_load_N")
+        return self
+
+
+LAWS = ("torque_Nm", "bearing", "nut_friction", "heat_W_rpm", "power_channel", "heat_W", "heat_of")
+SPEED_LAWS = LAWS[:4]
+
+
+class HeatLaw(Section):
+    """How much heat a source delivers: one law, and what multiplies it."""
+
+    speed_channel: Channel | None = None
+    torque_Nm: Torque | None = None
+    bearing: BearingFriction | None = None
+    nut_friction: NutFriction | None = None
+    nut_speed_channel: Channel | None = None
+    nut_torque_Nm: Torque | None = None
+    heat_W_rpm: HeatPerSpeed | None = None
+    power_channel: Channel | None = None
+    heat_W: Heat | None = None
+    drive_channel: Channel | None = None
+    heat_of: Name | None = None
+    heat_ratio: Annotated[Factor, Field(gt=0)] | None = None
+    share: Share = 1.0
+    duty: Share = 1.0
+    stroke_share: Flag = False
+    scale: Factor = 1.0
+
+    @model_validator(mode="after")
+    def _one_law(self) -> HeatLaw:
+        laws = [key for key in LAWS if getattr(self, key) is not None]
+        if len(laws) > 1:
+            raise ValueError(f"only one heat law per source, here {' and '.join(laws)}")
+        if laws and laws[0] in SPEED_LAWS and self.speed_channel is None:
+            raise ValueError(f"{laws[0]} needs speed_channel")
+        if self.drive_channel is not None and self.heat_W is None:
+            raise ValueError("drive_channel says when heat_W flows; give heat_W or remove it")
+        if (self.heat_of is None) != (self.heat_ratio is None):
+            raise ValueError("heat_of and heat_ratio belong together; give both or none")
+        return self
+
+    @model_validator(mode="after")
+    def _what_belongs_to_a_law(self) -> HeatLaw:
+        turning = self.torque_Nm is not None or self.nut_friction is not None
+        if self.nut_speed_channel is not None and not turning:
+            raise ValueError("nut_speed_channel belongs to torque_Nm or nut_friction; remove it")
+        if self.nut_torque_Nm is not None and (self.torque_Nm is None or self.nut_speed_channel is None):
+            raise ValueError("nut_torque_Nm needs torque_Nm and nut_speed_channel beside it")
+        if self.stroke_share and not turning:
+            raise ValueError("stroke_share belongs to torque_Nm or nut_friction; remove it")
+        if self.duty != 1.0 and self.law not in SPEED_LAWS:
+            raise ValueError(f"duty belongs to a law of the speed ({', '.join(SPEED_LAWS)}); remove it")
+        return self
+
+    @property
+    def law(self) -> str | None:
+        """The key of the law that is given, None where there is none."""
+        return next((key for key in LAWS if getattr(self, key) is not None), None)
+
+    @property
+    def law_channels(self) -> tuple[str, ...]:
+        """The channels that the law reads: speed, and the nut's own speed; or the power; or the drive."""
+        named: tuple[str | None, ...] = (self.power_channel, self.drive_channel)
+        if self.law in SPEED_LAWS:
+            named = (self.speed_channel, self.nut_speed_channel)
+        return tuple(channel for channel in named if channel is not None)
+
+
+class Surface(Section):
+    """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
+
+    convection_W_m2K: Film = 0.0
+    law: FilmLaw | None = None
+    factor: Annotated[Factor, Field(gt=0)] = 1.0
+    rise_K: Rise = 10.0
+    air_degC: Air = 20.0
+    emissivity: Share = 0.0
+    speed_rpm: Speed = 0.0
+    speed_channel: Channel | None = None
+    facing: Literal["vertical", "up", "down"] | None = None
+    height_m: Length | None = None
+    gap_m: Length | None = None
+    thread_lead_m: Lead | None = None
+    ball_radius_m: Length | None = None
+    land_m: Position | None = None
+    fin_efficiency: Annotated[Positive, Field(le=1)] | None = None
+
+    @model_validator(mode="after")
+    def _law_is_complete(self) -> Surface:
+        stated = self.model_fields_set
+        if self.law is None:
+            spare = sorted(stated - {"convection_W_m2K"})
+            if spare:
+                raise ValueError(f"{spare[0]} belongs to a law; give law, or remove it")
+            return self
+        if "convection_W_m2K" in stated:
+            raise ValueError(
+                f'convection_W_m2K and law = "{self.law}" both give the film; remove one of them'
+            )
+        for key, law in (("facing", "wall"), ("height_m", "wall"), ("gap_m", "taylor-gap")):
+            if (getattr(self, key) is not None) != (self.law == law):
+                raise ValueError(f'{key} belongs to law = "{law}", and is needed there')
+        self._turning_is_told_once()
+        self._thread_is_complete()
+        return self
+
+    def _turning_is_told_once(self) -> None:
+        if self.turns and self.law in ("churchill-chu", "wall"):
+            key = "speed_channel" if self.speed_channel else "speed_rpm"
+            raise ValueError(
+                f'{key} has no part in law = "{self.law}"; choose "rotating-cylinder", "kendoush" or '
+                '"taylor-gap", or remove it'
+            )
+        if self.speed_rpm and self.speed_channel:
+            raise ValueError("speed_rpm and speed_channel both tell the speed; remove one of them")
+
+    @property
+    def turns(self) -> bool:
+        """Whether the law takes in what turning adds to the film."""
+        return self.speed_rpm > 0.0 or self.speed_channel is not None
+
+    def _thread_is_complete(self) -> None:
+        thread = ("thread_lead_m", "ball_radius_m", "land_m")
+        missing = [key for key in thread if getattr(self, key) is None]
+        if missing and (len(missing) < len(thread) or self.fin_efficiency is not None):
+            raise ValueError(f"a thread is told by {', '.join(thread)} together; {missing[0]} is missing")
+
+
+def _exactly_one(
+    table: Section, one: tuple[str, ...], other: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> None:
+    """Raise `ValueError` unless the keys of one of the two groups are all given, and none of the other."""
+    given = [key for key in (*one, *other) if getattr(table, key) is not None]
+    mixed = any(key in one for key in given) and any(key in other for key in given)
+    complete = any(set(group) - set(optional) <= set(given) for group in (one, other))
+    if mixed or not complete:
+        names = [key for key in other if key not in optional]
+        raise ValueError(f"give either {' and '.join(one)}, or {' and '.join(names)}")

@@ -1,0 +1,109 @@
+"""The configuration's tables of bodies beside the screw: nodes that store heat, and their links."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from observer.tables.quantities import (
+    Area,
+    Capacity,
+    Conductance,
+    Conductivity,
+    Count,
+    Diameter,
+    EndFilm,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Section,
+)
+
+AMBIENT = "ambient"
+"""What a link names as its end where it leads into the air."""
+
+
+class Node(Section):
+    """A body of one temperature: a bearing's ring, a housing, the nut, the table."""
+
+    name: Name
+    capacity_J_K: Capacity
+
+
+WAYS: tuple[tuple[str, ...], ...] = (
+    ("conductance_W_K",),
+    ("resistance_K_W",),
+    ("film_W_m2K", "area_m2"),
+    ("conductivity_W_mK", "length_m", "area_m2"),
+    ("conductivity_W_mK", "length_m", "inner_diameter_m", "outer_diameter_m"),
+    ("gap_m", "touching", "conductivities_W_mK", "area_m2"),
+    ("balls", "conductivities_W_mK", "semi_axes_m"),
+)
+"""The ways in which a link can be told: the keys that belong together."""
+OPTIONAL = ("filling_W_mK",)
+"""Belongs to a gap."""
+
+
+class Link(Section):
+    """Heat that passes between two places, told in one of several ways.
+
+    A place is a node, the ambient, or the screw where a source stands, by that source's name.
+    """
+
+    between: tuple[Name, Name]
+    conductance_W_K: Conductance | None = None
+    resistance_K_W: Annotated[Positive, Field(ge=1e-7, le=1e9)] | None = None
+    film_W_m2K: EndFilm | None = None
+    area_m2: Area | None = None
+    conductivity_W_mK: Conductivity | None = None
+    length_m: Length | None = None
+    inner_diameter_m: Diameter | None = None
+    outer_diameter_m: Diameter | None = None
+    gap_m: Length | None = None
+    touching: Annotated[Positive, Field(le=1)] | None = None
+    conductivities_W_mK: tuple[Conductivity, Conductivity] | None = None
+    filling_W_mK: NonNegative = 0.0
+    balls: Annotated[Count, Field(ge=1, le=1000)] | None = None
+    semi_axes_m: tuple[Length, Length] | None = None
+
+    @model_validator(mode="after")
+    def _told_in_one_way(self) -> Link:
+        if self.between[0] == self.between[1]:
+            raise ValueError(f'between names "{self.between[0]}" twice; a link needs two places')
+        stated = self.model_fields_set - {"between", *OPTIONAL}
+        if stated not in [set(way) for way in WAYS]:
+            ways = "; or ".join(", ".join(way) for way in WAYS)
+            raise ValueError(f"give the keys of one way to tell a link, and no others: {ways}")
+        if "filling_W_mK" in self.model_fields_set and self.gap_m is None:
+            raise ValueError("filling_W_mK belongs to gap_m; remove it")
+        inner, outer = self.inner_diameter_m, self.outer_diameter_m
+        if inner is not None and outer is not None and not inner < outer:
+            raise ValueError("inner_diameter_m is to be below outer_diameter_m; mend one of them")
+        return self
+
+
+def check_places(
+    node: tuple[Node, ...], link: tuple[Link, ...], sources: tuple[str, ...], standing: tuple[str, ...]
+) -> None:
+    """Raise `ValueError` for a node without a link, and for a link whose ends are unknown or hold no node.
+
+    `sources` are the names of all sources, `standing` of those that stand somewhere on the screw.
+    """
+    names = [n.name for n in node]
+    for name in names:
+        if names.count(name) > 1 or name in sources or name == AMBIENT:
+            raise ValueError(f'node "{name}": the name is taken; give each node one of its own')
+    for one in link:
+        for end in one.between:
+            if end not in (*names, *standing, AMBIENT):
+                raise ValueError(
+                    f'link {" – ".join(one.between)}: "{end}" is neither a node, nor "{AMBIENT}", nor a '
+                    "source on the screw; mend the name"
+                )
+        if not any(end in names for end in one.between):
+            raise ValueError(f"link {' – '.join(one.between)}: one of the two is to be a node")
+    for name in names:
+        if not any(name in one.between for one in link):
+            raise ValueError(f'node "{name}" has no link; give it one, or remove it')

@@ -1,0 +1,152 @@
+"""The configuration's tables of the Zenoh session: where it goes, and who may take part in it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from observer.tables.endpoints import checked_endpoint
+from observer.tables.quantities import Count, File, Flag, Name, Number, Section
+
+Endpoint = Annotated[str, Field(max_length=1024), AfterValidator(checked_endpoint)]
+Endpoints = Annotated[tuple[Endpoint, ...], Field(max_length=64)]
+Subject = Annotated[str, Field(pattern=r"^(user|certificate):[^\s:]+$", max_length=128)]
+_ENCRYPTED = ("tls/", "quic/")
+
+
+class Tls(Section):
+    """Certificates, as PEM files: one's own with its key, and the authority that others are judged by."""
+
+    ca: File | None = None
+    certificate: File | None = None
+    key: File | None = None
+    client_certificates: Flag = False
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Tls:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key go together; give both or neither")
+        if self.client_certificates and self.ca is None:
+            raise ValueError("client_certificates needs the authority that signed them; give ca")
+        return self
+
+
+class Login(Section):
+    """Names and passwords: who may connect here, and who this side is elsewhere. Passwords stand in files."""
+
+    users_file: File | None = None
+    user: Name | None = None
+    password_file: File | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_password_in_the_open(cls, table: Any) -> Any:
+        if isinstance(table, dict) and "password" in table:
+            raise ValueError(
+                "a password does not belong in a configuration; write it into a file of its own and name "
+                "that in password_file"
+            )
+        return table
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Login:
+        if (self.user is None) != (self.password_file is None):
+            raise ValueError("user and password_file go together; give both or neither")
+        return self
+
+
+class Access(Section):
+    """Who may do what, as `user:NAME` or `certificate:COMMON-NAME`; whoever is not named may do nothing."""
+
+    viewer: tuple[Subject, ...] = ()
+    operator: tuple[Subject, ...] = ()
+    service: tuple[Subject, ...] = ()
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """Everybody who is named."""
+        return self.viewer + self.operator + self.service
+
+    @model_validator(mode="after")
+    def _each_has_one_role(self) -> Access:
+        if not self.subjects:
+            raise ValueError(
+                'names nobody, so nobody could connect; name somebody, as viewer = ["user:anna"]'
+            )
+        for subject in self.subjects:
+            if self.subjects.count(subject) > 1:
+                raise ValueError(
+                    f'"{subject}" is named twice; give each one role, an operator may view as well'
+                )
+        return self
+
+
+class Publish(Section):
+    """The Zenoh session of the daemon."""
+
+    mode: Literal["client", "peer", "router"] = "peer"
+    connect: Endpoints = ()
+    listen: Endpoints = ()
+    field_rate_Hz: Annotated[Number, Field(ge=1e-3, le=50)] = 2.0
+    history: Annotated[Count, Field(ge=1, le=100_000)] = 1000
+    tls: Tls | None = None
+    login: Login | None = None
+    access: Access | None = None
+
+    @model_validator(mode="after")
+    def _wires_are_encrypted_where_certificates_are(self) -> Publish:
+        for endpoint in (*self.listen, *self.connect):
+            if endpoint.startswith(_ENCRYPTED) and self.tls is None:
+                raise ValueError(f"{endpoint} needs certificates; give [publish.tls]")
+        if self.tls is None:
+            return self
+        if not self.listen and not self.connect:
+            raise ValueError('tls is given but no endpoint; write listen = ["tls/…"] or connect = ["tls/…"]')
+        for endpoint in (*self.listen, *self.connect):
+            if not endpoint.startswith(_ENCRYPTED):
+                raise ValueError(f"tls is given, but {endpoint} is not encrypted; write tls/ for tcp/")
+        if self.listen and self.tls.certificate is None:
+            raise ValueError("tls: to listen, the service needs a certificate; give certificate and key")
+        return self
+
+    @model_validator(mode="after")
+    def _who_is_named_can_be_told(self) -> Publish:
+        if self.access is None:
+            return self
+        if self.mode == "client":
+            raise ValueError(
+                "access has no effect on a client, whose router decides; write the table where that router "
+                "is configured, and remove it here"
+            )
+        users = self.login is not None and self.login.users_file is not None
+        certificates = self.tls is not None and self.tls.client_certificates
+        for subject in self.access.subjects:
+            if subject.startswith("user:") and not users:
+                raise ValueError(
+                    f'access names "{subject}", but nobody is asked for a password; give login.users_file'
+                )
+            if subject.startswith("certificate:") and not certificates:
+                raise ValueError(
+                    f'access names "{subject}", but nobody is asked for a certificate; set '
+                    "tls.client_certificates"
+                )
+        if self.connect and not any(s.startswith("certificate:") for s in self.access.service):
+            raise ValueError(
+                "access would shut out the router at connect; name its certificate under access.service"
+            )
+        return self
+
+
+class Client(Section):
+    """How a command shows who it is: the file given with `--client`."""
+
+    tls: Tls | None = None
+    login: Login | None = None
+
+    @model_validator(mode="after")
+    def _nothing_of_a_server(self) -> Client:
+        serves = self.login is not None and self.login.users_file is not None
+        if serves or (self.tls is not None and self.tls.client_certificates):
+            raise ValueError("users_file and client_certificates are for the service; remove them")
+        return self

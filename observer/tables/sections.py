@@ -1,0 +1,211 @@
+"""The machine as the configuration describes it: screw, surface, ends, air, sources and sensors.
+
+Every unit and every range of these tables is checked here, once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from observer.tables.laws import LAWS, HeatLaw, Surface
+from observer.tables.mounting import Supports
+from observer.tables.nodes import Link, Node, check_places
+from observer.tables.quantities import (
+    Air,
+    Channel,
+    Conductivity,
+    Density,
+    Diameter,
+    Duration,
+    EndFilm,
+    Expansion,
+    Factor,
+    Flag,
+    HeatSigma,
+    Lead,
+    Length,
+    Name,
+    Noise,
+    Position,
+    ScrewLength,
+    Section,
+    Share,
+    SpecificHeat,
+)
+
+
+class Screw(Section):
+    """Geometry and material of the screw; `diameter_m` is the effective (root) diameter."""
+
+    length_m: ScrewLength
+    diameter_m: Diameter
+    conductivity_W_mK: Conductivity
+    density_kg_m3: Density
+    specific_heat_J_kgK: SpecificHeat
+    expansion_1_K: Expansion | None = None
+
+
+class Ambient(Section):
+    """The air around the screw: one constant, or a channel of the log."""
+
+    temperature_degC: Air | None = None
+    channel: Channel | None = None
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> Ambient:
+        if (self.temperature_degC is None) == (self.channel is None):
+            raise ValueError("give exactly one of temperature_degC and channel")
+        return self
+
+
+class Boundary(Section):
+    """One end of the screw."""
+
+    kind: Literal["insulated", "convective", "prescribed"] = "insulated"
+    coefficient_W_m2K: EndFilm | None = None
+    channel: Channel | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Boundary:
+        if (self.kind == "convective") != (self.coefficient_W_m2K is not None):
+            raise ValueError('coefficient_W_m2K belongs to kind = "convective", and is needed there')
+        if (self.kind == "prescribed") != (self.channel is not None):
+            raise ValueError('channel belongs to kind = "prescribed", and is needed there')
+        return self
+
+
+class Boundaries(Section):
+    """Both ends."""
+
+    left: Boundary = Boundary()
+    right: Boundary = Boundary()
+
+
+class Source(HeatLaw):
+    """Heat entering the screw: where (shape) and how much (law)."""
+
+    name: Name
+    shape: Literal["nut", "point", "band", "node"]
+    # where
+    length_m: Length | None = None
+    stroke_m: tuple[Position, Position] | None = None
+    position_channel: Channel | None = None
+    lead_m: Lead | None = None
+    position_m: Position | None = None
+    from_m: Position | None = None
+    to_m: Position | None = None
+    nodes: dict[Name, Share] = Field(default_factory=dict)
+    # how it is estimated
+    estimate: Flag = True
+    random_walk_W_sqrt_s: HeatSigma = 0.1
+    time_constant_s: Duration | None = None
+    law_uncertainty: Factor = 0.2
+    initial_sigma_W: Annotated[HeatSigma, Field(gt=0)] = 30.0
+
+    @model_validator(mode="after")
+    def _shape_is_complete(self) -> Source:
+        needed = {"nut": ("length_m",), "point": ("position_m",), "band": ("from_m", "to_m"), "node": ()}[
+            self.shape
+        ]
+        for key in needed:
+            if getattr(self, key) is None:
+                raise ValueError(f'shape = "{self.shape}" needs {key}')
+        belongs = {
+            "length_m": "nut", "stroke_m": "nut", "position_channel": "nut", "lead_m": "nut",
+            "position_m": "point", "from_m": "band", "to_m": "band",
+        }  # fmt: skip
+        for key, shape in belongs.items():
+            if getattr(self, key) is not None and self.shape != shape:
+                raise ValueError(f'{key} belongs to shape = "{shape}", not "{self.shape}"')
+        if self.shape == "nut" and self.stroke_m is None and self.position_channel is None:
+            raise ValueError("a nut needs position_channel or stroke_m")
+        for low, high in (self.stroke_m or (None, None), (self.from_m, self.to_m)):
+            if low is not None and high is not None and not low < high:
+                raise ValueError(
+                    f"the stretch {low} … {high} m is empty; the first number must be the smaller"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _heat_goes_somewhere(self) -> Source:
+        total = sum(self.nodes.values())
+        if self.shape == "node" and not math.isclose(total, 1.0, abs_tol=1e-6):
+            raise ValueError(f'shape = "node": the shares of nodes are to add up to 1, not {total:g}')
+        if total > 1.0 + 1e-6:
+            raise ValueError(f"the shares of nodes add up to {total:g}, more than 1; lower them")
+        return self
+
+    @property
+    def screw_share(self) -> float:
+        """The part of the heat that enters the screw itself, the rest going into nodes."""
+        left = 1.0 - sum(self.nodes.values())
+        return left if left > 1e-6 else 0.0
+
+    @model_validator(mode="after")
+    def _law_is_complete(self) -> Source:
+        if self.law is None and not self.estimate:
+            raise ValueError(f"estimate = false needs a heat law ({', '.join(LAWS[:-1])} or {LAWS[-1]})")
+        if self.stroke_share and self.stroke_m is None:
+            raise ValueError("stroke_share is the stroke's part of the screw; give stroke_m")
+        if self.nut_friction is not None and (self.nut_friction.lead_m is None) == (self.lead_m is None):
+            raise ValueError("nut_friction needs the lead once; give lead_m in one of the two tables")
+        return self
+
+
+class Sensor(Section):
+    """A thermocouple on the screw, or on a node beside it."""
+
+    name: Name
+    channel: Channel
+    position_m: Position | None = None
+    on: Name | None = None
+    noise_K: Noise = 0.1
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Sensor:
+        if (self.position_m is None) == (self.on is None):
+            raise ValueError("give exactly one of position_m (on the screw) and on (a node)")
+        return self
+
+
+class Description(Section):
+    """What the model is built from: the physical part of a configuration."""
+
+    screw: Screw
+    surface: Surface = Surface()
+    ambient: Ambient
+    boundary: Boundaries = Boundaries()
+    supports: Supports | None = None
+    node: tuple[Node, ...] = Field(default=(), max_length=100)
+    link: tuple[Link, ...] = Field(default=(), max_length=1000)
+    source: tuple[Source, ...] = Field(min_length=1, max_length=32)
+    sensor: tuple[Sensor, ...] = Field(min_length=1, max_length=100)
+
+    @model_validator(mode="after")
+    def _nodes_are_known(self) -> Description:
+        names = {n.name for n in self.node}
+        self._linked_ends_are_free()
+        standing = tuple(s.name for s in self.source if s.shape != "node")
+        check_places(self.node, self.link, tuple(s.name for s in self.source), standing)
+        for place, used in (
+            *((f"source {s.name}: nodes", name) for s in self.source for name in s.nodes),
+            *((f"sensor {s.name}: on", s.on) for s in self.sensor if s.on is not None),
+        ):
+            if used not in names:
+                known = ", ".join(sorted(names)) or "none yet, write [[node]]"
+                raise ValueError(f'{place} names "{used}", which is no node; the nodes are: {known}')
+        return self
+
+    def _linked_ends_are_free(self) -> None:
+        linked = {end for one in self.link for end in one.between}
+        for source in self.source:
+            end = {0.0: "left", self.screw.length_m: "right"}.get(source.position_m or 0.0)
+            prescribed = end is not None and getattr(self.boundary, end).kind == "prescribed"
+            if prescribed and source.name in linked and source.shape == "point":
+                raise ValueError(
+                    f'link to "{source.name}": the {end} end has a prescribed temperature, which no heat can '
+                    "change; remove the link or the prescription"
+                )
