@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1]))
 
-from observer import installation  # noqa: E402
+from observer import config, installation  # noqa: E402
 from observer.frames import FloatArray  # noqa: E402
 from observer.history.conjugate_gradient import Convolution  # noqa: E402
 from observer.history.history import HeatHistory  # noqa: E402

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer import installation
+from observer import config, installation
 from observer.discovery.candidates import library
 from observer.files.logs import Log, read_log
 from observer.fit.forward import Forward

@@ -22,7 +22,7 @@ DOCS = ROOT / "docs"
 PAGES = [p for p in [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))] if p.exists()]
 SECTIONS: dict[str, type[BaseModel]] = {
     name: kind
-    for name, field in config.Config.model_fields.items()
+    for name, field in installation.Installation.model_fields.items()
     for kind in (field.annotation, *get_args(field.annotation))
     if isinstance(kind, type) and issubclass(kind, BaseModel)
 }
