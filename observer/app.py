@@ -109,9 +109,11 @@ class _Ready:
     @classmethod
     def of(cls, config: Installation) -> _Ready:
         """Check and build. Raises `UserError`."""
+        from observer.report.examine import undelivered
         from observer.service.checkpoint import Fit
 
-        _every_channel_has_a_driver(config)
+        if problems := undelivered(config):
+            raise ConfigError(problems[0])
         if config.record.directory is not None:
             _can_be_made(config.record.directory)
         machine = Machine.of(config)
@@ -233,21 +235,6 @@ def wires(config: Installation) -> dict[str, Any]:
         return limits.doubt(column[channel], value) if channel in column else None
 
     return look([open_driver(key, settings) for key, settings in config.drivers.items()], doubt)
-
-
-def _every_channel_has_a_driver(config: Installation) -> None:
-    """Raise `ConfigError` where the model reads a channel that no driver delivers; a player delivers all."""
-    offered: set[str] = set()
-    for settings in config.drivers.values():
-        if settings.kind == "player":
-            return
-        offered |= {settings.position_channel} if settings.kind == "canopen" else set(settings.channels)
-    missing = [c for c in config.channels if c not in offered]
-    if missing:
-        raise ConfigError(
-            f"drivers: no driver delivers {', '.join(missing)}; add the channel to a [drivers.…] table, or "
-            "remove what reads it"
-        )
 
 
 def _can_be_made(recordings: Path) -> None:
