@@ -103,14 +103,14 @@ def run(
     log_format: Annotated[LogFormat, typer.Option(help="How messages are written.")] = LogFormat.text,
 ) -> None:
     """Run the daemon beside the CNC until SIGTERM or Ctrl-C."""
-    from observer import app as parts
+    from observer.daemon import serve
     from observer.installation import load
     from observer.service.messages import configure
     from observer.service.shutdown import leave
 
     configure(as_json=log_format is LogFormat.json)
     try:
-        parts.serve(load(config), seconds, config)
+        serve(load(config), seconds, config)
     except UserError as error:
         _say(error)
         leave(2)  # threads of parts that had been started may hang at the interpreter's exit

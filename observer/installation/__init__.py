@@ -88,3 +88,13 @@ def parse(table: dict[str, Any], place: str = "configuration") -> Installation:
     if problems := effect_problems(config):
         raise ConfigError(as_message(place, problems))
     return config
+
+
+def undelivered(config: Installation) -> list[str]:
+    """What to do about channels that no driver delivers, if there are any."""
+    if not config.undelivered:
+        return []
+    return [
+        f"drivers: no driver delivers {', '.join(config.undelivered)}; add the channel to a [drivers.…] "
+        "table, or remove what reads it"
+    ]

@@ -14,7 +14,7 @@ from observer.config import effect_problems
 from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.fit.parameters import free_problems
-from observer.installation import Installation
+from observer.installation import Installation, undelivered
 from observer.installation.problems import as_message, problems_of
 
 _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
@@ -47,16 +47,6 @@ def _drivers(table: dict[str, Any]) -> Iterator[tuple[str, DriverSettings]]:
             yield name, _SETTINGS.validate_python(settings)
         except ValidationError:
             continue
-
-
-def undelivered(config: Installation) -> list[str]:
-    """What to do about channels that no driver delivers, if there are any."""
-    if not config.undelivered:
-        return []
-    return [
-        f"drivers: no driver delivers {', '.join(config.undelivered)}; add the channel to a [drivers.…] "
-        "table, or remove what reads it"
-    ]
 
 
 def _may_be_written(directory: Path) -> bool:
