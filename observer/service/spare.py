@@ -14,12 +14,12 @@ _COMPILER = "libllvmlite.so"
 
 
 def import_sparingly() -> None:
-    """Import structlog without rich's tracebacks and numba without scipy's BLAS, which no kernel may use.
+    """Import structlog without rich's tracebacks, numba without YAML and scipy's BLAS, which no kernel uses.
 
-    Garbage is first looked for by `leave_in_peace`: what is imported stays.
+    No garbage is looked for until `leave_in_peace`: what is imported stays.
     """
     gc.disable()
-    with _not_found("rich", "scipy.linalg"):
+    with _not_found("rich", "yaml", "scipy.linalg"):
         import numba.np.arraymath  # noqa: F401, PLC0415
         import structlog  # noqa: F401, PLC0415
 
@@ -37,12 +37,13 @@ def _not_found(*names: str) -> Iterator[None]:
 
 
 def leave_in_peace() -> None:
-    """Keep what is there now out of all later garbage collections, a full one of which took 0.1 s.
+    """Keep what is there now out of all later garbage collections, a full one of which takes 0.1 s.
 
     What only the start needed goes back to the system: freed memory, and the code of the compiler.
     """
-    gc.unfreeze()
-    gc.collect()
+    if gc.get_freeze_count():  # of parts that were there before
+        gc.unfreeze()
+        gc.collect()
     gc.freeze()
     gc.enable()
     with suppress(OSError, AttributeError):  # a system without these has them not given back
