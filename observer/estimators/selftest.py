@@ -184,7 +184,7 @@ class SelfTest:
         for i, (channel, stroke_m) in enumerate(self._nuts.items()):
             _compare_ways(*frames.path[channel], stroke_m, state.motion[i], motion[:, i])
         lost = ((motion > DISAGREE) | (motion < FALLS_SHORT)).any(axis=1)
-        return state, motion, replace(inputs, degraded=np.where(lost, np.int8(2), inputs.degraded))
+        return state, motion, inputs._replace(degraded=np.where(lost, np.int8(2), inputs.degraded))
 
     def run(
         self, state: SelfTestState, motion: FloatArray, inputs: Inputs, block: EstimateBlock
