@@ -11,7 +11,7 @@ the nut is and nothing of how fast it runs.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -42,41 +42,34 @@ BELIEVED = 0.7
 
 # The state as compiled code has it.
 _AT, _HERE, _VELOCITY, _SPEED, _LOW, _HIGH, _DRIVEN, _SENSE, _FAR, _COUNT, _MADE = range(11)
+_UNKNOWN = np.zeros(_MADE - 1 + RECENT)
+_UNKNOWN[[_HERE - 1, _LOW - 1, _HIGH - 1, _DRIVEN - 1, _FAR - 1]] = np.nan
 
 
 @dataclass(frozen=True, slots=True)
 class PathState:
-    """What is remembered of a nut's motion.
+    """What is remembered of a nut's motion: the time of the last sample, and `rest` (25,).
 
-    Last sample; velocity over the step to it, 0 unless that was at full speed; speed; the places `low_m`,
-    `high_m` where it turned last, NaN while not known; speed times lead at the last sample, NaN where
-    unknown; the sense in which it runs and the farthest place it has come to in it; how many steps were
+    That is: its place; velocity over the step to it, 0 unless that was at full speed; speed; the places where
+    it turned last, the lower and the higher, NaN while not known; speed times lead at the last sample, NaN
+    where unknown; the sense in which it runs and the farthest place it has come to in it; how many steps were
     made, and the speeds of the last 16 of them.
     """
 
     time_s: float = np.nan
-    position_m: float = np.nan
-    velocity_m_s: float = 0.0
-    speed_m_s: float = 0.0
-    low_m: float = np.nan
-    high_m: float = np.nan
-    driven_m_s: float = np.nan
-    sense: float = 0.0
-    far_m: float = np.nan
-    count: float = 0.0
-    made_m_s: tuple[float, ...] = (0.0,) * RECENT
+    rest: FloatArray = field(default_factory=lambda: _UNKNOWN)
 
     @property
     def scalars(self) -> FloatArray:
-        """The state as compiled code takes it, (26,)."""
-        *own, made_m_s = astuple(self)
-        return np.array([*own, *made_m_s])
+        """The state as compiled code takes it, (26,), to be changed in place."""
+        scalars = np.empty(_MADE + RECENT)
+        scalars[0], scalars[1:] = self.time_s, self.rest
+        return scalars
 
     @classmethod
     def of(cls, scalars: FloatArray) -> PathState:
         """The state from what compiled code left, (26,)."""
-        numbers = scalars.tolist()
-        return replace(cls(*numbers[:_MADE]), made_m_s=tuple(numbers[_MADE:]))
+        return cls(float(scalars[0]), scalars[1:])
 
 
 def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathState, FloatArray]:
