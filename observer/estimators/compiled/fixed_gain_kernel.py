@@ -39,14 +39,13 @@ from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
     joseph_update,
-    move_columns,
     predict,
-    put_laws,
     start,
     symmetrise,
 )
 from observer.frames import FloatArray
-from observer.model import coupling
+from observer.model import advance, coupling
+from observer.model.advance import move_columns, put_laws
 
 DONE = -1
 PREDICTED, STARTED = 1, 2
@@ -176,7 +175,7 @@ def correct_state(K, chosen, accepted, nu, x):
                 x[a] += K[chosen, a, i] * nu[i]
 
 
-@cached_loop(coupling, cruise_kernel, judging, kernels, packing, steps)
+@cached_loop(advance, coupling, cruise_kernel, judging, kernels, packing, steps)
 def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
     """Run the observer over the steps of `u` from `first` on, changing `state` and filling `out`.
 

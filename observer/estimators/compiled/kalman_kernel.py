@@ -27,15 +27,14 @@ from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
     joseph_update,
-    move_columns,
     predict,
-    put_laws,
     start,
 )
-from observer.model import coupling
+from observer.model import advance, coupling
+from observer.model.advance import move_columns, put_laws
 
 
-@cached_loop(coupling, judging, kernels, packing, steps)
+@cached_loop(advance, coupling, judging, kernels, packing, steps)
 def run_kalman(p, t, u, state, gate_sigma, out, work):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
 
