@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from observer.compiled import cached_loop
-from observer.estimators.compiled import judging, kernels, packing, steps
 from observer.estimators.compiled.judging import (
     add_prior,
     doubt_nut,
@@ -30,11 +29,10 @@ from observer.estimators.compiled.kernels import (
     predict,
     start,
 )
-from observer.model import advance, coupling
 from observer.model.advance import move_columns, put_laws
 
 
-@cached_loop(advance, coupling, judging, kernels, packing, steps)
+@cached_loop
 def run_kalman(p, t, u, state, gate_sigma, out, work):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
 

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass, replace
 
-import numba
 import numpy as np
 
+from observer.compiled import cached_call, rarely
 from observer.frames import FloatArray, NutPath
 
 MEMORY_S = 10.0
@@ -90,7 +90,7 @@ def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathSta
     return PathState.of(scalars), ends_m
 
 
-@numba.njit(cache=True)
+@cached_call
 def _follow(scalars, sample_s, sample_m, offset, driven_m_s, stroke_m, ends_m):  # type: ignore[no-untyped-def]
     for k in range(len(ends_m)):
         for i in range(offset[k], offset[k + 1]):
@@ -98,7 +98,7 @@ def _follow(scalars, sample_s, sample_m, offset, driven_m_s, stroke_m, ends_m): 
         ends_m[k, 0], ends_m[k, 1] = scalars[_LOW], scalars[_HIGH]
 
 
-@numba.njit
+@rarely
 def advance(scalars, at_s, there_m, driven_m_s, stroke_m):  # type: ignore[no-untyped-def]
     """Take in a sample; `driven_m_s` is speed times lead at it, NaN where unknown. Return where the nut
     turned on its way to it: the sample itself if it came straight, NaN if that cannot be told.
@@ -136,7 +136,7 @@ def advance(scalars, at_s, there_m, driven_m_s, stroke_m):  # type: ignore[no-un
     return turn_m
 
 
-@numba.njit
+@rarely
 def _driven(first_m_s, last_m_s):  # type: ignore[no-untyped-def]
     """The mean of speed times lead over a step, by what is known of it at both ends."""
     if np.isnan(first_m_s):
@@ -144,7 +144,7 @@ def _driven(first_m_s, last_m_s):  # type: ignore[no-untyped-def]
     return first_m_s if np.isnan(last_m_s) else 0.5 * (first_m_s + last_m_s)
 
 
-@numba.njit
+@rarely
 def _remember(scalars, made_m_s, since_s):  # type: ignore[no-untyped-def]
     """Remember the speed of a step that was long enough to show it; return what counts as full speed."""
     if since_s >= BRIEF_S:
@@ -164,7 +164,7 @@ def _remember(scalars, made_m_s, since_s):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@numba.njit
+@rarely
 def _turn(scalars, there_m, run_m, stroke_m):  # type: ignore[no-untyped-def]
     """Where the nut turned on its way from the last sample, given how far it ran; the new place itself, if it
     came straight.
@@ -183,7 +183,7 @@ def _turn(scalars, there_m, run_m, stroke_m):  # type: ignore[no-untyped-def]
     return here_m + 0.5 * (np.sign(before) * run_m + made_m)
 
 
-@numba.njit
+@rarely
 def _come(scalars, place_m, stroke_m):  # type: ignore[no-untyped-def]
     """Note that the nut came to a place: where it has come back far enough, the farthest was an end."""
     back_m = scalars[_FAR] - place_m
@@ -198,7 +198,7 @@ def _come(scalars, place_m, stroke_m):  # type: ignore[no-untyped-def]
         scalars[_SENSE], scalars[_FAR] = -np.sign(back_m), place_m
 
 
-@numba.njit
+@rarely
 def on_the_way(here_m, run_m, low_m, high_m):  # type: ignore[no-untyped-def]
     """Where a nut comes that runs so far to and fro between two places, and 1 or −1: whether it then runs as
     at first or back.
