@@ -14,18 +14,15 @@ from observer.compiled import cached_loop, inlined, rarely
 from observer.estimators.compiled.judging import add_prior, find_usable, gate, step_is_finite
 from observer.estimators.compiled.kernels import (
     compare,
-    couple_half,
     covariance_with_sensors,
     joseph_update,
     mirror,
-    move_columns,
     predict_covariance,
-    predict_state,
     project,
-    put_laws,
     start,
 )
 from observer.frames import FloatArray
+from observer.model.advance import couple_half, move_columns, predict_state, put_laws
 from observer.model.coupling import coupled
 
 SKIPPED, STARTED, STEPPED = 0, 1, 2
