@@ -111,8 +111,12 @@ def identify(
         history = heat_history(machine.plant, config.estimator, blocks, options)
     except UserError as error:
         raise LogError(f"{log_path}: {error}") from None
-    more: dict[str, Any] = {"config": config.digest, "method": options.method} | {"nut_path": nut_paths(config, log)}
-    more["doubts"] = doubts(log, frames_of_log(log, machine.plan), config)
+    more: dict[str, Any] = {
+        "config": config.digest,
+        "method": options.method,
+        "nut_path": nut_paths(config, log),
+        "doubts": doubts(log, frames_of_log(log, machine.plan), config),
+    }
     with results_in(output) as part:
         summary = write_history(part, machine.plant.layout, history, log, more)
         samples = HistorySamples.of(machine.plant.estimated, history, blocks)

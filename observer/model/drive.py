@@ -20,11 +20,12 @@ from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.model.couple import surface_rate
-from observer.model.law import Law, heat_law, law_channels
+from observer.model.law import Law, heat_law
 from observer.model.plant import OFFSET, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
 from observer.model.rod.path import PathState
+from observer.tables.sections import law_channels
 
 _GOOD = int(Quality.GOOD)
 
