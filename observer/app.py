@@ -29,7 +29,8 @@ from observer.publish.taken import refuse_taken
 from observer.service.align import AlignPlan, doubts, frames_of_log
 from observer.service.pipeline import Pipeline
 
-if TYPE_CHECKING:  # the daemon's parts; the other commands start without them
+if TYPE_CHECKING:  # the daemon's parts and the search's; the other commands start without them
+    from observer.discovery.discover import Discovery
     from observer.service.checkpoint import Fit, Standing
     from observer.service.clock import ServiceClock
     from observer.service.loop import Service
@@ -541,10 +542,10 @@ def discover(
     progress: Callable[[str, float], None],
     *,
     report: bool = True,
-) -> dict[str, Any]:
+) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
-    Returns the content of `result.json`.
+    Returns what was found, and the content of `result.json`.
     """
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
@@ -567,7 +568,7 @@ def discover(
         if report:
             progress("writing the report", 0.97)
             write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
-    return result
+    return found, result
 
 
 def place(config: Installation, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
