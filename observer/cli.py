@@ -296,9 +296,9 @@ def discover(
     from observer.report.progress import advancing
 
     with advancing("discover") as progress:
-        result = parts.discover(config, log, output, progress)
+        found, result = parts.discover(config, log, output, progress)
     _warn(result["doubts"])
-    for sentence in as_sentences(result):
+    for sentence in as_sentences(found, result):
         typer.echo(sentence)
     files = "config.toml, result.json, report.html" if result["effects"] else "result.json, report.html"
     typer.echo(f"written to {output}: {files}")

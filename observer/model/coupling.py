@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from observer.compiled import inlined
 from observer.frames import FloatArray
-
-ZERO_DEGC_K = 273.15
+from observer.physics.constants import ZERO_DEGC_K
 
 
 class Coupling(NamedTuple):
