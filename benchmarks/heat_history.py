@@ -29,7 +29,7 @@ OPEN_GATE = EstimatorSettings(gate_sigma=1e9)
 def results() -> list[Result]:
     """Li's size, 1000 steps of 3 heats and 4 sensors at 8 modes; then 24 h at 2 Hz."""
     plant, inputs = _even_log(STEPS)
-    inputs = replace(inputs, law_W=np.zeros_like(inputs.law_W))
+    inputs = inputs._replace(law_W=np.zeros_like(inputs.law_W))
     problem, _ = stacked_problem(plant, [inputs])
     prior, H = Prior.of(plant, problem.dt_s, 1), Convolution(problem.response_K_W)
     held_plant, held_inputs = _held(plant, inputs, prior)
@@ -82,7 +82,7 @@ def _even_log(steps: int) -> tuple[Plant, Inputs]:
     plant = build_plant(config_of(8, 4, grid=2))
     inputs = even_inputs(plant, steps)
     warming = np.minimum(np.arange(steps), steps / 2)[:, None] * (0.5 * 4.0 / steps)
-    return plant, replace(inputs, y_degC=inputs.y_degC + warming)
+    return plant, inputs._replace(y_degC=inputs.y_degC + warming)
 
 
 def _held(plant: Plant, inputs: Inputs, prior: Prior) -> tuple[Plant, Inputs]:
@@ -94,7 +94,7 @@ def _held(plant: Plant, inputs: Inputs, prior: Prior) -> tuple[Plant, Inputs]:
         law_uncertainty=np.ones_like(still),
         field_noise_Q=np.zeros_like(plant.field_noise_Q),
     )
-    return plant, replace(inputs, law_jump_W=np.tile(prior.step_W, (len(inputs), 1)))
+    return plant, inputs._replace(law_jump_W=np.tile(prior.step_W, (len(inputs), 1)))
 
 
 def _tikhonov(problem: StackedProblem, prior: Prior) -> TikhonovSolution:

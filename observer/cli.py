@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 import typer
 
 from observer.errors import UserError
-from observer.tables.publishing import Client
 
 if TYPE_CHECKING:
     from observer.installation import Installation
+    from observer.tables.publishing import Client
 
 app = typer.Typer(
     help="A ball screw's temperature field, heat inputs and thermal error, live and from logs.",
@@ -103,14 +103,17 @@ def run(
     log_format: Annotated[LogFormat, typer.Option(help="How messages are written.")] = LogFormat.text,
 ) -> None:
     """Run the daemon beside the CNC until SIGTERM or Ctrl-C."""
-    from observer import app as parts
+    from observer.service.spare import import_sparingly
+
+    import_sparingly()
+    from observer.daemon import serve
     from observer.installation import load
     from observer.service.messages import configure
     from observer.service.shutdown import leave
 
     configure(as_json=log_format is LogFormat.json)
     try:
-        parts.serve(load(config), seconds, config)
+        serve(load(config), seconds, config)
     except UserError as error:
         _say(error)
         leave(2)  # threads of parts that had been started may hang at the interpreter's exit

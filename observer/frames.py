@@ -9,9 +9,9 @@ through the same compiled code, so both give the same bits.
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,20 +105,8 @@ class FrameBlock:
         return len(self.time_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
-    """K steps of everything that drives a plant; what an estimator's `run` takes.
-
-    Shapes, with n_x states, m sources, p known inputs, s sensors, R output rows, M moving sources:
-    `time_s`, `dt_s` (K,); `y_degC` (K, s); `usable` (K, s), the measurements that may correct;
-    `quality` (K, s), what was known of each sensor before the estimator's own gate; `law_W` (K, m), each
-    source's heat by its law, mean over the step; `law_jump_W` (K, m), its change since the step before;
-    `z_start`, `z_end` (K, p), the known inputs at both ends of the step, linear in between;
-    `moving_B` (K, M, n_x), the input column of each moving source over the step; `moving_C` (K, M, R), the
-    output column of its lag state; `degraded` (K,), 1 where some input that the model needs was
-    missing or held, 2 where the place of a nut is not known;
-    `loss_1_s`, `loss_degC` (K,), the rate of a uniform loss that goes with speed, and what it draws to.
-    """
+class _InputColumns(NamedTuple):
+    """The columns of `Inputs`."""
 
     time_s: FloatArray
     dt_s: FloatArray
@@ -135,12 +123,42 @@ class Inputs:
     loss_1_s: FloatArray
     loss_degC: FloatArray
 
+
+class Inputs(_InputColumns):
+    """K steps of everything that drives a plant; what an estimator's `run` takes.
+
+    Shapes, with n_x states, m sources, p known inputs, s sensors, R output rows, M moving sources:
+    `time_s`, `dt_s` (K,); `y_degC` (K, s); `usable` (K, s), the measurements that may correct;
+    `quality` (K, s), what was known of each sensor before the estimator's own gate; `law_W` (K, m), each
+    source's heat by its law, mean over the step; `law_jump_W` (K, m), its change since the step before;
+    `z_start`, `z_end` (K, p), the known inputs at both ends of the step, linear in between;
+    `moving_B` (K, M, n_x), the input column of each moving source over the step; `moving_C` (K, M, R), the
+    output column of its lag state; `degraded` (K,), 1 where some input that the model needs was
+    missing or held, 2 where the place of a nut is not known;
+    `loss_1_s`, `loss_degC` (K,), the rate of a uniform loss that goes with speed, and what it draws to.
+    """
+
+    __slots__ = ()
+
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def part(self, begin: int, end: int | None = None) -> Inputs:
-        """Return the steps from `begin` up to `end`."""
-        return Inputs(**{f.name: getattr(self, f.name)[begin:end] for f in fields(self)})
+    @classmethod
+    def _make(cls, iterable: Iterable[Any]) -> Self:  # type: ignore[override]
+        return tuple.__new__(cls, iterable)  # the inherited one takes `len` for the number of columns
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Inputs]) -> Self:
+        """Return consecutive blocks as one."""
+        return cls._make(np.concatenate(column) for column in zip(*blocks, strict=True))
+
+    def part(self, begin: int, end: int | None = None) -> Self:
+        """Return the steps from `begin` up to `end`, as views."""
+        return self._make(column[begin:end] for column in self)
+
+    def sensors_only(self, sensors: int) -> Self:
+        """Return the same steps for a plant that is cut to its sensors' rows (`Plant.sensors_only`)."""
+        return self._replace(moving_C=np.ascontiguousarray(self.moving_C[:, :, :sensors]))
 
 
 @dataclass(frozen=True, slots=True)

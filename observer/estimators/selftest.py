@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.compiled import cached_loop, inlined
+from observer.compiled import cached_call, inlined
 from observer.config import Config
-from observer.estimators.compiled import judging
 from observer.estimators.compiled.judging import (
     ESTIMATE_DEGRADED,
     ESTIMATE_INVALID,
@@ -184,7 +183,7 @@ class SelfTest:
         for i, (channel, stroke_m) in enumerate(self._nuts.items()):
             _compare_ways(*frames.path[channel], stroke_m, state.motion[i], motion[:, i])
         lost = ((motion > DISAGREE) | (motion < FALLS_SHORT)).any(axis=1)
-        return state, motion, replace(inputs, degraded=np.where(lost, np.int8(2), inputs.degraded))
+        return state, motion, inputs._replace(degraded=np.where(lost, np.int8(2), inputs.degraded))
 
     def run(
         self, state: SelfTestState, motion: FloatArray, inputs: Inputs, block: EstimateBlock
@@ -232,7 +231,7 @@ class SelfTest:
         return (Fault.ALL_OFF_LAW, "") if test == 0 else (Fault.MOTION, list(self._nuts)[test - 1])
 
 
-@cached_loop(allocates=True)
+@cached_call
 def _compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio):
     """After each of K steps the way a nut made lately over what speed and lead allow; NaN if too little."""
     for k in range(len(ratio)):
@@ -389,7 +388,7 @@ def _test_heats(state, u, k, trust, base):
     return failing, starting
 
 
-@cached_loop(judging, allocates=True)
+@cached_call
 def _test(u, trust, state, quality):
     """Run the tests over K steps; `state` and `quality` are changed in place."""
     s, m_e = u.nu.shape[1], u.heat_W.shape[1]

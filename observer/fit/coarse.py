@@ -8,7 +8,7 @@ contributes the mean of its two ends.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -120,7 +120,7 @@ class CoarseRun:
                 ends_B = self._columns(source, i, at_ends=True)[0]
                 B[:, i, : plant.modes] += source.ends_fraction * (ends_B - B[:, i, : plant.modes])
                 C[:, i] += source.ends_fraction * (self._lag_rows(source, i, at_ends=True) - C[:, i])
-        return replace(driven, moving_B=B, moving_C=C)
+        return driven._replace(moving_B=B, moving_C=C)
 
     def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
         """What the passing nut adds to the mean of a tick over that of its ends, (T, s).
@@ -165,8 +165,7 @@ class CoarseRun:
         last = np.append(first[1:], len(fine)) - 1
         loss = mean(fine.loss_1_s)
         drawn = mean(fine.loss_1_s * fine.loss_degC)
-        return replace(
-            fine.part(0, len(first)),
+        return fine.part(0, len(first))._replace(
             time_s=fine.time_s[last],
             dt_s=self.ticks.length_s,
             law_W=mean(fine.law_W),

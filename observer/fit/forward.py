@@ -33,7 +33,7 @@ class Forward:
 
     def __init__(self, config: Config, runs: Sequence[Run]) -> None:
         self.runs = tuple(CoarseRun(run) for run in runs)
-        plant = sensor_plant(build_plant(config))
+        plant = build_plant(config).sensors_only()
         self._modes = len(plant.mode_index)
         self._tables = [m.table for m in plant.moving]
         self.count = 0
@@ -42,7 +42,7 @@ class Forward:
         """Return the prediction (b, s) of each run in °C."""
         self.count += 1
         lean = lean_config(config, self._modes)
-        plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
+        plant = self._with_tables(build_plant(lean, nut_places=2).sensors_only())
         with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis may be absurd
             return [self._predict(lean, plant, run) for run in self.runs]
 
@@ -57,7 +57,7 @@ class Forward:
         lean = lean_config(config, self._modes)
         stretches = _stretches(lean)
         lean = lean.model_copy(update={"source": (*lean.source, *stretches)})
-        plant = self._with_tables(sensor_plant(build_plant(lean, nut_places=2)))
+        plant = self._with_tables(build_plant(lean, nut_places=2).sensors_only())
         stretch = np.isin(plant.source_names, [s.name for s in stretches])
         here = [self._predict(lean, plant, run) for run in self.runs]
         changes = []
@@ -97,7 +97,7 @@ class Forward:
     ) -> FloatArray:
         inputs = run.inputs(config, plant)
         if more_W is not None:
-            inputs = replace(inputs, law_W=inputs.law_W + more_W)
+            inputs = inputs._replace(law_W=inputs.law_W + more_W)
         state = start_from_sensors(
             plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
         )
@@ -140,21 +140,3 @@ def _stretches(config: Config) -> list[Source]:
         Source(name=f"stretch-{i + 1}", shape="band", from_m=a, to_m=b, heat_W=0.0)
         for i, (a, b) in enumerate(itertools.pairwise(edges_m))
     ]
-
-
-def sensor_plant(plant: Plant) -> Plant:
-    """The plant with the sensors' rows only."""
-    s = plant.rows.sensors
-    rows = replace(plant.rows, C=plant.rows.C[:s], F=plant.rows.F[:s], grid=0)
-    moving = tuple(
-        replace(
-            m,
-            table=replace(
-                m.table,
-                table_C=np.ascontiguousarray(m.table.table_C[:, :s]),
-                mean_C=m.table.mean_C[:s].copy(),
-            ),
-        )
-        for m in plant.moving
-    )
-    return replace(plant, rows=rows, moving=moving)

@@ -11,7 +11,7 @@ from observer.estimators.compiled import packing
 from observer.estimators.compiled.kalman_kernel import run_kalman
 from observer.estimators.compiled.steps import StepCache, chunks
 from observer.frames import FloatArray, Inputs
-from observer.model.plant import Plant, Rows
+from observer.model.plant import Plant
 
 _SWEEPS = 2
 _LOG10_TOLERANCE = 0.02
@@ -31,18 +31,12 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
 
     No gate; the frame that starts the filter does not count. Source: Schweppe (1965).
     """
-    bare = replace(
-        plant,
-        rows=Rows(
-            plant.rows.C[: plant.rows.sensors], plant.rows.F[: plant.rows.sensors], plant.rows.sensors, 0
-        ),
-    )
+    bare = plant.sensors_only()
     results = packing.empty_results(bare, len(inputs))
     running = packing.thaw(packing.initial_state(bare))
     arrays, steps = packing.pack_plant(bare), StepCache(bare)
     work = packing.scratch(arrays)
-    moved = replace(inputs, moving_C=inputs.moving_C[:, :, : plant.rows.sensors])
-    for part, _, u, table in chunks(steps, moved):
+    for part, _, u, table in chunks(steps, inputs.sensors_only(plant.rows.sensors)):
         run_kalman(arrays, table, u, running, np.inf, packing.cut(results, part), work)
     started = np.flatnonzero(np.isfinite(results.innovation).any(axis=1))
     return float(results.log_likelihood[started[1:]].sum()) if len(started) else 0.0

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from observer.config import Config
 from observer.fit.runs import Run
-from observer.frames import FloatArray, Inputs
+from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.model.law import owner
-from observer.model.plant import Plant
 from observer.model.simulate import SimulationState, simulate, start_from_sensors
-from observer.tables.sections import Source
+from observer.tables.sections import Source, owner
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +84,8 @@ def respond(config: Config, run: Run) -> Response:
     """Simulate one run: without heat, then each source alone."""
     plant = build_plant(config)
     drive = Drive(config, plant)
-    inputs = _sensor_rows(drive.run(drive.initial(), run.frames)[1], plant.rows.sensors)
-    plant = _sensor_plant(plant)
+    inputs = drive.run(drive.initial(), run.frames)[1].sensors_only(plant.rows.sensors)
+    plant = plant.sensors_only()
     z = inputs.z_end[0]
 
     def start_at(law_W: FloatArray) -> SimulationState:
@@ -97,14 +95,14 @@ def respond(config: Config, run: Run) -> Response:
     index, count = np.arange(len(plant.source_names)), len(config.source)
     added_W = np.where(index < count, 0.0, inputs.law_W)
     cold = start_at(added_W[0])
-    base = run.means(simulate(plant, cold, replace(inputs, law_W=added_W))[1])
-    no_z = replace(inputs, z_start=np.zeros_like(inputs.z_start), z_end=np.zeros_like(inputs.z_end))
+    base = run.means(simulate(plant, cold, inputs._replace(law_W=added_W))[1])
+    no_z = inputs._replace(z_start=np.zeros_like(inputs.z_start), z_end=np.zeros_like(inputs.z_end))
     unit = np.zeros((count, *base.shape))
     for j in range(count):
         alone = index == j
         if np.any(inputs.law_W[:, j]):
             state = SimulationState(start_at(added_W[0] + np.where(alone, inputs.law_W[0], 0.0)).x - cold.x)
-            unit[j] = run.means(simulate(plant, state, replace(no_z, law_W=inputs.law_W * alone))[1])
+            unit[j] = run.means(simulate(plant, state, no_z._replace(law_W=inputs.law_W * alone))[1])
     return Response(base, unit)
 
 
@@ -121,13 +119,3 @@ def _lean(config: Config, modes: int) -> Config:
     if config.model.criterion == "tail" and config.model.modes is None:
         table["model"] = {**table.get("model", {}), "modes": modes}
     return config.remade(table)
-
-
-def _sensor_plant(plant: Plant) -> Plant:
-    """The plant with the sensors' rows only."""
-    s = plant.rows.sensors
-    return replace(plant, rows=replace(plant.rows, C=plant.rows.C[:s], F=plant.rows.F[:s], grid=0))
-
-
-def _sensor_rows(inputs: Inputs, sensors: int) -> Inputs:
-    return replace(inputs, moving_C=np.ascontiguousarray(inputs.moving_C[:, :, :sensors]))

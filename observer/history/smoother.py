@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from observer.estimators.compiled.steps import StepCache, StepTable, chunks
 from observer.frames import FloatArray, Inputs
 from observer.history.history import HeatHistory
 from observer.history.smoother_kernel import Adjoint, Smoothed, Tape, run_backward, run_forward
-from observer.model.plant import Plant, Rows
+from observer.model.plant import Plant
 
 # Long enough that the filter's states kept between segments do not count, short enough for the cache.
 _STEPS_IN_SEGMENT = 1024
@@ -33,7 +32,7 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
     Sensors that the gate refused on the way forward are left out on the way back too. Sources: Bierman
     (1973), de Jong (1989); Durbin and Koopman (2012), section 6.4, for one sensor at a time.
     """
-    plant = _sensors_only(plant)
+    plant = plant.sensors_only()
     passes = _Passes(plant, settings)
     for block in blocks:
         passes.forward(block)
@@ -87,8 +86,7 @@ class _Passes:
         return heat, sigma, residual
 
     def _segments(self, block: Inputs) -> Iterator[_Segment]:
-        s = len(self._arrays.R_K2)
-        seen = replace(block, moving_C=block.moving_C[:, :, :s])
+        seen = block.sensors_only(len(self._arrays.R_K2))
         for _, _, u, table in chunks(self._steps, seen):
             for begin in range(0, len(u.step), _STEPS_IN_SEGMENT):
                 yield InputArrays._make(a[begin : begin + _STEPS_IN_SEGMENT] for a in u), table
@@ -103,12 +101,6 @@ class _Passes:
         out = Smoothed(np.full((K, m_e), np.nan), np.full((K, m_e), np.nan), np.full((K, s), np.nan))
         run_backward(self._arrays, table, u, self._tape, self._adjoint, self._work, out)
         return out
-
-
-def _sensors_only(plant: Plant) -> Plant:
-    """The plant without the rows that only report."""
-    s = plant.rows.sensors
-    return replace(plant, rows=Rows(plant.rows.C[:s], plant.rows.F[:s], s, 0))
 
 
 def _copy(state: Running) -> Running:

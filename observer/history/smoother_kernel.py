@@ -11,23 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.compiled import cached_loop, inlined, rarely
-from observer.estimators.compiled import judging, kernels, packing, steps
 from observer.estimators.compiled.judging import add_prior, find_usable, gate, step_is_finite
 from observer.estimators.compiled.kernels import (
     compare,
-    couple_half,
     covariance_with_sensors,
     joseph_update,
     mirror,
-    move_columns,
     predict_covariance,
-    predict_state,
     project,
-    put_laws,
     start,
 )
 from observer.frames import FloatArray
-from observer.model import coupling
+from observer.model.advance import couple_half, move_columns, predict_state, put_laws
 from observer.model.coupling import coupled
 
 SKIPPED, STARTED, STEPPED = 0, 1, 2
@@ -67,7 +62,7 @@ class Smoothed(NamedTuple):
     residual: FloatArray
 
 
-@cached_loop(coupling, judging, kernels, packing, steps)
+@cached_loop
 def run_forward(p, t, u, state, gate_sigma, work, tape):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `tape`.
 
@@ -137,7 +132,7 @@ def record(p, C, law, g, nu, accepted, x, P, k, tape):
             tape.cross[k, j, b] = P[n_x + j, b]
 
 
-@cached_loop(coupling, judging, kernels, packing, steps)
+@cached_loop
 def run_backward(p, t, u, tape, adjoint, work, out):
     """Go back over the K steps on the tape, changing `adjoint` and filling `out`.
 

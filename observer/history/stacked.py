@@ -13,7 +13,7 @@ Source: Li et al. (2022), equations 28 to 31, who know the field at the start; i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -146,7 +146,8 @@ def stacked_problem(
             "nodes couple the plant's states, or an effect changes the plant with speed, temperature or "
             "time, and this method needs one that stays as it is; use --method smoother"
         )
-    inputs = joined(blocks)
+    still = [b._replace(moving_B=b.moving_B[:, :0], moving_C=b.moving_C[:, :0]) for b in blocks]
+    inputs = Inputs.joined(still)
     known = np.isfinite(inputs.z_end).all(axis=1) & np.isfinite(inputs.z_start).all(axis=1)
     usable = inputs.usable & np.isfinite(inputs.y_degC)
     ready = np.flatnonzero(known & usable.any(axis=1))
@@ -180,16 +181,7 @@ def stacked_problem(
 
 def standing(plant: Plant) -> Plant:
     """Return the plant with its moving sources spread over their strokes, and the sensors' rows only."""
-    s = plant.rows.sensors
-    rows = replace(plant.rows, C=plant.rows.C[:s], F=plant.rows.F[:s], grid=0)
-    return replace(plant, moving=(), rows=rows)
-
-
-def joined(blocks: Sequence[Inputs]) -> Inputs:
-    """Return consecutive blocks as one, without the columns of what moves."""
-    still = [replace(b, moving_B=b.moving_B[:, :0], moving_C=b.moving_C[:, :0]) for b in blocks]
-    names = [f.name for f in fields(Inputs)]
-    return Inputs(**{name: np.concatenate([getattr(b, name) for b in still]) for name in names})
+    return replace(plant, moving=()).sensors_only()
 
 
 def accumulate(values: FloatArray, keep: FloatArray) -> FloatArray:
@@ -236,7 +228,7 @@ def _free_response(plant: Plant, inputs: Inputs, usable: BoolArray) -> FloatArra
     x = start_mean(plant, inputs, usable)
     laws = np.where(plant.estimated, 0.0, inputs.law_W)
     first = plant.rows.C @ x + plant.rows.F @ inputs.z_end[0]
-    _, rows = simulate(plant, SimulationState(x), replace(inputs, law_W=laws).part(1))
+    _, rows = simulate(plant, SimulationState(x), inputs._replace(law_W=laws).part(1))
     return np.vstack([first, rows])
 
 

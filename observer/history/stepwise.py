@@ -12,8 +12,8 @@ Source: Lathe's equations 11 to 17.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from observer.compiled import cached_call, rarely
 from observer.frames import FloatArray
 from observer.history.stacked import StackedProblem
 from observer.model.discretise import step_matrices
@@ -33,7 +33,7 @@ def stepwise_heats(plant: Plant, problem: StackedProblem, rise_K: FloatArray) ->
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@cached_call
 def _march(decay, held, C, G, rise_K, weight_1_K, out):
     """Take the steps one after the other: x is what the heats found so far have done."""
     (n_x, m), s = held.shape, len(C)
@@ -51,7 +51,7 @@ def _march(decay, held, C, G, rise_K, weight_1_K, out):
                 x[a] += held[a, j] * q[j]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_call
 def _descend(free, G, q, y, weight):
     """Change q until its temperatures free + G q are those measured, to their noise."""
     gradient, direction = np.zeros(len(q)), np.zeros(len(q))
@@ -82,7 +82,7 @@ def _descend(free, G, q, y, weight):
         before = steepness
 
 
-@njit(cache=True, error_model="numpy")
+@rarely
 def _step(free, G, q, direction, y, weight):
     """The step along the direction to the least misfit: Σ (T - y) ΔT / Σ ΔT², ΔT what the direction does."""
     top, bottom = 0.0, 0.0
@@ -97,7 +97,7 @@ def _step(free, G, q, direction, y, weight):
     return top / bottom if bottom > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@rarely
 def _misfit(free, G, q, y, weight):
     """J = Σ (T - y)² over the sensors that have a value."""
     total = 0.0

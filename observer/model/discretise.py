@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from observer.compiled import cached_call, rarely
 from observer.frames import FloatArray
 from observer.model.plant import Plant
 
@@ -92,7 +92,7 @@ def fixed_noise(plant: Plant, step: StepMatrices, which: np.typing.NDArray[np.bo
     return Q
 
 
-@njit(cache=True, error_model="numpy")
+@rarely
 def hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate s) ds, safe for rate → 0."""
     if rate_1_s == 0.0:
@@ -100,7 +100,7 @@ def hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     return -np.expm1(-rate_1_s * dt_s) / rate_1_s
 
 
-@njit(cache=True, error_model="numpy")
+@rarely
 def ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u² with u = rate dt; a series where that
     cancels.
@@ -111,14 +111,14 @@ def ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     return dt_s * (u + np.expm1(-u)) / (u * u)
 
 
-@njit(cache=True, error_model="numpy")
+@rarely
 def _chain(rate_1_s, heat_rate_1_s, dt_s):  # type: ignore[no-untyped-def]
     """∫_0^dt exp(-rate (dt-s)) exp(-heat_rate s) ds, safe where both rates meet."""
     slow = min(rate_1_s, heat_rate_1_s)
     return np.exp(-slow * dt_s) * hold(abs(rate_1_s - heat_rate_1_s), dt_s)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_call
 def _step(rate, heat_rate, intensity, dt_s):  # type: ignore[no-untyped-def]
     n_x, m_e = len(rate), len(heat_rate)
     decay, held, ramped = np.empty(n_x), np.empty(n_x), np.empty(n_x)

@@ -7,21 +7,27 @@ silently.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.compiled import cached_loop, inlined
 from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.model.couple import surface_rate
-from observer.model.law import Law, heat_law, law_channels
+from observer.model.law import Law, heat_law
 from observer.model.plant import OFFSET, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
 from observer.model.rod.path import PathState
+from observer.tables.sections import law_channels
+
+_GOOD = int(Quality.GOOD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +81,7 @@ class Drive:
         needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
         needed += [loss.speed_channel for loss in self._losses]
         self._needed = [c for c in dict.fromkeys(needed) if c is not None]
+        self._channels: tuple[str, ...] | None = None  # of the last frames, and where they hold what is read
 
     def initial(self) -> DriveState:
         """Return the state before the first frame."""
@@ -91,87 +98,74 @@ class Drive:
 
     def run(self, state: DriveState, frames: FrameBlock) -> tuple[DriveState, Inputs]:
         """Return the state after K frames and the inputs of the K steps they end."""
-        at = {name: i for i, name in enumerate(frames.channels)}
-        sensors = [at[c] for c in self._sensor_channels]
-        quality = frames.quality[:, sensors]
-        law, running_s = self._law(frames, at, state)
-        law_before = _before(law, state.law_W)
-        known = self._known(frames, at, state)
-        begin_s = float(frames.time_s[0]) if np.isnan(state.begin_s) else state.begin_s
-        hours = (frames.time_s - begin_s) / 3600.0
-        hours_before = _before(hours[:, None], np.array([state.last_s - begin_s]) / 3600.0)
-        z = known + hours[:, None] * self._rate_K_h
-        z_before = _before(known, state.z) + hours_before * self._rate_K_h
-        loss_1_s, loss_degC = self._loss(frames, at, z[:, 0])
+        if frames.channels is not self._channels:
+            self._channels, self._read = frames.channels, self._places(frames.channels)
+        count, s, m, p = len(frames), len(self._sensor_channels), len(self._laws), len(state.z)
+        law, running_s = self._law(frames, state)
+        known, z_start, z_end = np.empty((count, p)), np.empty((count, p)), np.empty((count, p))
+        law_W, jump_W = np.empty((count, m)), np.empty((count, m))
+        y_degC, usable = np.empty((count, s)), np.empty((count, s), np.bool_)
+        quality, degraded = np.empty((count, s), np.int8), np.empty(count, np.int8)
+        begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
+        _fill(
+            self._read, frames.time_s, frames.values, frames.fresh, frames.quality, state.law_W, state.z,
+            begin_s, state.last_s, law, known, z_start, z_end, law_W, jump_W, y_degC, usable, quality,
+            degraded,
+        )  # fmt: skip
         nuts, turns, moving_B, moving_C = self._nuts(state, frames)
-        ready = np.asarray(np.isfinite(z).all(axis=1))
         inputs = Inputs(
-            time_s=frames.time_s,
-            dt_s=frames.dt_s,
-            y_degC=frames.values[:, sensors],
-            usable=frames.fresh[:, sensors] & np.equal(quality, int(Quality.GOOD)) & ready[:, None],
-            quality=quality,
-            law_W=(law_before + law) / 2,
-            law_jump_W=law - law_before,
-            z_start=np.where(np.isnan(z_before), z, z_before),
-            z_end=z,
-            moving_B=moving_B,
-            moving_C=moving_C,
-            degraded=self._degraded(frames, at),
-            loss_1_s=loss_1_s,
-            loss_degC=loss_degC,
-        )
+            frames.time_s, frames.dt_s, y_degC, usable, quality, law_W, jump_W, z_start, z_end, moving_B,
+            moving_C, degraded, *self._loss(frames, z_end[:, 0]),
+        )  # fmt: skip
         last_s = float(frames.time_s[-1])
         return DriveState(law[-1], known[-1], nuts, turns, begin_s, last_s, running_s), inputs
 
-    def _law(
-        self, frames: FrameBlock, at: dict[str, int], state: DriveState
-    ) -> tuple[FloatArray, FloatArray]:
-        """Each source's heat by its law at each tick, (K, m), W, and how long it has run; a channel not yet
-        seen means standstill.
+    def _places(self, channels: tuple[str, ...]) -> _Read:
+        """Where frames of these channels hold what is read."""
+        at: dict[str | None, int] = {name: i for i, name in enumerate(channels)}
+        self._law_columns = [[at[c] for c in read] for read, _ in self._laws]
+        self._loss_columns = [at[loss.speed_channel] for loss in self._losses]
+
+        def columns(names: Sequence[str]) -> NDArray[np.int64]:
+            return np.array([at[name] for name in names], np.int64)
+
+        return _Read(
+            columns(self._sensor_channels),
+            np.array([-1 if c is None else at[c] for c in self._known_channels], np.int64),
+            self._rate_K_h,
+            columns(self._needed),
+            columns([s.channel for s in self._plant.moving]),
+        )
+
+    def _law(self, frames: FrameBlock, state: DriveState) -> tuple[FloatArray, FloatArray]:
+        """Each source's heat by its law at each tick, (K, m), W, NaN where a channel was not seen yet, and
+        how long it has run.
         """
-        law = np.zeros((len(frames), len(self._laws)))
-        running_s = state.running_s.copy()
-        for j, (channels, heat_W) in enumerate(self._laws):
-            read = [frames.values[:, at[c]] for c in channels] or [np.zeros(len(frames))]
+        law = np.empty((len(frames), len(self._laws)))
+        running_s = state.running_s
+        for j, (columns, (_, heat_W)) in enumerate(zip(self._law_columns, self._laws, strict=True)):
+            read = [frames.values[:, i] for i in columns] or [np.zeros(len(frames))]
             law[:, j] = heat_W(*read)
-            if self._factors[j]:
+            if factors := self._factors[j]:
                 ran = np.where(np.nan_to_num(read[0]) != 0.0, frames.dt_s, 0.0)
                 ran_s = np.cumsum(np.concatenate([running_s[j : j + 1], ran]))[1:]
+                running_s = running_s.copy()
                 running_s[j] = ran_s[-1]
-            for factor in self._factors[j]:
-                law[:, j] *= factor(read[0], ran_s)
-            law[np.isnan(law[:, j]), j] = 0.0 if np.isnan(state.law_W[j]) else state.law_W[j]
+                for factor in factors:
+                    law[:, j] *= factor(read[0], ran_s)
         return law, running_s
 
-    def _loss(
-        self, frames: FrameBlock, at: dict[str, int], ambient_degC: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _loss(self, frames: FrameBlock, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C."""
         rate, drawn = np.zeros(len(frames)), np.zeros(len(frames))
         if not self._losses:
             return rate, drawn
-        for loss in self._losses:
-            speed_rpm = np.nan_to_num(frames.values[:, at[loss.speed_channel]])
+        for loss, column in zip(self._losses, self._loss_columns, strict=True):
+            speed_rpm = np.nan_to_num(frames.values[:, column])
             own = self._surface_rate * loss.film_W_m2K(speed_rpm)
             rate += own
             drawn += own * (ambient_degC if loss.temperature_degC is None else loss.temperature_degC)
         return rate, np.where(rate > 0.0, drawn / np.where(rate > 0.0, rate, 1.0), 0.0)
-
-    def _known(self, frames: FrameBlock, at: dict[str, int], state: DriveState) -> FloatArray:
-        """The known inputs at each tick, (K, p), °C; the error's reference is the first ambient unless it
-        is given.
-        """
-        z = np.empty((len(frames), len(state.z)))
-        z[:] = state.z
-        for i, channel in enumerate(self._known_channels):
-            if channel is not None:
-                z[:, i] = frames.values[:, at[channel]]
-        if np.isnan(state.z[-1]):
-            known = np.flatnonzero(np.isfinite(z[:, 0]))
-            if len(known):
-                z[known[0] :, -1] = z[known[0], 0]
-        return z
 
     def _nuts(
         self, state: DriveState, frames: FrameBlock
@@ -179,30 +173,98 @@ class Drive:
         """The averaged columns of every moving source: states, (K, M, n_x), (K, M, R)."""
         plant = self._plant
         followed = plant.moving if self._follow_nuts else ()
-        B = np.empty((len(frames), len(followed), len(plant.decay_1_s)))
-        C = np.empty((len(frames), len(followed), len(plant.rows.C)))
-        nuts, turns = [], list(state.turns)
+        B, C, nuts, turns = [], [], [], list(state.turns)
         for i, source in enumerate(followed):
-            nut, B[:, i], C[:, i] = moving.columns(
-                source.table, state.nuts[i], frames.dt_s, frames.path[source.channel]
-            )
+            path = frames.path[source.channel]
+            nut, own_B, own_C = moving.columns(source.table, state.nuts[i], frames.dt_s, path)
             if source.ends_fraction:
-                turns[i], ends_B, ends_C = turning.columns(
-                    source.table, turns[i], frames.dt_s, frames.path[source.channel]
-                )
-                B[:, i] += source.ends_fraction * (ends_B - B[:, i])
-                C[:, i] += source.ends_fraction * (ends_C - C[:, i])
+                turns[i], ends_B, ends_C = turning.columns(source.table, turns[i], frames.dt_s, path)
+                own_B += source.ends_fraction * (ends_B - own_B)
+                own_C += source.ends_fraction * (ends_C - own_C)
             nuts.append(nut)
-        return tuple(nuts), tuple(turns), B, C
+            B.append(own_B)
+            C.append(own_C)
+        shapes = len(plant.decay_1_s), len(plant.rows.C)
+        stacked = [_stacked(a, len(frames), width) for a, width in zip((B, C), shapes, strict=True)]
+        return tuple(nuts), tuple(turns), *stacked
 
-    def _degraded(self, frames: FrameBlock, at: dict[str, int]) -> NDArray[np.int8]:
-        """Whether some input other than a sensor was missing, late or refused at each tick, and whether that
-        was a nut's position, (K,), as in `Inputs`.
-        """
-        bad = np.asarray(frames.quality != int(Quality.GOOD))
-        held = bad[:, [at[c] for c in self._needed]].any(axis=1)
-        lost = bad[:, [at[s.channel] for s in self._plant.moving]].any(axis=1)
-        return np.asarray(np.where(lost, 2, held), dtype=np.int8)
+
+class _Read(NamedTuple):
+    """The columns of the frames that hold sensors (s,), known inputs (p,), what else the model needs, and
+    nuts' positions (M,); −1 is a known input that no channel tells. `rate_K_h` (p,) is how fast those drift.
+    """
+
+    sensors: NDArray[np.int64]
+    known: NDArray[np.int64]
+    rate_K_h: FloatArray
+    needed: NDArray[np.int64]
+    nuts: NDArray[np.int64]
+
+
+@cached_loop
+def _fill(  # type: ignore[no-untyped-def]
+    read, time_s, values, fresh, quality, law_before_W, z_before, begin_s, last_s,
+    law, known, z_start, z_end, law_W, jump_W, y_degC, usable, sensor_quality, degraded,
+):  # fmt: skip
+    """Fill in the inputs of K steps, and of `law` what is not known; shapes as in `Inputs`."""
+    for k in range(len(time_s)):
+        hours = (time_s[k] - begin_s) / 3600.0
+        hours_before = ((time_s[k - 1] if k > 0 else last_s) - begin_s) / 3600.0
+        if np.isnan(hours_before):
+            hours_before = hours
+        ready = _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, z_end)
+        _fill_laws(law_before_W, k, law, law_W, jump_W)
+        for i in range(len(read.sensors)):
+            column = read.sensors[i]
+            y_degC[k, i], sensor_quality[k, i] = values[k, column], quality[k, column]
+            usable[k, i] = fresh[k, column] and quality[k, column] == _GOOD and ready
+        degraded[k] = 0
+        for i in range(len(read.needed)):
+            if quality[k, read.needed[i]] != _GOOD:
+                degraded[k] = 1
+        for i in range(len(read.nuts)):
+            if quality[k, read.nuts[i]] != _GOOD:
+                degraded[k] = 2
+
+
+@inlined
+def _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, z_end):  # type: ignore[no-untyped-def]
+    """Fill in the known inputs at both ends of step k; return whether all are numbers.
+
+    The error's reference, the last of them, is the first ambient unless it is given.
+    """
+    ready, last = True, known.shape[1] - 1
+    for q in range(last + 1):
+        before = known[k - 1, q] if k > 0 else z_before[q]
+        known[k, q] = values[k, read.known[q]] if read.known[q] >= 0 else before
+        if q == last and np.isnan(known[k, q]) and np.isfinite(known[k, 0]):
+            known[k, q] = known[k, 0]
+        if k == 0 and np.isnan(before):
+            before = known[k, q]
+        z_end[k, q] = known[k, q] + hours * read.rate_K_h[q]
+        start = before + hours_before * read.rate_K_h[q]
+        z_start[k, q] = z_end[k, q] if np.isnan(start) else start
+        ready = ready and np.isfinite(z_end[k, q])
+    return ready
+
+
+@inlined
+def _fill_laws(law_before_W, k, law, law_W, jump_W):  # type: ignore[no-untyped-def]
+    """Fill in the heats by law over step k; one that was never known is that of standstill."""
+    for j in range(law.shape[1]):
+        if np.isnan(law[k, j]):
+            law[k, j] = 0.0 if np.isnan(law_before_W[j]) else law_before_W[j]
+        before = law[k - 1, j] if k > 0 else law_before_W[j]
+        if np.isnan(before):
+            before = law[k, j]
+        law_W[k, j], jump_W[k, j] = (before + law[k, j]) / 2, law[k, j] - before
+
+
+def _stacked(columns: list[FloatArray], steps: int, width: int) -> FloatArray:
+    """Columns (K, width) of M sources as (K, M, width)."""
+    if len(columns) == 1:
+        return columns[0][:, None]
+    return np.stack(columns, axis=1) if columns else np.empty((steps, 0, width))
 
 
 def _law_factors(
@@ -221,11 +283,3 @@ def _offset_K(sensor: str, terms: Sequence[Term]) -> float:
 
 def _drift_K_h(sensor: str, terms: Sequence[Term]) -> float:
     return sum(t.rate_K_h for t in terms if isinstance(t, Offset) and t.sensor == sensor)
-
-
-def _before(now: FloatArray, first: FloatArray) -> FloatArray:
-    """Return the rows (K, n) one step earlier; `first` (n,) comes before the first, itself where unknown."""
-    before = np.empty_like(now)
-    before[1:] = now[:-1]
-    before[0] = np.where(np.isnan(first), now[0], first)
-    return before

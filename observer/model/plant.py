@@ -12,7 +12,7 @@ once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -116,6 +116,14 @@ class Plant:
     def lag_slice(self) -> slice:
         """The sources' lags among the states; what couples states may have more after them."""
         return slice(self.modes, self.modes + len(self.source_names))
+
+    def sensors_only(self) -> Plant:
+        """Return the plant with the rows of its sensors alone; its inputs are cut by
+        `Inputs.sensors_only`.
+        """
+        s = self.rows.sensors
+        moving = tuple(replace(m, table=m.table.first_rows(s)) for m in self.moving)
+        return replace(self, rows=Rows(self.rows.C[:s], self.rows.F[:s], s, 0), moving=moving)
 
     @property
     def modes(self) -> int:

@@ -8,7 +8,6 @@ import numpy as np
 
 from observer.compiled import cached_loop
 from observer.frames import FloatArray, Inputs
-from observer.model import coupling, discretise
 from observer.model.coupling import couple, faded, swept
 from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
@@ -95,7 +94,7 @@ def simulate(
     return SimulationState(x), rows
 
 
-@cached_loop(discretise)
+@cached_loop
 def _march(x, states, decay, dt_s, rate, rise, work):  # type: ignore[no-untyped-def]
     """March x in place under `rate` (K, n_x), which grows by `rise` (K, n_x) over each step; `work` (3, n_x)
     is scratch.
@@ -114,7 +113,7 @@ def _march(x, states, decay, dt_s, rate, rise, work):  # type: ignore[no-untyped
             states[k, i] = x[i]
 
 
-@cached_loop(coupling, discretise)
+@cached_loop
 def _march_coupled(  # type: ignore[no-untyped-def]
     c, x, states, decay, dt_s, known, rise, z_start, z_end, law_W, loss_1_s, loss_degC, B, moving, moving_B,
     sweep, none, work,

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from observer.compiled import rarely
 
 _TOGETHER = 0.25
 """Part of a period within which a value that repeats is the same frame twice."""
 
 
-@njit(cache=True)
+@rarely
 def even_out(samples, begin, end, passed, period_s):
     """Put the samples `begin` to `end` of a step in order of their times, these apart; return the new end.
 
@@ -40,7 +40,7 @@ def even_out(samples, begin, end, passed, period_s):
     return end
 
 
-@njit(cache=True)
+@rarely
 def _in_order(samples, begin, end, passed, period_s):
     """Sort by time, stably, leave out what is older than the last step or there twice; return the end."""
     for i in range(begin + 1, end):

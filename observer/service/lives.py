@@ -13,7 +13,8 @@ import structlog
 from observer.service.loop import Service, serve
 from observer.service.renew import Renewal
 from observer.service.shutdown import StopSignals
-from observer.service.wires import leave_in_peace, take_short_turns
+from observer.service.spare import leave_in_peace
+from observer.service.wires import take_short_turns
 
 log = structlog.get_logger()
 

@@ -6,8 +6,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from observer.compiled import rarely
 from observer.frames import FloatArray
 
 # What is remembered of a channel, by column.
@@ -28,7 +28,7 @@ def no_memory(channels: int) -> FloatArray:
     return memory
 
 
-@njit(cache=True)
+@rarely
 def is_stuck(memory: FloatArray, value: float, noise_K: float) -> bool:
     """Whether a channel is stuck, given one more usable value; `memory` (7,) is updated.
 

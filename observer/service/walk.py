@@ -14,12 +14,10 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from observer.compiled import cached_loop
+from observer.compiled import cached_call, rarely
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality, QualityArray
-from observer.service import evening, stuck
 from observer.service.evening import even_out
 from observer.service.stuck import is_stuck, no_memory
 
@@ -134,7 +132,7 @@ def walk(channels: tuple[str, ...], plan: Expected, memory: Memory, rows: Rows) 
     return FrameBlock(channels, time_s, dt_s, values, fresh, quality, age_s, path)
 
 
-@njit
+@rarely
 def _breach(plan, memory, j, cell, since_s):
     """How a usable cell of channel j is beyond its limits, as in `Breach`; 0 if it is not."""
     if cell < plan.low[j]:
@@ -151,7 +149,7 @@ def _breach(plan, memory, j, cell, since_s):
     return 0
 
 
-@njit
+@rarely
 def _take_cell(plan, memory, j, cell, faulted, true_s):
     """Take what a row says of channel j; return whether it is a value that counts."""
     if faulted:
@@ -181,14 +179,14 @@ def _take_cell(plan, memory, j, cell, faulted, true_s):
     return True
 
 
-@njit
+@rarely
 def _limit_s(plan, memory, j):
     """The age from which a value of channel j is stale."""
     usual_s = memory.gap_s[j] if math.isnan(plan.expected_s[j]) else plan.expected_s[j]
     return 2.0 * (plan.period_s if math.isnan(usual_s) else max(plan.period_s, usual_s))
 
 
-@njit
+@rarely
 def _driven_m_s(plan, memory, p, true_s):
     """Speed times lead of path p at a time, NaN where the speed is not known then."""
     j = plan.speed[p]
@@ -197,7 +195,7 @@ def _driven_m_s(plan, memory, p, true_s):
     return abs(memory.value[j]) * plan.lead_m[p] / 60.0
 
 
-@cached_loop(evening, stuck, allocates=True)
+@cached_call
 def _walk_rows(
     time_s, late_s, step, cells, present, faulted, plan, memory,
     tick_s, dt_s, values, fresh, quality, age_s, samples, offset,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import dataclasses
-import gc
 import sys
 import threading
 import time
@@ -34,13 +33,6 @@ log = structlog.get_logger()
 def take_short_turns() -> None:
     """Have a thread that computes let another one in after 1 ms: who stamps must not wait."""
     sys.setswitchinterval(_TURN_S)
-
-
-def leave_in_peace() -> None:
-    """Keep what is there now out of all later garbage collections, a full one of which took 0.1 s."""
-    gc.unfreeze()
-    gc.collect()
-    gc.freeze()
 
 
 class Wires:

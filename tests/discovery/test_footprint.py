@@ -11,7 +11,7 @@ from observer.effects.bodies import AttachedMass, EndConduction
 from observer.effects.heat import Dwell
 from observer.fit.coarse import CoarseRun
 from observer.fit.footprint import PLACES, interpolation
-from observer.fit.forward import Forward, lean_config, sensor_plant
+from observer.fit.forward import Forward, lean_config
 from observer.fit.runs import Run, prepare
 from observer.frames import FloatArray
 from observer.model.build import build_plant
@@ -94,7 +94,7 @@ def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row() -> None:
     forward = Forward(config, [the_run()])
     in_ticks = forward(config)[0]
     run = forward.runs[0]
-    plant = sensor_plant(build_plant(config))
+    plant = build_plant(config).sensors_only()
     drive = Drive(config, plant)
     inputs = drive.run(drive.initial(), run.run.frames)[1]
     state = start_from_sensors(

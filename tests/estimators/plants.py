@@ -7,6 +7,7 @@ import numpy as np
 from observer.frames import Inputs, Layout
 from observer.model.coupling import no_coupling
 from observer.model.plant import MovingSource, Plant, Rows
+from observer.model.rod.moving import NutTable
 
 LENGTH_M, DIAMETER_M, CONDUCTIVITY_W_MK, RHO_C_J_M3K = 0.6, 0.03, 50.0, 7800.0 * 460.0
 ALPHA_M2_S = CONDUCTIVITY_W_MK / RHO_C_J_M3K
@@ -31,6 +32,14 @@ def source_columns(index, at_m, modes, sources, lag_1_s, places_m):
     B[:, :modes] = theta(at_m, modes) / (CONDUCTIVITY_W_MK * AREA_M2)
     B[:, modes + index] = lag_1_s
     return B, 0.02 * np.exp(-np.abs(at_m[:, None] - places_m) / 0.02)
+
+
+def empty_table(rows):
+    """A nut's table with nothing in it: the columns of what moves are given to these plants."""
+    none = np.zeros(0)
+    return NutTable(
+        none, none, none, 1.0, 0.05, LENGTH_M, LENGTH_M, 0, 1.0, np.zeros((2, rows)), none, np.zeros(rows)
+    )
 
 
 def rod(
@@ -82,7 +91,7 @@ def rod(
         B=B,
         E=E,
         rows=Rows(C, np.full((len(places), 1), 0.0), s, grid),
-        moving=tuple(MovingSource(j, "nut_position_m", None, 0.0) for j in moving),
+        moving=tuple(MovingSource(j, "nut_position_m", empty_table(len(places)), 0.0) for j in moving),
         uniform=uniform,
         prior_P=initial_sigma_K**2 * smooth,
         smooth_P=initial_sigma_K**2 * smooth,

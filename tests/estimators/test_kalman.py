@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from observer.config import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.estimators.kalman import KalmanEstimator
-from observer.frames import EstimateQuality, Inputs, Quality
+from observer.frames import EstimateQuality, Quality
 from observer.model.discretise import augmented, quantise, step_matrices
 from observer.model.plant import Rows
 from tests.estimators.plants import inputs, rod
@@ -25,7 +25,7 @@ def run(plant, u, **settings_):
 
 
 def cut(u, part):
-    return Inputs(*(getattr(u, name)[part] for name in Inputs.__slots__))
+    return u.part(part.start, part.stop)
 
 
 def nut_path(steps):
@@ -126,7 +126,7 @@ def test_masking_a_sensor_is_deleting_its_row():
         noise_R_K2=plant.noise_R_K2[keep],
         layout=replace(plant.layout, sensors=("t0", "t1", "t3")),
     )
-    short = replace(u, y_degC=u.y_degC[:, keep], usable=u.usable[:, keep], quality=u.quality[:, keep])
+    short = u._replace(y_degC=u.y_degC[:, keep], usable=u.usable[:, keep], quality=u.quality[:, keep])
     masked, deleted = run(plant, u), run(fewer, short)
     assert masked[1].heat_W.tobytes() == deleted[1].heat_W.tobytes()
     assert masked[0].P.tobytes() == deleted[0].P.tobytes()

@@ -1,7 +1,5 @@
 """The compiled smoother against the dense posterior, and properties it must have."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -51,8 +49,7 @@ def coupled_machine(**effect):
     plant = build_plant(config)
     u = inputs(plant, steps=80, missing=0.2, dt_s=4.0)
     ambient = [np.repeat(z, len(plant.known_names), axis=1) for z in (u.z_start, u.z_end)]
-    return plant, replace(
-        u,
+    return plant, u._replace(
         z_start=ambient[0],
         z_end=ambient[1],
         loss_1_s=np.where(np.arange(80) // 20 % 2 == 1, 2e-3, 0.0),

@@ -40,7 +40,7 @@ def held(plant, u, prior):
     """The same prior for the smoother: heats that jump at the start of each step and are held over it."""
     jumps = np.tile(prior.step_W, (len(u), 1))
     plant = replace(plant, random_walk_W2_s=np.zeros(3), law_uncertainty=np.ones(3))
-    return plant, replace(u, law_jump_W=jumps)
+    return plant, u._replace(law_jump_W=jumps)
 
 
 def test_the_columns_of_H_are_the_plants_responses():

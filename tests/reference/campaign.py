@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +89,7 @@ def run_campaign(seed: int) -> Campaign:
     shown = shown + NOISE_K * rng.standard_normal(shown.shape)
     estimator = KalmanEstimator(plant, config.estimator)
     blocks = tuple(
-        estimator.run(estimator.initial(), replace(inputs, y_degC=np.ascontiguousarray(shown[:, :, r])))[1]
+        estimator.run(estimator.initial(), inputs._replace(y_degC=np.ascontiguousarray(shown[:, :, r])))[1]
         for r in range(RUNS)
     )
     grid = slice(len(SENSOR_M), None)

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.compiled import cached_loop, inlined
-from observer.estimators.compiled import cruise_kernel, judging, kernels, packing, steps
 from observer.estimators.compiled.cruise_kernel import cruise
 from observer.estimators.compiled.judging import (
     GOOD,
@@ -39,14 +38,12 @@ from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
     joseph_update,
-    move_columns,
     predict,
-    put_laws,
     start,
     symmetrise,
 )
 from observer.frames import FloatArray
-from observer.model import coupling
+from observer.model.advance import move_columns, put_laws
 
 DONE = -1
 PREDICTED, STARTED = 1, 2
@@ -176,7 +173,7 @@ def correct_state(K, chosen, accepted, nu, x):
                 x[a] += K[chosen, a, i] * nu[i]
 
 
-@cached_loop(coupling, cruise_kernel, judging, kernels, packing, steps)
+@cached_loop
 def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
     """Run the observer over the steps of `u` from `first` on, changing `state` and filling `out`.
 

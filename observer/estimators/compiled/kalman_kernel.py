@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from observer.compiled import cached_loop
-from observer.estimators.compiled import judging, kernels, packing, steps
 from observer.estimators.compiled.judging import (
     add_prior,
     doubt_nut,
@@ -27,15 +26,13 @@ from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
     joseph_update,
-    move_columns,
     predict,
-    put_laws,
     start,
 )
-from observer.model import coupling
+from observer.model.advance import move_columns, put_laws
 
 
-@cached_loop(coupling, judging, kernels, packing, steps)
+@cached_loop
 def run_kalman(p, t, u, state, gate_sigma, out, work):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from scipy.special import ellipk
-
 from observer.tables.nodes import Link
 
 
@@ -61,6 +59,8 @@ def ball_W_K(ball_W_mK: float, ring_W_mK: float, long_m: float, short_m: float) 
     semi-axis of the contact ellipse. For a circle R = (1/k_b + 1/k_r)/(4 a). Source: Li 2022, eq. 4, where
     a²/b² stands in the modulus, which makes the resistance b/a times as large.
     """
+    from scipy.special import ellipk  # noqa: PLC0415  (start-up: only balls need it)
+
     a, b = max(long_m, short_m), min(long_m, short_m)
     integral = float(ellipk(1.0 - (b / a) ** 2))
     return 2.0 * math.pi * a / (integral * (1.0 / ball_W_mK + 1.0 / ring_W_mK))

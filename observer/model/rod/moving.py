@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numba
 import numpy as np
 
-from observer.compiled import cached_loop
+from observer.compiled import cached_call, rarely
 from observer.frames import FloatArray, NutPath
-from observer.model.rod import path as path_of_nut
 from observer.model.rod.path import MEMORY_S, SAMPLES_PER_TRAVERSE, PathState, advance, on_the_way
 
 TABLE_POINTS = 129
@@ -50,6 +48,12 @@ class NutTable:
         """The table of the lag's output column alone, for a plant without modes."""
         none = np.zeros(0)
         return replace(self, mu_1_m=none, phase=none, scale=none, lag=0, mean_B=np.zeros(1))
+
+    def first_rows(self, rows: int) -> NutTable:
+        """The table with the lag's first output rows only."""
+        return replace(
+            self, table_C=np.ascontiguousarray(self.table_C[:, :rows]), mean_C=self.mean_C[:rows].copy()
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +112,7 @@ def standing(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, Fl
     return B, C
 
 
-@cached_loop(path_of_nut, allocates=True)
+@cached_call
 def _average(  # type: ignore[no-untyped-def]
     scalars, weight_s, B, C, sum_B, sum_C, dt_s, sample_s, sample_m, offset, driven_m_s, out_B, out_C,
     mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C, mean_B, mean_C,
@@ -163,7 +167,7 @@ def _average(  # type: ignore[no-untyped-def]
         out_C[k, :] = C
 
 
-@numba.njit
+@rarely
 def _add(B, C, share, centre_m, mu, phase, scale, kA, nut_m, screw_m, table_C):  # type: ignore[no-untyped-def]
     """Add `share` of the columns with the nut at one place."""
     centre = min(max(centre_m, 0.0), screw_m)

@@ -11,11 +11,11 @@ the nut is and nothing of how fast it runs.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 
+from observer.compiled import cached_call, rarely
 from observer.frames import FloatArray, NutPath
 
 MEMORY_S = 10.0
@@ -42,41 +42,34 @@ BELIEVED = 0.7
 
 # The state as compiled code has it.
 _AT, _HERE, _VELOCITY, _SPEED, _LOW, _HIGH, _DRIVEN, _SENSE, _FAR, _COUNT, _MADE = range(11)
+_UNKNOWN = np.zeros(_MADE - 1 + RECENT)
+_UNKNOWN[[_HERE - 1, _LOW - 1, _HIGH - 1, _DRIVEN - 1, _FAR - 1]] = np.nan
 
 
 @dataclass(frozen=True, slots=True)
 class PathState:
-    """What is remembered of a nut's motion.
+    """What is remembered of a nut's motion: the time of the last sample, and `rest` (25,).
 
-    Last sample; velocity over the step to it, 0 unless that was at full speed; speed; the places `low_m`,
-    `high_m` where it turned last, NaN while not known; speed times lead at the last sample, NaN where
-    unknown; the sense in which it runs and the farthest place it has come to in it; how many steps were
+    That is: its place; velocity over the step to it, 0 unless that was at full speed; speed; the places where
+    it turned last, the lower and the higher, NaN while not known; speed times lead at the last sample, NaN
+    where unknown; the sense in which it runs and the farthest place it has come to in it; how many steps were
     made, and the speeds of the last 16 of them.
     """
 
     time_s: float = np.nan
-    position_m: float = np.nan
-    velocity_m_s: float = 0.0
-    speed_m_s: float = 0.0
-    low_m: float = np.nan
-    high_m: float = np.nan
-    driven_m_s: float = np.nan
-    sense: float = 0.0
-    far_m: float = np.nan
-    count: float = 0.0
-    made_m_s: tuple[float, ...] = (0.0,) * RECENT
+    rest: FloatArray = field(default_factory=lambda: _UNKNOWN)
 
     @property
     def scalars(self) -> FloatArray:
-        """The state as compiled code takes it, (26,)."""
-        *own, made_m_s = astuple(self)
-        return np.array([*own, *made_m_s])
+        """The state as compiled code takes it, (26,), to be changed in place."""
+        scalars = np.empty(_MADE + RECENT)
+        scalars[0], scalars[1:] = self.time_s, self.rest
+        return scalars
 
     @classmethod
     def of(cls, scalars: FloatArray) -> PathState:
         """The state from what compiled code left, (26,)."""
-        numbers = scalars.tolist()
-        return replace(cls(*numbers[:_MADE]), made_m_s=tuple(numbers[_MADE:]))
+        return cls(float(scalars[0]), scalars[1:])
 
 
 def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathState, FloatArray]:
@@ -90,7 +83,7 @@ def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathSta
     return PathState.of(scalars), ends_m
 
 
-@numba.njit(cache=True)
+@cached_call
 def _follow(scalars, sample_s, sample_m, offset, driven_m_s, stroke_m, ends_m):  # type: ignore[no-untyped-def]
     for k in range(len(ends_m)):
         for i in range(offset[k], offset[k + 1]):
@@ -98,7 +91,7 @@ def _follow(scalars, sample_s, sample_m, offset, driven_m_s, stroke_m, ends_m): 
         ends_m[k, 0], ends_m[k, 1] = scalars[_LOW], scalars[_HIGH]
 
 
-@numba.njit
+@rarely
 def advance(scalars, at_s, there_m, driven_m_s, stroke_m):  # type: ignore[no-untyped-def]
     """Take in a sample; `driven_m_s` is speed times lead at it, NaN where unknown. Return where the nut
     turned on its way to it: the sample itself if it came straight, NaN if that cannot be told.
@@ -136,7 +129,7 @@ def advance(scalars, at_s, there_m, driven_m_s, stroke_m):  # type: ignore[no-un
     return turn_m
 
 
-@numba.njit
+@rarely
 def _driven(first_m_s, last_m_s):  # type: ignore[no-untyped-def]
     """The mean of speed times lead over a step, by what is known of it at both ends."""
     if np.isnan(first_m_s):
@@ -144,7 +137,7 @@ def _driven(first_m_s, last_m_s):  # type: ignore[no-untyped-def]
     return first_m_s if np.isnan(last_m_s) else 0.5 * (first_m_s + last_m_s)
 
 
-@numba.njit
+@rarely
 def _remember(scalars, made_m_s, since_s):  # type: ignore[no-untyped-def]
     """Remember the speed of a step that was long enough to show it; return what counts as full speed."""
     if since_s >= BRIEF_S:
@@ -164,7 +157,7 @@ def _remember(scalars, made_m_s, since_s):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@numba.njit
+@rarely
 def _turn(scalars, there_m, run_m, stroke_m):  # type: ignore[no-untyped-def]
     """Where the nut turned on its way from the last sample, given how far it ran; the new place itself, if it
     came straight.
@@ -183,7 +176,7 @@ def _turn(scalars, there_m, run_m, stroke_m):  # type: ignore[no-untyped-def]
     return here_m + 0.5 * (np.sign(before) * run_m + made_m)
 
 
-@numba.njit
+@rarely
 def _come(scalars, place_m, stroke_m):  # type: ignore[no-untyped-def]
     """Note that the nut came to a place: where it has come back far enough, the farthest was an end."""
     back_m = scalars[_FAR] - place_m
@@ -198,7 +191,7 @@ def _come(scalars, place_m, stroke_m):  # type: ignore[no-untyped-def]
         scalars[_SENSE], scalars[_FAR] = -np.sign(back_m), place_m
 
 
-@numba.njit
+@rarely
 def on_the_way(here_m, run_m, low_m, high_m):  # type: ignore[no-untyped-def]
     """Where a nut comes that runs so far to and fro between two places, and 1 or −1: whether it then runs as
     at first or back.
