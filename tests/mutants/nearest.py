@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 class Nearest:
     """Arguments to pytest; `compiled` where the kernels must run compiled to be through in a minute.
 
-    Interpreted, a kernel takes from ten to a thousand times as long, but compiling one takes from five to
-    forty seconds, and each mutant would have to be compiled anew: next to small tests the interpreter wins.
+    Interpreted, a kernel takes up to a thousand times as long, but compiling it takes up to a minute and
+    each mutant has to be compiled anew: with small tests the interpreter wins.
     """
 
     tests: tuple[str, ...]

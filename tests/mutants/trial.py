@@ -10,8 +10,6 @@ import sys
 import time
 from pathlib import Path
 
-import grimp
-
 from tests.mutants.nearest import ROOT, Nearest
 
 COPIED = ("observer", "drivers", "tests", "config", "benchmarks", "docs", "pyproject.toml", "README.md")
@@ -36,10 +34,11 @@ class Tree:
             else:
                 shutil.copy2(source, target)
 
-    def passes(self, nearest: Nearest, limit_s: float, mutated: str | None = None) -> tuple[bool, float]:
-        """Whether the tests pass within a time, and how long they took; `mutated` the module changed."""
-        place = self._warm if mutated is None else self._colder(mutated)
-        compiling = {"NUMBA_CACHE_DIR": str(place)} if nearest.compiled else {"NUMBA_DISABLE_JIT": "1"}
+    def passes(self, nearest: Nearest, limit_s: float, *, mutant: bool = False) -> tuple[bool, float]:
+        """Whether the tests pass within a time, and how long they took."""
+        compiling = {"NUMBA_DISABLE_JIT": "1"}
+        if nearest.compiled:
+            compiling = {"NUMBA_CACHE_DIR": str(self._copied() if mutant else self._warm)}
         # Interpreted, a kernel divides and overflows as numpy's scalars do, which warn; compiled it does not.
         quiet = () if nearest.compiled else ("-W", "ignore::RuntimeWarning")
         paths = {"PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -65,25 +64,14 @@ class Tree:
         original, stamp = path.read_text(encoding="utf-8"), path.stat()
         try:
             path.write_text(source, encoding="utf-8")
-            return self.passes(nearest, limit_s, module)
+            return self.passes(nearest, limit_s, mutant=True)
         finally:
             path.write_text(original, encoding="utf-8")
             os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # the kernels compiled from it are good
 
-    def _colder(self, module: str) -> Path:
-        """The compiled kernels without those that a module is in: of it, and of what imports it."""
+    def _copied(self) -> Path:
+        """The kernels compiled from the code as it is: those that a mutant is not in are used again."""
         shutil.rmtree(self._cold, ignore_errors=True)
         if self._warm.exists():
-            stale = {tuple(name.split(".")[-2:]) for name in _downstream(module)}
             shutil.copytree(self._warm, self._cold)
-            for file in self._cold.rglob("*.nb?"):
-                if (file.parent.name.rsplit("_", 1)[0], file.name.split(".")[0]) in stale:
-                    file.unlink()
         return self._cold
-
-
-def _downstream(module: str) -> set[str]:
-    """A module and all that imports it, directly or through another, by their dotted names."""
-    name = module.removesuffix(".py").replace("/", ".")
-    graph = grimp.build_graph("observer", "drivers", cache_dir=None)
-    return {name} | graph.find_downstream_modules(name)
