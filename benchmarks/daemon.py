@@ -11,8 +11,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
 
@@ -31,18 +32,24 @@ STARTS = 5
 FILL_S = 110.0
 """Until it keeps as many estimates as it ever will, 1000 for those who ask for the last ones."""
 HOUR_S = 3600.0
+START_S, FIRST_START_S = 60.0, 600.0
+"""For so long a daemon may take until its first estimate; the first one compiles."""
 
 
 def results(seconds: float = 30.0) -> list[Result]:
-    """Run `observer run` on a Modbus server; growth is judged only over an hour (`--daemon-seconds 3600`)."""
+    """Run `observer run` on a Modbus server; growth is judged only over an hour (`--daemon-seconds 3600`).
+
+    The first start finds nothing compiled, all later ones what it left.
+    """
     with tempfile.TemporaryDirectory() as directory, _module() as port:
-        config = Path(directory) / "config.toml"
+        place = _Place(Path(directory), port)
+        help_s = statistics.median(_help_s(place) for _ in range(STARTS))
         try:
-            starts_s = [_start_once(config, port) for _ in range(STARTS)]
-            load, resident_MB, growth_MB = _load(config, port, seconds)
+            first = _first_start(place)
+            start_s = statistics.median(_start_once(place) for _ in range(STARTS))
+            load, resident_MB, growth_MB = _load(place, seconds)
         except RuntimeError as error:
             return [Result("daemon and start", f"not measured: {error}")]
-    start_s = statistics.median(starts_s[1:])  # the first may compile
     size = f"{SENSORS} sensors, {MODES} modes, {POINTS} points"
     growth = Result(
         f"  growth over {seconds:g} s",
@@ -51,23 +58,80 @@ def results(seconds: float = 30.0) -> list[Result]:
         met=growth_MB < 2.0 if seconds >= HOUR_S else None,
     )
     return [
-        Result(
-            "start to first estimate at a subscriber", f"{start_s:.2f} s", goal="≤ 1.5 s", met=start_s <= 1.5
-        ),
+        _at_most("observer --help", help_s, 0.4, "s", 2),
+        _at_most("start to first estimate at a subscriber", start_s, 1.0, "s", 2),
         Result(f"daemon at 10 Hz, {size}", f"{load:.1%} of a core", goal="≤ 5 %", met=load <= 0.05),
-        Result("  resident", f"{resident_MB:.0f} MB", goal="≤ 200 MB", met=resident_MB <= 200),
+        _at_most("  resident", resident_MB, 200, "MB"),
+        _at_most("  resident, at most, at a first start that compiles", first.daemon_MB, 256, "MB"),
+        Result("  … of the process that compiles, which then ends", f"{first.compiler_MB:.0f} MB"),
         growth,
     ]
 
 
-def _start_once(config: Path, port: int) -> float:
-    with _daemon(config, port) as (_, first_s):
+def _at_most(work: str, value: float, bound: float, unit: str, digits: int = 0) -> Result:
+    return Result(work, f"{value:.{digits}f} {unit}", goal=f"≤ {bound:g} {unit}", met=value <= bound)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where daemons run one after the other, on one Modbus server."""
+
+    folder: Path
+    port: int
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Compiled code of these daemons' own, bytecode as any installation has it."""
+        kept = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+        own = {"NUMBA_CACHE_DIR": str(self.folder / "kernels"), "PYTHONPYCACHEPREFIX": str(self.folder)}
+        return kept | own
+
+
+def _help_s(place: _Place) -> float:
+    began_s = time.monotonic()
+    command = [sys.executable, "-m", "observer", "--help"]
+    subprocess.run(command, env=place.environment, stdout=subprocess.DEVNULL, check=True)
+    return time.monotonic() - began_s
+
+
+@dataclass(frozen=True, slots=True)
+class _FirstStart:
+    """The most that was resident, MB."""
+
+    daemon_MB: float
+    compiler_MB: float
+
+
+def _first_start(place: _Place) -> _FirstStart:
+    """Start where nothing has been compiled yet."""
+    compiler_MB = 0.0
+
+    def look(pid: int) -> None:
+        nonlocal compiler_MB
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        compiler_MB = max([compiler_MB, *(_most_resident_MB(int(child)) for child in children)])
+
+    with _daemon(place, FIRST_START_S, look) as (pid, _):
+        return _FirstStart(_most_resident_MB(pid), compiler_MB)
+
+
+def _most_resident_MB(pid: int) -> float:
+    """The most that was ever resident; 0 once the process has ended."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return 0.0
+    return next((1.024e-3 * int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line), 0.0)
+
+
+def _start_once(place: _Place) -> float:
+    with _daemon(place) as (_, first_s):
         return first_s
 
 
-def _load(config: Path, port: int, seconds: float) -> tuple[float, float, float]:
+def _load(place: _Place, seconds: float) -> tuple[float, float, float]:
     """Share of a core, resident MB at the end, and growth in MB, once the start is over."""
-    with _daemon(config, port) as (pid, _):
+    with _daemon(place) as (pid, _):
         time.sleep(min(FILL_S, seconds))
         busy_s, resident_MB, began_s = _cpu_s(pid), _resident_MB(pid), time.monotonic()
         time.sleep(seconds)
@@ -76,19 +140,25 @@ def _load(config: Path, port: int, seconds: float) -> tuple[float, float, float]
 
 
 @contextmanager
-def _daemon(config: Path, port: int) -> Iterator[tuple[int, float]]:
-    """A daemon that has published its first heat, and how long that took."""
+def _daemon(
+    place: _Place, limit_s: float = START_S, look: Callable[[int], None] = lambda _: None
+) -> Iterator[tuple[int, float]]:
+    """A daemon that has published its first heat, and how long that took; it is looked at meanwhile."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    config.write_text(_config_text(port, endpoint))
+    config = place.folder / "config.toml"
+    config.write_text(_config_text(place.port, endpoint))
     with zenoh.open(session_config("router", (), (endpoint,))) as session:
         heat = session.declare_subscriber("ballscrew/**/heat", zenoh.handlers.RingChannel(1))
-        began_s = time.monotonic()
         command = [sys.executable, "-m", "observer", "run", "--config", str(config)]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        began_s = time.monotonic()
+        process = subprocess.Popen(
+            command, env=place.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
         try:
             while heat.try_recv() is None:
-                if process.poll() is not None or time.monotonic() - began_s > 60.0:
-                    raise RuntimeError(_last_line(process))
+                if process.poll() is not None or time.monotonic() - began_s > limit_s:
+                    raise RuntimeError(_last_line(process, limit_s))
+                look(process.pid)
                 time.sleep(0.005)
             yield process.pid, time.monotonic() - began_s
         finally:
@@ -96,9 +166,9 @@ def _daemon(config: Path, port: int) -> Iterator[tuple[int, float]]:
             process.wait(timeout=10)
 
 
-def _last_line(process: subprocess.Popen[str]) -> str:
+def _last_line(process: subprocess.Popen[str], limit_s: float) -> str:
     if process.poll() is None or process.stderr is None:
-        return "no heat within 60 s"
+        return f"no heat within {limit_s:g} s"
     return (process.stderr.read().strip().splitlines() or ["it ended without a word"])[-1]
 
 

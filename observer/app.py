@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from observer.installation import Installation, load
 from observer.service.align import AlignPlan, doubts, frames_of_log
 from observer.service.machine import Machine
 from observer.service.open_loop import open_loop_rms_K, predicted
+
+if TYPE_CHECKING:  # the other commands start without the search
+    from observer.discovery.discover import Discovery
 
 Progress = Callable[[int, int], None]
 
@@ -205,10 +208,10 @@ def discover(
     progress: Callable[[str, float], None],
     *,
     report: bool = True,
-) -> dict[str, Any]:
+) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
-    Returns the content of `result.json`.
+    Returns what was found, and the content of `result.json`.
     """
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
@@ -231,7 +234,7 @@ def discover(
         if report:
             progress("writing the report", 0.97)
             write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
-    return result
+    return found, result
 
 
 def place(config: Installation, count: int, spacing_m: float | None) -> list[dict[str, Any]]:

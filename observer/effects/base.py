@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -29,14 +30,16 @@ class Fitted:
 
     `scale` is a change that matters. `neutral` is where the parameter makes the effect nothing, so that a
     strength multiplies what it has beyond; None for one that gives the effect its form, such as a place or a
-    time. `low` and `high` are limits where they are narrower than the table's own. A `bounded` parameter's
-    interval must end below `high`, for beyond it the effect is another one. A position's scale is the length
-    of the screw over `parts`, and its limits are the ends.
+    time. `starts` are the values from which a search starts, the scale where there are none. `low` and `high`
+    are limits where they are narrower than the table's own. A `bounded` parameter's interval must end below
+    `high`, for beyond it the effect is another one. A position's scale is the length of the screw over
+    `parts`, and its limits are the ends.
     """
 
     unit: str
     scale: float = math.nan
     neutral: float | None = 0.0
+    starts: tuple[float, ...] = ()
     low: float = -math.inf
     high: float = math.inf
     bounded: bool = False
@@ -46,7 +49,7 @@ class Fitted:
         """Return it for a screw of a length."""
         if not self.parts:
             return self
-        return Fitted(self.unit, length_m / self.parts, self.neutral, 0.0, length_m)
+        return replace(self, scale=length_m / self.parts, low=0.0, high=length_m, parts=0)
 
     @property
     def level(self) -> bool:
@@ -64,8 +67,9 @@ class EffectTable(Section):
 
     Of a class: `parameters` are the keys that a search may fit, and what it knows of them; `targets` what
     `target` names, if anything; `lacks` what a model without the effect lacks, with `{target}` in its place;
-    `excitation` what a log must hold to tell it; `source` where its law comes from; `mimicked` whether a heat
-    law whose scale is free makes up for it almost always.
+    `excitation` what a log must hold to tell it; `source` where its law comes from; `turning` whether it goes
+    with the speed and is sought only where some source tells that; `mimicked` whether a heat law whose scale
+    is free makes up for it almost always.
     """
 
     kind: str
@@ -75,6 +79,7 @@ class EffectTable(Section):
     lacks: ClassVar[str]
     excitation: ClassVar[str]
     source: ClassVar[str]
+    turning: ClassVar[bool] = False
     mimicked: ClassVar[bool] = False
 
     @classmethod
@@ -98,6 +103,8 @@ class EffectTable(Section):
         """The targets at which a search tries the effect, None for an effect without; nowhere where it cannot
         stand or one of the free parameters (dotted keys) already is the effect.
         """
+        if cls.turning and all(s.speed_channel is None for s in machine.source):
+            return ()
         if cls.targets is None:
             return (None,)
         if cls.targets == "sensor":
@@ -110,11 +117,9 @@ class EffectTable(Section):
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """The forms from which a search starts, at a typical strength.
-
-        Parameters that only multiply need one shape, each by its scale; those that change the form, several.
-        """
-        return ({key: p.scale for key, p in cls.parameters.items()},)
+        """The forms from which a search starts, at a typical strength."""
+        values = product(*(p.starts or (p.scale,) for p in cls.parameters.values()))
+        return [dict(zip(cls.parameters, each, strict=True)) for each in values]
 
     @classmethod
     def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
@@ -157,11 +162,6 @@ def end_at(position_m: float, length_m: float) -> str | None:
     if position_m < AT_END * length_m:
         return "left"
     return "right" if position_m > (1 - AT_END) * length_m else None
-
-
-def turns(machine: Description) -> bool:
-    """Return whether any source tells the speed of the screw."""
-    return any(s.speed_channel is not None for s in machine.source)
 
 
 def named_source(machine: Description, name: str, kind: str) -> Source:

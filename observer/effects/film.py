@@ -18,7 +18,6 @@ from observer.effects.base import (
     on_screw,
     position,
     speed_channel,
-    turns,
 )
 from observer.effects.bodies import EndConduction
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
@@ -64,13 +63,14 @@ class SpeedConvection(EffectTable):
     speed_channel: Channel | None = None
 
     parameters = {"gain": Fitted("1", 0.1)}
+    turning = True
     lacks = "cooling that grows with the screw's rotation"
     excitation = "two speeds or more at which the screw is warm"
     source = "Yu et al., rotating cylinder; Kendoush 1996"
 
     @classmethod
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
-        return (None,) if turns(machine) and not machine.surface.turns else ()
+        return () if machine.surface.turns else super().places(machine, free)
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         if machine.surface.turns:
@@ -169,20 +169,12 @@ class Coolant(EffectTable):
 
     parameters = {
         "conductance_W_K": Fitted("W/K", 0.3),
-        "inlet_degC": Fitted("°C", 5.0, neutral=None, low=-20.0, high=90.0),  # of any coolant
+        "inlet_degC": Fitted("°C", 5.0, None, (12.0, 20.0, 28.0), low=-20.0, high=90.0),  # of any coolant
     }
+    turning = True
     lacks = "coolant through the hollow screw while it turns"
     excitation = "a warm screw that turns, and one that stands"
     source = "energy balance of a flow with a high heat capacity rate"
-
-    @classmethod
-    def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
-        return (None,) if turns(machine) else ()
-
-    @classmethod
-    def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """By the coolant's temperature."""
-        return [{"conductance_W_K": 0.3, "inlet_degC": t} for t in (12.0, 20.0, 28.0)]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         screw = machine.screw

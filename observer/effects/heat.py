@@ -21,7 +21,6 @@ from observer.effects.base import (
     position,
     source_free_to_warm,
     speed_channel,
-    turns,
 )
 from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
 from observer.errors import ConfigError
@@ -49,11 +48,8 @@ class EndHeat(EffectTable):
     lacks = "heat at {target} that grows with speed"
     excitation = "two speeds or more, and a standstill"
     source = "Kim et al., eq. 29"
+    turning = True
     mimicked = True
-
-    @classmethod
-    def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
-        return super().places(machine, free) if turns(machine) else ()
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         source = Source(
@@ -156,7 +152,7 @@ class FrictionSpeed(EffectTable):
     exponent: Annotated[Finite, Field(ge=0, le=4)]
     reference_rpm: Positive = REFERENCE_RPM
 
-    parameters = {"exponent": Fitted("1", 0.2, neutral=1.0)}
+    parameters = {"exponent": Fitted("1", 0.2, neutral=1.0, starts=(1.1,))}
     targets = "source"
     lacks = "another power of speed in the heat of {target}"
     excitation = "three speeds or more, each until the screw follows"
@@ -166,11 +162,6 @@ class FrictionSpeed(EffectTable):
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
         by_speed = [s.name for s in machine.source if s.law in SPEED_LAWS]
         return [name for name in super().places(machine, free) if name in by_speed]
-
-    @classmethod
-    def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """A little steeper."""
-        return ({"exponent": 1.1},)
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         power, reference = self.exponent - 1.0, self.reference_rpm
@@ -190,16 +181,14 @@ class RunIn(EffectTable):
     fraction: Annotated[Finite, Field(ge=-1, le=10)]
     time_s: Annotated[Finite, Field(ge=30, le=100_000)]
 
-    parameters = {"fraction": Fitted("1", 0.2), "time_s": Fitted("s", 1200.0, neutral=None)}
+    parameters = {
+        "fraction": Fitted("1", 0.2),
+        "time_s": Fitted("s", 1200.0, neutral=None, starts=(400.0, 1200.0, 3600.0)),
+    }
     targets = "source"
     lacks = "friction of {target} that falls as it runs in"
     excitation = "the first hour of running, and later running at the same speed"
     source = "Li 2022: the heat found peaks at the start and decays"
-
-    @classmethod
-    def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """By the time of the decay."""
-        return [{"fraction": 0.2, "time_s": t} for t in (400.0, 1200.0, 3600.0)]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         fraction, time_s = self.fraction, self.time_s

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from observer.effects.base import EffectTable, Fitted, Shape, Target, named_sensor
+from observer.effects.base import EffectTable, Fitted, Target, named_sensor
 from observer.effects.terms import Lag, Offset, Term
 from observer.tables.quantities import Finite
 from observer.tables.sections import Description
@@ -20,16 +19,13 @@ class SensorLag(EffectTable):
     target: Target
     time_constant_s: Annotated[Finite, Field(ge=0, le=3600)]
 
-    parameters = {"time_constant_s": Fitted("s", 20.0, low=10.0, high=3600.0)}  # less is within tolerance
+    parameters = {  # a lag of less than 10 s is within tolerance
+        "time_constant_s": Fitted("s", 20.0, starts=(20.0, 60.0, 150.0, 400.0), low=10.0, high=3600.0)
+    }
     targets = "sensor"
     lacks = "a lag of sensor {target}"
     excitation = "heating and cooling that are fast against the lag"
     source = "a first-order instrument"
-
-    @classmethod
-    def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """By the time constant."""
-        return [{"time_constant_s": t} for t in (20.0, 60.0, 150.0, 400.0)]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         return (Lag(named_sensor(machine, self.target, self.kind), self.time_constant_s),)

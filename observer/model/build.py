@@ -210,12 +210,14 @@ def _at_stroke_ends(
     return source.screw_share * (b[0] + b[1]) / 2, source.screw_share * (c[0] + c[1]) / 2
 
 
-def _lag_row(config: Config, modes: Modes, places: Places, stretch: Stretch) -> FloatArray:
+def _lag_row(
+    config: Config, modes: Modes, places: Places, stretch: Stretch, rows: FloatArray | None = None
+) -> FloatArray:
     """Output column (R,) of a source's lag: what the kept modes leave of its steady field."""
     if not config.model.static_correction:
         return np.zeros(len(modal_rows(modes, places)))
     steady = partial(source_field, modes.rod, stretch)
-    return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch)
+    return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch, rows)
 
 
 def _known_inputs(modes: Modes, terms: Sequence[Term]) -> list[KnownInput]:
@@ -297,7 +299,8 @@ def _nut_rows(config: Config, modes: Modes, places: Places, source: Source, nut_
     """The lag's output column with the nut at evenly spaced places, (P, R)."""
     L, nut_m = modes.rod.length_m, source.length_m or 0.0
     stretches = [nut_stretch(x, nut_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
-    return source.screw_share * np.array([_lag_row(config, modes, places, s) for s in stretches])
+    rows = modal_rows(modes, places)
+    return source.screw_share * np.array([_lag_row(config, modes, places, s, rows) for s in stretches])
 
 
 def _padded(matrix: FloatArray, size: int) -> FloatArray:

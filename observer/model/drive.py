@@ -184,9 +184,9 @@ class Drive:
             nuts.append(nut)
             B.append(own_B)
             C.append(own_C)
-        shapes = len(plant.decay_1_s), len(plant.rows.C)
-        stacked = [_stacked(a, len(frames), width) for a, width in zip((B, C), shapes, strict=True)]
-        return tuple(nuts), tuple(turns), *stacked
+        moving_B = _stacked(B, len(frames), len(plant.decay_1_s))
+        moving_C = _stacked(C, len(frames), len(plant.rows.C))
+        return tuple(nuts), tuple(turns), moving_B, moving_C
 
 
 class _Read(NamedTuple):

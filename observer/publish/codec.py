@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,46 +26,74 @@ JSON_ENCODING = "application/json"
 _FLOAT32_LE = 85
 _DIGITS = 6
 _QUALITY = [quality.label for quality in EstimateQuality]
-_SENSOR_QUALITY = [quality.label for quality in Quality]
+_QUALITY_CBOR = [cbor2.dumps(label) for label in _QUALITY]
+_SENSOR_QUALITY_CBOR = [cbor2.dumps(quality.label) for quality in Quality]
+_SEQUENCE = cbor2.dumps("sequence")
+_FLOAT64, _FLOAT64_MARK = struct.Struct(">Bd"), 0xFB
 _JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
+_ARRAYS = (
+    "heat_W", "heat_sigma_W", "law_W", "field_degC", "field_sigma_K", "error_um", "error_sigma_um",
+    "innovation_K", "innovation_sigma_K",
+)  # fmt: skip
+_ENTRIES = len(_ARRAYS) + 8
 
 
 def _typed(array: FloatArray) -> cbor2.CBORTag:
     return cbor2.CBORTag(_FLOAT32_LE, array.astype("<f4").tobytes())
 
 
+def _pair(key: str, value: Any) -> bytes:
+    """An entry of a map."""
+    return cbor2.dumps(key) + cbor2.dumps(value)
+
+
+def _head(key: str, size: int) -> bytes:
+    """The beginning of an entry that is a typed array of so many bytes, which follow."""
+    whole = _pair(key, cbor2.CBORTag(_FLOAT32_LE, bytes(size)))
+    return whole[: len(whole) - size]
+
+
+def _array_head(count: int) -> bytes:
+    """The beginning of an array of so many items, which follow."""
+    return cbor2.dumps([None] * count)[: -count or None]
+
+
 class EstimateEncoder:
-    """Encodes single estimates of one layout and one `instance`; `k` is the step in the block."""
+    """Encodes single estimates of one layout and one `instance`; `k` is the step in the block.
+
+    What is the same in every estimate is encoded once.
+    """
 
     def __init__(self, layout: Layout, instance: str) -> None:
         self._instance = instance
-        self._sources = list(layout.sources)
-        self._sensors = list(layout.sensors)
-        self._position = _typed(layout.position_m)
+        self._sources, sensors = list(layout.sources), list(layout.sensors)
         self._position_m = _rounded(layout.position_m)
+        m, g, s = len(self._sources), len(layout.position_m), len(sensors)
+        error = g if layout.has_error else 0
+        before = {
+            "heat_W": _pair("sources", self._sources),
+            "field_degC": _pair("position_m", _typed(layout.position_m)),
+            "innovation_K": _pair("sensors", sensors),
+        }
+        self._heads = [
+            before.get(name, b"") + _head(name, 4 * width)
+            for name, width in zip(_ARRAYS, (m, m, m, g, g, error, error, s, s), strict=True)
+        ]
+        self._begin = cbor2.dumps(dict.fromkeys(range(_ENTRIES)))[:1] + cbor2.dumps("time_s")
+        self._middle = _pair("instance", instance) + cbor2.dumps("quality")
+        self._end = cbor2.dumps("sensor_quality") + _array_head(s)
 
     def cbor(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """Everything a step returns; `decode_estimate` is its inverse up to float32."""
-        message = {
-            "time_s": float(block.time_s[k]),
-            "sequence": sequence,
-            "instance": self._instance,
-            "quality": _QUALITY[block.quality[k]],
-            "sources": self._sources,
-            "heat_W": _typed(block.heat_W[k]),
-            "heat_sigma_W": _typed(block.heat_sigma_W[k]),
-            "law_W": _typed(block.law_W[k]),
-            "position_m": self._position,
-            "field_degC": _typed(block.field_degC[k]),
-            "field_sigma_K": _typed(block.field_sigma_K[k]),
-            "error_um": _typed(block.error_um[k]),
-            "error_sigma_um": _typed(block.error_sigma_um[k]),
-            "sensors": self._sensors,
-            "innovation_K": _typed(block.innovation_K[k]),
-            "innovation_sigma_K": _typed(block.innovation_sigma_K[k]),
-            "sensor_quality": [_SENSOR_QUALITY[q] for q in block.sensor_quality[k].tolist()],
-        }
-        return cbor2.dumps(message)
+        parts = [
+            self._begin, _FLOAT64.pack(_FLOAT64_MARK, block.time_s[k]), _SEQUENCE, cbor2.dumps(sequence),
+            self._middle, _QUALITY_CBOR[block.quality[k]],
+        ]  # fmt: skip
+        for name, head in zip(_ARRAYS, self._heads, strict=True):
+            parts += head, getattr(block, name)[k].astype("<f4").tobytes()
+        parts.append(self._end)
+        parts += [_SENSOR_QUALITY_CBOR[q] for q in block.sensor_quality[k].tolist()]
+        return b"".join(parts)
 
     def heat(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `heat` document."""
@@ -119,7 +148,7 @@ def config_json(config: Config, instance: str) -> str:
 
 def array_of(messages: Sequence[bytes]) -> bytes:
     """Encoded estimates as one CBOR array, without decoding them."""
-    return cbor2.dumps([None] * len(messages))[: -len(messages) or None] + b"".join(messages)
+    return _array_head(len(messages)) + b"".join(messages)
 
 
 def decode_estimate(data: bytes) -> dict[str, Any]:

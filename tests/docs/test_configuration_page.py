@@ -68,6 +68,17 @@ def _documented(page: str, title: str) -> dict[str, str]:
     return dict(re.findall(r"^\| `(\w+)` \| `?(.*?)`? \| .*\|$", section, flags=re.M))
 
 
+def test_the_page_of_effects_is_the_library() -> None:
+    """Each effect in its order, with its equation, what a log must hold, and its source."""
+    text = (REFERENCE / "effects.md").read_text(encoding="utf-8")
+    assert tuple(re.findall(r"^## `(\w+)`$", text, flags=re.M)) == KINDS
+    for kind, effect in zip(KINDS, LIBRARY, strict=True):
+        section = text.split(f"\n## `{kind}`\n", 1)[1].split("\n## ", 1)[0].strip()
+        assert section.startswith(f"{effect.__doc__}\n\n| key |"), kind
+        last = f"A log tells it with {effect.excitation}. Source: {effect.source}."
+        assert section.endswith(last.replace("..", ".")), kind
+
+
 def _coded(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
     for name, field in model.model_fields.items():
         if field.is_required():

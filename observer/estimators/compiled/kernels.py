@@ -14,19 +14,18 @@ import numpy as np
 
 from observer.compiled import inlined, rarely
 from observer.estimators.compiled.judging import add_prior
-from observer.model.advance import couple_half, predict_state, put_laws
+from observer.model.advance import advance, couple_covariance
 
 
 @inlined
 def predict(p, t, d, u, k, B, x, P, work):
     """One step of state and covariance; what couples the states acts in two halves around it."""
+    advance(p, t, d, u, k, B, x, work)
     if p.coupling.active:
-        couple_half(p, u, k, u.z_start[k], B, x, P, work)
-    put_laws(p, u, k, B, x, work.law)
-    predict_state(p, t, d, u, k, B, x, work)
+        couple_covariance(p, u, k, u.z_start[k], B, 0, P, work)
     predict_covariance(p, t, d, u, k, B, P, work)
     if p.coupling.active:
-        couple_half(p, u, k, u.z_end[k], B, x, P, work)
+        couple_covariance(p, u, k, u.z_end[k], B, 1, P, work)
 
 
 @inlined

@@ -64,13 +64,14 @@ def remainder_rows(
     steady: Callable[[FloatArray], FloatArray],
     amplitude: FloatArray,
     kinks: Stretch | None = None,
+    rows: FloatArray | None = None,
 ) -> FloatArray:
     """What the kept modes leave of one input's steady field, (R,).
 
     `steady(x)` is the closed form per unit of the input, `amplitude` (N,) the kept modes' steady share
-    b_n/Λ_n.
+    b_n/Λ_n, `rows` (R, N) those of the amplitudes where they are known already.
     """
-    kept = modal_rows(modes, places) @ amplitude
+    kept = (modal_rows(modes, places) if rows is None else rows) @ amplitude
     whole = steady(places.temperature_m)
     if places.expansion_1_K is not None:
         growth = places.um_per_K_m * _running_integral(modes, places.growth_m, steady, kinks)

@@ -1,0 +1,92 @@
+"""What a daemon and `observer --help` do not load, and what a daemon gives back once it is warm."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.publish.router import free_port
+from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
+
+pytestmark = pytest.mark.system
+TELLING = """
+import sys, threading, time
+def tell():
+    while True:
+        print("loaded:", *(name for name, module in list(sys.modules.items()) if module), file=sys.stderr)
+        time.sleep(0.1)
+threading.Thread(target=tell, daemon=True).start()
+from observer.cli import main
+main()
+"""
+HELP = """
+import sys
+from observer.cli import app
+app(["--help"], standalone_mode=False)
+print("loaded:", *sys.modules)
+"""
+NEEDLESS = {
+    "filterpy", "IPython", "matplotlib", "pandas", "PIL", "pyarrow", "pygments", "rich", "scipy.integrate",
+    "scipy.linalg", "scipy.optimize", "scipy.signal", "scipy.sparse", "scipy.special", "scipy.stats",
+    "statsmodels", "yaml",
+}  # fmt: skip
+
+
+def _loaded(said: str) -> set[str]:
+    """The modules that were there when a program said so last."""
+    return set([line for line in said.splitlines() if line.startswith("loaded: ")][-1].split()[1:])
+
+
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True, timeout=120
+    )
+
+
+def test_a_daemon_at_work_has_loaded_only_what_it_needs(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        with Daemon(tmp_path, table, ("-c", TELLING)) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            loaded = _loaded(daemon.said())
+    assert {"numba", "pymodbus", "can", "zenoh"} <= loaded
+    assert not loaded & NEEDLESS
+
+
+def test_help_loads_neither_mathematics_nor_wires():
+    done = _run("-c", HELP)
+    loaded = _loaded(done.stdout)
+    assert "Run the daemon" in done.stdout
+    assert "observer.cli" in loaded
+    assert not loaded & {"numpy", "numba", "pydantic", "scipy", "zenoh", "pymodbus", "can"}
+
+
+GIVE_BACK = """
+import re
+from observer.service.spare import import_sparingly, leave_in_peace
+
+import_sparingly()
+from numba import njit
+
+
+def resident_kB():
+    text = open("/proc/self/smaps").read()
+    parts = re.findall(r"r-xp [^\\n]*libllvmlite\\.so\\n(?:[A-Z].*\\n)*?Rss: +(\\d+)", text)
+    return sum(map(int, parts))
+
+
+assert njit(lambda x: x + 1)(1) == 2
+before = resident_kB()
+leave_in_peace()
+print(before, resident_kB(), njit(lambda x: x + 2)(1))
+"""
+
+
+def test_the_compilers_code_goes_back_to_the_system_and_comes_again_when_it_is_called():
+    before_kB, after_kB, result = map(int, _run("-c", GIVE_BACK).stdout.split())
+    assert before_kB > 10_000
+    assert after_kB < 0.1 * before_kB
+    assert result == 3
