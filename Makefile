@@ -53,8 +53,8 @@ coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to 
 hostile: $(READY)  ## ten thousand hostile queries against a running service; ARGS goes to pytest
 	HOSTILE_QUERIES=10000 $(BIN)/python -m pytest tests/publish/test_hostile.py -s -p no:benchmark $(ARGS)
 
-bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
-	$(BIN)/python -m benchmarks $(ARGS)
+bench: $(READY)  ## the speed table beside filterpy, statsmodels, solve_banded and the run kept last; keeps its ratios
+	$(BIN)/python -m benchmarks --compare --keep $(ARGS)
 
 demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loop on every core, beside the truth
 	$(BIN)/python -m pytest tests/system/demo_for_ten_minutes.py -s -p no:benchmark $(ARGS)
