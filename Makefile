@@ -7,6 +7,7 @@
 
 PYTHON ?= python3
 UV_VERSION := 0.13.8
+CYCLONEDX_VERSION := 7.5.0
 VENV := .venv
 READY := $(VENV)/.ready
 BIN := $(VENV)/bin
@@ -22,7 +23,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system lint format bench demo-under-load month hostile soak discover-campaign config-mutants mutants figures container-check lock clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak discover-campaign config-mutants mutants figures container-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -45,11 +46,15 @@ unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes t
 system: $(READY)  ## tests with real processes, servers and routers, two files at a time; ARGS goes to pytest
 	$(BIN)/python -m pytest -m system -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
 
+coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to pytest, "tests/model" is a part
+	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark --cov --cov-report= $(ARGS)
+	$(BIN)/python -m coverage report
+
 hostile: $(READY)  ## ten thousand hostile queries against a running service; ARGS goes to pytest
 	HOSTILE_QUERIES=10000 $(BIN)/python -m pytest tests/publish/test_hostile.py -s -p no:benchmark $(ARGS)
 
-bench: $(READY)  ## the figures of the speed table, beside filterpy, statsmodels and solve_banded
-	$(BIN)/python -m benchmarks $(ARGS)
+bench: $(READY)  ## the speed table beside filterpy, statsmodels, solve_banded and the run kept last; keeps its ratios
+	$(BIN)/python -m benchmarks --compare --keep $(ARGS)
 
 demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loop on every core, beside the truth
 	$(BIN)/python -m pytest tests/system/demo_for_ten_minutes.py -s -p no:benchmark $(ARGS)
@@ -102,7 +107,20 @@ build/uv/bin/uv:
 	$(PYTHON) -m venv build/uv
 	build/uv/bin/python -m pip install --quiet uv==$(UV_VERSION)
 
+dist: build/uv/bin/uv  ## the source distribution and the wheel, in dist/
+	rm -rf dist
+	build/uv/bin/uv build --quiet --build-constraint requirements-build.lock --require-hashes --out-dir dist .
+
+sbom: build/sbom/bin/cyclonedx-py  ## the software bill of materials: what requirements.lock installs, in dist/
+	mkdir -p dist
+	build/sbom/bin/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml --mc-type application \
+		--output-reproducible --output-format JSON --output-file dist/ballscrew-observer.cdx.json
+
+build/sbom/bin/cyclonedx-py:
+	$(PYTHON) -m venv build/sbom
+	build/sbom/bin/python -m pip install --quiet cyclonedx-bom==$(CYCLONEDX_VERSION)
+
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks \
-		.import_linter_cache
+		.import_linter_cache .coverage
 	find $(CODE) -name __pycache__ -type d -prune -exec rm -rf {} +

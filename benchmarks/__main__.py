@@ -17,6 +17,7 @@ from rich.console import Console
 from benchmarks import (
     daemon,
     heat_history,
+    history,
     kalman_step,
     replaying,
     searching,
@@ -35,6 +36,10 @@ def main() -> None:
     parser.add_argument(
         "--only", nargs="+", metavar="PART", help="of step replay hour history search transport daemon"
     )
+    parser.add_argument(
+        "--compare", action="store_true", help="show the ratios that were kept last beside these"
+    )
+    parser.add_argument("--keep", action="store_true", help=f"keep this run's ratios in {history.PLACE}")
     parser.add_argument("--daemon-seconds", type=float, default=30.0, help="how long the daemon is watched")
     options = parser.parse_args()
     parts: dict[str, Callable[[], list[table.Result]]] = {
@@ -55,7 +60,13 @@ def main() -> None:
     for name in options.only or parts:
         with console.status(f"measuring: {name}"):
             results += parts[name]()
-    console.print(table.render(results, NOTE))
+    compared = history.compare(history.named(results), history.read()) if options.compare else []
+    console.print(table.render(results, NOTE, [each.shown for each in compared]))
+    for each in compared:
+        if each.worse:
+            console.print(f"[bold red]worse by more than a fifth:[/] {each.work}: {each.told}")
+    if options.keep:
+        history.keep(results)
     if options.output:
         table.write(options.output, results)
 

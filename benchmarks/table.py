@@ -16,7 +16,8 @@ NOT_JUDGED = "–"
 class Result:
     """One row: what was done, our figure, whose figure stands beside it, the ratio, and the goal.
 
-    `met` is None where the row only informs or could not be measured (`ours` then says why).
+    `met` is None where the row only informs or could not be measured (`ours` then says why). `times` is the
+    ratio as a number where it is to be kept from commit to commit, `more` whether more of it is better.
     """
 
     work: str
@@ -25,6 +26,8 @@ class Result:
     ratio: str = ""
     goal: str = ""
     met: bool | None = None
+    times: float | None = None
+    more: bool = True
 
 
 def judged(
@@ -39,18 +42,20 @@ def judged(
     """A row whose ratio has a bound."""
     bound = f"≥ {at_least:g} ×" if at_least is not None else f"≤ {at_most:g} ×"
     met = ratio >= at_least if at_least is not None else at_most is not None and ratio <= at_most
-    return Result(work, ours, beside, f"{ratio:.3g} ×", bound, met)
+    return Result(work, ours, beside, f"{ratio:.3g} ×", bound, met, ratio, at_least is not None)
 
 
-def render(results: Sequence[Result], note: str) -> Table:
-    """The table for the terminal."""
+def render(results: Sequence[Result], note: str, kept: Sequence[str] = ()) -> Table:
+    """The table for the terminal; `kept` says of each row what it was before."""
     table = Table(title="Speed, medians of one run", caption=note, caption_justify="left")
     for name in ("work", "ours", "beside", "ratio", "goal"):
         table.add_column(name, overflow="fold")
     table.add_column("met", justify="center")
-    for row in results:
+    if kept:
+        table.add_column("kept before", overflow="fold")
+    for k, row in enumerate(results):
         met = NOT_JUDGED if row.met is None else "[green]yes[/]" if row.met else "[bold red]no[/]"
-        table.add_row(row.work, row.ours, row.beside, row.ratio, row.goal, met)
+        table.add_row(row.work, row.ours, row.beside, row.ratio, row.goal, met, *kept[k : k + 1])
     return table
 
 
