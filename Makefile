@@ -22,7 +22,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system lint format bench demo-under-load month hostile soak discover-campaign config-mutants figures container-check lock clean
+.PHONY: help env demo test unit system lint format bench demo-under-load month hostile soak discover-campaign config-mutants mutants figures container-check lock clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -65,6 +65,9 @@ discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; A
 
 config-mutants: $(READY)  ## 2000 wrong configurations, each to be answered in words; ARGS="--count 600 --seed 2"
 	$(BIN)/python -m tests.hostile --count 2000 $(ARGS)
+
+mutants: $(READY)  ## change the code in small ways: do the nearest tests notice? ARGS="--count 10 --only align"
+	$(BIN)/python -m tests.mutants $(ARGS)
 
 figures: $(READY)  ## draw the figures of docs/ again
 	for script in docs/figures/[a-z]*.py; do $(BIN)/python $$script || exit 1; done

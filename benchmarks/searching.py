@@ -21,7 +21,7 @@ def results() -> list[Result]:
         logs = [_cut(RIG / CASE / f"run_{run}.csv.gz", folder) for run in RUNS]
 
         def search() -> str:
-            found = app.discover(RIG / "config.toml", logs, folder / "found", lambda _what, _done: None)
+            _, found = app.discover(RIG / "config.toml", logs, folder / "found", lambda _what, _done: None)
             return " ".join([found["verdict"], *(e["kind"] for e in found["effects"])])
 
         seconds = medians_s({"search": search}, repetitions=3)["search"]

@@ -1,40 +1,31 @@
-"""Drivers: from registers, frames and recordings to readings with a time and a fault for every channel."""
+"""Drivers: from registers, frames and recordings to readings with a time and a fault for every channel.
+
+A driver is one file, with its table of the configuration in it, and one name in `DriverSettings`. None
+imports its bus library before it is opened.
+"""
 
 from __future__ import annotations
 
-from drivers.protocol import Clock, Deliver, Driver, DriverStatus
-from drivers.settings import (
-    CanopenSettings,
-    CanSettings,
-    DriverSettings,
-    ModbusRtuSettings,
-    ModbusTcpSettings,
-    PlayerSettings,
-)
+from typing import Annotated, get_args
 
-__all__ = ["Clock", "Deliver", "Driver", "DriverStatus", "open_driver"]
+from pydantic import Field
+
+from drivers.can import CanSettings
+from drivers.canopen import CanopenSettings
+from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings
+from drivers.player import PlayerSettings
+from drivers.protocol import Driver
+
+DriverSettings = Annotated[
+    ModbusTcpSettings | ModbusRtuSettings | CanSettings | CanopenSettings | PlayerSettings,
+    Field(discriminator="kind"),
+]
+
+DRIVER_KINDS: tuple[str, ...] = tuple(
+    get_args(table.model_fields["kind"].annotation)[0] for table in get_args(get_args(DriverSettings)[0])
+)
 
 
 def open_driver(name: str, settings: DriverSettings) -> Driver:
-    """Make the driver that the settings describe; only its own bus library is imported.
-
-    Nothing is connected yet: that is for `run`. Raises `UserError` where a file that the settings name (a
-    DBC file, a log) cannot be used.
-    """
-    match settings:
-        case ModbusTcpSettings() | ModbusRtuSettings():
-            from drivers.modbus import ModbusDriver  # noqa: PLC0415 (each bus library only when it is used)
-
-            return ModbusDriver(name, settings)
-        case CanSettings():
-            from drivers.can import open_can  # noqa: PLC0415
-
-            return open_can(name, settings)
-        case CanopenSettings():
-            from drivers.canopen import open_canopen  # noqa: PLC0415
-
-            return open_canopen(name, settings)
-        case PlayerSettings():
-            from drivers.player import Player  # noqa: PLC0415
-
-            return Player(name, settings)
+    """Make the driver of a table; raises `UserError` where a file that it names cannot be used."""
+    return settings.open(name)

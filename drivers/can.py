@@ -1,219 +1,111 @@
-"""CAN: a live bus that is reopened for ever, and recordings that go through the same decoding."""
+"""Cyclic CAN messages: their table in the configuration, and the way to their driver."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import dataclasses
-import logging
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
-import can
+from pydantic import Field, model_validator
 
-from drivers.dbc import Decoded, load_decoder
-from drivers.protocol import Clock, Deliver, DriverStatus, faulty
-from drivers.recording import messages_of
-from drivers.settings import CanopenSettings, CanSettings
-from drivers.slcan import TURN_S, StampedSlcanBus
-from drivers.stamps import DeviceClock, wall_time
+from drivers.devices import CAN_INPUTS, DBC_OF, can_input, dbc_file
+from drivers.places import Bus, CanChannel, Signals
+from drivers.protocol import Driver
+from drivers.settings import (
+    ChannelName,
+    DriverTable,
+    InputOr,
+    PollPeriod,
+    Text,
+    Timeout,
+    check_each_its_own,
+    check_inputs,
+)
 from observer.frames import Reading
-
-# What python-can logs about a lost bus is told by the exceptions below and counted in the status.
-logging.getLogger("can").setLevel(logging.CRITICAL)
-
-RETRY_S = 0.25
-RECEIVE_TIMEOUT_S = 0.1  # how soon the receiving thread sees that it is to end
-MAX_PENDING = 10_000  # frames that may wait for a busy event loop
-
-# Whose stamps are of this computer's clock: the kernel's, or what python-can puts in the place of none.
-WALL_CLOCKED = {"socketcan", "udp_multicast", "virtual", "robotell", "iscan", "neousys"}
-TURNS_S = {"slcan": TURN_S, "serial": 2**32 * 1e-3, "gs_usb": 2**32 * 1e-6}  # where a counter starts again
-
-# What a bus can die of: its own errors, the file below it, and frames that are not frames.
-BUS_ERRORS = (can.CanError, OSError)
-Take = Callable[[can.Message | None], None]  # None: something arrived that is no frame
-Pump = Callable[[can.BusABC, Take, threading.Event], None]
-Stamps = Callable[[float, float], float]  # stamp and arrival to the time on the wire
+from observer.tables.quantities import Count, File
 
 
-def stamps_of(settings: CanSettings | CanopenSettings) -> Stamps:
-    """What the frames' own stamps on a bus of these settings mean, to be made anew at each opening."""
-    kept = bool(settings.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
-    if settings.interface in WALL_CLOCKED and not kept:
-        return lambda stamp_s, arrival_s: wall_time(stamp_s, arrival_s, time.time())
-    return DeviceClock(TURNS_S.get(settings.interface)).time_s
+class CanTable(DriverTable):
+    """How python-can reaches the bus; `options` go to the interface as they are."""
 
+    interface: Text
+    channel: Text
+    bitrate: Annotated[Count, Field(ge=10_000, le=1_000_000)] | None = None
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    period_s: PollPeriod = 0.1
+    timeout_s: Timeout | None = None
 
-def receive(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
-    """Take every frame off the bus, without ever sending one, until told to stop."""
-    while not stop.is_set():
-        receive_once(bus, take, RECEIVE_TIMEOUT_S)
+    @property
+    def listens(self) -> bool:
+        """Whether nothing is ever sent."""
+        return True
 
-
-def receive_once(bus: can.BusABC, take: Take, timeout_s: float) -> None:
-    """Wait for a frame and take it."""
-    try:
-        frame = bus.recv(timeout_s)
-    except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one starts afresh
-        take(None)
-        return
-    if frame is not None:
-        take(frame)
-
-
-class BusDriver:
-    """Channels that arrive on a CAN bus.
-
-    python-can blocks, so a thread receives, finds the time of each frame, and hands it to the event loop.
-    `decode` turns a frame into values and faults, `pump` moves frames from the bus. Channels that are overdue
-    become faulty readings each period.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        settings: CanSettings | CanopenSettings,
-        channels: tuple[str, ...],
-        decode: Callable[[can.Message], Decoded | None],
-        pump: Pump = receive,
-    ) -> None:
-        self.name = name
-        self.channels = channels
-        self.period_s = settings.period_s
-        self.status = DriverStatus()
-        self._settings = settings
-        self._decode = decode
-        self._pump = pump
-        self._stamps = stamps_of(settings)
-        self._pending = 0
-        self._heard_s: dict[str, float] = {}
-        self._opened_before = False
-
-    async def run(self, deliver: Deliver, now: Clock) -> None:
-        """Deliver a reading for every frame of interest, and faults for what is overdue, until cancelled."""
-        loop = asyncio.get_running_loop()
-        stop, ended = threading.Event(), asyncio.Event()
-        start_s = loop.time()
-        self._heard_s = dict.fromkeys(self.channels, start_s)
-
-        def post(call: Callable[..., None], *arguments: Any) -> None:
-            try:
-                loop.call_soon_threadsafe(call, *arguments)
-            except RuntimeError:  # the event loop is gone, and with it everyone who would listen
-                stop.set()
-
-        def take(frame: can.Message | None) -> None:
-            arrival_s = now()
-            if frame is None:
-                post(self._failed, "a garbled frame", True)
-            elif self._pending >= MAX_PENDING:
-                post(self._dropped)
-            else:
-                self._pending += 1
-                post(self._arrived, frame, self._stamps(frame.timestamp, arrival_s), deliver)
-
-        def live() -> None:
-            try:
-                self._keep_open(take, post, stop)
-            finally:
-                post(ended.set)
-
-        threading.Thread(target=live, name=f"can {self.name}", daemon=True).start()
-        try:
-            await self._watch(deliver, now, ended)
-        finally:
-            stop.set()
-            # A driver that hangs while it opens its device must not hold up the end of the program.
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(ended.wait(), timeout=0.25)
-
-    def _keep_open(self, take: Take, post: Callable[..., None], stop: threading.Event) -> None:
-        """Open the bus, pump it, and start again when it is lost; runs in the driver's thread."""
-        while not stop.is_set():
-            try:
-                with open_bus(self._settings) as bus:
-                    self._stamps = stamps_of(self._settings)
-                    post(self._opened)
-                    self._pump(bus, take, stop)
-            except (*BUS_ERRORS, ValueError, TypeError) as error:
-                post(self._failed, str(error), False)
-                stop.wait(RETRY_S)
-
-    async def _watch(self, deliver: Deliver, now: Clock, ended: asyncio.Event) -> None:
-        """Each period, say of every overdue channel that it is."""
-        loop = asyncio.get_running_loop()
-        while not ended.is_set():
-            await asyncio.sleep(self.period_s)
-            limit_s = loop.time() - self._settings.silence_s
-            overdue = [name for name, heard_s in self._heard_s.items() if heard_s < limit_s]
-            if overdue:
-                deliver(faulty(overdue, "silent" if self.status.connected else "disconnected", now()))
-        raise RuntimeError(f"driver {self.name}: its thread ended unexpectedly; see the error above")
-
-    def _arrived(self, frame: can.Message, time_s: float, deliver: Deliver) -> None:
-        """Decode a frame and deliver its channels."""
-        self._pending -= 1
-        decoded = self._decode(frame)
-        if decoded is None or not decoded[0]:
-            return
-        values, faults = decoded
-        heard_s = asyncio.get_running_loop().time()
-        self._heard_s.update(dict.fromkeys(values, heard_s))
-        if "short_frame" in faults.values():
-            self._failed(f"short frame {frame.arbitration_id:#x}", True)
-        deliver(Reading(time_s, values, faults))
-
-    def _opened(self) -> None:
-        reconnects = self.status.reconnects + self._opened_before
-        self._opened_before = True
-        self.status = dataclasses.replace(self.status, connected=True, reconnects=reconnects)
-
-    def _failed(self, error: str, connected: bool) -> None:
-        self.status = dataclasses.replace(
-            self.status, connected=connected, errors=self.status.errors + 1, last_error=error
+    @property
+    def bus(self) -> Bus:
+        """How the bus is opened; without a time-out of its own, a channel may be silent
+        for two periods before each further one is a fault."""
+        silence_s = self.timeout_s if self.timeout_s is not None else 2.0 * self.period_s
+        return Bus(
+            interface=self.interface,
+            channel=self.channel,
+            options=({} if self.bitrate is None else {"bitrate": self.bitrate}) | self.options,
+            listens=self.listens,
+            period_s=self.period_s,
+            silence_s=silence_s,
         )
 
-    def _dropped(self) -> None:
-        self.status = dataclasses.replace(self.status, drops=self.status.drops + 1)
+    @property
+    def sample_s(self) -> float:
+        """How often each channel comes."""
+        return self.period_s
 
 
-def open_bus(settings: CanSettings | CanopenSettings) -> can.BusABC:
-    """Open the bus of these settings, listening only where the interface knows how.
+class CanSettings(CanTable):
+    """Signals of cyclic CAN messages, decoded by a DBC file or a ready device map."""
 
-    Raises one of `BUS_ERRORS`, or `ValueError` or `TypeError` for settings the interface refuses.
-    """
-    options: dict[str, Any] = {}
-    listens = settings.kind == "can" or settings.mode == "tpdo"
-    if settings.interface == "slcan":
-        # No two seconds of sleep, whose frames would then pass for new, and a read that waits, not spins.
-        options = {"sleep_after_open": 0.0, "timeout": RECEIVE_TIMEOUT_S / 2, "listen_only": listens}
-    elif settings.interface == "pcan" and listens:
-        options = {"state": can.BusState.PASSIVE}
-    if settings.bitrate is not None:
-        options["bitrate"] = settings.bitrate
-    options |= settings.options
-    if settings.interface == "slcan":
-        return StampedSlcanBus(channel=settings.channel, **options)
-    return can.Bus(channel=settings.channel, interface=settings.interface, **options)
+    kind: Literal["can"]
+    dbc: File | None = None
+    device: Literal["css_canmod_temp", "peak_mu_thermocouple1"] | None = None
+    channels: dict[ChannelName, InputOr[CanChannel]] = Field(min_length=1)
 
+    @model_validator(mode="after")
+    def _one_description(self) -> CanSettings:
+        if (self.dbc is None) == (self.device is None):
+            raise ValueError("give exactly one of dbc and device")
+        check_inputs(self.device, CAN_INPUTS, self.channels)
+        check_each_its_own(self.channels)
+        return self
 
-def open_can(name: str, settings: CanSettings) -> BusDriver:
-    """The driver of signals that a DBC file describes; raises `UserError` for a file it cannot use."""
-    return BusDriver(name, settings, tuple(settings.channels), load_decoder(settings, name))
+    @property
+    def delivered(self) -> tuple[str, ...]:
+        """The channels it delivers."""
+        return tuple(self.channels)
 
+    def signals(self, name: str) -> Signals:
+        """The signals that it takes, inputs of a ready device map resolved."""
+        dbc = DBC_OF[self.device] if self.device else dbc_file(self.dbc or Path())
+        channels = {
+            channel: can_input(self.device or "", place) if isinstance(place, int) else place
+            for channel, place in self.channels.items()
+        }
+        return Signals(name, dbc, channels)
 
-def readings_of(recording: Path, settings: CanSettings, driver: str = "can") -> Iterator[Reading]:
-    """Replay a CAN recording through the decoding of the live bus, with the recording's own times.
+    def open(self, name: str) -> Driver:
+        """Make the driver of the signals that the DBC file describes."""
+        from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library only when it is used)
+        from drivers.dbc import load_decoder  # noqa: PLC0415
 
-    Raises `UserError` when the recording cannot be read or was cut off; what came before the cut has been
-    given by then.
-    """
-    decode = load_decoder(settings, driver)
-    for frame in messages_of(recording):
-        decoded = decode(frame)
-        if decoded is not None and decoded[0]:
-            yield Reading(frame.timestamp, *decoded)
+        return BusDriver(name, self.bus, self.delivered, load_decoder(self.signals(name)))
+
+    def file_problems(self, name: str) -> list[str]:
+        """What is wrong with the DBC file."""
+        from drivers.dbc import dbc_problems  # noqa: PLC0415
+
+        return [f"dbc: {problem}" for problem in dbc_problems(self.signals(name))]
+
+    def decodes(self, recording: Path, name: str) -> Iterator[Reading]:
+        """The readings in a recording of the bus, through the decoding of the live one."""
+        from drivers.can_bus import readings_of  # noqa: PLC0415
+        from drivers.dbc import load_decoder  # noqa: PLC0415
+
+        return readings_of(recording, load_decoder(self.signals(name)))

@@ -9,13 +9,19 @@ from __future__ import annotations
 import struct
 import threading
 import time
-from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import can
+from pydantic import Field, model_validator
 
-from drivers.can import RECEIVE_TIMEOUT_S, BusDriver, Pump, Take, receive_once
-from drivers.dbc import Decoded
-from drivers.settings import CanopenSettings
+from drivers.can import CanTable
+from drivers.protocol import Decoded, Driver
+from drivers.settings import ChannelName
+from observer.tables.quantities import Count, Finite
+
+if TYPE_CHECKING:  # the bus library only when it is used
+    import can
+
+    from drivers.can_bus import Decode, Pump, Take
 
 POSITION_ACTUAL_VALUE = 0x6064
 TPDO_1 = 0x180
@@ -28,12 +34,49 @@ _UPLOADED_FOUR_BYTES = 0x43  # its expedited answer, size indicated, four bytes
 _ABORTED = 0x80
 
 
-def open_canopen(name: str, settings: CanopenSettings) -> BusDriver:
-    """The driver of a drive's position."""
-    channels = (settings.position_channel,)
-    if settings.mode == "tpdo":
-        return BusDriver(name, settings, channels, tpdo_decoder(settings))
-    return BusDriver(name, settings, channels, sdo_decoder(settings), sdo_pump(settings))
+class CanopenSettings(CanTable):
+    """The actual position (object 0x6064) of a CANopen DS-402 drive.
+
+    metres = counts / counts_per_m + offset_m.
+    `mode = "tpdo"` listens to the drive's own process data (identifier `cob_id`, position at byte
+    `position_byte`); `mode = "sdo"` asks for the object each period, which is the only way here that sends,
+    and only upload (read) requests.
+    """
+
+    kind: Literal["canopen"]
+    node_id: Annotated[Count, Field(ge=1, le=127)]
+    mode: Literal["tpdo", "sdo"] = "tpdo"
+    cob_id: Annotated[Count, Field(ge=0x181, le=0x57F)] | None = None
+    position_byte: Annotated[Count, Field(ge=0, le=4)] = 0
+    counts_per_m: Finite
+    offset_m: Finite = 0.0
+    position_channel: ChannelName = "nut_position_m"
+
+    @model_validator(mode="after")
+    def _sensible(self) -> CanopenSettings:
+        if self.counts_per_m == 0:
+            raise ValueError("counts_per_m = 0 makes no position; give the drive's resolution")
+        if self.mode == "sdo" and self.cob_id is not None:
+            raise ValueError('cob_id belongs to mode = "tpdo"; remove it')
+        return self
+
+    @property
+    def delivered(self) -> tuple[str, ...]:
+        """The channel it delivers."""
+        return (self.position_channel,)
+
+    @property
+    def listens(self) -> bool:
+        """Whether nothing is ever sent."""
+        return self.mode == "tpdo"
+
+    def open(self, name: str) -> Driver:
+        """Make the driver of the drive's position."""
+        from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library only when it is used)
+
+        if self.mode == "tpdo":
+            return BusDriver(name, self.bus, self.delivered, tpdo_decoder(self))
+        return BusDriver(name, self.bus, self.delivered, sdo_decoder(self), sdo_pump(self))
 
 
 def position_m(counts: int, settings: CanopenSettings) -> float:
@@ -41,7 +84,7 @@ def position_m(counts: int, settings: CanopenSettings) -> float:
     return counts / settings.counts_per_m + settings.offset_m
 
 
-def tpdo_decoder(settings: CanopenSettings) -> Callable[[can.Message], Decoded | None]:
+def tpdo_decoder(settings: CanopenSettings) -> Decode:
     """A decoder of the process data message that carries the position."""
     identifier = settings.cob_id if settings.cob_id is not None else TPDO_1 + settings.node_id
     first = settings.position_byte
@@ -57,7 +100,7 @@ def tpdo_decoder(settings: CanopenSettings) -> Callable[[can.Message], Decoded |
     return decode
 
 
-def sdo_decoder(settings: CanopenSettings) -> Callable[[can.Message], Decoded | None]:
+def sdo_decoder(settings: CanopenSettings) -> Decode:
     """A decoder of the drive's answers to our uploads."""
 
     def decode(frame: can.Message) -> Decoded | None:
@@ -79,6 +122,10 @@ def sdo_decoder(settings: CanopenSettings) -> Callable[[can.Message], Decoded | 
 
 def sdo_pump(settings: CanopenSettings) -> Pump:
     """A pump that asks for the position each period and hands on every frame in between."""
+    import can  # noqa: PLC0415
+
+    from drivers.can_bus import RECEIVE_TIMEOUT_S, receive_once  # noqa: PLC0415
+
     request = can.Message(
         arbitration_id=SDO_REQUEST + settings.node_id,
         data=_SDO.pack(_UPLOAD_REQUEST, POSITION_ACTUAL_VALUE, 0, 0),

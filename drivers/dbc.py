@@ -7,7 +7,6 @@ signal can declare a value bad.
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections import defaultdict
 from dataclasses import dataclass
@@ -17,15 +16,14 @@ from typing import TYPE_CHECKING, Any
 import cantools
 from cantools.errors import Error as CantoolsError
 
-from drivers.devices import DBC_OF, can_input
-from drivers.settings import CanChannel, CanSettings
+from drivers.places import CanChannel, Signals
+from drivers.protocol import Decoded
 from observer.errors import UserError
 from observer.files.regular import one_line, read_regular
 
 if TYPE_CHECKING:
     import can
 
-Decoded = tuple[dict[str, float], dict[str, str]]
 
 MOST_BYTES = 20_000_000
 MOST_MESSAGE_BYTES = 1785  # of SAE J1939's transport protocol, the longest that a DBC file describes
@@ -94,16 +92,16 @@ def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[flo
     return (value, None) if math.isfinite(value) else (math.nan, "not_a_number")
 
 
-def load_decoder(settings: CanSettings, driver: str) -> DbcDecoder:
-    """Read the DBC file of a driver's settings and look every channel up in it.
+def load_decoder(signals: Signals) -> DbcDecoder:
+    """Read a DBC file and look every channel up in it.
 
     Raises `UserError` when the file cannot be used or does not have a message or signal.
     """
-    database = _load(_path_of(settings))
-    if problems := _missing(database, settings, driver):
+    database = _load(signals.dbc)
+    if problems := _missing(database, signals):
         raise UserError("; ".join(problems))
     grouped: dict[str, list[tuple[str, CanChannel]]] = defaultdict(list)
-    for name, channel in _channels_of(settings).items():
+    for name, channel in signals.channels.items():
         grouped[channel.message].append((name, channel))
     messages = {}
     for message_name, entries in grouped.items():
@@ -112,29 +110,12 @@ def load_decoder(settings: CanSettings, driver: str) -> DbcDecoder:
     return DbcDecoder(messages)
 
 
-def dbc_problems(settings: CanSettings, driver: str) -> list[str]:
+def dbc_problems(signals: Signals) -> list[str]:
     """Return all that keeps a driver from decoding by its DBC file, a sentence each."""
     try:
-        return _missing(_load(_path_of(settings)), settings, driver)
+        return _missing(_load(signals.dbc), signals)
     except UserError as error:
         return [str(error)]
-
-
-def find(path: Path) -> Path:
-    """A DBC file as given, or, where that does not exist, one that comes with the drivers."""
-    bundled = Path(__file__).parent.parent / path
-    return bundled if not os.path.exists(path) and os.path.exists(bundled) else path
-
-
-def _path_of(settings: CanSettings) -> Path:
-    return DBC_OF[settings.device] if settings.device else find(settings.dbc or Path())
-
-
-def _channels_of(settings: CanSettings) -> dict[str, CanChannel]:
-    return {
-        name: can_input(settings.device or "", place) if isinstance(place, int) else place
-        for name, place in settings.channels.items()
-    }
 
 
 def _load(path: Path) -> Any:
@@ -162,23 +143,23 @@ def _refuse_giants(path: Path, text: str) -> None:
         )
 
 
-def _missing(database: Any, settings: CanSettings, driver: str) -> list[str]:
+def _missing(database: Any, signals: Signals) -> list[str]:
     """Messages and signals that the file does not have, a sentence each."""
-    path, found = _path_of(settings), []
+    found = []
     names = [message.name for message in database.messages]
-    for name, channel in _channels_of(settings).items():
-        place = f"{path}: channel {name} of drivers.{driver}"
+    for name, channel in signals.channels.items():
+        place = f"{signals.dbc}: channel {name} of drivers.{signals.driver}"
         if channel.message not in names:
             found.append(f'{place}: no message "{channel.message}"; the file has {_some(names)}')
             continue
         if names.count(channel.message) > 1:
             found.append(f'{place}: the file has message "{channel.message}" twice; remove one')
             continue
-        signals = [signal.name for signal in database.get_message_by_name(channel.message).signals]
+        there = [signal.name for signal in database.get_message_by_name(channel.message).signals]
         found += [
-            f'{place}: no signal "{signal}"; the message has {_some(signals)}'
+            f'{place}: no signal "{signal}"; the message has {_some(there)}'
             for signal in (channel.signal, channel.fault_signal)
-            if signal is not None and signal not in signals
+            if signal is not None and signal not in there
         ]
     return found
 

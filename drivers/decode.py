@@ -11,7 +11,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.settings import WORDS, ModbusChannel
+from drivers.places import WORDS, ModbusChannel
 
 _FORMAT = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
 MAX_REGISTERS = 125  # of one read request (Modbus Application Protocol 1.1b3, 6.3)

@@ -6,9 +6,14 @@ the configuration.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-from drivers.settings import CanChannel, ModbusChannel
+from drivers.places import CanChannel, ModbusChannel
+
+MODBUS_INPUTS = {"icpdas_m7018": 8, "wago_750_458": 8, "micro800_tc2": 2}
+"""How many inputs each ready map has."""
+CAN_INPUTS = {"css_canmod_temp": 4, "peak_mu_thermocouple1": 8}
 
 DBC_OF = {
     "css_canmod_temp": Path(__file__).parent / "maps" / "css_canmod_temp.dbc",
@@ -25,6 +30,12 @@ def modbus_input(device: str, number: int, first_register: int = 0) -> ModbusCha
     if place.status_register is not None:
         shift["status_register"] = place.status_register + first_register
     return place.model_copy(update=shift)
+
+
+def dbc_file(path: Path) -> Path:
+    """A DBC file as given, or, where that does not exist, one that comes with the drivers."""
+    bundled = Path(__file__).parent.parent / path
+    return bundled if not os.path.exists(path) and os.path.exists(bundled) else path
 
 
 def can_input(device: str, number: int) -> CanChannel:

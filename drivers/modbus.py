@@ -1,178 +1,118 @@
-"""Polling a Modbus device, TCP or RTU, for ever: one reading each period, whatever happens on the wire."""
+"""A Modbus device, TCP or RTU: its table in the configuration, and the way to its driver."""
 
 from __future__ import annotations
 
-import asyncio
-import dataclasses
-from math import nan
+from typing import Annotated, Literal
 
-from drivers.decode import Block, decode, read_plan, spans
-from drivers.devices import modbus_input
-from drivers.modbus_link import (
-    BadReplyError,
-    DeviceExceptionError,
-    LinkLostError,
-    LinkTimeoutError,
-    ModbusLink,
+from pydantic import Field, model_validator
+
+from drivers.decode import spans
+from drivers.devices import MODBUS_INPUTS, modbus_input
+from drivers.places import Device, ModbusChannel
+from drivers.protocol import Driver
+from drivers.settings import (
+    ChannelName,
+    DriverTable,
+    InputOr,
+    PollPeriod,
+    Text,
+    Timeout,
+    check_each_its_own,
+    check_inputs,
 )
-from drivers.protocol import Clock, Deliver, DriverStatus, faulty
-from drivers.settings import ModbusChannel, ModbusRtuSettings, ModbusTcpSettings
-from observer.frames import Reading
-
-RETRY_S = 0.25  # pause between attempts to connect, so that a returned peer is met within a second
+from observer.tables.quantities import Count, Number
 
 
-class ModbusDriver:
-    """A device whose registers are read each period.
+class _Modbus(DriverTable):
+    """What TCP and RTU share."""
 
-    A task of its own keeps the connection. A poll that is still under way when its period ends leaves a
-    faulty reading for that period, so no channel is ever silently old.
-    """
+    device: Literal["icpdas_m7018", "wago_750_458", "micro800_tc2"] | None = None
+    first_register: Annotated[Count, Field(ge=0, le=0xFFF0)] = 0
+    unit_id: Annotated[Count, Field(ge=0, le=255)] = 1
+    period_s: PollPeriod = 0.5
+    timeout_s: Timeout = 1.0
+    channels: dict[ChannelName, InputOr[ModbusChannel]] = Field(min_length=1)
 
-    def __init__(self, name: str, settings: ModbusTcpSettings | ModbusRtuSettings) -> None:
-        self.name = name
-        self.period_s = settings.period_s
-        self.status = DriverStatus()
-        self._settings = settings
-        self._map = channel_map(settings)
-        self.channels = tuple(self._map)
-        self._plan = read_plan(list(self._map.values()))
-        self._link: ModbusLink | None = None
-        self._connected = asyncio.Event()
-        self._answered_before = False
+    @model_validator(mode="after")
+    def _inputs_belong_to_a_device(self) -> _Modbus:
+        check_inputs(self.device, MODBUS_INPUTS, self.channels)
+        check_each_its_own(self.channels)
+        if self.device is None and self.first_register:
+            raise ValueError(
+                "first_register shifts a ready device map; without device, write the registers out"
+            )
+        return self
 
-    async def run(self, deliver: Deliver, now: Clock) -> None:
-        """Deliver one reading each period until cancelled."""
-        loop = asyncio.get_running_loop()
-        keeper = loop.create_task(self._keep_connected(now))
-        poll: asyncio.Task[Reading] | None = None
-        next_s = loop.time()
-        try:
-            while True:
-                next_s = max(next_s + self.period_s, loop.time())
-                poll = poll or loop.create_task(self._poll(now))
-                await asyncio.wait({poll}, timeout=next_s - loop.time())
-                if keeper.done():
-                    keeper.result()
-                if poll.done():
-                    deliver(poll.result())
-                    poll = None
-                else:
-                    deliver(faulty(self.channels, "timeout" if self._link else "disconnected", now()))
-                await asyncio.sleep(next_s - loop.time())
-        finally:
-            await _end(keeper, poll)
-            if self._link:
-                self._link.close()
+    @property
+    def delivered(self) -> tuple[str, ...]:
+        """The channels it delivers."""
+        return tuple(self.channels)
 
-    async def _keep_connected(self, now: Clock) -> None:
-        """Connect, wait until the connection is lost, and start again: at once, then every `RETRY_S`."""
-        loop = asyncio.get_running_loop()
-        while True:
-            link = ModbusLink(self._settings, now)
-            tried_s = loop.time()
-            try:
-                await link.open()
-                self._link = link
-                self._connected.set()
-                await link.lost.wait()
-            except LinkLostError as error:
-                self._note(error)
-            link.close()
-            self._link = None
-            self._connected.clear()
-            self.status = dataclasses.replace(self.status, connected=False)
-            if loop.time() - tried_s < RETRY_S:  # refused, or accepted and closed at once
-                await asyncio.sleep(RETRY_S)
+    @property
+    def sample_s(self) -> float:
+        """How often each channel comes."""
+        return self.period_s
 
-    async def _poll(self, now: Clock) -> Reading:
-        """One reading of every channel, as soon as there is a connection.
+    @property
+    def at(self) -> Device:
+        """Where the device is."""
+        raise NotImplementedError
 
-        Its time is when the last reply came. The module sampled before; but the middle of request and reply
-        is nearer by milliseconds only, and may lie before the fault that a reply after its period has left.
-        """
-        await self._connected.wait()
-        words: dict[str, dict[int, int]] = {"holding": {}, "input": {}}
-        faults: dict[Block, str] = {}
-        heard_s: float | None = None
-        for block in self._plan:
-            link = self._link
-            if link is None or "timeout" in faults.values():
-                faults[block] = "timeout" if link else "disconnected"
-                continue
-            try:
-                words[block.function] |= await link.read(block)
-                heard_s = link.heard_s
-                self._answered()
-            except DeviceExceptionError as error:
-                faults[block] = f"exception_{error.code}"
-                self._answered()
-                self._note(error)
-            except (BadReplyError, LinkTimeoutError) as error:
-                faults[block] = "timeout" if isinstance(error, LinkTimeoutError) else "bad_reply"
-                self.status = dataclasses.replace(self.status, connected=False)
-                await self._settle(link, error)
-            except LinkLostError as error:
-                faults[block] = "disconnected"
-                self._note(error)
-                link.close()
-        return self._reading(words, faults, now() if heard_s is None else heard_s)
+    def open(self, name: str) -> Driver:
+        """Make the driver that polls the device."""
+        from drivers.modbus_polling import ModbusDriver  # noqa: PLC0415  (the bus library only when it is used)
 
-    def _answered(self) -> None:
-        """The device is there; it counts as connected only when it answers, not when its port opens."""
-        if not self.status.connected:
-            again = self.status.reconnects + self._answered_before
-            self.status = dataclasses.replace(self.status, connected=True, reconnects=again)
-            self._answered_before = True
+        return ModbusDriver(name, self.period_s, self.at, self.map())
 
-    async def _settle(self, link: ModbusLink, error: Exception) -> None:
-        """Keep the line quiet after a reply that was late or wrong, or give the connection up."""
-        self._note(error)
-        if not await link.settle():
-            link.close()
+    def map(self) -> dict[str, ModbusChannel]:
+        """Every channel's place, inputs of a ready device map resolved."""
+        return {
+            name: modbus_input(self.device or "", place, self.first_register)
+            if isinstance(place, int)
+            else place
+            for name, place in self.channels.items()
+        }
 
-    def _note(self, error: Exception) -> None:
-        """Count an error and remember its words."""
-        self.status = dataclasses.replace(self.status, errors=self.status.errors + 1, last_error=str(error))
+    def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
+        """The addresses that each channel reads, the register last."""
+        found: dict[str, frozenset[tuple[object, ...]]] = {}
+        device = self.kind, self.at.address, self.at.options.get("port"), self.unit_id
+        for channel, place in self.map().items():
+            own = spans(place)[0]
+            words = range(own.first, own.first + own.count)
+            found[channel] = frozenset((*device, own.function, word) for word in words)
+        return found
 
-    def _reading(
-        self, words: dict[str, dict[int, int]], block_faults: dict[Block, str], time_s: float
-    ) -> Reading:
-        """Decode every channel; a channel with a register that was not read takes that request's fault."""
-        values: dict[str, float] = {}
-        faults: dict[str, str] = {}
-        for name, channel in self._map.items():
-            fault = next((f for b, f in block_faults.items() if _touches(channel, b)), None)
-            value = nan
-            if fault is None:
-                value, fault = decode(words[channel.function], channel)
-            values[name] = value
-            if fault is not None:
-                faults[name] = fault
-        return Reading(time_s, values, faults)
+    def steps(self) -> dict[str, float]:
+        """The step between two neighbouring values of each channel that comes as a whole number."""
+        return {c: abs(place.scale) for c, place in self.map().items() if place.type != "float32"}
 
 
-def channel_map(settings: ModbusTcpSettings | ModbusRtuSettings) -> dict[str, ModbusChannel]:
-    """Every channel's place, inputs of a ready device map resolved."""
-    return {
-        name: modbus_input(settings.device or "", place, settings.first_register)
-        if isinstance(place, int)
-        else place
-        for name, place in settings.channels.items()
-    }
+class ModbusTcpSettings(_Modbus):
+    """A Modbus TCP device."""
+
+    kind: Literal["modbus_tcp"]
+    host: Text
+    port: Annotated[Count, Field(ge=1, le=65535)] = 502
+
+    @property
+    def at(self) -> Device:
+        """Where the device is."""
+        return Device(self.host, {"port": self.port}, self.unit_id, self.timeout_s)
 
 
-def _touches(channel: ModbusChannel, block: Block) -> bool:
-    """Whether a block holds a register that the channel needs."""
-    return any(
-        span.function == block.function and block.first <= span.first < block.first + block.count
-        for span in spans(channel)
-    )
+class ModbusRtuSettings(_Modbus):
+    """A Modbus RTU device on a serial line; `quiet_s` is the silence kept after a reply that never came."""
 
+    kind: Literal["modbus_rtu"]
+    port: Text
+    baudrate: Annotated[Count, Field(ge=300, le=4_000_000)] = 19200
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: Literal[1, 2] = 1
+    quiet_s: Annotated[Number, Field(ge=0.05, le=60)] = 0.5
 
-async def _end(*tasks: asyncio.Task[None] | asyncio.Task[Reading] | None) -> None:
-    """Cancel tasks and wait until they have ended."""
-    running = [task for task in tasks if task is not None]
-    for task in running:
-        task.cancel()
-    await asyncio.gather(*running, return_exceptions=True)
+    @property
+    def at(self) -> Device:
+        """Where the device is."""
+        line = {"baudrate": self.baudrate, "parity": self.parity, "stopbits": self.stopbits}
+        return Device(self.port, line, self.unit_id, self.timeout_s, self.quiet_s)

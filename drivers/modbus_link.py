@@ -16,8 +16,8 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from drivers.decode import Block
+from drivers.places import Device
 from drivers.protocol import Clock
-from drivers.settings import ModbusRtuSettings, ModbusTcpSettings
 
 # Everything pymodbus logs is also told by the exceptions below, and then counted in the driver's status.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
@@ -51,34 +51,18 @@ class ModbusLink:
     `heard_s` is when the last bytes came, by the clock `now`.
     """
 
-    def __init__(self, settings: ModbusTcpSettings | ModbusRtuSettings, now: Clock) -> None:
+    def __init__(self, device: Device, now: Clock) -> None:
         self.lost = asyncio.Event()
         self.heard_s = now()
         self._now = now
-        self._settings = settings
-        self._quiet_s = settings.quiet_s if isinstance(settings, ModbusRtuSettings) else None
+        self._unit_id = device.unit_id
+        self._quiet_s = device.quiet_s
         self._last_byte_s = 0.0
-        self._client = self._make(settings)
-
-    def _make(
-        self, settings: ModbusTcpSettings | ModbusRtuSettings
-    ) -> AsyncModbusTcpClient | AsyncModbusSerialClient:
-        if isinstance(settings, ModbusTcpSettings):
-            return AsyncModbusTcpClient(
-                settings.host,
-                port=settings.port,
-                timeout=settings.timeout_s,
-                retries=0,
-                reconnect_delay=0,
-                trace_connect=self._connection_changed,
-                trace_packet=self._bytes_passed,
-            )
-        return AsyncModbusSerialClient(
-            settings.port,
-            baudrate=settings.baudrate,
-            parity=settings.parity,
-            stopbits=settings.stopbits,
-            timeout=settings.timeout_s,
+        client = AsyncModbusSerialClient if device.serial else AsyncModbusTcpClient
+        self._client: AsyncModbusTcpClient | AsyncModbusSerialClient = client(
+            device.address,
+            **device.options,
+            timeout=device.timeout_s,
             retries=0,
             reconnect_delay=0,
             trace_connect=self._connection_changed,
@@ -139,7 +123,7 @@ class ModbusLink:
             if block.function == "holding"
             else self._client.read_input_registers
         )
-        return await read(block.first, count=block.count, device_id=self._settings.unit_id)
+        return await read(block.first, count=block.count, device_id=self._unit_id)
 
     async def settle(self) -> bool:
         """After a timeout, make a late reply harmless; False when that needs a new connection."""

@@ -5,16 +5,54 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import math
+from typing import Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from drivers.protocol import Clock, Deliver, DriverStatus, faulty
-from drivers.settings import PlayerSettings
+from drivers.protocol import Clock, Deliver, Driver, DriverStatus, faulty
+from drivers.settings import ChannelName, DriverTable
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.frames import Reading
+from observer.tables.quantities import File, Finite
 
 SHORTEST_S = 0.005  # between the faults after the log's end
+
+
+class PlayerSettings(DriverTable):
+    """A recorded log played as if it were live, in its own rhythm; `channels` defaults to all of it."""
+
+    kind: Literal["player"]
+    path: File
+    speed: Finite = 1.0
+    channels: tuple[ChannelName, ...] | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _in_its_own_rhythm(self) -> PlayerSettings:
+        if self.speed != 1:
+            raise ValueError(
+                f"speed = {self.speed:g} would show the model a machine that heats as much in another time; "
+                "remove it, or take `observer replay`, which is as fast as the computer"
+            )
+        return self
+
+    @property
+    def delivered(self) -> tuple[str, ...] | None:
+        """The channels it delivers; None for a whole log, which nobody has read yet."""
+        return self.channels
+
+    def open(self, name: str) -> Driver:
+        """Read the log and make its player."""
+        return Player(name, self)
+
+    def file_problems(self, _name: str) -> list[str]:
+        """What is wrong with the log."""
+        try:
+            read_log(self.path, self.channels or ())
+        except LogError as error:
+            return [f"path: {error}"]
+        return []
 
 
 class Player:

@@ -11,6 +11,7 @@ from observer.frames import Reading
 
 Deliver = Callable[[Reading], None]
 Clock = Callable[[], float]
+Decoded = tuple[dict[str, float], dict[str, str]]  # values and faults by channel
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,264 +3,27 @@
 from __future__ import annotations
 
 import json
-import math
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from observer.config import Output
-from observer.errors import ConfigError, LogError, UserError
-from observer.estimators import build_estimator
-from observer.estimators.protocol import Estimator
-from observer.estimators.selftest import SelfTest
+from observer.errors import LogError, UserError
 from observer.files.logs import Log, read_log, suffix_of
 from observer.files.results import results_in
-from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs
+from observer.frames import EstimateBlock, FloatArray, FrameBlock
 from observer.history.options import MethodOptions
 from observer.installation import Installation, load
-from observer.model.build import build_plant
-from observer.model.drive import Drive
-from observer.model.plant import Plant
-from observer.publish.taken import refuse_taken
 from observer.service.align import AlignPlan, doubts, frames_of_log
-from observer.service.pipeline import Pipeline
+from observer.service.machine import Machine
+from observer.service.open_loop import open_loop_rms_K, predicted
 
-if TYPE_CHECKING:  # the daemon's parts; the other commands start without them
-    from observer.service.checkpoint import Fit, Standing
-    from observer.service.clock import ServiceClock
-    from observer.service.loop import Service
-    from observer.service.renew import Renewals
-    from observer.service.warm import Compiler
+if TYPE_CHECKING:  # the other commands start without the search
+    from observer.discovery.discover import Discovery
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Machine:
-    """A configuration with the plant, the drive and the expectations of its channels that follow from it."""
-
-    config: Installation
-    plant: Plant
-    drive: Drive
-    plan: AlignPlan
-
-    @classmethod
-    def of(cls, config: Installation) -> Machine:
-        """Build the parts of a configuration."""
-        plant = build_plant(config)
-        return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
-
-    def self_test(self) -> SelfTest:
-        """What holds the estimates against the model and the laws."""
-        return SelfTest(self.config, self.plant)
-
-    def pipeline(self, estimator: Estimator) -> Pipeline[Any]:
-        """Frames in, estimates out, of the quality that they earn."""
-        return Pipeline(self.drive, estimator, self.self_test())
-
-    def estimator(self) -> Estimator:
-        """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
-        return build_estimator(self.plant, self.config.estimator)
-
-
-def serve(config: Installation, seconds: float | None = None, path: Path | None = None) -> None:
-    """Run the daemon until it is stopped; the caller leaves the process afterwards.
-
-    With `path`, SIGHUP has the configuration read again from there.
-    """
-    from observer.publish.session import listening
-    from observer.service.checkpoint import shifted
-    from observer.service.clock import ServiceClock
-    from observer.service.keeper import carried, stored
-    from observer.service.lives import run
-    from observer.service.renew import Renewal, Renewals
-
-    refuse_taken(listening(config.publish), "publish.listen")
-    ready, clock = _Ready.of(config), ServiceClock()
-    renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
-
-    def anew(renewal: Renewal[_Ready]) -> Service:
-        nonlocal ready, clock
-        before, ready, standing = ready, renewal.prepared or ready, renewal.standing
-        if renewal.new_time and standing is not None:
-            standing = shifted(standing, clock.offset_s())
-        clock = ServiceClock() if renewal.new_time else clock
-        carry = carried(standing, before.fit, ready.fit)
-        return _service(ready, clock, renewals, carry, alone=False)
-
-    file = ready.checkpoint
-    start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
-    run(_service(ready, clock, renewals, start, alone=True), seconds, anew)
-
-
-@dataclass(frozen=True, slots=True)
-class _Ready:
-    """A configuration for the daemon that has been checked, with what takes long to build."""
-
-    config: Installation
-    machine: Machine
-    estimator: Estimator
-    fit: Fit
-
-    @classmethod
-    def of(cls, config: Installation) -> _Ready:
-        """Check and build. Raises `UserError`."""
-        from observer.service.checkpoint import Fit
-
-        _every_channel_has_a_driver(config)
-        if config.record.directory is not None:
-            _can_be_made(config.record.directory)
-        machine = Machine.of(config)
-        estimator = machine.estimator()
-        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
-
-    @property
-    def checkpoint(self) -> Path | None:
-        """The file of the checkpoint, if there is to be one."""
-        place, name = self.config.checkpoint.place(self.config.record), self.config.machine
-        return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
-
-    def compiler(self) -> Compiler:
-        """What has its kernels compiled."""
-        from observer.service.notify import service_manager
-        from observer.service.warm import Compiler
-
-        line = self.config.model_dump_json(by_alias=True, exclude_unset=True)
-        return Compiler("observer.compile_kernels", line, service_manager())
-
-
-def _reread(path: Path, now: Installation) -> _Ready:
-    """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
-    from drivers import open_driver
-    from observer.publish.session import listening
-    from observer.service.align import Aligner
-
-    config = load(path)
-    refuse_taken(set(listening(config.publish)) - set(listening(now.publish)), "publish.listen")
-    for key, settings in config.drivers.items():
-        open_driver(key, settings)
-    ready = _Ready.of(config)
-    frame = Aligner(ready.machine.plan).tick(0.0)
-    ready.compiler().warm(lambda: ready.machine.pipeline(ready.estimator).warm_up(frame))
-    return ready
-
-
-def _service(
-    ready: _Ready,
-    clock: ServiceClock,
-    renewals: Renewals[_Ready],
-    start: Standing | None,
-    *,
-    alone: bool,
-) -> Service:
-    """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
-
-    `alone` asks for nobody else to have the axis.
-    """
-    import secrets
-
-    from drivers import open_driver
-    from observer.publish.codec import config_json
-    from observer.publish.zenoh import ZenohPublisher
-    from observer.service.checkpoint import pack
-    from observer.service.compensate import Compensator
-    from observer.service.keeper import Keeper
-    from observer.service.loop import Service
-    from observer.service.notify import service_manager
-    from observer.service.record import Recorder
-    from observer.service.retention import Retention
-
-    config, machine, estimator = ready.config, ready.machine, ready.estimator
-    name, record, instance = config.machine, config.record, secrets.token_hex(4)
-    held = None if start is None else start.compensation
-    compensator = (
-        Compensator(config, estimator.layout.position_m, instance, held)
-        if config.compensation.enabled
-        else None
-    )
-    file = ready.checkpoint
-    return Service(
-        drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
-        plan=machine.plan,
-        drive=machine.drive,
-        estimator=estimator,
-        publisher=ZenohPublisher(
-            name.name,
-            name.axis,
-            config.publish,
-            config_json(config, instance),
-            estimator.layout,
-            instance,
-            compensates=compensator is not None,
-        ),
-        recorder=Recorder(
-            record.directory,
-            f"{name.name}-{name.axis}",
-            config.channels,
-            int(record.rotate_MB * 1e6),
-            record.sync_s,
-            Retention.of(record),
-            None if start is None else pack(start, ready.fit),
-        )
-        if record.directory
-        else None,
-        clock=clock,
-        notify=service_manager(),
-        compensator=compensator,
-        self_test=machine.self_test(),
-        instance=instance,
-        start=start,
-        keeper=None if file is None else Keeper(file, ready.fit, config.checkpoint.period_s),
-        renewals=renewals,
-        compiler=ready.compiler(),
-        alone=alone,
-    )
-
-
-def wires(config: Installation) -> dict[str, Any]:
-    """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
-    from drivers import open_driver
-    from observer.service.one_look import look
-    from observer.service.plausibility import Limits
-
-    limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
-
-    def doubt(channel: str, value: float) -> str | None:
-        return limits.doubt(column[channel], value) if channel in column else None
-
-    return look([open_driver(key, settings) for key, settings in config.drivers.items()], doubt)
-
-
-def _every_channel_has_a_driver(config: Installation) -> None:
-    """Raise `ConfigError` where the model reads a channel that no driver delivers; a player delivers all."""
-    offered: set[str] = set()
-    for settings in config.drivers.values():
-        if settings.kind == "player":
-            return
-        offered |= {settings.position_channel} if settings.kind == "canopen" else set(settings.channels)
-    missing = [c for c in config.channels if c not in offered]
-    if missing:
-        raise ConfigError(
-            f"drivers: no driver delivers {', '.join(missing)}; add the channel to a [drivers.…] table, or "
-            "remove what reads it"
-        )
-
-
-def _can_be_made(recordings: Path) -> None:
-    """Raise `ConfigError` where no recording can be written; a disk that fills up later is another matter."""
-    from observer.files.folders import make_folder
-
-    try:
-        make_folder(recordings)
-        tempfile.TemporaryFile(dir=recordings).close()
-    except OSError as error:
-        raise ConfigError(
-            f"record.directory: {recordings} cannot be written ({error.strerror}); name another directory"
-        ) from None
 
 
 def replay(
@@ -280,14 +43,14 @@ def replay(
     from observer.report.collect import Collector
     from observer.report.overview import write_overview
     from observer.service.checkpoint import Fit
-    from observer.service.replay import estimates_of, start_of, write_results
+    from observer.service.replay import Tee, estimates_of, nut_paths, start_of, write_results
 
     log = _recorded(log_path, config, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
     machine = Machine.of(config)
     estimator = machine.estimator()
     start, told = start_of(log, Fit.of(config, machine.drive, estimator))
     collector = Collector(config)
-    tee = _Tee(machine.drive)
+    tee = Tee(machine.drive)
     reasons: dict[str, int] = {}
 
     def blocks() -> Iterator[EstimateBlock]:
@@ -298,8 +61,9 @@ def replay(
             collector.add(tee.inputs, block)
             yield block
 
-    more: dict[str, Any] = _verdicts(config, log) | _open_loop(machine, frames_of_log(log, machine.plan))
-    more |= {
+    more: dict[str, Any] = {
+        "nut_path": nut_paths(config, log),
+        "open_loop_rms_K": open_loop_rms_K(machine.plant, machine.drive, frames_of_log(log, machine.plan)),
         "doubts": doubts(log, frames_of_log(log, machine.plan), config),
         "reasons": reasons,
         "start": told,
@@ -336,6 +100,7 @@ def identify(
     from observer.history.identify import heat_history
     from observer.report.heat_history import HistorySamples, write_heat_history
     from observer.service.identify import inputs_of, write_history
+    from observer.service.replay import nut_paths
 
     options.check()
     progress("reading the log")
@@ -349,8 +114,12 @@ def identify(
         history = heat_history(machine.plant, config.estimator, blocks, options)
     except UserError as error:
         raise LogError(f"{log_path}: {error}") from None
-    more = {"config": config.digest, "method": options.method} | _verdicts(config, log)
-    more["doubts"] = doubts(log, frames_of_log(log, machine.plan), config)
+    more: dict[str, Any] = {
+        "config": config.digest,
+        "method": options.method,
+        "nut_path": nut_paths(config, log),
+        "doubts": doubts(log, frames_of_log(log, machine.plan), config),
+    }
     with results_in(output) as part:
         summary = write_history(part, machine.plant.layout, history, log, more)
         samples = HistorySamples.of(machine.plant.estimated, history, blocks)
@@ -358,77 +127,6 @@ def identify(
             part / "heat.png", config, samples, f"heats in {log_path.name}", f"by {options.method}"
         )
     return summary
-
-
-class _Tee:
-    """A drive that remembers the inputs it gave last."""
-
-    def __init__(self, drive: Drive) -> None:
-        self._drive = drive
-        self.inputs: Inputs
-
-    def initial(self) -> Any:
-        """Give the state before the first frame."""
-        return self._drive.initial()
-
-    def run(self, state: Any, frames: FrameBlock) -> tuple[Any, Inputs]:
-        """K steps."""
-        state, self.inputs = self._drive.run(state, frames)
-        return state, self.inputs
-
-
-def _open_loop(machine: Machine, blocks: Iterator[FrameBlock]) -> dict[str, Any]:
-    """Return how far the prediction by the heat laws alone is from each sensor, K rms."""
-    squares = np.zeros(machine.plant.rows.sensors)
-    count = np.zeros(machine.plant.rows.sensors)
-    for inputs, rows in _predicted(machine, blocks):
-        gap = np.where(inputs.usable, inputs.y_degC - rows[:, machine.plant.rows.sensor_slice], np.nan)
-        squares += np.nansum(gap**2, axis=0)
-        count += np.isfinite(gap).sum(axis=0)
-    rms = {
-        name: math.sqrt(s / n) if n else None
-        for name, s, n in zip(machine.plant.layout.sensors, squares, count, strict=True)
-    }
-    return {"open_loop_rms_K": rms}
-
-
-def _predicted(
-    machine: Machine, blocks: Iterator[FrameBlock], start_degC: float | None = None
-) -> Iterator[tuple[Inputs, FloatArray]]:
-    """Simulate frames open loop, from the first frame at which every known input is known."""
-    from observer.model.simulate import simulate, start, start_from_sensors
-
-    plant = machine.plant
-    drive_state, state = machine.drive.initial(), None
-    for frames in blocks:
-        drive_state, inputs = machine.drive.run(drive_state, frames)
-        if state is None:
-            first = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
-            if not len(first):
-                continue
-            k = int(first[0])
-            inputs = inputs.part(k)
-            y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
-            if start_degC is None and np.isfinite(y).any():
-                state = start_from_sensors(plant, y, plant.noise_R_K2, inputs.law_W[0], inputs.z_end[0])
-            else:
-                level = inputs.z_end[0, 0] if start_degC is None else start_degC
-                state = start(plant, level, inputs.law_W[0])
-        state, rows = simulate(plant, state, inputs)
-        yield inputs, rows
-
-
-def _verdicts(config: Installation, log: Log) -> dict[str, Any]:
-    """Return, per moving source, whether the log tells the nut's path."""
-    from observer.model.rod.moving import judge_path
-
-    found = {}
-    for source in config.source:
-        if source.position_channel is not None:
-            low, high = source.stroke_m or (0.0, config.screw.length_m)
-            column = log.values[:, log.channels.index(source.position_channel)]
-            found[source.name] = judge_path(column, high - low)
-    return {"nut_path": found}
 
 
 def simulate(
@@ -442,14 +140,15 @@ def simulate(
     from observer.files.writer import write_log
     from observer.report.collect import SimulationCollector
     from observer.report.overview import write_simulation_overview
+    from observer.service.simulation import read_program, simulated_columns
 
     suffix_of(output)
     machine = Machine.of(config)
-    log = _program(program, config)
+    log = read_program(program, config)
     collector = SimulationCollector(config)
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     done = 0
-    for inputs, rows in _predicted(machine, frames_of_log(log, machine.plan), start_degC):
+    for inputs, rows in predicted(machine.plant, machine.drive, frames_of_log(log, machine.plan), start_degC):
         collector.add(inputs, rows, machine.plant.rows)
         parts.append((inputs.time_s, inputs.law_W, rows))
         done += len(inputs)
@@ -459,42 +158,10 @@ def simulate(
     time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
     title = f"open-loop prediction of {program.name}"
     with results_in(output.parent) as part:
-        write_log(part / output.name, time_s, _simulated_columns(machine, log, time_s, law_W, rows))
+        columns = simulated_columns(config, machine.plant, log, time_s, law_W, rows)
+        write_log(part / output.name, time_s, columns)
         write_simulation_overview(part / "overview.png", config, collector.samples(), title)
     return np.asarray(rows[-1, machine.plant.rows.sensor_slice])
-
-
-def _program(path: Path, config: Installation) -> Log:
-    """Read a program; sensors that it does not hold count as missing."""
-    sensors = {s.channel for s in config.sensor}
-    log = read_log(path)
-    needed = [c for c in config.channels if c not in sensors or c in log.channels]
-    log = read_log(path, needed)
-    values = {c: log.values[:, i] for i, c in enumerate(log.channels)}
-    nothing = np.full(len(log), np.nan)
-    return replace(
-        log,
-        channels=config.channels,
-        values=np.column_stack([values.get(c, nothing) for c in config.channels]),
-    )
-
-
-def _simulated_columns(
-    machine: Machine, log: Log, time_s: FloatArray, law_W: FloatArray, rows: FloatArray
-) -> dict[str, FloatArray]:
-    """The columns of a simulated log: sensors, inputs, heats, field, thermal error."""
-    config, meaning, layout = machine.config, machine.plant.rows, machine.plant.layout
-    sensors = {s.channel for s in config.sensor}
-    columns = {s.channel: rows[:, i] for i, s in enumerate(config.sensor)}
-    at = np.searchsorted(log.time_s, time_s)
-    columns |= {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
-    columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(machine.plant.source_names)}
-    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
-    columns |= {f"field_{mm}_degC": rows[:, meaning.sensors + i] for i, mm in enumerate(places)}
-    if layout.has_error:
-        error_um = meaning.error_um(rows)
-        columns |= {f"error_{mm}_um": error_um[:, i] for i, mm in enumerate(places)}
-    return columns
 
 
 def calibrate(
@@ -541,10 +208,10 @@ def discover(
     progress: Callable[[str, float], None],
     *,
     report: bool = True,
-) -> dict[str, Any]:
+) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
-    Returns the content of `result.json`.
+    Returns what was found, and the content of `result.json`.
     """
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
@@ -567,35 +234,33 @@ def discover(
         if report:
             progress("writing the report", 0.97)
             write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
-    return result
+    return found, result
 
 
 def place(config: Installation, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
     """Rank sensor sites: the best sets of 1 … `count` positions and how well they see."""
-    from observer.estimators.design.placement import rank_sensor_sites
+    from observer.estimators.design.placement import best_places
 
-    length_m = config.screw.length_m
-    points = 41 if spacing_m is None else max(2, round(length_m / spacing_m) + 1)
-    positions_m = np.linspace(0.0, length_m, points)
-    candidates = config.model_copy(
-        update={
-            "effect": tuple(e for e in config.effect if e.targets != "sensor"),
-            "sensor": tuple(
-                config.sensor[0].model_copy(
-                    update={"name": f"c{i}", "channel": f"c{i}", "position_m": x, "on": None}
-                )
-                for i, x in enumerate(positions_m.tolist())
-            ),
-        }
-    )
-    plant = build_plant(candidates)
-    sets = rank_sensor_sites(plant, plant.rows.C[plant.rows.sensor_slice], count)
     return [
         {
             "sensors": len(found.sites),
-            "positions_m": sorted(round(float(positions_m[i]), 6) for i in found.sites),
+            "positions_m": places_m,
             "score_K": found.score_K,
             "condition": found.condition,
         }
-        for found in sets
+        for places_m, found in best_places(config, count, spacing_m)
     ]
+
+
+def wires(config: Installation) -> dict[str, Any]:
+    """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
+    from drivers import open_driver
+    from observer.service.one_look import look
+    from observer.service.plausibility import Limits
+
+    limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
+
+    def doubt(channel: str, value: float) -> str | None:
+        return limits.doubt(column[channel], value) if channel in column else None
+
+    return look([open_driver(key, settings) for key, settings in config.drivers.items()], doubt)

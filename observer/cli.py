@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -106,14 +107,14 @@ def run(
     from observer.service.spare import import_sparingly
 
     import_sparingly()
-    from observer import app as parts
+    from observer.daemon import serve
     from observer.installation import load
     from observer.service.messages import configure
     from observer.service.shutdown import leave
 
     configure(as_json=log_format is LogFormat.json)
     try:
-        parts.serve(load(config), seconds, config)
+        serve(load(config), seconds, config)
     except UserError as error:
         _say(error)
         leave(2)  # threads of parts that had been started may hang at the interpreter's exit
@@ -295,9 +296,9 @@ def discover(
     from observer.report.progress import advancing
 
     with advancing("discover") as progress:
-        result = parts.discover(config, log, output, progress)
+        found, result = parts.discover(config, log, output, progress)
     _warn(result["doubts"])
-    for sentence in as_sentences(result):
+    for sentence in as_sentences(found, result):
         typer.echo(sentence)
     files = "config.toml, result.json, report.html" if result["effects"] else "result.json, report.html"
     typer.echo(f"written to {output}: {files}")
@@ -413,64 +414,39 @@ def health(
     leave(0 if str(answer.document.get("state")) in {"starting", "good", "degraded"} else 1)
 
 
-@app.command()
-def arm(
-    machine: OneMachineOption,
-    axis: OneAxisOption,
-    connect: ConnectOption = DEFAULT_ENDPOINT,
-    timeout_s: TimeoutOption = 5.0,
-    client: ClientOption = None,
-    config_hash: HashOption = None,
-) -> None:
-    """Arm the compensation of one axis; exit code 0 if it is armed then, else 1."""
-    _command("arm", machine, axis, connect, timeout_s, client, config_hash)
+_COMMANDS = {
+    "arm": "Arm the compensation of one axis; exit code 0 if it is armed then, else 1.",
+    "disarm": "Switch the compensation of one axis off; exit code 0 if it is off then, else 1.",
+    "reset": "Have the estimator of one axis start afresh; exit code 0 if it does, else 1.",
+}
 
 
-@app.command()
-def disarm(
-    machine: OneMachineOption,
-    axis: OneAxisOption,
-    connect: ConnectOption = DEFAULT_ENDPOINT,
-    timeout_s: TimeoutOption = 5.0,
-    client: ClientOption = None,
-    config_hash: HashOption = None,
-) -> None:
-    """Switch the compensation of one axis off; exit code 0 if it is off then, else 1."""
-    _command("disarm", machine, axis, connect, timeout_s, client, config_hash)
+def _giving(kind: str) -> Callable[..., None]:
+    """The verb that gives a running service the command `kind` and prints what came of it."""
+
+    def give(
+        machine: OneMachineOption,
+        axis: OneAxisOption,
+        connect: ConnectOption = DEFAULT_ENDPOINT,
+        timeout_s: TimeoutOption = 5.0,
+        client: ClientOption = None,
+        config_hash: HashOption = None,
+    ) -> None:
+        from observer.publish.ask import command
+        from observer.service.shutdown import leave
+
+        for option, name in (("--machine", machine), ("--axis", axis)):
+            if "*" in name:
+                raise UserError(f"{option}: {name} may be several; name the one that is meant")
+        answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash)
+        typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
+        leave(0 if answer.document is not None and answer.document.get("done") is True else 1)
+
+    return give
 
 
-@app.command()
-def reset(
-    machine: OneMachineOption,
-    axis: OneAxisOption,
-    connect: ConnectOption = DEFAULT_ENDPOINT,
-    timeout_s: TimeoutOption = 5.0,
-    client: ClientOption = None,
-    config_hash: HashOption = None,
-) -> None:
-    """Have the estimator of one axis start afresh; exit code 0 if it does, else 1."""
-    _command("reset", machine, axis, connect, timeout_s, client, config_hash)
-
-
-def _command(
-    kind: str,
-    machine: str,
-    axis: str,
-    connect: str,
-    timeout_s: float,
-    client: Path | None,
-    digest: str | None,
-) -> NoReturn:
-    """Give a command, print what came of it, and leave."""
-    from observer.publish.ask import command
-    from observer.service.shutdown import leave
-
-    for option, name in (("--machine", machine), ("--axis", axis)):
-        if "*" in name:
-            raise UserError(f"{option}: {name} may be several; name the one that is meant")
-    answer = command(kind, connect, machine, axis, timeout_s, _client(client), digest)
-    typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
-    leave(0 if answer.document is not None and answer.document.get("done") is True else 1)
+for _kind, _help in _COMMANDS.items():
+    app.command(_kind, help=_help)(_giving(_kind))
 
 
 def main() -> None:

@@ -6,9 +6,9 @@ import os
 import sys
 import threading
 
-from observer.app import Machine
 from observer.installation import Installation
 from observer.service.align import Aligner
+from observer.service.machine import Machine
 
 
 def main() -> None:

@@ -158,6 +158,11 @@ class Config(Description):
         return tuple(dict.fromkeys(n for n in names if n is not None))
 
     @property
+    def sample_s(self) -> dict[str, float]:
+        """How often each channel comes, where that is known."""
+        return {}
+
+    @property
     def plant_digest(self) -> str:
         """A hash of what gives an estimator's state its meaning: all but what lies beside the model."""
         return hashlib.sha256(self.model_dump_json(exclude=_BESIDE_THE_MODEL).encode()).hexdigest()[:16]

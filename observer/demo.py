@@ -27,7 +27,7 @@ def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
 
     import structlog
 
-    from observer import app
+    from observer.daemon import serve
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))
     config = load(demo_file())
@@ -44,7 +44,7 @@ def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
             flush=True,
         )
         with live_view(listen, name, axis, plain):
-            app.serve(config, seconds)
+            serve(config, seconds)
     print("demo ended", flush=True)
     return 0
 

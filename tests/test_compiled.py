@@ -52,7 +52,7 @@ def later(x):
 
 out = np.zeros(1)
 run(Pair(np.array([3.0]), np.array([0.25])), out)
-print(out[0], run.stats.cache_misses)
+print(out[0], sum(run.stats.cache_misses.values()))
 """,
 }
 

@@ -7,7 +7,7 @@ sensor at b_T = 0.43 L. It is dimensionless: L = α = kA = 1, so times are τ = 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -149,8 +149,8 @@ def ball_screw_run(steps: int = 60, *, default_bandwidth: bool = False) -> Run:
     )
     blind = _inputs(plant, settings.estimator.period_s, steps, 20.0)
     still = simulate.start(plant, 20.0, np.zeros(len(heat_W)))
-    _, rows = simulate.simulate(plant, still, replace(blind, law_W=np.tile(heat_W, (steps, 1))))
-    seen = replace(blind, y_degC=rows[:, plant.rows.sensor_slice], usable=np.ones_like(blind.usable))
+    _, rows = simulate.simulate(plant, still, blind._replace(law_W=np.tile(heat_W, (steps, 1))))
+    seen = blind._replace(y_degC=rows[:, plant.rows.sensor_slice], usable=np.ones_like(blind.usable))
     estimator = build_estimator(plant, design)
     _, estimate = estimator.run(estimator.initial(), seen)
     return Run(heat_W, rows[:, plant.rows.field_slice], plant, estimate)

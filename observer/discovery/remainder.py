@@ -13,7 +13,6 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.phases import PHASES, courses_of
-from observer.effects.heat import LocalHeat
 from observer.fit.hypothesis import Fit
 from observer.frames import FloatArray
 from observer.tables.sections import Sensor, Source
@@ -104,10 +103,10 @@ def _step_responses(config: Config, fit: Fit, run: int) -> list[FloatArray]:
 def _one_watt_at(config: Config, sensor: Sensor) -> Config:
     """The configuration with 1 W where a sensor sits, on the screw or on a node."""
     if sensor.position_m is not None:
-        heat = LocalHeat(kind="local_heat", position_m=sensor.position_m, heat_W=1.0)
-        return config.model_copy(update={"effect": (*config.effect, heat)})
-    into = {sensor.on: 1.0}
-    one = Source(name="one_watt", shape="node", nodes=into, heat_W=1.0, estimate=False)  # type: ignore[arg-type]
+        where = {"shape": "point", "position_m": sensor.position_m}
+    else:
+        where = {"shape": "node", "nodes": {sensor.on: 1.0}}
+    one = Source(name="one_watt", heat_W=1.0, estimate=False, **where)  # type: ignore[arg-type]
     return config.model_copy(update={"source": (*config.source, one)})
 
 

@@ -41,9 +41,8 @@ def _gap(gap: Gap) -> dict[str, float]:
 
 
 FORM_SHARE = 0.015
-"""How far an effect's own form may be from that of the machine, as a part of its parameters: one σ."""
-PLACES = ("_m", "_degC")
-"""What ends the name of a parameter that is no strength, and that a form does not scale."""
+"""How far an effect's own form may be from that of the machine, as a part of its parameters, places and
+temperatures aside: one σ."""
 
 
 def discovery_result(found: Discovery) -> dict[str, Any]:
@@ -93,12 +92,13 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
     values = zip(fit.parameters, fit.values.tolist(), fit.half_width.tolist(), strict=True)
     by_effect: dict[int, dict[str, Any]] = {}
     for p, value, half in values:
-        form = 0.0 if p.key.endswith(PLACES) else NORMAL_95 * FORM_SHARE * value
+        known = fit.config.effect[p.effect].parameters[p.key]
+        form = 0.0 if known.level else NORMAL_95 * FORM_SHARE * value
         wide = float(np.hypot(half, form))
         by_effect.setdefault(p.effect, {})[p.key] = {
             "value": rounded(value),
             "ci95": [rounded(max(value - wide, p.low)), rounded(min(value + wide, p.high))],
-            "unit": unit_of(p.key),
+            "unit": known.unit,
         }
     for i, effect in enumerate(fit.config.effect[before:], start=before):
         target = getattr(effect, "target", None)
@@ -119,26 +119,6 @@ def calibrated_of(fit: Fit) -> dict[str, Any]:
             "unit": kind_of(key).unit,
         }
     return out
-
-
-def unit_of(key: str) -> str:
-    """The unit that ends a parameter's name, as people write it."""
-    return next((unit for ending, unit in _UNITS if key.endswith(ending)), "1")
-
-
-_UNITS = (
-    ("_W_m2K", "W/m2K"),
-    ("_J_K", "J/K"),
-    ("_W_K", "W/K"),
-    ("_W_rpm", "W/rpm"),
-    ("_K_h", "K/h"),
-    ("per_K", "1/K"),
-    ("_degC", "°C"),
-    ("_W", "W"),
-    ("_K", "K"),
-    ("_m", "m"),
-    ("_s", "s"),
-)
 
 
 def _where(found: Discovery) -> list[dict[str, Any]]:

@@ -12,10 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from observer.discovery.candidates import BY_KIND, Candidate
+from observer.discovery.candidates import Candidate
 from observer.discovery.signatures import Promise, Signature, promises, signatures
-from observer.effects.film import UnevenConvection
-from observer.effects.heat import LocalHeat
 from observer.fit.hypothesis import Fit, Problem, fit_effects, fit_null
 from observer.frames import BoolArray, FloatArray
 
@@ -30,8 +28,6 @@ FORM = 0.01
 """Part of what is explained already that a further effect has to explain, for no form is quite right."""
 MATERIAL = 0.05
 """The least part of the deviance on data held out that has to go."""
-AT_END = 0.08
-"""Part of the screw within which a place is at its end."""
 SAME = 0.97
 """Part of the drop that a simple effect must bring to stand for a richer one of the same physics."""
 WEAK = 0.1
@@ -59,7 +55,7 @@ class Trial:
     @property
     def score(self) -> float:
         """The drop of the deviance, less what its parameters have to earn."""
-        return self.drop - PER_PARAMETER * (len(self.candidate.scales) - 1)
+        return self.drop - PER_PARAMETER * (len(self.candidate.fitted) - 1)
 
     @property
     def accepted(self) -> bool:
@@ -74,7 +70,8 @@ class Trial:
         return all(
             value + half < p.high
             for p, value, half in each
-            if p.key in self.candidate.told and self.fit.config.effect[p.effect].kind == self.candidate.kind
+            if isinstance(self.fit.config.effect[p.effect], self.candidate.of)
+            and self.candidate.fitted[p.key].bounded
         )
 
 
@@ -184,7 +181,7 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
 
     Offsets of several sensors can mimic almost any steady field.
     """
-    of_sensor = [c for c in (candidate, *present) if BY_KIND[c.kind].targets == "sensor"]
+    of_sensor = [c for c in (candidate, *present) if c.of.targets == "sensor"]
     return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
 
 
@@ -242,23 +239,11 @@ def _best(trials: Sequence[Trial]) -> Trial | None:
 
 def same_physics(simple: Trial, rich: Trial) -> bool:
     """Whether a trial with more parameters comes down to a simple one: at an end, or over the whole screw."""
-    effect, other = rich.fit.config.effect[-1], simple.candidate
-    L = rich.fit.config.screw.length_m
-    if isinstance(effect, LocalHeat):
-        return (other.kind, other.target) == ("motor_heat", _end(effect.position_m, L))
-    if isinstance(effect, UnevenConvection):
-        if _end(effect.from_m, L) and _end(effect.from_m, L) == _end(effect.to_m, L):
-            return (other.kind, other.target) == ("end_conduction", _end(effect.to_m, L))
-        whole = effect.to_m - effect.from_m > (1 - AT_END) * L
-        return whole and other.kind == "surface_convection"
-    return False
-
-
-def _end(position_m: float, length_m: float) -> str | None:
-    """The end that a place belongs to, if any."""
-    if position_m < AT_END * length_m:
-        return "left"
-    return "right" if position_m > (1 - AT_END) * length_m else None
+    config = rich.fit.config
+    return config.effect[-1].comes_down_to(config.screw.length_m) == (
+        simple.candidate.of,
+        simple.candidate.target,
+    )
 
 
 def _pruned(null: Fit, fit: Fit, chosen: list[Trial]) -> tuple[Fit, list[Trial]]:
@@ -266,7 +251,7 @@ def _pruned(null: Fit, fit: Fit, chosen: list[Trial]) -> tuple[Fit, list[Trial]]
     while len(chosen) > 1:
         less = [without(null.problem, fit, i) for i in range(len(chosen))]
         costs = [
-            f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.scales) - 1)
+            f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.fitted) - 1)
             for f, t in zip(less, chosen, strict=True)
         ]
         least = int(np.argmin(costs))
@@ -294,4 +279,4 @@ def _blind(found: Sequence[Promise]) -> tuple[Candidate, ...]:
             most.get(candidate.name, (0.0, candidate)), (p.kept, candidate), key=lambda e: e[0]
         )
     blind = [candidate for kept, candidate in most.values() if kept < BLIND]
-    return tuple(sorted(blind, key=lambda c: c.kind == "end_heat"))  # a law that is free takes it up always
+    return tuple(sorted(blind, key=lambda c: c.of.mimicked))

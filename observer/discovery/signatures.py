@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.candidates import BY_KIND, Candidate
+from observer.discovery.candidates import Candidate
 from observer.fit.hypothesis import Fit, Problem, told_lags
 from observer.frames import FloatArray
 
@@ -41,8 +41,8 @@ def signatures(problem: Problem, config: Config, candidates: Sequence[Candidate]
     """Return the signatures of all shapes; those that move nothing are left out."""
     changes = [
         entry
-        for kind, group in groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
-        for entry in _changes(problem, config, kind, tuple(group))
+        for _, group in groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
+        for entry in _changes(problem, config, tuple(group))
     ]
     columns = problem.evidence.whitened(np.column_stack([change for _, _, change in changes]))
     return [
@@ -58,7 +58,8 @@ def promises(base: Fit, found: Sequence[Signature]) -> list[Promise]:
     problem, used = base.problem, base.problem.evidence.used
     by_tolerance: dict[frozenset[str], list[Signature]] = {}
     for s in found:
-        by_tolerance.setdefault(told_lags(base.config, s.candidate.kind, s.candidate.target), []).append(s)
+        effect = s.candidate.effect(s.candidate.shapes[s.shape])
+        by_tolerance.setdefault(told_lags(base.config, effect), []).append(s)
     for told, group in by_tolerance.items():
         marginal = problem.marginal(used, told)
         Q, _ = np.linalg.qr(marginal(base.jacobian[used]))
@@ -79,7 +80,7 @@ def promises(base: Fit, found: Sequence[Signature]) -> list[Promise]:
 
 
 def _changes(
-    problem: Problem, config: Config, kind: str, group: Sequence[Candidate]
+    problem: Problem, config: Config, group: Sequence[Candidate]
 ) -> Iterator[tuple[Candidate, int, FloatArray]]:
     """Yield candidate, number of the shape, and change (n,) in K of the prediction, for one kind."""
     here = problem.predicted(config)
@@ -88,7 +89,7 @@ def _changes(
         more = config.model_copy(update={"effect": (*config.effect, *effects)})
         return problem.predicted(more) - here
 
-    if BY_KIND[kind].targets == "sensor":  # each moves its own sensor only: all at once
+    if group[0].of.targets == "sensor":  # each moves its own sensor only: all at once
         names = [s.name for s in config.sensor]
         for i in range(len(group[0].shapes)):
             whole = change(*(c.effect(c.shapes[i]) for c in group))
@@ -96,17 +97,7 @@ def _changes(
                 yield c, i, np.where(problem.evidence.sensor == names.index(str(c.target)), whole, 0.0)
         return
     for c in group:
-        if kind == "uneven_convection":  # a stretch is the sum of its cells, as long as it is weak
-            cells = {x["from_m"]: change(c.effect(x)) for x in c.shapes if _is_cell(x, c)}
-            for i, shape in enumerate(c.shapes):
-                inside = [y for x, y in cells.items() if shape["from_m"] <= x < shape["to_m"] - 1e-9]
-                yield c, i, np.sum(inside, axis=0)
-            continue
-        for i, shape in enumerate(c.shapes):
-            yield c, i, change(c.effect(shape))
-
-
-def _is_cell(shape: object, candidate: Candidate) -> bool:
-    """Whether a stretch is as short as any."""
-    narrowest = min(x["to_m"] - x["from_m"] for x in candidate.shapes)
-    return bool(shape["to_m"] - shape["from_m"] < 1.5 * narrowest)  # type: ignore[index]
+        sums = c.of.sums(c.shapes)
+        parts = {j: change(c.effect(c.shapes[j])) for j in sorted({j for parts in sums for j in parts})}
+        for i, own in enumerate(sums):
+            yield c, i, np.sum([parts[j] for j in own], axis=0)

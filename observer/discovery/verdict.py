@@ -30,14 +30,29 @@ class Verdict:
     """What a search comes to.
 
     `fit` is what may be written back, or what remains to be explained; `sets` the sets of effects that
-    explain the logs equally well, the best first, and `fits` their fits; `reason` one sentence.
+    explain the logs equally well, the best first, and `fits` their fits; `remains` where an error is left
+    that nothing explains; `lacking` what the logs do not hold, a clause for each.
     """
 
     kind: Kind
     fit: Fit
-    sets: tuple[tuple[Candidate, ...], ...]
-    fits: tuple[Fit, ...]
-    reason: str
+    sets: tuple[tuple[Candidate, ...], ...] = ()
+    fits: tuple[Fit, ...] = ()
+    remains: Literal["in what was fitted", "on data held back"] | None = None
+    lacking: tuple[str, ...] = ()
+
+    @property
+    def reason(self) -> str:
+        """Why, in a sentence without its full stop."""
+        names = [" and ".join(c.name for c in each) for each in self.sets]
+        return {
+            "named": f"missing: {''.join(names[:1])}",
+            "none": "the calibrated model explains the logs; nothing is missing that shows",
+            "unknown": f"an error remains {self.remains} that no effect of the library, nor three together, "
+            "explains",
+            "ambiguous": f"these logs cannot tell {' from '.join(names)}",
+            "not_identifiable": f"nothing is missing that shows, but {'; '.join(self.lacking)}",
+        }[self.kind]
 
 
 def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
@@ -47,20 +62,12 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     noise = proof.expected
     unfit = goodness(fit) > noise + UNFIT + form or proof.whole.after > noise + PROOF_UNFIT + 2 * form
     if unfit or proof.worse:
-        where = "in what was fitted" if goodness(fit) > noise + UNFIT + form else "on data held back"
-        reason = f"an error remains {where} that no effect of the library, nor three together, explains"
-        return Verdict("unknown", fit, (), (), reason)
-    if not search.chosen and lacking:
-        reason = "nothing is missing that shows, but " + "; ".join(lacking)
-        return Verdict("not_identifiable", fit, (), (), reason)
+        fitted = goodness(fit) > noise + UNFIT + form
+        return Verdict("unknown", fit, remains="in what was fitted" if fitted else "on data held back")
     if not search.chosen:
-        reason = "the calibrated model explains the logs; nothing is missing that shows"
-        return Verdict("none", fit, (), (), reason)
+        return Verdict("not_identifiable" if lacking else "none", fit, lacking=tuple(lacking))
     sets, fits = alternatives(search, noise)
-    names = [" and ".join(c.name for c in each) for each in sets]
-    if len(sets) > 1:
-        return Verdict("ambiguous", fit, sets, fits, f"these logs cannot tell {' from '.join(names)}")
-    return Verdict("named", fit, sets, fits, f"missing: {names[0]}")
+    return Verdict("ambiguous" if len(sets) > 1 else "named", fit, sets, fits)
 
 
 def goodness(fit: Fit) -> float:

@@ -1,31 +1,130 @@
-"""What all effects share: how one is named, what it is part of, and the question it answers."""
+"""What all effects share: everything that is known of one stands in its class, and nowhere else."""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field
 
 from observer.effects.terms import Term
 from observer.errors import ConfigError
 from observer.tables.quantities import Section
-from observer.tables.sections import Description, Source
+from observer.tables.sections import Description, Source, law_channels
 
 Target = Annotated[str, Field(min_length=1, max_length=64)]
+Shape = Mapping[str, float]
+"""An effect at a typical strength: a value of each parameter that a search fits."""
+AT_END = 0.08
+"""Part of the screw within which a place is at its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """What a search knows of a parameter.
+
+    `scale` is a change that matters. `neutral` is where the parameter makes the effect nothing, so that a
+    strength multiplies what it has beyond; None for one that gives the effect its form, such as a place or a
+    time. `starts` are the values from which a search starts, the scale where there are none. `low` and `high`
+    are limits where they are narrower than the table's own. A `bounded` parameter's interval must end below
+    `high`, for beyond it the effect is another one. A position's scale is the length of the screw over
+    `parts`, and its limits are the ends.
+    """
+
+    unit: str
+    scale: float = math.nan
+    neutral: float | None = 0.0
+    starts: tuple[float, ...] = ()
+    low: float = -math.inf
+    high: float = math.inf
+    bounded: bool = False
+    parts: int = 0
+
+    def on(self, length_m: float) -> Fitted:
+        """Return it for a screw of a length."""
+        if not self.parts:
+            return self
+        return replace(self, scale=length_m / self.parts, low=0.0, high=length_m, parts=0)
+
+    @property
+    def level(self) -> bool:
+        """Whether it is a place or a temperature, which counts from nowhere in particular."""
+        return self.unit in ("m", "°C")
+
+
+def position(parts: int) -> Fitted:
+    """What a search knows of a position on the screw, of which so many parts matter."""
+    return Fitted("m", neutral=None, parts=parts)
 
 
 class EffectTable(Section):
     """One physical effect: the parameters of a `[[effect]]` table, and the terms it adds to the plant.
 
-    `parameters` are the keys that a search may fit; `excitation` is what a log must hold to tell them;
-    `source` where the law comes from.
+    Of a class: `parameters` are the keys that a search may fit, and what it knows of them; `targets` what
+    `target` names, if anything; `lacks` what a model without the effect lacks, with `{target}` in its place;
+    `excitation` what a log must hold to tell it; `source` where its law comes from; `turning` whether it goes
+    with the speed and is sought only where some source tells that; `mimicked` whether a heat law whose scale
+    is free makes up for it almost always.
     """
 
-    parameters: ClassVar[tuple[str, ...]]
+    kind: str
+
+    parameters: ClassVar[Mapping[str, Fitted]]
     targets: ClassVar[Literal["end", "source", "nut", "place", "sensor"] | None] = None
+    lacks: ClassVar[str]
     excitation: ClassVar[str]
     source: ClassVar[str]
+    turning: ClassVar[bool] = False
+    mimicked: ClassVar[bool] = False
+
+    @classmethod
+    def named(cls) -> str:
+        """The kind by which a configuration names the effect."""
+        return str(get_args(cls.model_fields["kind"].annotation)[0])
+
+    @classmethod
+    def bounds(cls, key: str) -> tuple[float, float]:
+        """The range of a parameter, from the table."""
+        low, high = -math.inf, math.inf
+        for limit in cls.model_fields[key].metadata:
+            if isinstance(limit, Ge | Gt):
+                low = float(limit.ge if isinstance(limit, Ge) else limit.gt)  # type: ignore[arg-type]
+            elif isinstance(limit, Le | Lt):
+                high = float(limit.le if isinstance(limit, Le) else limit.lt)  # type: ignore[arg-type]
+        return low, high
+
+    @classmethod
+    def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        """The targets at which a search tries the effect, None for an effect without; nowhere where it cannot
+        stand or one of the free parameters (dotted keys) already is the effect.
+        """
+        if cls.turning and all(s.speed_channel is None for s in machine.source):
+            return ()
+        if cls.targets is None:
+            return (None,)
+        if cls.targets == "sensor":
+            return [s.name for s in machine.sensor]
+        if cls.targets == "source":
+            return [s.name for s in machine.source if law_channels(s, machine.source)]
+        ends = [e for e in ("left", "right") if getattr(machine.boundary, e).kind != "prescribed"]
+        nuts = [s.name for s in machine.source if s.shape == "nut" and s.screw_share > 0.0]
+        return {"end": ends, "nut": nuts, "place": ends + nuts}[cls.targets]
+
+    @classmethod
+    def shapes(cls, machine: Description) -> Sequence[Shape]:
+        """The forms from which a search starts, at a typical strength."""
+        values = product(*(p.starts or (p.scale,) for p in cls.parameters.values()))
+        return [dict(zip(cls.parameters, each, strict=True)) for each in values]
+
+    @classmethod
+    def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
+        """For each shape, the numbers of those of which it is the sum while the effect is weak."""
+        return [[i] for i in range(len(shapes))]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -37,13 +136,40 @@ class EffectTable(Section):
     def terms(self, machine: Description) -> tuple[Term, ...]:
         """Return what the effect adds to the plant of a machine. Raises `ConfigError` where it cannot."""
 
+    def resolved(self, length_m: float) -> Self:
+        """The effect, no finer than sensors on a screw of a length can tell."""
+        return self
 
-def named_source(machine: Description, name: str, kind: str) -> str:
-    """Return the name of a source that exists. Raises `ConfigError`."""
+    def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
+        """The simpler effect and its target that this one is no different from, if there is one."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Unnamed:
+    """Terms beside the effects of a configuration, such as what may differ within a tolerance."""
+
+    added: tuple[Term, ...]
+    channels: tuple[str, ...] = ()
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return the terms, whatever the machine."""
+        return self.added
+
+
+def end_at(position_m: float, length_m: float) -> str | None:
+    """Return the end that a place belongs to, if any."""
+    if position_m < AT_END * length_m:
+        return "left"
+    return "right" if position_m > (1 - AT_END) * length_m else None
+
+
+def named_source(machine: Description, name: str, kind: str) -> Source:
+    """Return the source of a name. Raises `ConfigError`."""
     names = [s.name for s in machine.source]
     if name not in names:
         raise ConfigError(f'effect "{kind}": target "{name}" is no source; give one of {", ".join(names)}')
-    return name
+    return machine.source[names.index(name)]
 
 
 def named_sensor(machine: Description, name: str, kind: str) -> str:
@@ -69,7 +195,7 @@ def source_free_to_warm(machine: Description, name: str, kind: str) -> str:
 
     Raises `ConfigError`.
     """
-    source = next(s for s in machine.source if s.name == named_source(machine, name, kind))
+    source = named_source(machine, name, kind)
     heats_screw(source, kind)
     end = {0.0: "left", machine.screw.length_m: "right"}.get(source.position_m or 0.0)
     if source.shape == "point" and end is not None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from observer.effects.base import EffectTable, Target, free_end, source_free_to_warm
+from observer.effects.base import EffectTable, Fitted, Shape, Target, free_end, source_free_to_warm
 from observer.effects.terms import Body, End, EndConductance, Heat, Term
 from observer.tables.quantities import Finite
 from observer.tables.sections import Description, Source
+
+MOST_CAPACITY_J_K = 2e4
+"""Forty kilograms of steel; a body that stores more hardly warms, and is a loss."""
 
 
 class EndConduction(EffectTable):
@@ -19,8 +23,9 @@ class EndConduction(EffectTable):
     target: End
     conductance_W_K: Annotated[Finite, Field(ge=0, le=1000)]
 
-    parameters = ("conductance_W_K",)
+    parameters = {"conductance_W_K": Fitted("W/K", 0.05)}
     targets = "end"
+    lacks = "heat that flows into the housing at {target}"
     excitation = "a warm screw, and a sensor near the end"
     source = "Newton's law at the end face; Kim et al., the convective end"
 
@@ -37,10 +42,20 @@ class AttachedMass(EffectTable):
     capacity_J_K: Annotated[Finite, Field(ge=1, le=1e6)]
     conductance_W_K: Annotated[Finite, Field(ge=1e-3, le=1000)]
 
-    parameters = ("capacity_J_K", "conductance_W_K")
+    parameters = {
+        "capacity_J_K": Fitted("J/K", 1000.0, high=MOST_CAPACITY_J_K, bounded=True),
+        "conductance_W_K": Fitted("W/K", 2.0),
+    }
     targets = "place"
+    lacks = "a body that stores heat at {target}"
     excitation = "heating and cooling that are fast against the body's time constant"
     source = "a lumped capacity; Li 2022, network nodes"
+
+    @classmethod
+    def shapes(cls, machine: Description) -> Sequence[Shape]:
+        """Bodies by time constant and by how much of their heat the screw feels."""
+        pairs = ((100.0, 3.0), (500.0, 1.0), (2000.0, 5.0), (4000.0, 1.0))
+        return [{"capacity_J_K": C, "conductance_W_K": G} for C, G in pairs]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         if self.target not in ("left", "right"):

@@ -1,65 +1,35 @@
-"""The library: every effect that a configuration may name and a search may find."""
+"""The library: every effect that a configuration may name and a search may find, a line each."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, get_args
 
 from pydantic import Field
 
+from observer.effects import bodies, film, heat, sensing
 from observer.effects.base import EffectTable
-from observer.effects.bodies import AttachedMass, EndConduction
-from observer.effects.film import (
-    AmbientDrift,
-    Coolant,
-    RadiationEffect,
-    SpeedConvection,
-    SurfaceConvection,
-    UnevenConvection,
-)
-from observer.effects.heat import Dwell, EndHeat, FrictionFade, FrictionSpeed, LocalHeat, MotorHeat, RunIn
-from observer.effects.sensing import SensorBias, SensorDrift, SensorLag
 
 Effect = Annotated[
-    SurfaceConvection
-    | SpeedConvection
-    | UnevenConvection
-    | RadiationEffect
-    | EndConduction
-    | AttachedMass
-    | EndHeat
-    | MotorHeat
-    | FrictionFade
-    | FrictionSpeed
-    | RunIn
-    | Dwell
-    | LocalHeat
-    | AmbientDrift
-    | Coolant
-    | SensorLag
-    | SensorBias
-    | SensorDrift,
+    film.SurfaceConvection
+    | film.SpeedConvection
+    | film.UnevenConvection
+    | film.RadiationEffect
+    | bodies.EndConduction
+    | bodies.AttachedMass
+    | heat.EndHeat
+    | heat.MotorHeat
+    | heat.FrictionFade
+    | heat.FrictionSpeed
+    | heat.RunIn
+    | heat.Dwell
+    | heat.LocalHeat
+    | film.AmbientDrift
+    | film.Coolant
+    | sensing.SensorLag
+    | sensing.SensorBias
+    | sensing.SensorDrift,
     Field(discriminator="kind"),
 ]
-
-LIBRARY: tuple[type[EffectTable], ...] = (
-    SurfaceConvection,
-    SpeedConvection,
-    UnevenConvection,
-    RadiationEffect,
-    EndConduction,
-    AttachedMass,
-    EndHeat,
-    MotorHeat,
-    FrictionFade,
-    FrictionSpeed,
-    RunIn,
-    Dwell,
-    LocalHeat,
-    AmbientDrift,
-    Coolant,
-    SensorLag,
-    SensorBias,
-    SensorDrift,
-)
-
-KINDS: tuple[str, ...] = tuple(effect.model_fields["kind"].annotation.__args__[0] for effect in LIBRARY)  # type: ignore[union-attr]
+BY_KIND: dict[str, type[EffectTable]] = {effect.named(): effect for effect in get_args(get_args(Effect)[0])}
+LIBRARY = tuple(BY_KIND.values())
+KINDS = tuple(BY_KIND)

@@ -3,23 +3,36 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from observer.effects.base import EffectTable, on_screw, speed_channel
+from observer.effects.base import (
+    AT_END,
+    EffectTable,
+    Fitted,
+    Shape,
+    end_at,
+    on_screw,
+    position,
+    speed_channel,
+)
+from observer.effects.bodies import EndConduction
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
+from observer.physics import film
+from observer.physics.air import YU_AIR
+from observer.tables.laws import Surface
 from observer.tables.quantities import Channel, Finite, NonNegative, Temperature
 from observer.tables.sections import Description
 
-# Air at 25 °C, as Yu et al. take it.
-AIR_CONDUCTIVITY_W_MK = 0.0254
-AIR_VISCOSITY_M2_S = 15.5e-6
-AIR_PRANDTL = 0.72
-RAD_S_PER_RPM = math.pi / 30
+CELLS, MOST_CELLS = 8, 4
+"""Parts of the screw from which stretches of another film are made up, and of how many at most."""
+NARROWEST = 0.05
+"""The narrowest stretch of another film that sensors can tell, as a part of the screw."""
 
 
 class SurfaceConvection(EffectTable):
@@ -28,9 +41,15 @@ class SurfaceConvection(EffectTable):
     kind: Literal["surface_convection"]
     coefficient_W_m2K: Annotated[Finite, Field(ge=0, le=500)]
 
-    parameters = ("coefficient_W_m2K",)
+    parameters = {"coefficient_W_m2K": Fitted("W/m2K", 5.0)}
+    lacks = "a loss of heat to the air over the whole surface"
     excitation = "a screw that is warmer than the air, heating and cooling"
     source = "Newton's law of cooling; Kim et al., eq. 1"
+
+    @classmethod
+    def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        bare = "surface.convection_W_m2K" not in free and machine.surface == Surface()
+        return (None,) if bare else ()
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         return (Film(self.coefficient_W_m2K),)
@@ -43,9 +62,15 @@ class SpeedConvection(EffectTable):
     gain: Annotated[Finite, Field(ge=0, le=10)]
     speed_channel: Channel | None = None
 
-    parameters = ("gain",)
+    parameters = {"gain": Fitted("1", 0.1)}
+    turning = True
+    lacks = "cooling that grows with the screw's rotation"
     excitation = "two speeds or more at which the screw is warm"
     source = "Yu et al., rotating cylinder; Kendoush 1996"
+
+    @classmethod
+    def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        return () if machine.surface.turns else super().places(machine, free)
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         if machine.surface.turns:
@@ -56,7 +81,8 @@ class SpeedConvection(EffectTable):
         d_m, gain = machine.screw.diameter_m, self.gain
 
         def film_W_m2K(speed_rpm: FloatArray) -> FloatArray:
-            return gain * rotating_film_W_m2K(speed_rpm, d_m)
+            nusselt = film.rotating_nusselt(film.rotating_reynolds(speed_rpm, d_m, YU_AIR), YU_AIR.prandtl)
+            return gain * film.film_W_m2K(nusselt, d_m, YU_AIR)
 
         return (SpeedLoss(speed_channel(machine, self.speed_channel, self.kind), film_W_m2K),)
 
@@ -69,7 +95,8 @@ class UnevenConvection(EffectTable):
     to_m: NonNegative
     extra_W_m2K: Annotated[Finite, Field(ge=-200, le=500)]
 
-    parameters = ("from_m", "to_m", "extra_W_m2K")
+    parameters = {"from_m": position(CELLS), "to_m": position(CELLS), "extra_W_m2K": Fitted("W/m2K", 5.0)}
+    lacks = "a stretch of the screw that is cooled more or less than the rest"
     excitation = "a warm screw, and sensors on and beside the stretch"
     source = "Newton's law of cooling with h(x)"
 
@@ -85,6 +112,37 @@ class UnevenConvection(EffectTable):
         on_screw(machine, "to_m", self.to_m, self.kind)
         return (StretchFilm(self.from_m, self.to_m, self.extra_W_m2K),)
 
+    @classmethod
+    def shapes(cls, machine: Description) -> Sequence[Shape]:
+        """Every stretch of one cell or several."""
+        L = machine.screw.length_m
+        spans = [(i, i + w) for w in range(1, MOST_CELLS + 1) for i in range(CELLS + 1 - w)]
+        return [{"from_m": a * L / CELLS, "to_m": b * L / CELLS, "extra_W_m2K": 5.0} for a, b in spans]
+
+    @classmethod
+    def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
+        """A stretch is the sum of its cells."""
+        width_m = 1.5 * min(x["to_m"] - x["from_m"] for x in shapes)
+        cells = [i for i, x in enumerate(shapes) if x["to_m"] - x["from_m"] < width_m]
+        return [[i for i in cells if x["from_m"] <= shapes[i]["from_m"] < x["to_m"] - 1e-9] for x in shapes]
+
+    def resolved(self, length_m: float) -> UnevenConvection:
+        """The stretch, not too narrow."""
+        least_m = NARROWEST * length_m
+        if self.to_m - self.from_m >= least_m:
+            return self
+        middle_m = min(max((self.from_m + self.to_m) / 2, least_m / 2), length_m - least_m / 2)
+        ends_m = (max(middle_m - least_m / 2, 0.0), min(middle_m + least_m / 2, length_m))
+        return self.model_copy(update={"from_m": ends_m[0], "to_m": ends_m[1]})
+
+    def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
+        """A loss at an end, or over the whole screw."""
+        end = end_at(self.from_m, length_m)
+        if end is not None and end == end_at(self.to_m, length_m):
+            return EndConduction, end
+        whole = self.to_m - self.from_m > (1 - AT_END) * length_m
+        return (SurfaceConvection, None) if whole else None
+
 
 class RadiationEffect(EffectTable):
     """A grey surface in surroundings at ambient temperature: ε σ (T⁴ − T_amb⁴)."""
@@ -92,7 +150,8 @@ class RadiationEffect(EffectTable):
     kind: Literal["radiation"]
     emissivity: Annotated[Finite, Field(ge=0, le=1)]
 
-    parameters = ("emissivity",)
+    parameters = {"emissivity": Fitted("1", 0.3)}
+    lacks = "heat radiated by the surface"
     excitation = "a screw that is more than 40 K warmer than its surroundings, and one that is hardly warmer"
     source = "Stefan and Boltzmann; Lathe study, eq. 6"
 
@@ -108,16 +167,21 @@ class Coolant(EffectTable):
     inlet_degC: Temperature
     speed_channel: Channel | None = None
 
-    parameters = ("conductance_W_K", "inlet_degC")
+    parameters = {
+        "conductance_W_K": Fitted("W/K", 0.3),
+        "inlet_degC": Fitted("°C", 5.0, None, (12.0, 20.0, 28.0), low=-20.0, high=90.0),  # of any coolant
+    }
+    turning = True
+    lacks = "coolant through the hollow screw while it turns"
     excitation = "a warm screw that turns, and one that stands"
     source = "energy balance of a flow with a high heat capacity rate"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         screw = machine.screw
-        film = self.conductance_W_K / (math.pi * screw.diameter_m * screw.length_m)
+        wetted = self.conductance_W_K / (math.pi * screw.diameter_m * screw.length_m)
 
         def film_W_m2K(speed_rpm: FloatArray) -> FloatArray:
-            return np.where(np.abs(speed_rpm) > 0.0, film, 0.0)
+            return np.where(np.abs(speed_rpm) > 0.0, wetted, 0.0)
 
         channel = speed_channel(machine, self.speed_channel, self.kind)
         return (SpeedLoss(channel, film_W_m2K, self.inlet_degC),)
@@ -129,20 +193,10 @@ class AmbientDrift(EffectTable):
     kind: Literal["ambient_drift"]
     rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]
 
-    parameters = ("rate_K_h",)
+    parameters = {"rate_K_h": Fitted("K/h", 0.3)}
+    lacks = "air near the screw that drifts away from the ambient given"
     excitation = "a log of an hour or more"
     source = "a linear trend"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         return (AmbientShift(self.rate_K_h),)
-
-
-def rotating_film_W_m2K(speed_rpm: FloatArray, diameter_m: float) -> FloatArray:
-    """Return the film coefficient of a rotating cylinder, (K,) from (K,).
-
-    Nu = 0.133 Re^{2/3} Pr^{1/3}, Re = ω d²/ν < 4.3e5 (Yu et al.).
-    """
-    omega_rad_s = np.abs(speed_rpm) * RAD_S_PER_RPM
-    reynolds = omega_rad_s * diameter_m**2 / AIR_VISCOSITY_M2_S
-    nusselt = 0.133 * np.cbrt(reynolds) ** 2 * math.cbrt(AIR_PRANDTL)
-    return np.asarray(nusselt * AIR_CONDUCTIVITY_W_MK / diameter_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -9,11 +10,15 @@ from pydantic import Field
 
 from observer.effects.base import (
     EffectTable,
+    Fitted,
+    Shape,
     Target,
+    end_at,
     free_end,
     heats_screw,
     named_source,
     on_screw,
+    position,
     source_free_to_warm,
     speed_channel,
 )
@@ -38,10 +43,13 @@ class EndHeat(EffectTable):
     heat_W_rpm: Annotated[Finite, Field(ge=-1, le=1)]
     speed_channel: Channel | None = None
 
-    parameters = ("heat_W_rpm",)
+    parameters = {"heat_W_rpm": Fitted("W/rpm", 1e-3)}
     targets = "end"
+    lacks = "heat at {target} that grows with speed"
     excitation = "two speeds or more, and a standstill"
     source = "Kim et al., eq. 29"
+    turning = True
+    mimicked = True
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         source = Source(
@@ -65,8 +73,9 @@ class MotorHeat(EffectTable):
     heat_W: Annotated[Finite, Field(ge=-500, le=500)]
     drive_channel: Channel | None = None
 
-    parameters = ("heat_W",)
+    parameters = {"heat_W": Fitted("W", 2.0, low=0.0)}
     targets = "end"
+    lacks = "heat from the drive at {target}, the same at any speed"
     excitation = "a standstill with the drive on, and speeds that differ"
     source = "Yu et al., the motor as a heat source of the shaft"
 
@@ -90,13 +99,25 @@ class LocalHeat(EffectTable):
     position_m: NonNegative
     heat_W: Annotated[Finite, Field(ge=-500, le=500)]
 
-    parameters = ("position_m", "heat_W")
+    parameters = {"position_m": position(10), "heat_W": Fitted("W", 2.0)}
+    lacks = "a source of heat at one place of the screw"
     excitation = "a log longer than the screw's slowest mode, and sensors on both sides of the place"
     source = "a point source; Kim et al., eq. 1"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         on_screw(machine, "position_m", self.position_m, self.kind)
         return (Heat(_constant(self.kind, self.position_m, self.heat_W, None)),)
+
+    @classmethod
+    def shapes(cls, machine: Description) -> Sequence[Shape]:
+        """By the place."""
+        places_m = np.linspace(0.0, machine.screw.length_m, 13).tolist()
+        return [{"position_m": x, "heat_W": 2.0} for x in places_m]
+
+    def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
+        """At an end, the heat of a drive."""
+        end = end_at(self.position_m, length_m)
+        return None if end is None else (MotorHeat, end)
 
 
 class FrictionFade(EffectTable):
@@ -107,10 +128,16 @@ class FrictionFade(EffectTable):
     per_K: Annotated[Finite, Field(ge=-0.2, le=0.2)]
     reference_degC: Temperature = REFERENCE_DEGC
 
-    parameters = ("per_K",)
+    parameters = {"per_K": Fitted("1/K", 3e-3)}
     targets = "source"
+    lacks = "friction of {target} that falls as the screw warms"
     excitation = "the same speed with a cold and with a warm screw"
     source = "viscosity of lubricants falls about exponentially with temperature; Yu et al., Palmgren's M1"
+
+    @classmethod
+    def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        heating = [s.name for s in machine.source if s.screw_share > 0.0]
+        return [name for name in super().places(machine, free) if name in heating]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         at = source_free_to_warm(machine, self.target, self.kind)
@@ -125,10 +152,16 @@ class FrictionSpeed(EffectTable):
     exponent: Annotated[Finite, Field(ge=0, le=4)]
     reference_rpm: Positive = REFERENCE_RPM
 
-    parameters = ("exponent",)
+    parameters = {"exponent": Fitted("1", 0.2, neutral=1.0, starts=(1.1,))}
     targets = "source"
+    lacks = "another power of speed in the heat of {target}"
     excitation = "three speeds or more, each until the screw follows"
     source = "Palmgren: M1 goes with (ν n)^{2/3}; Yu et al."
+
+    @classmethod
+    def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        by_speed = [s.name for s in machine.source if s.law in SPEED_LAWS]
+        return [name for name in super().places(machine, free) if name in by_speed]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         power, reference = self.exponent - 1.0, self.reference_rpm
@@ -148,8 +181,12 @@ class RunIn(EffectTable):
     fraction: Annotated[Finite, Field(ge=-1, le=10)]
     time_s: Annotated[Finite, Field(ge=30, le=100_000)]
 
-    parameters = ("fraction", "time_s")
+    parameters = {
+        "fraction": Fitted("1", 0.2),
+        "time_s": Fitted("s", 1200.0, neutral=None, starts=(400.0, 1200.0, 3600.0)),
+    }
     targets = "source"
+    lacks = "friction of {target} that falls as it runs in"
     excitation = "the first hour of running, and later running at the same speed"
     source = "Li 2022: the heat found peaks at the start and decays"
 
@@ -159,7 +196,7 @@ class RunIn(EffectTable):
         def factor(_speed_rpm: FloatArray, running_s: FloatArray) -> FloatArray:
             return np.asarray(1.0 + fraction * np.exp(-running_s / time_s))
 
-        return (LawFactor(named_source(machine, self.target, self.kind), factor),)
+        return (LawFactor(named_source(machine, self.target, self.kind).name, factor),)
 
 
 class Dwell(EffectTable):
@@ -169,18 +206,20 @@ class Dwell(EffectTable):
     target: Target
     fraction: Annotated[Finite, Field(ge=-1, le=1)]
 
-    parameters = ("fraction",)
+    parameters = {"fraction": Fitted("1", 0.1)}
     targets = "nut"
+    lacks = "heat of {target} that enters where it turns round"
     excitation = "a nut that runs over its whole stroke, and sensors on and beside the stroke"
     source = "Li 2022: contact weighted by the time the nut dwells at a place"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        name = named_source(machine, self.target, self.kind)
-        source = next(s for s in machine.source if s.name == name)
+        source = named_source(machine, self.target, self.kind)
         if source.shape != "nut":
-            raise ConfigError(f'effect "{self.kind}": target "{name}" is no nut; name a source of that shape')
+            raise ConfigError(
+                f'effect "{self.kind}": target "{source.name}" is no nut; name a source of that shape'
+            )
         heats_screw(source, self.kind)
-        return (StrokeEnds(name, self.fraction),)
+        return (StrokeEnds(source.name, self.fraction),)
 
 
 def _constant(name: str, position_m: float, heat_W: float, drive_channel: str | None) -> Source:
@@ -196,7 +235,6 @@ def _constant(name: str, position_m: float, heat_W: float, drive_channel: str | 
 
 
 def _with_speed(machine: Description, name: str, kind: str) -> str:
-    source = next(s for s in machine.source if s.name == named_source(machine, name, kind))
-    if source.law not in SPEED_LAWS:
+    if named_source(machine, name, kind).law not in SPEED_LAWS:
         raise ConfigError(f'effect "{kind}": the law of "{name}" does not go with speed; remove the effect')
     return name

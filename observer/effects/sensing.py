@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from observer.effects.base import EffectTable, Target, named_sensor
+from observer.effects.base import EffectTable, Fitted, Target, named_sensor
 from observer.effects.terms import Lag, Offset, Term
 from observer.tables.quantities import Finite
 from observer.tables.sections import Description
@@ -19,8 +19,11 @@ class SensorLag(EffectTable):
     target: Target
     time_constant_s: Annotated[Finite, Field(ge=0, le=3600)]
 
-    parameters = ("time_constant_s",)
+    parameters = {  # a lag of less than 10 s is within tolerance
+        "time_constant_s": Fitted("s", 20.0, starts=(20.0, 60.0, 150.0, 400.0), low=10.0, high=3600.0)
+    }
     targets = "sensor"
+    lacks = "a lag of sensor {target}"
     excitation = "heating and cooling that are fast against the lag"
     source = "a first-order instrument"
 
@@ -35,8 +38,9 @@ class SensorBias(EffectTable):
     target: Target
     offset_K: Annotated[Finite, Field(ge=-50, le=50)]
 
-    parameters = ("offset_K",)
+    parameters = {"offset_K": Fitted("K", 0.3)}
     targets = "sensor"
+    lacks = "a constant error of sensor {target}"
     excitation = "a screw that starts at the temperature of the air"
     source = "an additive error"
 
@@ -51,8 +55,9 @@ class SensorDrift(EffectTable):
     target: Target
     rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]
 
-    parameters = ("rate_K_h",)
+    parameters = {"rate_K_h": Fitted("K/h", 0.2)}
     targets = "sensor"
+    lacks = "a drift of sensor {target}"
     excitation = "a log of an hour or more"
     source = "an additive error that grows"
 

@@ -13,6 +13,7 @@ from observer.estimators.compiled import judging, kernels, packing
 from observer.estimators.compiled.steps import StepCache, chunks
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
+from observer.model import advance
 from observer.model.coupling import coupled
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
@@ -77,14 +78,14 @@ class FilterpyEstimator:
             judging.judge(u, k, usable, usable, running, out)
             return
         B, C = plant.B.T.copy(), plant.rows.C.copy()
-        kernels.move_columns(self._arrays, u, k, B, C)
+        advance.move_columns(self._arrays, u, k, B, C)
         law = self._work.law
         if running.flags[0]:
             self._predict(kf, u, k, step, B)
             judging.doubt_nut(self._arrays, u, k, running.lost_s, kf.P)
         else:
             kernels.start(self._arrays, C, u, k, usable, running.x, running.P, self._work.nu)
-            kernels.put_laws(self._arrays, u, k, B, running.x, law)
+            advance.put_laws(self._arrays, u, k, B, running.x, law)
             running.flags[0] = 1
             kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
         H = np.hstack([C[:s], np.zeros((s, len(running.x) - C.shape[1]))])
@@ -127,7 +128,7 @@ class FilterpyEstimator:
         Qd[n_x:, n_x:] = np.diag(step.walk_dd)
         jump = plant.law_uncertainty * u.jump[k, plant.estimated]
         self._couple_half(kf, u, k, u.z_start[k], B)
-        kernels.put_laws(self._arrays, u, k, B, kf.x[:, 0], self._work.law)
+        advance.put_laws(self._arrays, u, k, B, kf.x[:, 0], self._work.law)
         held = B.T @ self._work.law + plant.E @ u.z_start[k]
         known = step.hold * held + step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
         known = np.concatenate([known, np.zeros(m_e)])[:, None]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
+
+from observer.errors import ConfigError
 
 OWNER_ONLY = 0o600
 
@@ -38,3 +41,17 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(fd)
     finally:
         os.close(fd)
+
+
+def refuse_unwritable(folder: Path, key: str) -> None:
+    """Raise `ConfigError` where no file can be made in a folder, which `key` named.
+
+    A disk that fills up later is another matter.
+    """
+    try:
+        make_folder(folder)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise ConfigError(
+            f"{key}: {folder} cannot be written ({error.strerror}); name another directory"
+        ) from None

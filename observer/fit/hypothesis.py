@@ -16,7 +16,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.base import EffectTable
-from observer.effects.film import UnevenConvection
+from observer.effects.terms import Lag
 from observer.fit.evidence import Evidence
 from observer.fit.forward import Forward
 from observer.fit.parameters import bounds_of, get, replaced, scale_of
@@ -34,8 +34,6 @@ FAR = 0.2
 """How far a free parameter may go, in its scale, before the derivatives are taken anew."""
 DIFFERENCE = 1e-3
 NORMAL_95 = 1.96
-NARROWEST = 0.05
-"""The narrowest stretch of another film, as a part of the screw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,10 +186,10 @@ class Problem:
         return self.evidence.whitened(np.column_stack(columns))
 
 
-def told_lags(config: Config, kind: str = "", target: str | None = None) -> frozenset[str]:
+def told_lags(config: Config, *more: EffectTable) -> frozenset[str]:
     """The sensors whose lag an effect of a configuration tells, or one more effect would."""
-    effects = [(e.kind, getattr(e, "target", None)) for e in config.effect]
-    return frozenset(str(t) for k, t in (*effects, (kind, target)) if k == "sensor_lag")
+    terms = (term for effect in (*config.effect, *more) for term in effect.terms(config))
+    return frozenset(term.sensor for term in terms if isinstance(term, Lag))
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,17 +291,7 @@ def with_effects(config: Config, parameters: Sequence[Parameter], values: FloatA
         inside = min(max(value, p.low), p.high)
         effects[p.effect] = effects[p.effect].model_copy(update={p.key: inside})
     length_m = config.screw.length_m
-    return config.model_copy(update={"effect": tuple(_wide_enough(e, length_m) for e in effects)})
-
-
-def _wide_enough(effect: EffectTable, length_m: float) -> EffectTable:
-    """A stretch that is no narrower than sensors can tell; other effects as they are."""
-    least_m = NARROWEST * length_m
-    if not isinstance(effect, UnevenConvection) or effect.to_m - effect.from_m >= least_m:
-        return effect
-    middle_m = min(max((effect.from_m + effect.to_m) / 2, least_m / 2), length_m - least_m / 2)
-    ends_m = (max(middle_m - least_m / 2, 0.0), min(middle_m + least_m / 2, length_m))
-    return effect.model_copy(update={"from_m": ends_m[0], "to_m": ends_m[1]})
+    return config.model_copy(update={"effect": tuple(e.resolved(length_m) for e in effects)})
 
 
 def _by_effects(problem: Problem, config: Config, parameters: Sequence[Parameter]) -> FloatArray:

@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.fit.parameters import FILM
 from observer.fit.runs import Run
 from observer.frames import FloatArray
-from observer.model.law import law_channels
+from observer.tables.sections import law_channels
 
 SEEN_SIGMA = 3.0
 """A change by its natural scale must move some 30 s mean by this many standard deviations of its noise."""

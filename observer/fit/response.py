@@ -18,9 +18,8 @@ from observer.fit.runs import Run
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.model.law import owner
 from observer.model.simulate import SimulationState, simulate, start_from_sensors
-from observer.tables.sections import Source
+from observer.tables.sections import Source, owner
 
 
 @dataclass(frozen=True, slots=True)

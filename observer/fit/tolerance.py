@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 
 from observer.config import Config
-from observer.effects.film import UnevenConvection
-from observer.effects.sensing import SensorLag
+from observer.effects.base import Unnamed
+from observer.effects.terms import Lag, StretchFilm
 from observer.tables.sections import Sensor
 
 Kind = Literal["screw", "place", "lag"]
@@ -44,10 +44,10 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            extra = UnevenConvection(kind="uneven_convection", from_m=a, to_m=b, extra_W_m2K=UNEVEN * film)
+            extra = Unnamed((StretchFilm(a, b, UNEVEN * film),))
             yield config.model_copy(update={"effect": (*config.effect, extra)}), "screw"
-    lags = [SensorLag(kind="sensor_lag", target=s.name, time_constant_s=LAG_S) for s in config.sensor]
-    yield config.model_copy(update={"effect": (*config.effect, *lags)}), "lag"
+    lags = Unnamed(tuple(Lag(s.name, LAG_S) for s in config.sensor))
+    yield config.model_copy(update={"effect": (*config.effect, lags)}), "lag"
 
 
 def _moved_inward(sensor: Sensor, length_m: float) -> Sensor:

@@ -14,18 +14,15 @@ from observer.compiled import cached_loop, inlined, rarely
 from observer.estimators.compiled.judging import add_prior, find_usable, gate, step_is_finite
 from observer.estimators.compiled.kernels import (
     compare,
-    couple_half,
     covariance_with_sensors,
     joseph_update,
     mirror,
-    move_columns,
-    predict_covariance,
-    predict_state,
+    predict,
     project,
-    put_laws,
     start,
 )
 from observer.frames import FloatArray
+from observer.model.advance import move_columns, put_laws
 from observer.model.coupling import coupled
 
 SKIPPED, STARTED, STEPPED = 0, 1, 2
@@ -86,7 +83,9 @@ def run_forward(p, t, u, state, gate_sigma, work, tape):
             state.flags[0] = 1
             tape.kind[k] = STARTED
         else:
-            predict_on_tape(p, t, u, k, B, x, P, work, tape)
+            predict(p, t, u.step[k], u, k, B, x, P, work)
+            for a in range(B.shape[1]):
+                tape.coupled[k, 0, a], tape.coupled[k, 1, a] = work.before[0, a], work.before[1, a]
             tape.kind[k] = STEPPED
         for i in range(s):
             accepted[i] = False
@@ -99,22 +98,6 @@ def run_forward(p, t, u, state, gate_sigma, work, tape):
                 compare(p, C, u, k, usable, g, x, nu, S)
             joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
         record(p, C, work.law, g, nu, accepted, x, P, k, tape)
-
-
-@inlined
-def predict_on_tape(p, t, u, k, B, x, P, work, tape):
-    """One step of the filter, `kernels.predict`, writing down the states that the couplings depend on."""
-    if p.coupling.active:
-        for a in range(B.shape[1]):
-            tape.coupled[k, 0, a] = x[a]
-        couple_half(p, u, k, u.z_start[k], B, x, P, work)
-    put_laws(p, u, k, B, x, work.law)
-    predict_state(p, t, u.step[k], u, k, B, x, work)
-    predict_covariance(p, t, u.step[k], u, k, B, P, work)
-    if p.coupling.active:
-        for a in range(B.shape[1]):
-            tape.coupled[k, 1, a] = x[a]
-        couple_half(p, u, k, u.z_end[k], B, x, P, work)
 
 
 @inlined

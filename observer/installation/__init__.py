@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
-from drivers.settings import DriverSettings, delivered
+from drivers import DriverSettings
 from observer.config import Config, effect_problems
 from observer.errors import ConfigError
 from observer.files.toml import read_toml
@@ -29,11 +29,28 @@ class Installation(Config):
         """What does not fit together, a sentence each."""
         return [*super().contradictions(), *_delivered_twice(self)]
 
+    @property
+    def sample_s(self) -> dict[str, float]:
+        """How often each channel comes, by what is said of its driver."""
+        return {
+            channel: driver.sample_s
+            for driver in self.drivers.values()
+            for channel in driver.delivered or ()
+            if driver.sample_s is not None
+        }
+
+    @property
+    def undelivered(self) -> tuple[str, ...]:
+        """Channels that the model reads and no driver delivers; none where a driver's are not known yet."""
+        offers = [driver.delivered for driver in self.drivers.values()]
+        offered = {channel for offer in offers for channel in offer or ()}
+        return () if None in offers else tuple(c for c in self.channels if c not in offered)
+
 
 def _delivered_twice(config: Installation) -> Iterator[str]:
     by: dict[str, str] = {}
     for name, settings in config.drivers.items():
-        for channel in delivered(settings) or ():
+        for channel in settings.delivered or ():
             if channel in by:
                 yield (
                     f'drivers.{name}: "{channel}" is delivered by drivers.{by[channel]} already; give it to '
@@ -71,3 +88,13 @@ def parse(table: dict[str, Any], place: str = "configuration") -> Installation:
     if problems := effect_problems(config):
         raise ConfigError(as_message(place, problems))
     return config
+
+
+def undelivered(config: Installation) -> list[str]:
+    """What to do about channels that no driver delivers, if there are any."""
+    if not config.undelivered:
+        return []
+    return [
+        f"drivers: no driver delivers {', '.join(config.undelivered)}; add the channel to a [drivers.…] "
+        "table, or remove what reads it"
+    ]

@@ -14,7 +14,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from drivers.settings import DRIVER_KINDS, UNION_TAGS
+from drivers import DRIVER_KINDS
+from drivers.settings import UNION_TAGS
 from observer.effects.catalogue import KINDS
 from observer.errors import SeveralError
 from observer.installation.known_keys import every_key, keys_at, suggestion, within

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from observer.physics.constants import ZERO_DEGC_K
+
 
 @dataclass(frozen=True, slots=True)
 class Unit:
@@ -38,7 +40,7 @@ class Usual:
 
 
 _MM = (Unit("mm", 1e-3),)
-_AIR = Usual(-40.0, 60.0, (Unit("K", 1.0, -273.15), Unit("°F", 1 / 1.8, -32 / 1.8)), signed=True)
+_AIR = Usual(-40.0, 60.0, (Unit("K", 1.0, -ZERO_DEGC_K), Unit("°F", 1 / 1.8, -32 / 1.8)), signed=True)
 _PERCENT = Usual(0.0, 1.0, (Unit("%", 1e-2),))
 _PLACE = Usual(0.0, 15.0, _MM)
 _CONDUCTIVITY = Usual(

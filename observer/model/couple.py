@@ -20,9 +20,9 @@ from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, quadrature, source_field
 from observer.model.rod.truncation import contributions
+from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description, Screw
 
-STEFAN_BOLTZMANN_W_M2K4 = 5.670374419e-8
 NEGLIGIBLE = 1e-9
 """Rate of a film's shape against the largest, below which it is left out."""
 
@@ -56,7 +56,7 @@ def with_coupling(
         uniform=padded(plant.uniform[: plant.modes], n_x),
         mean=padded(_mean(modes, screw), n_x),
         square=modes.rod.diffusivity_m2_s / modes.rod.length_m,
-        radiation=emissivity * STEFAN_BOLTZMANN_W_M2K4 * surface_rate(machine.screw),
+        radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
         film_1_s=film_1_s,
         film_shape=film_shape,
         film_ambient=film_ambient,

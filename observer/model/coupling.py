@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from observer.compiled import inlined
 from observer.frames import FloatArray
-
-ZERO_DEGC_K = 273.15
+from observer.physics.constants import ZERO_DEGC_K
 
 
 class Coupling(NamedTuple):
@@ -331,7 +330,7 @@ def faded(c, j, z, B, x):  # type: ignore[no-untyped-def]
     if c.fade_1_K[j] == 0.0:
         return 1.0
     seen_degC = 0.0
-    for a in range(B.shape[1]):
+    for a in range(c.under_C.shape[1]):
         seen_degC += under(c, j, B, a) * x[a]
     for q in range(len(z)):
         seen_degC += c.under_F[j, q] * z[q]

@@ -20,11 +20,12 @@ from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.model.couple import surface_rate
-from observer.model.law import Law, heat_law, law_channels
+from observer.model.law import Law, heat_law
 from observer.model.plant import OFFSET, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
 from observer.model.rod.path import PathState
+from observer.tables.sections import law_channels
 
 _GOOD = int(Quality.GOOD)
 
@@ -183,9 +184,9 @@ class Drive:
             nuts.append(nut)
             B.append(own_B)
             C.append(own_C)
-        shapes = len(plant.decay_1_s), len(plant.rows.C)
-        stacked = [_stacked(a, len(frames), width) for a, width in zip((B, C), shapes, strict=True)]
-        return tuple(nuts), tuple(turns), *stacked
+        moving_B = _stacked(B, len(frames), len(plant.decay_1_s))
+        moving_C = _stacked(C, len(frames), len(plant.rows.C))
+        return tuple(nuts), tuple(turns), moving_B, moving_C
 
 
 class _Read(NamedTuple):

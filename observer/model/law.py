@@ -9,17 +9,10 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.physics import friction
 from observer.tables.laws import SPEED_LAWS, BearingFriction
-from observer.tables.sections import Source
+from observer.tables.sections import Source, owner
 
 Law = Callable[..., FloatArray]
 """Heat in W from the law's channels, one array (k,) each, in the order of `law_channels`."""
-
-
-def law_channels(source: Source, sources: Sequence[Source]) -> tuple[str, ...]:
-    """Return the channels that a source's heat law reads, none where it has no law."""
-    if source.law is None:
-        return ()
-    return owner(source, sources).law_channels if source.law == "heat_of" else source.law_channels
 
 
 def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
@@ -43,11 +36,6 @@ def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
         return lambda drive: np.where(drive != 0.0, heat_W, 0.0) if stops else np.full_like(drive, heat_W)
     factor, of_speed = _factor(source, screw_m), _of_speed(source)
     return lambda *channels: factor * of_speed(*channels)
-
-
-def owner(source: Source, sources: Sequence[Source]) -> Source:
-    """Return the source whose heat a `heat_of` law takes a part of."""
-    return next(other for other in sources if other.name == source.heat_of)
 
 
 def _factor(source: Source, screw_m: float) -> float:

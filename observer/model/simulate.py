@@ -3,17 +3,72 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.compiled import cached_loop
 from observer.frames import FloatArray, Inputs
-from observer.model.coupling import couple, faded, swept
+from observer.model.advance import advance, move_columns
+from observer.model.coupling import Coupling
 from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
 
-_CHUNK = 256
+_CHUNK = 1024
 """Steps worked on at a time: few enough that they stay in the cache."""
+
+
+_REGISTER = 8
+"""States are padded with zeros to whole vector registers: the step takes half the time for it."""
+
+
+class _PlantArrays(NamedTuple):
+    """What of a plant `advance` takes, W states with the padding."""
+
+    modes: int
+    B: FloatArray
+    E: FloatArray
+    source: NDArray[np.int64]
+    moving: NDArray[np.int64]
+    coupling: Coupling
+
+
+class _Table(NamedTuple):
+    """The step of the moment, as a table of one; no heat is a state here."""
+
+    decay: FloatArray
+    hold: FloatArray
+    ramp: FloatArray
+    heat_decay: FloatArray
+    couple: FloatArray
+
+
+class _DrivenSteps(NamedTuple):
+    """What of the K inputs `advance` takes."""
+
+    dt: FloatArray
+    law: FloatArray
+    z_start: FloatArray
+    z_end: FloatArray
+    moving_B: FloatArray
+    moving_C: FloatArray
+    loss: FloatArray
+    loss_degC: FloatArray
+    sweep: FloatArray
+
+
+_TAKEN = ("dt_s", "law_W", "z_start", "z_end", "moving_B", "moving_C", "loss_1_s", "loss_degC")
+
+
+class _Work(NamedTuple):
+    """The state x (W,) and scratch, as in `advance`."""
+
+    x: FloatArray
+    law: FloatArray
+    forced: FloatArray
+    before: FloatArray
+    none: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,88 +118,63 @@ def simulate(
     order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of which the squares
     add up to the covariance of each moving source's input column over the step, where that is known.
     """
-    sweep = np.zeros((len(inputs), len(plant.moving), 0, plant.modes)) if sweep is None else sweep
-    B, C = plant.B.copy(), plant.rows.C.copy()
+    K, n_x, p = len(inputs), len(state.x), _plant_arrays(plant)
+    (m, width), none = p.B.shape, np.zeros((1, 0))
+    table = _Table(*np.zeros((3, 1, width)), none, np.zeros((1, 0, width)))
+    work = _Work(np.zeros(width), np.zeros(m), np.zeros(width), np.zeros((2, n_x)), np.zeros((n_x, 0)))
+    seen = np.ascontiguousarray(np.hstack([plant.rows.C, plant.rows.F]).T)
     for source in plant.moving:
-        if not plant.coupling.active:
-            B[:, source.index] = 0.0
-        C[:, plant.modes + source.index] = 0.0
-    x, rows = state.x.copy(), np.empty((len(inputs), len(C)))
-    moving = np.array([s.index for s in plant.moving], dtype=np.int64)
-    for begin in range(0, len(inputs), _CHUNK):
-        u = inputs.part(begin, begin + _CHUNK)
-        states = np.empty((len(u), len(x)))
-        known, rise = u.z_start @ plant.E.T, (u.z_end - u.z_start) @ plant.E.T
-        if plant.coupling.active:
-            _march_coupled(
-                plant.coupling, x, states, plant.decay_1_s, u.dt_s, known, rise, u.z_start, u.z_end, u.law_W,
-                u.loss_1_s, u.loss_degC, np.ascontiguousarray(B.T), moving, u.moving_B,
-                sweep[begin : begin + _CHUNK], np.empty((len(x), 0)), np.empty((3, len(x))),
-            )  # fmt: skip
-        else:
-            known += u.law_W @ B.T
-            for i, source in enumerate(plant.moving):
-                known += u.law_W[:, source.index, None] * u.moving_B[:, i]
-            _march(x, states, plant.decay_1_s, u.dt_s, known, rise, np.empty((3, len(x))))
-        seen = rows[begin : begin + _CHUNK]
-        np.matmul(states, C.T, out=seen)
-        seen += u.z_end @ plant.rows.F.T
+        seen[plant.modes + source.index] = 0.0
+    u = _DrivenSteps(
+        *(np.ascontiguousarray(getattr(inputs, name)) for name in _TAKEN),
+        np.zeros((K, len(plant.moving), 0, plant.modes)) if sweep is None else sweep,
+    )
+    x, rows, states = work.x, np.empty((K, seen.shape[1])), np.empty((min(K, _CHUNK), len(seen)))
+    x[:n_x] = state.x
+    B, C = p.B.copy(), np.zeros((0, p.B.shape[1]))
+    for begin in range(0, K, _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        here = states[: len(u.dt[part])]
+        _march(p, table, plant.decay_1_s, _DrivenSteps._make(a[part] for a in u), B, C, work, here)
+        np.matmul(here, seen, out=rows[part])
         for i, source in enumerate(plant.moving):
-            seen += states[:, plant.modes + source.index, None] * u.moving_C[:, i]
-    return SimulationState(x), rows
+            rows[part] += here[:, plant.modes + source.index, None] * inputs.moving_C[part, i]
+    return SimulationState(x[:n_x].copy()), rows
 
 
 @cached_loop
-def _march(x, states, decay, dt_s, rate, rise, work):  # type: ignore[no-untyped-def]
-    """March x in place under `rate` (K, n_x), which grows by `rise` (K, n_x) over each step; `work` (3, n_x)
-    is scratch.
+def _march(p, t, decay, u, B, C, work, states):  # type: ignore[no-untyped-def]
+    """March work.x over the steps of `u`; `states` (K, n_x + p) are the states and known inputs at their
+    ends.
     """
-    n_x = len(x)
-    keep, held, ramped = work[0], work[1], work[2]
-    dt_known = -1.0
-    for k in range(len(dt_s)):
-        if dt_s[k] != dt_known:
-            dt_known = dt_s[k]
-            for i in range(n_x):
-                keep[i] = np.exp(-decay[i] * dt_known)
-                held[i], ramped[i] = hold(decay[i], dt_known), ramp(decay[i], dt_known)
-        for i in range(n_x):
-            x[i] = keep[i] * x[i] + held[i] * rate[k, i] + ramped[i] * rise[k, i]
-            states[k, i] = x[i]
-
-
-@cached_loop
-def _march_coupled(  # type: ignore[no-untyped-def]
-    c, x, states, decay, dt_s, known, rise, z_start, z_end, law_W, loss_1_s, loss_degC, B, moving, moving_B,
-    sweep, none, work,
-):  # fmt: skip
-    """March x in place under known inputs (K, n_x) and laws (K, m) with half a coupling before and after;
-    `none` (n_x, 0) has no columns, `work` (3, n_x) is scratch.
-    """
-    n_x = len(x)
-    keep, held, ramped = work[0], work[1], work[2]
-    dt_known = -1.0
-    for k in range(len(dt_s)):
-        if dt_s[k] != dt_known:
-            dt_known = dt_s[k]
-            for i in range(n_x):
-                keep[i] = np.exp(-decay[i] * dt_known)
-                held[i], ramped[i] = hold(decay[i], dt_known), ramp(decay[i], dt_known)
-        for i in range(len(moving)):
+    x, n_x, dt_known = work.x, len(decay), -1.0
+    for k in range(len(u.dt)):
+        if u.dt[k] != dt_known:
+            dt_known = u.dt[k]
             for a in range(n_x):
-                B[moving[i], a] = moving_B[k, i, a]
-        half_s = 0.5 * dt_known
-        couple(c, loss_1_s[k], loss_degC[k], z_start[k], B, half_s, x, none, x)
-        for i in range(len(moving)):
-            swept(c, moving[i], sweep[k, i], half_s, x, 1)
-        for j in range(B.shape[0]):
-            law = law_W[k, j] * faded(c, j, z_start[k], B, x)
-            for a in range(n_x):
-                known[k, a] += law * B[j, a]
-        for a in range(n_x):
-            x[a] = keep[a] * x[a] + held[a] * known[k, a] + ramped[a] * rise[k, a]
-        for i in range(len(moving) - 1, -1, -1):
-            swept(c, moving[i], sweep[k, i], half_s, x, -1)
-        couple(c, loss_1_s[k], loss_degC[k], z_end[k], B, half_s, x, none, x)
+                t.decay[0, a] = np.exp(-decay[a] * dt_known)
+                t.hold[0, a], t.ramp[0, a] = hold(decay[a], dt_known), ramp(decay[a], dt_known)
+        move_columns(p, u, k, B, C)
+        advance(p, t, 0, u, k, B, x, work)
         for a in range(n_x):
             states[k, a] = x[a]
+        for q in range(u.z_end.shape[1]):
+            states[k, n_x + q] = u.z_end[k, q]
+
+
+def _plant_arrays(plant: Plant) -> _PlantArrays:
+    width = -(-len(plant.decay_1_s) // _REGISTER) * _REGISTER
+    return _PlantArrays(
+        plant.modes,
+        _padded(plant.B.T, width),
+        _padded(plant.E.T, width),
+        np.zeros(0, dtype=np.int64),
+        np.array([s.index for s in plant.moving], dtype=np.int64),
+        plant.coupling,
+    )
+
+
+def _padded(rows: FloatArray, width: int) -> FloatArray:
+    out = np.zeros((len(rows), width))
+    out[:, : rows.shape[1]] = rows
+    return out

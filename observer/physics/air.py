@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-GRAVITY_M_S2 = 9.80665
+from observer.physics.constants import ZERO_DEGC_K
+
 _PRESSURE_PA = 101_325.0
 _GAS_CONSTANT_J_kgK = 287.058
 
@@ -26,7 +27,7 @@ def air_at(temperature_degC: float) -> Air:
     51 and 53), density of the ideal gas, specific heat 1005.7 J/(kg K) at 20 °C, rising with the square of
     the distance from −13 °C.
     """
-    T = temperature_degC + 273.15
+    T = temperature_degC + ZERO_DEGC_K
     dynamic_Pa_s = 1.458e-6 * T**1.5 / (T + 110.4)
     conductivity = 2.64638e-3 * T**1.5 / (T + 245.4 * 10.0 ** (-12.0 / T))
     density = _PRESSURE_PA / (_GAS_CONSTANT_J_kgK * T)

@@ -1,4 +1,4 @@
-"""Film coefficients: convection of a screw at rest and turning, radiation, threads and end faces.
+"""Film coefficients: convection of a screw at rest and turning, threads and end faces.
 
 Pure functions of geometry, speed and temperatures. A Nusselt number becomes a film by h = Nu k_air/length.
 """
@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.physics.air import GRAVITY_M_S2, Air
-
-STEFAN_BOLTZMANN_W_m2K4 = 5.670374e-8
+from observer.physics.air import Air
+from observer.physics.constants import GRAVITY_M_S2, RAD_S_PER_RPM
 
 
 def rotating_nusselt(reynolds: FloatArray, prandtl: float) -> FloatArray:
@@ -31,7 +30,7 @@ def rotating_nusselt_kendoush(reynolds: FloatArray, prandtl: float) -> FloatArra
 
 def rotating_reynolds(speed_rpm: FloatArray, diameter_m: float, air: Air) -> FloatArray:
     """Return Re = ω d²/ν (Yu et al. 2024, §3.1.3)."""
-    return np.asarray(np.abs(speed_rpm) * math.pi / 30 * diameter_m**2 / air.viscosity_m2_s)
+    return np.asarray(np.abs(speed_rpm) * RAD_S_PER_RPM * diameter_m**2 / air.viscosity_m2_s)
 
 
 def rayleigh(length_m: float, rise_K: float, air: Air) -> float:
@@ -90,7 +89,7 @@ def taylor_number(speed_rpm: FloatArray, radius_m: float, gap_m: float, air: Air
     s = gap_m / mean_m
     Y = 1.0 - 0.652 * s / (1.0 - s / 2)
     geometry = math.pi**4 / 1697 / (1.0 - s / 2) ** 2 / (0.0571 * Y + 0.00056 / Y)
-    omega = np.abs(speed_rpm) * math.pi / 30
+    omega = np.abs(speed_rpm) * RAD_S_PER_RPM
     return np.asarray(omega**2 * mean_m * gap_m**3 / air.viscosity_m2_s**2 / geometry)
 
 
@@ -107,24 +106,6 @@ def taylor_nusselt(taylor: FloatArray) -> FloatArray:
 def film_W_m2K(nusselt: FloatArray | float, length_m: float, air: Air) -> FloatArray:
     """Return h = Nu k_air/l (Lathe, eq. 7)."""
     return np.asarray(nusselt * air.conductivity_W_mK / length_m)
-
-
-def radiation_W_m2(
-    emissivity: float, surface_degC: FloatArray | float, ambient_degC: FloatArray | float
-) -> FloatArray:
-    """Return the grey body's loss ε σ (T_s⁴ − T_a⁴), exact (Lathe, eq. 4)."""
-    hot, cold = np.asarray(surface_degC) + 273.15, np.asarray(ambient_degC) + 273.15
-    return np.asarray(emissivity * STEFAN_BOLTZMANN_W_m2K4 * (hot**4 - cold**4))
-
-
-def radiation_film_W_m2K(emissivity: float, ambient_degC: float, rise_K: float = 0.0) -> float:
-    """Return the film that loses as much as radiation at a rise: ε σ (T_s + T_a)(T_s² + T_a²).
-
-    At a rise of zero this is the tangent 4 ε σ T_a³.
-    """
-    cold = ambient_degC + 273.15
-    hot = cold + rise_K
-    return emissivity * STEFAN_BOLTZMANN_W_m2K4 * (hot + cold) * (hot**2 + cold**2)
 
 
 def thread_factor(

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer.frames import FloatArray
+from observer.physics.constants import RAD_S_PER_RPM, ZERO_DEGC_K
 
-RAD_S_PER_RPM = math.pi / 30
 SWITCH_MM2_S_RPM = 2000.0
 """Below this product of viscosity and speed the lubricant's torque no longer falls with the speed."""
 
@@ -87,9 +87,9 @@ def viscosity_mm2_s(temperature_degC: float, at_40_mm2_s: float, at_100_mm2_s: f
     def double_log(nu: float) -> float:
         return math.log10(math.log10(nu + 0.7))
 
-    cold, hot = math.log10(313.15), math.log10(373.15)
+    cold, hot = math.log10(40.0 + ZERO_DEGC_K), math.log10(100.0 + ZERO_DEGC_K)
     slope = (double_log(at_100_mm2_s) - double_log(at_40_mm2_s)) / (hot - cold)
-    value = double_log(at_40_mm2_s) + slope * (math.log10(temperature_degC + 273.15) - cold)
+    value = double_log(at_40_mm2_s) + slope * (math.log10(temperature_degC + ZERO_DEGC_K) - cold)
     return float(10.0**10.0**value - 0.7)
 
 

@@ -17,8 +17,8 @@ from typing import Any
 import structlog
 import zenoh
 
+from observer.exchange import KINDS, Command, Outcome, plain_name
 from observer.publish.codec import ESTIMATE_ENCODING, ESTIMATES_ENCODING, JSON_ENCODING, array_of, to_json
-from observer.publish.commands import KINDS, Command, Outcome, plain_name
 
 _RING = 16
 _WAITING = 4  # commands that wait for the next step

@@ -12,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from observer.publish.commands import plain_name
+from observer.exchange import plain_name
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client
 

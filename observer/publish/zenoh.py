@@ -9,16 +9,17 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import structlog
 import zenoh
 
+from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, Layout
 from observer.publish.answers import Answers
-from observer.publish.codec import ESTIMATE_ENCODING, JSON_ENCODING, EstimateEncoder
-from observer.publish.commands import Command
+from observer.publish.codec import ESTIMATE_ENCODING, JSON_ENCODING, EstimateEncoder, to_json
 from observer.publish.rivals import Rivals
 from observer.publish.session import (
     LEASE_MS,
@@ -41,26 +42,6 @@ log = structlog.get_logger()
 def key_prefix(machine: str, axis: str) -> str:
     """Where everything about one axis is published."""
     return f"ballscrew/{machine}/{axis}"
-
-
-@dataclass(frozen=True, slots=True)
-class PublishStatus:
-    """How publishing stands; `reason` says in one sentence what is wrong, None if nothing is.
-
-    `settled` says that the first attempt at a session has ended. `taken` is a sentence where another service
-    has the axis, `rival` one where another program publishes on its keys. Without `alive` nobody is answered
-    any more.
-    """
-
-    connected: bool = False
-    published: int = 0
-    dropped: int = 0
-    reconnects: int = 0
-    reason: str | None = None
-    settled: bool = True
-    taken: str | None = None
-    rival: str | None = None
-    alive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,15 +135,18 @@ class ZenohPublisher:
             if self._has_error:
                 self._put("error", self._encoder.error(block, 0, sequence))
 
-    def health(self, document: bytes) -> None:
+    def health(self, document: Mapping[str, Any]) -> None:
         """Publish a health document, which also answers those who ask for it."""
-        self._answers.documents["health"] = document
-        self._put("health", document)
+        self._document("health", document)
 
-    def compensation(self, document: bytes) -> None:
+    def compensation(self, document: Mapping[str, Any]) -> None:
         """Publish a compensation document, which also answers those who ask for it."""
-        self._answers.documents["compensation"] = document
-        self._put("compensation", document)
+        self._document("compensation", document)
+
+    def _document(self, key: str, document: Mapping[str, Any]) -> None:
+        data = to_json(document)
+        self._answers.documents[key] = data
+        self._put(key, data)
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """End the session; says whether it was closed in that time."""

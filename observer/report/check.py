@@ -97,10 +97,7 @@ def _path_limit_rpm(config: Installation, source: Source) -> float:
     """The speed up to which a nut's position is sampled often enough to tell its path."""
     low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
     sample_s = config.estimator.period_s
-    for driver in config.drivers.values():
-        names = (driver.position_channel,) if driver.kind == "canopen" else getattr(driver, "channels", ())
-        if source.position_channel in names and driver.kind != "player":
-            sample_s = driver.period_s
+    sample_s = config.sample_s.get(source.position_channel or "", sample_s)
     return 60.0 * (high_m - low_m) / ((source.lead_m or 1.0) * SAMPLES_PER_TRAVERSE * sample_s)
 
 

@@ -86,15 +86,15 @@ def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any],
     shown = _shown(found)
     machine = found.problem.config.machine
     parts = [
-        _header(f"{machine.name}, axis {machine.axis}", result, logs),
+        _header(found, result, logs),
         _doubt(found, result),
         _maps(found, result, shown, logs),
         _proof(found, result, shown, logs),
         _candidates(found, result),
         _parameters(found, result),
-        _limits(found, result, logs),
+        _limits(found, logs),
     ]
-    page = document(f"{headline(result)} – {machine.name}, axis {machine.axis}", parts)
+    page = document(f"{headline(found.verdict, result)} – {machine.name}, axis {machine.axis}", parts)
     path.write_text(page, encoding="utf-8")
 
 
@@ -111,8 +111,9 @@ def _shown(found: Discovery) -> Shown:
     return Shown((), "as configured", "calibrated", error_K(problem.config), error_K(fit.config))
 
 
-def _header(machine: str, result: dict[str, Any], logs: Sequence[str]) -> Html:
-    gap = result["gap"]
+def _header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
+    machine, gap = found.problem.config.machine, result["gap"]
+    of = f"{machine.name}, axis {machine.axis}"
     first = (
         ("as configured", "as_given") if gap["before_rms_K"] == gap["after_rms_K"] else ("before", "before")
     )
@@ -126,8 +127,8 @@ def _header(machine: str, result: dict[str, Any], logs: Sequence[str]) -> Html:
     where = "" if happened is None else f" {event_sentence(happened, logs[happened['log'] - 1])}."
     sure = "" if result["verdict"] in ("named", "none") else ' class="doubt"'
     return Html(
-        f'<header{sure}><p class="of">{safe(machine)}: what the model lacks</p>'
-        f"<h1>{safe(headline(result))}.</h1>{paragraph(f'{gap_sentence(result)}.{where}')}"
+        f'<header{sure}><p class="of">{safe(of)}: what the model lacks</p>'
+        f"<h1>{safe(headline(found.verdict, result))}.</h1>{paragraph(f'{gap_sentence(result)}.{where}')}"
         f"{tiles(facts)}</header>"
     )
 
@@ -303,7 +304,7 @@ def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
     )
 
 
-def _limits(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
+def _limits(found: Discovery, logs: Sequence[str]) -> Html:
     """What each log was used for, what was missing in it, and what the logs cannot show."""
     evidence = found.problem.evidence
     rows = []
@@ -316,8 +317,8 @@ def _limits(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
             [name, duration_text(run.run.duration_s), *minutes, f"{100 * (1 - mine.sum() / possible):.1f} %"]
         )
     told = "Every effect that was tried would show in these logs if it were strong enough."
-    if result["not_told"]:
-        told = f"{not_told_sentence(result)}."
+    if found.search.blind:
+        told = f"{not_told_sentence(found.search.blind)}."
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "

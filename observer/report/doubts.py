@@ -7,16 +7,12 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from drivers.decode import spans
-from drivers.devices import modbus_input
-from drivers.settings import ModbusChannel, ModbusRtuSettings, ModbusTcpSettings
 from observer.installation import Installation
 from observer.installation.problems import key_of
 from observer.installation.slips import doubt
 
 NEAR = 1e-3
 """Places nearer than this part of the screw's length are the same place."""
-_WHOLE_NUMBERS = ("int16", "uint16", "int32", "uint32")
 _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
 
 
@@ -74,44 +70,25 @@ def _short_strokes(config: Installation) -> Iterator[str]:
             )
 
 
-def _registers(config: Installation) -> Iterator[tuple[str, str, ModbusChannel]]:
-    """Every Modbus channel with its driver."""
-    for name, settings in config.drivers.items():
-        if isinstance(settings, ModbusTcpSettings | ModbusRtuSettings):
-            for channel, place in settings.channels.items():
-                if isinstance(place, int):
-                    yield name, channel, modbus_input(settings.device or "", place, settings.first_register)
-                else:
-                    yield name, channel, place
-
-
 def _shared_registers(config: Installation) -> Iterator[str]:
     """Values that overlap, within a device and between drivers of the same device."""
-    wires: dict[tuple[Any, ...], list[tuple[str, str, ModbusChannel]]] = {}
-    for name, channel, place in _registers(config):
-        settings = config.drivers[name]
-        where = (settings.kind, getattr(settings, "host", None), settings.port, settings.unit_id)  # type: ignore[union-attr]
-        wires.setdefault(where, []).append((name, channel, place))
-    for entries in wires.values():
-        for (driver, one, a), (other_driver, other, b) in itertools.combinations(entries, 2):
-            shared = _words_of(a) & _words_of(b)
-            if shared:
-                second = other if driver == other_driver else f"{other} of drivers.{other_driver}"
-                yield (
-                    f"drivers.{driver}: {one} and {second} both read register {min(shared)[1]}; check the "
-                    "register and the type of both"
-                )
-
-
-def _words_of(channel: ModbusChannel) -> set[tuple[str, int]]:
-    own = spans(channel)[0]
-    return {(own.function, own.first + i) for i in range(own.count)}
+    entries = [
+        (name, channel, addresses)
+        for name, driver in config.drivers.items()
+        for channel, addresses in driver.occupied().items()
+    ]
+    for (driver, one, a), (other_driver, other, b) in itertools.combinations(entries, 2):
+        if shared := a & b:
+            second = other if driver == other_driver else f"{other} of drivers.{other_driver}"
+            register = min(address[-1] for address in shared)  # type: ignore[type-var]
+            yield (
+                f"drivers.{driver}: {one} and {second} both read register {register}; check the "
+                "register and the type of both"
+            )
 
 
 def _finer_than_the_device(config: Installation) -> Iterator[str]:
-    steps = {
-        channel: abs(place.scale) for _, channel, place in _registers(config) if place.type in _WHOLE_NUMBERS
-    }
+    steps = {channel: step for driver in config.drivers.values() for channel, step in driver.steps().items()}
     for sensor in config.sensor:
         step_K = steps.get(sensor.channel, 0.0)
         if sensor.noise_K < _DEVIATION_OF_STEPS * step_K:

@@ -9,13 +9,12 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from drivers.settings import CanSettings, DriverSettings, PlayerSettings, delivered
+from drivers import DriverSettings
 from observer.config import effect_problems
-from observer.errors import ConfigError, LogError
-from observer.files.logs import read_log
+from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.fit.parameters import free_problems
-from observer.installation import Installation
+from observer.installation import Installation, undelivered
 from observer.installation.problems import as_message, problems_of
 
 _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
@@ -28,9 +27,10 @@ def examine(path: Path) -> Installation:
     config = None if problems else Installation.model_validate(table)
     settings = dict(_drivers(table)) if config is None else config.drivers
     if config is not None:
-        problems += effect_problems(config) + free_problems(config) + _undelivered(config)
+        problems += effect_problems(config) + free_problems(config)
+        problems += undelivered(config) if config.drivers else []  # without any, the model is for logs
     for name, driver in settings.items():
-        problems += file_problems(name, driver)
+        problems += [f"drivers.{name}.{problem}" for problem in driver.file_problems(name)]
     directory = None if config is None else config.record.directory
     if directory is not None and not _may_be_written(directory):
         problems.append(f"record.directory: {directory} cannot be written; name another directory")
@@ -47,37 +47,6 @@ def _drivers(table: dict[str, Any]) -> Iterator[tuple[str, DriverSettings]]:
             yield name, _SETTINGS.validate_python(settings)
         except ValidationError:
             continue
-
-
-def file_problems(name: str, settings: DriverSettings) -> list[str]:
-    """Return what is wrong with the files that a driver needs, a sentence each."""
-    if isinstance(settings, CanSettings):
-        from drivers.dbc import dbc_problems  # noqa: PLC0415 (the bus library only when it is used)
-
-        return [f"drivers.{name}.dbc: {problem}" for problem in dbc_problems(settings, name)]
-    if isinstance(settings, PlayerSettings):
-        try:
-            read_log(settings.path, settings.channels or ())
-        except LogError as error:
-            return [f"drivers.{name}.path: {error}"]
-    return []
-
-
-def _undelivered(config: Installation) -> list[str]:
-    """Channels that no driver delivers, where there are drivers; without any, the model is for logs."""
-    offered: set[str] = set()
-    for settings in config.drivers.values():
-        channels = delivered(settings)
-        if channels is None:
-            return []
-        offered |= set(channels)
-    missing = [c for c in config.channels if c not in offered]
-    if not missing or not config.drivers:
-        return []
-    return [
-        f"drivers: no driver delivers {', '.join(missing)}; add the channel to a [drivers.…] table, or "
-        "remove what reads it"
-    ]
 
 
 def _may_be_written(directory: Path) -> bool:

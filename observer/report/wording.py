@@ -1,4 +1,4 @@
-"""What a discovery found, in sentences for people; from the content of `result.json` alone."""
+"""What a discovery found, in sentences for people, made last: from records, never from other sentences."""
 
 from __future__ import annotations
 
@@ -6,29 +6,12 @@ from collections.abc import Iterator, Sequence
 from math import floor, log10
 from typing import Any
 
+from observer.discovery.candidates import Candidate
+from observer.discovery.discover import Discovery
+from observer.discovery.verdict import Verdict
+from observer.effects.catalogue import BY_KIND
 from observer.report.style import duration_text
 
-LACKS = {
-    "surface_convection": "a loss of heat to the air over the whole surface",
-    "speed_convection": "cooling that grows with the screw's rotation",
-    "uneven_convection": "a stretch of the screw that is cooled more or less than the rest",
-    "radiation": "heat radiated by the surface",
-    "end_conduction": "heat that flows into the housing at {target}",
-    "attached_mass": "a body that stores heat at {target}",
-    "end_heat": "heat at {target} that grows with speed",
-    "motor_heat": "heat from the drive at {target}, the same at any speed",
-    "friction_fade": "friction of {target} that falls as the screw warms",
-    "friction_speed": "another power of speed in the heat of {target}",
-    "run_in": "friction of {target} that falls as it runs in",
-    "dwell": "heat of {target} that enters where it turns round",
-    "local_heat": "a source of heat at one place of the screw",
-    "ambient_drift": "air near the screw that drifts away from the ambient given",
-    "coolant": "coolant through the hollow screw while it turns",
-    "sensor_lag": "a lag of sensor {target}",
-    "sensor_bias": "a constant error of sensor {target}",
-    "sensor_drift": "a drift of sensor {target}",
-}
-"""Each effect, as what a model without it lacks."""
 PHASES = {
     "isothermal": "before any work",
     "heat_up": "heating up",
@@ -54,9 +37,12 @@ SURE_SIGMA, HOPELESS_SIGMA = 5.0, 1.0
 """A test that sets two answers apart by less may leave the doubt as it is, or is sure to."""
 
 
-def as_sentences(result: dict[str, Any]) -> Iterator[str]:
-    """Yield what a discovery comes to, line by line: verdict, parameters or what would tell, gap, limits."""
-    yield f"{headline(result)}."
+def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
+    """Yield what a discovery comes to, line by line: verdict, parameters or what would tell, gap, limits.
+
+    `result` is the content of its `result.json`.
+    """
+    yield f"{headline(found.verdict, result)}."
     for effect in result["effects"]:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in effect["parameters"].items())
         yield f"  {name_of(effect)}: {values}"
@@ -67,38 +53,30 @@ def as_sentences(result: dict[str, Any]) -> Iterator[str]:
     if result["experiment"] is not None:
         yield f"{experiment_sentence(result['experiment'])}."
     yield f"{gap_sentence(result)}."
-    if result["not_told"]:
-        yield f"{not_told_sentence(result)}."
+    if found.search.blind:
+        yield f"{not_told_sentence(found.search.blind)}."
 
 
-def headline(result: dict[str, Any]) -> str:
+def headline(verdict: Verdict, result: dict[str, Any]) -> str:
     """The verdict in one plain sentence, without its full stop."""
-    verdict, reason = result["verdict"], str(result.get("reason", ""))
-    if verdict == "named":
+    if verdict.kind == "named":
         return f"The model lacks {joined([lack_of(e['kind'], e['target']) for e in result['effects']])}"
-    if verdict == "none":
+    if verdict.kind == "none":
         return "The calibrated model explains the logs; no effect is missing that shows"
-    if verdict == "ambiguous":
-        answers = [joined([_lack_by_name(name) for name in each]) for each in result["alternatives"]]
+    if verdict.kind == "ambiguous":
+        answers = [joined([lack_of(c.kind, c.target) for c in each]) for each in verdict.sets]
         every = joined(answers, last="; or ", between="; ")
         return f"The model lacks one of these, and the logs cannot tell which: {every}"
-    if verdict == "unknown":
-        what = reason.partition(" that no effect of the library")[0]
-        return f"Something is missing that the library does not hold: {what}"
-    lacking = reason.removeprefix("nothing is missing that shows, but ")
-    return f"These logs cannot tell whether an effect is missing: {lacking}"
+    if verdict.kind == "unknown":
+        return f"Something is missing that the library does not hold: an error remains {verdict.remains}"
+    return f"These logs cannot tell whether an effect is missing: {'; '.join(verdict.lacking)}"
 
 
 def lack_of(kind: str, *targets: str | None) -> str:
     """An effect, at one target or at several, as what a model without it lacks."""
-    of_sensor = kind.startswith("sensor_")
-    places = [f"the {t} end" if t in ("left", "right") and not of_sensor else str(t) for t in targets]
-    return LACKS[kind].format(target=joined(places))
-
-
-def _lack_by_name(name: str) -> str:
-    kind, _, target = name.partition(" at ")
-    return lack_of(kind, target or None)
+    effect = BY_KIND[kind]
+    ends = ("left", "right") if effect.targets != "sensor" else ()
+    return effect.lacks.format(target=joined([f"the {t} end" if t in ends else str(t) for t in targets]))
 
 
 def name_of(effect: dict[str, Any]) -> str:
@@ -122,11 +100,11 @@ def gap_sentence(result: dict[str, Any]) -> str:
     return f"On data held back the gap goes from {before} to {after} rms{with_what} ({noise})"
 
 
-def not_told_sentence(result: dict[str, Any]) -> str:
+def not_told_sentence(blind: Sequence[Candidate]) -> str:
     """What would not show in these logs even if it were there, without a full stop."""
-    targets: dict[str, list[str]] = {}
-    for kind, _, target in (name.partition(" at ") for name in result["not_told"]):
-        targets.setdefault(kind, []).append(target)
+    targets: dict[str, list[str | None]] = {}
+    for candidate in blind:
+        targets.setdefault(candidate.kind, []).append(candidate.target)
     lacks = joined([lack_of(kind, *at) for kind, at in targets.items()], last=", nor ")
     return f"These logs cannot show {lacks}: the calibrated parameters could make up all of it"
 

@@ -16,9 +16,9 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from observer.config import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray, FrameBlock, Reading
-from observer.installation import Installation
 from observer.service.plausibility import Breach, Limits, doubts_of_log
 from observer.service.walk import Expected, Rows, nothing_yet, walk
 
@@ -58,10 +58,10 @@ class AlignPlan:
     limits: Limits
 
     @classmethod
-    def of(cls, config: Installation) -> AlignPlan:
+    def of(cls, config: Config) -> AlignPlan:
         """The plan of a configuration."""
         channels = config.channels
-        periods = expected_periods(config)
+        periods = config.sample_s
         noise_K = {sensor.channel: sensor.noise_K for sensor in config.sensor}
         return cls(
             channels,
@@ -84,7 +84,7 @@ class AlignPlan:
         )  # fmt: skip
 
 
-def _positions(config: Installation) -> dict[str, Position]:
+def _positions(config: Config) -> dict[str, Position]:
     """The position channels, each once."""
     found: dict[str, Position] = {}
     for source in config.source:
@@ -98,17 +98,6 @@ def _positions(config: Installation) -> dict[str, Position]:
             speed = config.channels.index(source.speed_channel)
             found[source.position_channel] = Position(column, speed, lead_m)
     return found
-
-
-def expected_periods(config: Installation) -> dict[str, float]:
-    """How often each channel comes, by what the configuration says of its driver; a player's is not known."""
-    periods: dict[str, float] = {}
-    for settings in config.drivers.values():
-        if settings.kind == "player":
-            continue
-        names = (settings.position_channel,) if settings.kind == "canopen" else settings.channels
-        periods.update(dict.fromkeys(names, settings.period_s))
-    return periods
 
 
 class Aligner:
@@ -246,7 +235,7 @@ def faults_of(flags: str | None) -> dict[str, str]:
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}
 
 
-def doubts(log: Log, blocks: Iterable[FrameBlock], config: Installation) -> list[str]:
+def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
     """Say which channels of a log are not what the configuration takes them for, with the likely unit.
 
     `blocks` are the log's frames.

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.settings import CanSettings
 from observer.errors import ConfigError, LogError
 from observer.files.logs import Log
 from observer.frames import Reading
@@ -30,15 +29,14 @@ def read_can_log(path: Path, config: Installation) -> Log:
     Raises `LogError` where it cannot be read, was cut off or goes back in time, `ConfigError` where no CAN
     driver is configured.
     """
-    from drivers.can import readings_of  # noqa: PLC0415  (python-can is not needed for other logs)
-
-    drivers = {name: s for name, s in config.drivers.items() if isinstance(s, CanSettings)}
-    if not drivers:
+    decoded = [driver.decodes(path, name) for name, driver in config.drivers.items()]
+    buses = [readings for readings in decoded if readings is not None]
+    if not buses:
         raise ConfigError(f'{path}: a CAN recording needs a [drivers.…] table with kind = "can" to decode it')
     if not path.exists():
         raise LogError(f"{path}: no such file; give the path of a log")
-    readings = [r for name, s in drivers.items() for r in readings_of(path, s, name)]
-    if len(drivers) == 1 and any(b.time_s < a.time_s for a, b in itertools.pairwise(readings)):
+    readings = [reading for readings in buses for reading in readings]
+    if len(buses) == 1 and any(b.time_s < a.time_s for a, b in itertools.pairwise(readings)):
         raise LogError(f"{path}: time goes backwards; sort the recording by time")
     readings.sort(key=lambda reading: reading.time_s)
     if not readings:

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 
 import structlog
 
+from observer.exchange import Command, Outcome
 from observer.frames import Reading
-from observer.publish.commands import Command, Outcome
 from observer.service.compensate import Compensator
 from observer.service.record import Recorder
 

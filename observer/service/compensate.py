@@ -10,7 +10,6 @@ import numpy as np
 from observer.config import Config
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock
 from observer.model.rod.supports import error_at
-from observer.publish.codec import to_json
 from observer.service import compensation
 from observer.service.renew import stepped
 
@@ -67,11 +66,11 @@ class Compensator:
         if (why := stepped(offset_s)) is not None:
             self.disarm(f"{why}; arm again")
 
-    def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> bytes:
+    def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> dict[str, Any]:
         """Follow an estimate, a block of one; return the document to publish."""
         asked, self._asked = self._asked, False
         self._state = compensation.advance(self._plan, self._state, block, self._grid_m, arm=asked)
-        body: dict[str, Any] = {
+        return {
             "time_s": float(block.time_s[0]),
             "sequence": sequence,
             "instance": self._instance,
@@ -82,15 +81,14 @@ class Compensator:
             "nut": self._nut(block, frame),
             "quality": EstimateQuality(block.quality[0]).label,
         }
-        return to_json(body)
 
-    def fail(self, time_s: float, sequence: int, reason: str) -> bytes:
+    def fail(self, time_s: float, sequence: int, reason: str) -> dict[str, Any]:
         """Disarm because a step gave no estimate; return the document to publish."""
         self.disarm(f"{reason}; arm again")
         off = {"time_s": time_s, "sequence": sequence, "instance": self._instance}
         off |= {"valid_until_s": time_s, "armed": False}
         values = dict.fromkeys((*_VALUES, "nut"))
-        return to_json({**off, "reason": self._state.reason, **values, "quality": "invalid"})
+        return {**off, "reason": self._state.reason, **values, "quality": "invalid"}
 
     def _values(self, block: EstimateBlock) -> dict[str, Any]:
         """Table and line in force; all null while it is off, so that nobody can take them for good."""

@@ -10,8 +10,8 @@ from typing import Any
 
 from drivers.protocol import DriverStatus
 from observer.estimators.selftest import Finding
+from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock, Quality
-from observer.publish.zenoh import PublishStatus
 from observer.service.reasons import sentence
 from observer.service.record import RecordStatus
 

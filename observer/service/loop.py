@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -19,10 +19,8 @@ from drivers.protocol import Driver
 from observer.errors import UserError
 from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import SelfTest
+from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
-from observer.publish.codec import to_json
-from observer.publish.commands import Command
-from observer.publish.zenoh import PublishStatus
 from observer.service.align import Aligner, AlignPlan
 from observer.service.checkpoint import Standing
 from observer.service.commands import Commands
@@ -77,10 +75,10 @@ class Publisher(Protocol):
     def publish(self, block: EstimateBlock, sequence: int) -> None:
         """Publish a block of one estimate."""
 
-    def health(self, document: bytes) -> None:
+    def health(self, document: Mapping[str, Any]) -> None:
         """Publish a health document."""
 
-    def compensation(self, document: bytes) -> None:
+    def compensation(self, document: Mapping[str, Any]) -> None:
         """Publish a compensation document."""
 
     def close(self, timeout_s: float) -> bool:
@@ -332,4 +330,4 @@ class _Cycles:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            service.publisher.health(to_json(health.document() | {"instance": service.instance}))
+            service.publisher.health(health.document() | {"instance": service.instance})

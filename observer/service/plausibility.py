@@ -16,6 +16,7 @@ import numpy as np
 from observer.config import Config
 from observer.estimators.selftest import DISAGREE, FALLS_SHORT
 from observer.frames import FloatArray, NutPath
+from observer.physics.constants import ZERO_DEGC_K
 
 SCREW_RANGE_DEGC = (-40.0, 150.0)
 AMBIENT_RANGE_DEGC = (-20.0, 60.0)
@@ -171,7 +172,7 @@ def _limits(config: Config, channel: str, kind: Kind) -> tuple[float, ...]:
 Unit = tuple[str, Callable[[float], float]]
 _TEMPERATURES: tuple[Unit, ...] = (
     ("°F", lambda v: (v - 32.0) / 1.8),
-    ("K", lambda v: v - 273.15),
+    ("K", lambda v: v - ZERO_DEGC_K),
     ("tenths of °C", lambda v: v / 10.0),
     ("hundredths of °C", lambda v: v / 100.0),
 )

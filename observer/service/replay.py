@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from observer.config import Config
 from observer.errors import LogError
 from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import Fault, SelfTest
 from observer.files.logs import SUFFIXES, TIME, Log
 from observer.files.writer import Column, TableWriter
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Inputs, Layout, Quality
+from observer.model.rod.moving import judge_path
 from observer.service.align import AlignPlan, blocks_of_log
 from observer.service.checkpoint import START_SUFFIX, Fit, Standing, UnfitError, load, recent
 from observer.service.pipeline import Drive, Pipeline
@@ -187,3 +189,31 @@ def write_results(
     part.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     part.replace(output / "summary.json")
     return summary
+
+
+def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
+    """Return, per moving source, whether the log tells the nut's path."""
+    found = {}
+    for source in config.source:
+        if source.position_channel is not None:
+            low, high = source.stroke_m or (0.0, config.screw.length_m)
+            column = log.values[:, log.channels.index(source.position_channel)]
+            found[source.name] = judge_path(column, high - low)
+    return found
+
+
+class Tee:
+    """A drive that remembers the inputs it gave last."""
+
+    def __init__(self, drive: Drive[Any]) -> None:
+        self._drive = drive
+        self.inputs: Inputs
+
+    def initial(self) -> Any:
+        """Give the state before the first frame."""
+        return self._drive.initial()
+
+    def run(self, state: Any, frames: FrameBlock) -> tuple[Any, Inputs]:
+        """K steps."""
+        state, self.inputs = self._drive.run(state, frames)
+        return state, self.inputs

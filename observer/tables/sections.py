@@ -6,6 +6,7 @@ Every unit and every range of these tables is checked here, once.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -153,6 +154,18 @@ class Source(HeatLaw):
         if self.nut_friction is not None and (self.nut_friction.lead_m is None) == (self.lead_m is None):
             raise ValueError("nut_friction needs the lead once; give lead_m in one of the two tables")
         return self
+
+
+def law_channels(source: Source, sources: Sequence[Source]) -> tuple[str, ...]:
+    """Return the channels that a source's heat law reads, none where it has no law."""
+    if source.law is None:
+        return ()
+    return owner(source, sources).law_channels if source.law == "heat_of" else source.law_channels
+
+
+def owner(source: Source, sources: Sequence[Source]) -> Source:
+    """Return the source whose heat a `heat_of` law takes a part of."""
+    return next(other for other in sources if other.name == source.heat_of)
 
 
 class Sensor(Section):

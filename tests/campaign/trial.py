@@ -62,7 +62,7 @@ def search(entry: Entry, folder: Path) -> tuple[dict[str, Any], float]:
     logs = write_case(entry.case, folder / "logs", entry.without)
     begin_s = time.monotonic()
     config = folder / "logs" / "config.toml"
-    result = discover(config, logs, folder / "found", lambda _stage, _part: None, report=False)
+    _, result = discover(config, logs, folder / "found", lambda _stage, _part: None, report=False)
     return result, time.monotonic() - begin_s
 
 

@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.discovery.candidates import library
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.search import same_physics
-from observer.effects.catalogue import KINDS
+from observer.effects.catalogue import BY_KIND, KINDS
 from observer.effects.film import UnevenConvection
 from observer.effects.heat import LocalHeat
 from observer.fit.parameters import free_keys
@@ -61,7 +61,7 @@ def trial(candidate: tuple[str, str | None] | None = None, effect: Any = None) -
     config = SimpleNamespace(screw=SimpleNamespace(length_m=1.0), effect=(effect,))
     kind, target = candidate or ("none", None)
     return SimpleNamespace(
-        candidate=SimpleNamespace(kind=kind, target=target), fit=SimpleNamespace(config=config)
+        candidate=SimpleNamespace(of=BY_KIND.get(kind), target=target), fit=SimpleNamespace(config=config)
     )
 
 

@@ -11,7 +11,8 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from drivers import settings
+import drivers
+from drivers import can, canopen, devices, modbus, places, player
 from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
@@ -47,13 +48,13 @@ CONFIGURATION = {
     "`[checkpoint]`": keeping.Checkpoint,
 }
 DEVICES = {
-    "`modbus_tcp`": settings.ModbusTcpSettings,
-    "`modbus_rtu`": settings.ModbusRtuSettings,
-    "A Modbus channel": settings.ModbusChannel,
-    "`can`": settings.CanSettings,
-    "A CAN channel": settings.CanChannel,
-    "`canopen`": settings.CanopenSettings,
-    "`player`": settings.PlayerSettings,
+    "`modbus_tcp`": modbus.ModbusTcpSettings,
+    "`modbus_rtu`": modbus.ModbusRtuSettings,
+    "A Modbus channel": places.ModbusChannel,
+    "`can`": can.CanSettings,
+    "A CAN channel": places.CanChannel,
+    "`canopen`": canopen.CanopenSettings,
+    "`player`": player.PlayerSettings,
 }
 CASES = [("configuration.md", t, m) for t, m in CONFIGURATION.items()]
 CASES += [("devices.md", t, m) for t, m in DEVICES.items()]
@@ -65,6 +66,17 @@ def _documented(page: str, title: str) -> dict[str, str]:
     text = (REFERENCE / page).read_text(encoding="utf-8")
     section = text.split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
     return dict(re.findall(r"^\| `(\w+)` \| `?(.*?)`? \| .*\|$", section, flags=re.M))
+
+
+def test_the_page_of_effects_is_the_library() -> None:
+    """Each effect in its order, with its equation, what a log must hold, and its source."""
+    text = (REFERENCE / "effects.md").read_text(encoding="utf-8")
+    assert tuple(re.findall(r"^## `(\w+)`$", text, flags=re.M)) == KINDS
+    for kind, effect in zip(KINDS, LIBRARY, strict=True):
+        section = text.split(f"\n## `{kind}`\n", 1)[1].split("\n## ", 1)[0].strip()
+        assert section.startswith(f"{effect.__doc__}\n\n| key |"), kind
+        last = f"A log tells it with {effect.excitation}. Source: {effect.source}."
+        assert section.endswith(last.replace("..", ".")), kind
 
 
 def _coded(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
@@ -95,11 +107,11 @@ def test_every_effect_is_in_the_library() -> None:
 
 
 def test_every_kind_of_driver_has_its_table() -> None:
-    union, *_ = get_args(settings.DriverSettings)
+    union, *_ = get_args(drivers.DriverSettings)
     assert set(get_args(union)) <= set(DEVICES.values())
 
 
 def test_every_ready_device_is_listed() -> None:
     text = (REFERENCE / "devices.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `(\w+)` \| .* \| (\d+) \|$", text, flags=re.M))
-    assert {name: int(inputs) for name, inputs in rows.items()} == settings.DEVICE_INPUTS
+    assert {name: int(inputs) for name, inputs in rows.items()} == devices.MODBUS_INPUTS | devices.CAN_INPUTS

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import pytest
 from pydantic import BaseModel, TypeAdapter
 
-from drivers.settings import DriverSettings
+from drivers import DriverSettings
 from observer import installation
 from observer.effects.catalogue import Effect
 from observer.tables import sections

@@ -17,9 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers import open_driver
+from drivers.can import CanSettings
 from drivers.dbc import load_decoder
 from drivers.devices import DBC_OF
-from drivers.settings import CanChannel, CanSettings
+from drivers.places import CanChannel
 from drivers.simulated.wires import PtyWire
 from tests.drivers.harness import running
 from tests.patience import Stopwatch, eventually, until
@@ -63,7 +64,7 @@ def virtual_bus(channel="test"):
 
 @given(st.integers(0, 1_000_000), st.integers(0, 60_000))
 def test_what_a_dbc_file_encodes_is_decoded(position_um, speed_tenths):
-    decoded = load_decoder(settings(), "axis")(frame(position_um * 1e-6, speed_tenths * 0.1))
+    decoded = load_decoder(settings().signals("axis"))(frame(position_um * 1e-6, speed_tenths * 0.1))
     # a step of each signal: 1 µm and 0.1 rpm; the arithmetic may lose the last bits
     assert decoded[0]["nut_position_m"] == pytest.approx(position_um * 1e-6, abs=1e-12)
     assert decoded[0]["screw_speed_rpm"] == pytest.approx(speed_tenths * 0.1, abs=1e-9)
@@ -75,7 +76,7 @@ def test_what_a_dbc_file_encodes_is_decoded(position_um, speed_tenths):
     [(0.0, None), (1.0, None), (1.000001, "out_of_range"), (-0.000001, "out_of_range")],
 )
 def test_the_files_own_limits_hold(position_m, fault):
-    values, faults = load_decoder(settings(), "axis")(frame(position_m))
+    values, faults = load_decoder(settings().signals("axis"))(frame(position_m))
     assert faults.get("nut_position_m") == fault
     assert math.isnan(values["nut_position_m"]) == (fault is not None)
     assert "screw_speed_rpm" not in faults
@@ -83,7 +84,7 @@ def test_the_files_own_limits_hold(position_m, fault):
 
 def test_named_values_decode_to_their_numbers():
     state = {"state_1": CanChannel(message="AxisStatus", signal="AxisState", scale=10.0, offset=1.0)}
-    assert load_decoder(settings(channels=state), "axis")(frame(state=3)) == ({"state_1": 31.0}, {})
+    assert load_decoder(settings(channels=state).signals("axis"))(frame(state=3)) == ({"state_1": 31.0}, {})
 
 
 @pytest.mark.parametrize(
@@ -99,7 +100,7 @@ def test_a_status_signal_makes_a_plausible_value_a_fault(fault_values, state, fa
     channel = CHANNELS["nut_position_m"].model_copy(
         update={"fault_signal": "AxisState", "fault_values": fault_values}
     )
-    values, faults = load_decoder(settings(channels={"x_m": channel}), "axis")(frame(state=state))
+    values, faults = load_decoder(settings(channels={"x_m": channel}).signals("axis"))(frame(state=state))
     assert faults.get("x_m") == fault
     assert math.isnan(values["x_m"]) == (fault is not None)
 
@@ -116,11 +117,11 @@ def test_a_status_signal_makes_a_plausible_value_a_fault(fault_values, state, fa
     ids=["other identifier", "extended", "fd", "remote", "error"],
 )
 def test_frames_of_others_are_nothing(stranger):
-    assert load_decoder(settings(), "axis")(stranger) is None
+    assert load_decoder(settings().signals("axis"))(stranger) is None
 
 
 def test_a_frame_that_is_too_short_is_a_fault_of_all_it_should_hold():
-    values, faults = load_decoder(settings(), "axis")(frame(data=b"\x00" * 7))
+    values, faults = load_decoder(settings().signals("axis"))(frame(data=b"\x00" * 7))
     assert faults == dict.fromkeys(CHANNELS, "short_frame")
     assert all(math.isnan(value) for value in values.values())
 
@@ -128,7 +129,7 @@ def test_a_frame_that_is_too_short_is_a_fault_of_all_it_should_hold():
 def test_canmod_temp_as_in_its_manual():
     """The payload and its meaning are the decoding example of CSS Electronics' manual."""
     channels = {"tl_degC": 0, "tr_degC": 1, "bl_degC": 2, "br_degC": 3}
-    decode = load_decoder(settings(dbc=None, device="css_canmod_temp", channels=channels), "tc")
+    decode = load_decoder(settings(dbc=None, device="css_canmod_temp", channels=channels).signals("tc"))
     message = can.Message(arbitration_id=1, is_extended_id=False, data=bytes.fromhex("9904600A28198EBE"))
     values, faults = decode(message)
     assert values["tl_degC"] == 1.0
@@ -137,7 +138,7 @@ def test_canmod_temp_as_in_its_manual():
 
 def test_mu_thermocouple1_is_little_endian_sixteenths():
     channels = {"a_degC": 0, "b_degC": 3, "c_degC": 4}
-    decode = load_decoder(settings(dbc=None, device="peak_mu_thermocouple1", channels=channels), "tc")
+    decode = load_decoder(settings(dbc=None, device="peak_mu_thermocouple1", channels=channels).signals("tc"))
     first = can.Message(arbitration_id=0x100, is_extended_id=False, data=bytes.fromhex("9001 0000 0000 F0FF"))
     second = can.Message(arbitration_id=0x101, is_extended_id=False, data=bytes.fromhex("0100000000000000"))
     assert decode(first) == ({"a_degC": 25.0, "b_degC": -1.0}, {})
@@ -208,7 +209,7 @@ async def test_one_message_that_is_missing_does_not_hide_behind_another():
 
 
 async def test_frames_that_nobody_can_take_in_time_are_counted(monkeypatch):
-    monkeypatch.setattr("drivers.can.MAX_PENDING", 5)
+    monkeypatch.setattr("drivers.can_bus.MAX_PENDING", 5)
     with virtual_bus() as bus:
         async with running(open_driver("axis", settings())) as axis:
             await axis.until(lambda _: axis.driver.status.connected)

@@ -10,7 +10,7 @@ import pytest
 from canopen.objectdictionary import INTEGER32, ODVariable
 
 from drivers import open_driver
-from drivers.settings import CanopenSettings
+from drivers.canopen import CanopenSettings
 from tests.drivers.harness import running
 
 NODE = 5

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drivers.decode import MAX_REGISTERS, Block, decode, encode, raw_of, read_plan, spans, words_of
 from drivers.devices import modbus_input
-from drivers.settings import WORDS, ModbusChannel
+from drivers.places import WORDS, ModbusChannel
 
 LIMITS = {
     "int16": (-(2**15), 2**15 - 1),

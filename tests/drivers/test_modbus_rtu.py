@@ -10,7 +10,7 @@ from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers import modbus_link, open_driver
-from drivers.settings import ModbusRtuSettings
+from drivers.modbus import ModbusRtuSettings
 from tests.drivers.harness import running
 from tests.patience import Stopwatch
 

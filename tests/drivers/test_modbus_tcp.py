@@ -9,7 +9,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.transport import ModbusProtocol
 
 from drivers import open_driver
-from drivers.settings import ModbusTcpSettings
+from drivers.modbus import ModbusTcpSettings
 from tests.drivers.harness import device, running
 from tests.patience import Stopwatch, eventually
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from drivers import open_driver
-from drivers.settings import PlayerSettings
+from drivers.player import PlayerSettings
 from observer.errors import LogError
 from tests.drivers.harness import running
 from tests.patience import eventually

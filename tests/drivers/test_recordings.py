@@ -3,12 +3,16 @@
 import can
 import pytest
 
-from drivers.can import readings_of
 from observer.errors import LogError
 from tests.drivers.test_can import frame, settings
 
 COUNT = 2000
 START_S = 1_700_000_000.0
+
+
+def decoded(path):
+    """The readings in a recording, as a replay takes them."""
+    return settings().decodes(path, "axis")
 
 
 @pytest.fixture
@@ -25,7 +29,7 @@ def record(tmp_path):
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".csv", ".trc", ".asc.gz"])
 def test_every_frame_comes_back_with_value_and_time(record, suffix):
-    readings = list(readings_of(record(suffix), settings()))
+    readings = list(decoded(record(suffix)))
     assert len(readings) == COUNT
     assert all(not reading.faults for reading in readings)
     positions_m = [reading.values["nut_position_m"] for reading in readings]
@@ -37,7 +41,7 @@ def test_every_frame_comes_back_with_value_and_time(record, suffix):
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".log"])
 def test_times_are_absolute(record, suffix):
-    first = next(iter(readings_of(record(suffix), settings())))
+    first = next(iter(decoded(record(suffix))))
     assert first.time_s == pytest.approx(START_S, abs=1e-3)
 
 
@@ -52,7 +56,7 @@ def test_a_recording_that_was_cut_off_is_not_taken_for_a_whole_one(record, suffi
     path.write_bytes(data[:cut])
     got = []
     with pytest.raises(LogError, match=r"cut off|damaged") as caught:
-        _collect(readings_of(path, settings()), got)
+        _collect(decoded(path), got)
     assert len(got) < COUNT
     positions_m = [reading.values["nut_position_m"] for reading in got]
     # no half frame became a reading
@@ -72,7 +76,7 @@ def test_a_blf_whose_recorder_was_killed_is_reported(record):
     data[16:24] = bytes(8)  # the length in the header is written last
     path.write_bytes(data)
     with pytest.raises(LogError, match="never completed"):
-        list(readings_of(path, settings()))
+        list(decoded(path))
 
 
 @pytest.mark.parametrize(
@@ -89,4 +93,4 @@ def test_files_that_are_no_recording(tmp_path, name, content, words):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(LogError, match=words):
-        list(readings_of(path, settings()))
+        list(decoded(path))

@@ -3,9 +3,8 @@ import tomllib
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from drivers import open_driver
-from drivers.devices import can_input, modbus_input
-from drivers.settings import DEVICE_INPUTS, DriverSettings
+from drivers import DriverSettings, open_driver
+from drivers.devices import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
 from observer.errors import UserError
 
 SETTINGS = TypeAdapter(DriverSettings)
@@ -96,12 +95,13 @@ def test_refusals_name_the_trouble(text, words):
         SETTINGS.validate_python(tomllib.loads(text))
 
 
-@pytest.mark.parametrize("device", DEVICE_INPUTS)
+@pytest.mark.parametrize("device", [*MODBUS_INPUTS, *CAN_INPUTS])
 def test_every_input_of_a_ready_map_has_its_own_place(device):
-    is_can = device in ("css_canmod_temp", "peak_mu_thermocouple1")
+    is_can = device in CAN_INPUTS
+    inputs = (CAN_INPUTS if is_can else MODBUS_INPUTS)[device]
     look_up = can_input if is_can else modbus_input
-    places = [look_up(device, number) for number in range(DEVICE_INPUTS[device])]
-    assert len({p.signal if is_can else p.register_ for p in places}) == DEVICE_INPUTS[device]
+    places = [look_up(device, number) for number in range(inputs)]
+    assert len({p.signal if is_can else p.register_ for p in places}) == inputs
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,9 @@ import pytest
 import zenoh
 
 from drivers import open_driver
-from drivers.settings import CanChannel, CanSettings, ModbusTcpSettings
+from drivers.can import CanSettings
+from drivers.modbus import ModbusTcpSettings
+from drivers.places import CanChannel
 from drivers.simulated.machine import LEAD_M, NUT_LENGTH_M, SENSORS, STROKE_M
 from tests.drivers.harness import running
 from tests.patience import HERE, PATIENCE_S, Stopwatch, eventually

@@ -77,3 +77,13 @@ def test_steps_of_epoch_seconds_are_all_alike():
     time_s = 1.7635e9 + 0.1 * np.arange(1000)
     assert len(set(np.diff(time_s))) > 1
     assert set(quantise(np.diff(time_s))) == {0.1}
+
+
+@pytest.mark.parametrize(
+    ("step_s", "quantised_s"), [(1 / 3, 0.333333), (0.0004996, 0.0005), (0.0015, 0.0015), (4.9e-7, 0.0)]
+)
+def test_steps_keep_their_microseconds(step_s, quantised_s):
+    """A tick of 300 Hz or of a third of a second is no whole number of milliseconds."""
+    assert quantise(np.array([step_s, 1e4 + step_s])) == pytest.approx(
+        [quantised_s, 1e4 + quantised_s], rel=0, abs=1e-11
+    )

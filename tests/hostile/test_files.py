@@ -11,8 +11,8 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
+from drivers.can import CanSettings
 from drivers.dbc import dbc_problems, load_decoder
-from drivers.settings import CanSettings
 from observer.errors import LogError, UserError
 from observer.files.logs import Log, read_log
 from tests.hostile.bits import damaged
@@ -102,12 +102,12 @@ def test_a_damaged_dbc_is_used_or_refused(content, tmp_path):
         }
     )  # fmt: skip
     path.write_bytes(content)
-    assert dbc_problems(settings, "axis") == []
+    assert dbc_problems(settings.signals("axis")) == []
     refused = 0
     for label, data in damaged(content, MOST, seed=5):
         path.write_bytes(data)
         try:
-            load_decoder(settings, "axis")
+            load_decoder(settings.signals("axis"))
         except UserError as error:
             _assert_one_sentence(error)
             refused += 1
@@ -134,5 +134,5 @@ def test_a_message_of_gigabytes_is_refused(line, tmp_path):
             "channels": {"x_m": {"message": "M", "signal": "S"}},
         }
     )  # fmt: skip
-    (problem,) = dbc_problems(settings, "axis")
+    (problem,) = dbc_problems(settings.signals("axis"))
     assert "large.dbc" in problem

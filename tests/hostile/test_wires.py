@@ -10,11 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.canopen import sdo_decoder, tpdo_decoder
+from drivers.can import CanSettings
+from drivers.canopen import CanopenSettings, sdo_decoder, tpdo_decoder
 from drivers.dbc import DbcDecoder, load_decoder
 from drivers.decode import decode, read_plan, spans
-from drivers.devices import DBC_OF, modbus_input
-from drivers.settings import DEVICE_INPUTS, WORDS, CanopenSettings, CanSettings, ModbusChannel
+from drivers.devices import CAN_INPUTS, DBC_OF, MODBUS_INPUTS, modbus_input
+from drivers.places import WORDS, ModbusChannel
 
 MUX_DBC = """VERSION ""
 
@@ -40,7 +41,7 @@ scales = st.floats(-1e9, 1e9).filter(lambda x: abs(x) > 1e-12)
 def modbus_channels(draw):
     if draw(st.booleans()):
         device = draw(st.sampled_from(["icpdas_m7018", "wago_750_458", "micro800_tc2"]))
-        number = draw(st.integers(0, DEVICE_INPUTS[device] - 1))
+        number = draw(st.integers(0, MODBUS_INPUTS[device] - 1))
         return modbus_input(device, number, draw(st.integers(0, 0xFFF0)))
     status = draw(st.none() | st.integers(0, 0xFFFF))
     low, high = sorted(draw(st.tuples(st.integers(-9999, 9999), st.integers(-9999, 9999))))
@@ -102,11 +103,11 @@ def decoders(tmp_path_factory) -> list[DbcDecoder]:
     made = [CanSettings.model_validate(bus | {"dbc": path, "channels": mux})]
     made += [
         CanSettings.model_validate(
-            bus | {"device": device, "channels": {f"t{i}": i for i in range(DEVICE_INPUTS[device])}}
+            bus | {"device": device, "channels": {f"t{i}": i for i in range(CAN_INPUTS[device])}}
         )
         for device in DBC_OF
     ]
-    return [load_decoder(one, "hostile") for one in made]
+    return [load_decoder(one.signals("hostile")) for one in made]
 
 
 @settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -89,7 +89,7 @@ def test_the_ends_of_the_stroke_are_learnt() -> None:
     state, ends_m = reversals(PathState(), NutPath(time_s, position_m, offset, unknown), STROKE_M)
     assert np.isnan(ends_m[0]).all()
     np.testing.assert_allclose(ends_m[-1], [LOW_M, HIGH_M], atol=1e-9)
-    assert (state.low_m, state.high_m) == pytest.approx((LOW_M, HIGH_M))
+    assert state.scalars[4:6] == pytest.approx([LOW_M, HIGH_M])
     # in parts it is the same, to the last bit
     half = 37
     first, a = reversals(

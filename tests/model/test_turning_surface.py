@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.effects.film import rotating_film_W_m2K
+from observer.effects.film import SpeedConvection
+from observer.effects.terms import SpeedLoss
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.installation import parse
@@ -40,13 +41,20 @@ def temperatures(config: Config, speed_rpm: FloatArray) -> FloatArray:
     return simulate(plant, start(plant, 20.0, inputs.law_W[0]), inputs)[1][:, plant.rows.sensor_slice]
 
 
+def film_of_the_effect(config: Config) -> FloatArray:
+    """The film at `SPEED_RPM` that the effect adds at a gain of 1."""
+    (term,) = SpeedConvection(kind="speed_convection", gain=1.0, speed_channel="n_rpm").terms(config)
+    assert isinstance(term, SpeedLoss)
+    return term.film_W_m2K(SPEED_RPM)
+
+
 def test_law_and_effect_count_turning_alike() -> None:
     """Re = ω d²/ν in both; in the air that Yu prints they are the same number."""
     d_m = 0.032
     reynolds = film.rotating_reynolds(SPEED_RPM, d_m, YU_AIR)
     assert reynolds[3] == pytest.approx(3000.0 * math.pi / 30 * d_m**2 / 15.5e-6)
     law = film.film_W_m2K(film.rotating_nusselt(reynolds, YU_AIR.prandtl), d_m, YU_AIR)
-    np.testing.assert_allclose(rotating_film_W_m2K(SPEED_RPM, d_m), law)
+    np.testing.assert_allclose(film_of_the_effect(screw(screw=table()["screw"] | {"diameter_m": d_m})), law)
 
 
 def test_a_law_with_a_speed_channel_cools_as_its_film_at_rest_with_the_effect() -> None:
@@ -56,7 +64,7 @@ def test_a_law_with_a_speed_channel_cools_as_its_film_at_rest_with_the_effect() 
     d_m = by_law.screw.diameter_m
     turning = turning_film(by_law.surface, d_m)
     assert turning is not None
-    gain = float(turning(SPEED_RPM[3:])[0] / rotating_film_W_m2K(SPEED_RPM[3:], d_m)[0])
+    gain = float(turning(SPEED_RPM)[3] / film_of_the_effect(screw())[3])
     assert gain == pytest.approx(3.0, rel=0.03)  # Yu's constants of air against those at 25 °C
     still = surface_film_W_m2K(by_law.surface, d_m)
     effect = {"kind": "speed_convection", "gain": gain, "speed_channel": "n_rpm"}

@@ -13,8 +13,8 @@ import zenoh
 from pydantic import ValidationError
 
 from observer.errors import ConfigError
+from observer.exchange import Outcome
 from observer.publish.ask import ask_health, command
-from observer.publish.commands import Outcome
 from observer.publish.session import client_config, service_config
 from observer.tables.publishing import Client, Publish
 from tests.docs.console import blocks

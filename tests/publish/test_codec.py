@@ -107,8 +107,19 @@ def test_documents_are_those_of_the_contract():
     ]
     assert list(error) == ["time_s", "sequence", "instance", "position_m", "error_um", "sigma_um", "quality"]
     assert (heat["time_s"], heat["sequence"], heat["quality"]) == (1.8e9, 3, "degraded")
-    # six decimals are kept
-    np.testing.assert_allclose(field["temperature_degC"], one.field_degC[0], rtol=0, atol=5.1e-7)
+    # six decimals are kept, of every quantity its own
+    for shown, meant in (
+        ([source["heat_W"] for source in heat["sources"].values()], one.heat_W),
+        ([source["sigma_W"] for source in heat["sources"].values()], one.heat_sigma_W),
+        (field["position_m"], LAYOUT.position_m),
+        (field["temperature_degC"], one.field_degC),
+        (field["sigma_K"], one.field_sigma_K),
+        (error["position_m"], LAYOUT.position_m),
+        (error["error_um"], one.error_um),
+        (error["sigma_um"], one.error_sigma_um),
+    ):
+        np.testing.assert_allclose(shown, np.ravel(meant), rtol=0, atol=5.1e-7)
+        assert not np.array_equal(shown, np.round(np.ravel(meant), 5))
 
 
 def test_arrays_are_typed_as_rfc_8746_says():

@@ -9,8 +9,8 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from observer.exchange import Outcome, plain_name
 from observer.publish import ask as asking
-from observer.publish.commands import Outcome, plain_name
 from observer.publish.session import session_config
 from tests.patience import until as wait
 from tests.publish.people import PREFIX, ask, published, session

@@ -15,11 +15,11 @@ import numpy as np
 
 from drivers.simulated.machine import Machine as Axis
 from drivers.simulated.machine import heats, speed_rpm
-from observer.app import Machine
 from observer.config import Config
 from observer.frames import EstimateBlock, FloatArray, Reading
 from observer.installation import load
 from observer.service.align import Aligner
+from observer.service.machine import Machine
 from observer.service.reasons import sentence
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"

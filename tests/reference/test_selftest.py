@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from drivers.simulated.screw import Rod
-from observer.app import Machine
 from observer.files.logs import Log
 from observer.frames import EstimateQuality, Reading
 from observer.service.align import doubts, frames_of_log
+from observer.service.machine import Machine
 from observer.service.reasons import sentence
 from tests.reference import live
 from tests.reference.live import Arrivals, Ride

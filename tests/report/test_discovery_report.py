@@ -1,24 +1,29 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from copy import copy, deepcopy
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from observer.config import Config
+from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.remainder import Event
 from observer.discovery.result import discovery_result
+from observer.discovery.verdict import Verdict
+from observer.effects.catalogue import BY_KIND, LIBRARY
 from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
 from observer.report.discovery import as_sentences, site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
-from observer.report.wording import LACKS, headline, interval
+from observer.report.wording import headline, interval
 from observer.tables.sections import Sensor
 from tests.discovery.cases import machine, made_log
 
@@ -143,7 +148,7 @@ def test_a_page_names_what_was_found_where_and_in_which_log(found: Discovery, tm
     ):
         assert word in page.text
     title = page.text[: page.text.index(" – ")]
-    assert title == headline(result)
+    assert title == headline(found.verdict, result)
 
 
 def test_names_cannot_become_tags(found: Discovery, tmp_path: Path) -> None:
@@ -168,7 +173,7 @@ def test_the_drawings_follow_the_colours_of_the_page(found: Discovery, tmp_path:
 
 def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
     event = Event("b", "heat_up", 0, 600.0, 1800.0, -3.0, 0.6, -0.7)
-    verdict = replace(found.verdict, kind="unknown", reason="an error remains")
+    verdict = replace(found.verdict, kind="unknown", remains="on data held back")
     text, page = _page(replace(found, verdict=verdict, event=event), tmp_path)
     plain, _ = _page(found, tmp_path)
     assert "3 ± 1 W less heat than the model has, measured 0.70 K below predicted" in page.text
@@ -205,26 +210,30 @@ def test_a_scale_is_round_and_holds_what_it_shows() -> None:
 
 BASE: dict[str, Any] = {
     "verdict": "none",
-    "reason": "",
     "effects": [],
-    "alternatives": [],
     "calibrated": {},
     "gap": {"before_rms_K": 0.05, "after_rms_K": 0.05, "floor_rms_K": 0.007, "as_given_rms_K": 1.2731},
     "where": [],
     "ranking": [],
-    "not_told": [],
     "experiment": None,
 }
 FELL = {"before_rms_K": 0.63, "after_rms_K": 0.156, "floor_rms_K": 0.007, "as_given_rms_K": 1.27}
 TEST = {"name": "soak", "description": "stand still", "duration_s": 7200.0, "separation_sigma": 21.3}
 
 
-def _lines(**changes: Any) -> list[str]:
-    return list(as_sentences(deepcopy(BASE) | changes))
+def _lines(blind: Sequence[Any] = (), verdict: str = "none", said: Any = None, **changes: Any) -> list[str]:
+    """The sentences of a verdict, with what it says beside its kind."""
+    decided = Verdict(verdict, None, **(said or {}))  # type: ignore[arg-type]
+    found: Any = SimpleNamespace(verdict=decided, search=SimpleNamespace(blind=blind))
+    return list(as_sentences(found, deepcopy(BASE) | {"verdict": verdict} | changes))
+
+
+def _candidate(kind: str, target: str | None = None) -> Candidate:
+    return Candidate(BY_KIND[kind], target, (), {})
 
 
 def test_the_sentences_of_none() -> None:
-    lines = _lines(not_told=["end_heat at left", "radiation", "end_heat at right"])
+    lines = _lines([_candidate("end_heat", "left"), _candidate("radiation"), _candidate("end_heat", "right")])
     assert lines[0] == "The calibrated model explains the logs; no effect is missing that shows."
     assert "off by 0.050 K rms (as configured: 1.27 K; noise alone: 0.0070 K)" in lines[1]
     assert lines[2:] == [
@@ -261,7 +270,12 @@ def test_the_sentences_of_effects_named() -> None:
 def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
     lines = _lines(
         verdict="ambiguous",
-        alternatives=[["motor_heat at right"], ["radiation", "dwell at nut"]],
+        said={
+            "sets": [
+                [_candidate("motor_heat", "right")],
+                [_candidate("radiation"), _candidate("dwell", "nut")],
+            ]
+        },
         gap=FELL,
         experiment=TEST,
     )
@@ -280,7 +294,7 @@ def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
 def test_a_test_is_not_praised_beyond_what_it_tells(sigma: float, said: str) -> None:
     lines = _lines(
         verdict="not_identifiable",
-        reason="nothing is missing that shows, but the machine never rests",
+        said={"lacking": ("the machine never rests",)},
         experiment=TEST | {"separation_sigma": sigma},
     )
     assert lines[0] == "These logs cannot tell whether an effect is missing: the machine never rests."
@@ -296,8 +310,7 @@ def test_the_sentences_of_something_unknown_say_where_when_and_how_many_watts(
         "mean_K": np.sign(heat_W) * 3.1, "log": 2, "from_s": 2400.0, "to_s": 3600.0,
         "heat_W": heat_W, "heat_sigma_W": 1.0,
     }  # fmt: skip
-    reason = "an error remains in what was fitted that no effect of the library, nor three together, explains"
-    lines = _lines(verdict="unknown", reason=reason, where=[event], gap=FELL)
+    lines = _lines(verdict="unknown", said={"remains": "in what was fitted"}, where=[event], gap=FELL)
     assert lines[0] == (
         "Something is missing that the library does not hold: an error remains in what was fitted."
     )
@@ -309,11 +322,8 @@ def test_the_sentences_of_something_unknown_say_where_when_and_how_many_watts(
 
 
 def test_every_effect_of_the_library_can_be_said() -> None:
-    from observer.effects.catalogue import KINDS, LIBRARY
-
-    assert set(LACKS) == set(KINDS)
-    for kind, effect in zip(KINDS, LIBRARY, strict=True):
-        assert ("{target}" in LACKS[kind]) == (effect.targets is not None)
+    for effect in LIBRARY:
+        assert ("{target}" in effect.lacks) == (effect.targets is not None)
 
 
 @pytest.mark.parametrize(

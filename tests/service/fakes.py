@@ -8,8 +8,8 @@ import numpy as np
 
 from drivers.protocol import DriverStatus
 from observer.estimators.protocol import EstimatorState
+from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Inputs, Layout, Quality, Reading
-from observer.publish.zenoh import PublishStatus
 from tests.patience import eventually
 
 SENSORS = ("t1_degC", "t2_degC")

@@ -190,6 +190,15 @@ def test_a_coarse_converter_is_known_by_its_long_repeats():
     assert _stuck_at(values, noise_K=math.nan) == []
 
 
+@pytest.mark.parametrize(("known", "limit"), [(0, 60), (15, 60), (40, 120), (199, 597), (400, 600)])
+def test_a_freeze_must_last_thrice_the_longest_repeat_known(known, limit):
+    """At least 60 samples, and at most 600: a sensor that froze once for hours must not freeze unseen."""
+    noisy = 20 + np.random.default_rng(4).normal(0, 0.05, 100)
+    before = [*noisy, *([20.0] * (known + 1)), *noisy]
+    found = [k for k in _stuck_at([*before, *([noisy[-1]] * 700)]) if k >= len(before)]
+    assert found[0] == len(before) + limit - 1
+
+
 def test_a_stuck_sensor_is_rejected_live_and_named():
     aligner = Aligner(plan(expected_s=(0.1, 0.1, 0.1)))
     noisy = 20 + np.random.default_rng(3).normal(0, 0.05, 100)

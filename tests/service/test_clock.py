@@ -1,6 +1,5 @@
 """The service's time only goes on, and a compensation holds by a control's clock as well."""
 
-import json
 from itertools import pairwise
 
 import numpy as np
@@ -57,17 +56,17 @@ def test_a_clock_that_was_set_disarms_until_somebody_arms_again(offset_s):
             compensator.arm()  # not while the clock is off
             compensator.see_clock(ahead_s)
         step = compensator.step(estimate(np.zeros(9), 10.5 + 0.5 * k), at(config, 10.5, 0.2), k)
-        documents.append(json.loads(step))
+        documents.append(step)
     assert not any(d["armed"] for d in documents)
     assert all("clock was set" in d["reason"] for d in documents)
     compensator.arm()
-    assert json.loads(compensator.step(estimate(np.zeros(9), 12.5), at(config, 12.5, 0.2), 5))["armed"]
+    assert compensator.step(estimate(np.zeros(9), 12.5), at(config, 12.5, 0.2), 5)["armed"]
 
 
 @pytest.mark.parametrize(("offset_s", "until_s"), [(0.0, 12.0), (0.4, 12.0), (-0.4, 11.6)])
 def test_a_document_never_holds_longer_than_by_the_computers_clock(offset_s, until_s):
     compensator, config = _armed()
     compensator.see_clock(offset_s)
-    document = json.loads(compensator.step(estimate(np.zeros(9), 10.5), at(config, 10.5, 0.2), 1))
+    document = compensator.step(estimate(np.zeros(9), 10.5), at(config, 10.5, 0.2), 1)
     assert document["armed"]
     assert document["valid_until_s"] == pytest.approx(until_s)

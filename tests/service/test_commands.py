@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import json
 import time
 from dataclasses import replace
 
@@ -11,10 +10,9 @@ import pytest
 import structlog
 
 from observer.errors import UserError
+from observer.exchange import Command, Outcome, PublishStatus
 from observer.files.logs import Log, read_log
 from observer.frames import Reading
-from observer.publish.commands import Command, Outcome
-from observer.publish.zenoh import PublishStatus
 from observer.service.align import blocks_of_log, faults_of, frames_of_log
 from observer.service.clock import ServiceClock
 from observer.service.commands import Commands
@@ -134,7 +132,7 @@ class _Loop:
         self.time_s += 0.5
         self.commands.before_step(commands, self.time_s)
         block = estimate(np.full(9, error_um), self.time_s, quality)
-        self.document = json.loads(self.compensator.step(block, at(self.config, self.time_s, 0.2), 0))
+        self.document = self.compensator.step(block, at(self.config, self.time_s, 0.2), 0)
         self.commands.after_step(self.time_s)
 
 
@@ -236,11 +234,11 @@ async def test_a_foreign_message_disarms_and_shows_in_health():
         if len(publisher.estimates) >= 3:
             assert publisher.rival or not service.compensator.disarmed
             publisher.rival = rival
-        return any(rival in reason for h in publisher.healths for reason in json.loads(h)["reasons"])
+        return any(rival in reason for h in publisher.healths for reason in h["reasons"])
 
     await _serve(service, until)
     assert service.compensator.disarmed[0] == f"{rival}, then arm again"
-    assert json.loads(publisher.healths[-1])["instance"] == "0a0a0a0a"
+    assert publisher.healths[-1]["instance"] == "0a0a0a0a"
 
 
 async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
@@ -265,7 +263,7 @@ async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
 
     await _serve(service, until)
     assert len(notes) == pings[0][0]
-    assert any("publishing: dead" in json.loads(h)["reasons"] for h in publisher.healths)
+    assert any("publishing: dead" in h["reasons"] for h in publisher.healths)
 
 
 async def test_where_another_service_has_the_axis_it_does_not_start(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -174,15 +173,13 @@ def test_the_document_is_null_while_off_and_whole_while_armed() -> None:
     config = machine(reverse=True, zero_m=0.4, rate_limit_um_s=1e3, gradient_limit_um_m=1e3)
     compensator = Compensator(config, GRID)
     error_um = 50.0 * GRID
-    idle = json.loads(compensator.step(estimate(error_um, 10.0), at(config, 10.0, 0.25), 7))
+    idle = compensator.step(estimate(error_um, 10.0), at(config, 10.0, 0.25), 7)
     assert idle["armed"] is False
     assert idle["reason"] == "not armed yet"
     assert idle["offset_um"] is idle["error_um"] is idle["position_m"] is None
     compensator.arm()
     for k in range(2):
-        document = json.loads(
-            compensator.step(estimate(error_um, 10.5 + 0.5 * k), at(config, 10.5, 0.25), 8 + k)
-        )
+        document = compensator.step(estimate(error_um, 10.5 + 0.5 * k), at(config, 10.5, 0.25), 8 + k)
     assert document["armed"] is True
     assert document["reason"] is None
     assert (document["time_s"], document["sequence"], document["quality"]) == (11.0, 9, "good")
@@ -203,8 +200,8 @@ def test_a_step_that_fails_switches_it_off() -> None:
     compensator = Compensator(config, GRID)
     compensator.arm()
     compensator.step(estimate(np.zeros(9), 10.0), at(config, 10.0, 0.2), 0)
-    failed = json.loads(compensator.fail(10.5, 1, "ValueError: no"))
-    later = json.loads(compensator.step(estimate(np.zeros(9), 11.0), at(config, 11.0, 0.2), 2))
+    failed = compensator.fail(10.5, 1, "ValueError: no")
+    later = compensator.step(estimate(np.zeros(9), 11.0), at(config, 11.0, 0.2), 2)
     assert failed["armed"] is later["armed"] is False
     assert failed["reason"] == later["reason"] == "ValueError: no; arm again"
     assert set(failed) == set(later)
@@ -212,9 +209,7 @@ def test_a_step_that_fails_switches_it_off() -> None:
 
 def test_a_nut_that_is_nowhere_has_no_error() -> None:
     config = machine()
-    document = json.loads(
-        Compensator(config, GRID).step(estimate(np.zeros(9)), at(config, 100.0, float("nan")), 0)
-    )
+    document = Compensator(config, GRID).step(estimate(np.zeros(9)), at(config, 100.0, float("nan")), 0)
     assert document["nut"] is None
 
 

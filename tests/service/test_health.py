@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from drivers.protocol import DriverStatus
+from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
 from observer.publish.codec import to_json
-from observer.publish.zenoh import PublishStatus
 from observer.service.align import Aligner
 from observer.service.health import Facts, assess
 from observer.service.record import RecordStatus

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import json
 import math
 from dataclasses import replace
 
@@ -57,7 +56,7 @@ async def test_a_late_tick_skips_to_the_next_grid_point_and_is_counted():
     service = _service(clock=FastClock(late_s=(0.0, 1.7)), period_s=0.5)
     await _serve(service, lambda: len(service.publisher.estimates) >= 6)
     assert _ticks(service)[:4] == [1000.5, 1001.0, 1003.0, 1003.5]
-    assert json.loads(service.publisher.healths[-1])["overruns"] == 3
+    assert service.publisher.healths[-1]["overruns"] == 3
 
 
 async def test_every_part_is_started_and_ended():
@@ -80,7 +79,7 @@ async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
     pings, before = len(service.estimator.notes), len(service.publisher.estimates)
     await service.clock.go_on(10)
     assert (len(service.estimator.notes), len(service.publisher.estimates)) == (pings, before)
-    health = json.loads(service.publisher.healths[-1])
+    health = service.publisher.healths[-1]
     assert health["state"] == "invalid"
     assert "made to fail" in health["reasons"][0]
     service.estimator.fail = False
@@ -123,7 +122,7 @@ async def test_a_driver_that_fails_is_started_again_and_the_others_go_on():
     service = _service([bad, good])
     await _serve(service, lambda: bad.runs == 2 and not bad.script)
     assert len(good.script) < 95
-    channels = json.loads(service.publisher.healths[-1])["channels"]
+    channels = service.publisher.healths[-1]["channels"]
     assert channels["t2_degC"]["quality"] == "good"
 
 
@@ -140,7 +139,7 @@ async def test_readings_from_the_future_or_the_past_are_not_believed():
 
     service = replace(service, drivers=(Odd([]),))
     await _serve(service, lambda: len(service.publisher.estimates) >= 3)
-    health = json.loads(service.publisher.healths[-1])
+    health = service.publisher.healths[-1]
     assert health["channels"]["t2_degC"]["quality"] == "rejected"
     assert health["channels"]["t2_degC"]["fault"] == "time_backwards"
     assert health["channels"]["t1_degC"]["fault"] is None
@@ -150,10 +149,10 @@ async def test_readings_from_the_future_or_the_past_are_not_believed():
 async def test_health_on_change_and_every_five_seconds():
     service = _service(clock=FastClock(), period_s=0.5)
     await _serve(service, lambda: len(service.publisher.estimates) >= 60)
-    times = [json.loads(h)["time_s"] for h in service.publisher.healths]
+    times = [h["time_s"] for h in service.publisher.healths]
     assert len(times) >= 4
     assert np.diff(times).max() < 5.6  # five seconds and the tick after them
-    changes = [json.loads(h)["state"] for h in service.publisher.healths]
+    changes = [h["state"] for h in service.publisher.healths]
     assert set(changes) == {"starting"}
 
 
@@ -164,11 +163,9 @@ async def test_a_stepped_clock_is_told():
     await eventually(lambda: service.publisher.healths)
     clock.offset = 3600.0
     await eventually(
-        lambda: any(
-            "clock stepped by +3600.0 s" in r for r in json.loads(service.publisher.healths[-1])["reasons"]
-        )
+        lambda: any("clock stepped by +3600.0 s" in r for r in service.publisher.healths[-1]["reasons"])
     )
-    assert json.loads(service.publisher.healths[-1])["clock_offset_s"] == 3600.0
+    assert service.publisher.healths[-1]["clock_offset_s"] == 3600.0
     task.cancel()
     await asyncio.wait([task])
 
@@ -177,7 +174,7 @@ async def test_an_unconnected_driver_is_told():
     driver = FakeDriver([], status=DriverStatus(last_error="connection refused"))
     service = _service([driver], clock=FastClock())
     await _serve(service, lambda: service.publisher.healths)
-    reasons = json.loads(service.publisher.healths[-1])["reasons"]
+    reasons = service.publisher.healths[-1]["reasons"]
     assert "driver fake is not connected: connection refused" in reasons
 
 
@@ -240,9 +237,7 @@ async def test_a_dead_recorder_is_told_and_the_watchdog_not_fed(tmp_path, monkey
     ticks, notes = len(service.publisher.estimates), len(service.estimator.notes)
     await eventually(lambda: len(service.publisher.estimates) >= ticks + 10)
     assert len(service.estimator.notes) <= notes + 1  # one may have been on its way
-    await eventually(
-        lambda: any("a defect" in r for r in json.loads(service.publisher.healths[-1])["reasons"])
-    )
+    await eventually(lambda: any("a defect" in r for r in service.publisher.healths[-1]["reasons"]))
     task.cancel()
     await asyncio.wait([task])
 

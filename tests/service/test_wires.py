@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import json
 import threading
 import time
 
@@ -142,7 +141,7 @@ async def test_a_reading_that_is_late_keeps_its_time_and_one_far_too_late_is_a_f
     await _serve(service, lambda: len(service.publisher.estimates) >= 2)
     faults = [reading.faults for reading in Recorder.readings]
     assert faults == [{}, {}, {}, {"t1_degC": "time_backwards"}]
-    channel = json.loads(service.publisher.healths[-1])["channels"]["t1_degC"]
+    channel = service.publisher.healths[-1]["channels"]["t1_degC"]
     assert channel["fault"] == "time_backwards"
 
 

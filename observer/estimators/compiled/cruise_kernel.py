@@ -22,9 +22,9 @@ from observer.estimators.compiled.judging import (
     judge,
     step_is_finite,
 )
-from observer.estimators.compiled.kernels import move_columns
 from observer.estimators.compiled.packing import PlantArrays, padded_width
 from observer.frames import FloatArray
+from observer.model.advance import move_columns
 
 # A law's jump that adds less than this share to a heat's σ² leaves the covariance settled.
 _QUIET_JUMP = 1e-3

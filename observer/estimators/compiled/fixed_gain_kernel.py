@@ -38,13 +38,12 @@ from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
     joseph_update,
-    move_columns,
     predict,
-    put_laws,
     start,
     symmetrise,
 )
 from observer.frames import FloatArray
+from observer.model.advance import move_columns, put_laws
 
 DONE = -1
 PREDICTED, STARTED = 1, 2

@@ -26,11 +26,10 @@ from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
     joseph_update,
-    move_columns,
     predict,
-    put_laws,
     start,
 )
+from observer.model.advance import move_columns, put_laws
 
 
 @cached_loop

@@ -43,7 +43,10 @@ class PlantArrays(NamedTuple):
 
 
 class InputArrays(NamedTuple):
-    """The K steps of `Inputs`; `step` (K,) points into the table of steps, `dt` (K,) is their length."""
+    """The K steps of `Inputs`; `step` (K,) points into the table of steps, `dt` (K,) is their length.
+
+    `sweep` (K, M, 0, 0) is for the open loop alone, which may know how each nut swept (see `simulate`).
+    """
 
     step: IntArray
     dt: FloatArray
@@ -56,6 +59,7 @@ class InputArrays(NamedTuple):
     z_end: FloatArray
     moving_B: FloatArray
     moving_C: FloatArray
+    sweep: FloatArray
     degraded: NDArray[np.int8]
     loss: FloatArray
     loss_degC: FloatArray
@@ -75,7 +79,8 @@ class Running(NamedTuple):
 
 class Work(NamedTuple):
     """Scratch of the kernels: `B`, `C` with the moving columns in place, `law` (m,) the heats by law at the
-    temperatures of the moment, and the arrays of one step.
+    temperatures of the moment, `before` (2, n_x) the states that the halves of a coupling began from, `none`
+    (n_x, 0), and the arrays of one step.
     """
 
     B: FloatArray
@@ -85,7 +90,8 @@ class Work(NamedTuple):
     shift: FloatArray
     was: FloatArray
     forced: FloatArray
-    ramped: FloatArray
+    before: FloatArray
+    none: FloatArray
     G: FloatArray
     S: FloatArray
     M: FloatArray
@@ -170,6 +176,7 @@ def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
         contiguous(inputs.z_end[part]),
         contiguous(inputs.moving_B[part]),
         contiguous(inputs.moving_C[part]),
+        np.zeros((len(step), inputs.moving_B.shape[1], 0, 0)),
         contiguous(inputs.degraded[part], np.int8),
         contiguous(inputs.loss_1_s[part]),
         contiguous(inputs.loss_degC[part]),
@@ -209,7 +216,8 @@ def scratch(arrays: PlantArrays) -> Work:
         shift=np.zeros(n_x),
         was=np.zeros((n_x + m_e, width)),
         forced=np.zeros(n_x),
-        ramped=np.zeros(n_x),
+        before=np.zeros((2, n_x)),
+        none=np.zeros((n_x, 0)),
         G=np.zeros((m_e, width)),
         S=np.zeros((m_e, width)),
         M=np.zeros((m_e, width)),

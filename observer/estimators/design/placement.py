@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from observer.config import Config
 from observer.errors import UserError
 from observer.estimators.design.observability import plant_responses, smallest_singular_value
 from observer.frames import FloatArray
+from observer.model.build import build_plant
 from observer.model.plant import Plant
 
 # A set is only exchanged for one that is better by more than rounding.
@@ -27,6 +29,31 @@ class SiteSet:
     sites: tuple[int, ...]
     score_K: float
     condition: float
+
+
+def best_places(config: Config, count: int, spacing_m: float | None) -> list[tuple[list[float], SiteSet]]:
+    """Return the best sets of 1 … `count` places of a grid over the screw, in m, and how well each sees.
+
+    The grid has steps of about `spacing_m`, 41 places without it. Raises `UserError` for more sensors than
+    places.
+    """
+    length_m = config.screw.length_m
+    points = 41 if spacing_m is None else max(2, round(length_m / spacing_m) + 1)
+    places_m = [round(x, 6) for x in np.linspace(0.0, length_m, points).tolist()]
+    plant = build_plant(_with_sensors(config, np.linspace(0.0, length_m, points).tolist()))
+    sets = rank_sensor_sites(plant, plant.rows.C[plant.rows.sensor_slice], count)
+    return [(sorted(places_m[i] for i in found.sites), found) for found in sets]
+
+
+def _with_sensors(config: Config, places_m: list[float]) -> Config:
+    """The configuration with a sensor like its first at each place, and no effect of the sensors."""
+    first = config.sensor[0]
+    candidates = (
+        first.model_copy(update={"name": f"c{i}", "channel": f"c{i}", "position_m": x_m, "on": None})
+        for i, x_m in enumerate(places_m)
+    )
+    effects = tuple(e for e in config.effect if e.targets != "sensor")
+    return config.model_copy(update={"effect": effects, "sensor": tuple(candidates)})
 
 
 def rank_sensor_sites(plant: Plant, candidates: FloatArray, count: int) -> list[SiteSet]:

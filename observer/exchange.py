@@ -1,4 +1,4 @@
-"""What somebody may ask a running service to do, and what came of it."""
+"""What service and publisher hand to each other: commands, what came of them, and how publishing stands."""
 
 from __future__ import annotations
 
@@ -38,3 +38,23 @@ class Command:
 def plain_name(text: str) -> str:
     """A name as it may stand in a log: short, and of letters, digits and `_.@-` only."""
     return _STRANGE.sub("_", text[:_NAME_LENGTH])
+
+
+@dataclass(frozen=True, slots=True)
+class PublishStatus:
+    """How publishing stands; `reason` says in one sentence what is wrong, None if nothing is.
+
+    `settled` says that the first attempt at a session has ended. `taken` is a sentence where another service
+    has the axis, `rival` one where another program publishes on its keys. Without `alive` nobody is answered
+    any more.
+    """
+
+    connected: bool = False
+    published: int = 0
+    dropped: int = 0
+    reconnects: int = 0
+    reason: str | None = None
+    settled: bool = True
+    taken: str | None = None
+    rival: str | None = None
+    alive: bool = True

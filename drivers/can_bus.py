@@ -1,0 +1,210 @@
+"""CAN: a live bus that is reopened for ever, and recordings that go through the same decoding."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+
+from drivers.places import Bus
+from drivers.protocol import Clock, Decoded, Deliver, DriverStatus, faulty
+from drivers.recording import messages_of
+from drivers.slcan import TURN_S, StampedSlcanBus
+from drivers.stamps import DeviceClock, wall_time
+from observer.frames import Reading
+
+# What python-can logs about a lost bus is told by the exceptions below and counted in the status.
+logging.getLogger("can").setLevel(logging.CRITICAL)
+
+RETRY_S = 0.25
+RECEIVE_TIMEOUT_S = 0.1  # how soon the receiving thread sees that it is to end
+MAX_PENDING = 10_000  # frames that may wait for a busy event loop
+
+# Whose stamps are of this computer's clock: the kernel's, or what python-can puts in the place of none.
+WALL_CLOCKED = {"socketcan", "udp_multicast", "virtual", "robotell", "iscan", "neousys"}
+TURNS_S = {"slcan": TURN_S, "serial": 2**32 * 1e-3, "gs_usb": 2**32 * 1e-6}  # where a counter starts again
+
+# What a bus can die of: its own errors, the file below it, and frames that are not frames.
+BUS_ERRORS = (can.CanError, OSError)
+Take = Callable[[can.Message | None], None]  # None: something arrived that is no frame
+Pump = Callable[[can.BusABC, Take, threading.Event], None]
+Decode = Callable[[can.Message], Decoded | None]  # values and faults; None where a frame holds none
+Stamps = Callable[[float, float], float]  # stamp and arrival to the time on the wire
+
+
+def stamps_of(wire: Bus) -> Stamps:
+    """What the frames' own stamps on a bus mean, to be made anew at each opening."""
+    kept = bool(wire.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
+    if wire.interface in WALL_CLOCKED and not kept:
+        return lambda stamp_s, arrival_s: wall_time(stamp_s, arrival_s, time.time())
+    return DeviceClock(TURNS_S.get(wire.interface)).time_s
+
+
+def receive(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
+    """Take every frame off the bus, without ever sending one, until told to stop."""
+    while not stop.is_set():
+        receive_once(bus, take, RECEIVE_TIMEOUT_S)
+
+
+def receive_once(bus: can.BusABC, take: Take, timeout_s: float) -> None:
+    """Wait for a frame and take it."""
+    try:
+        frame = bus.recv(timeout_s)
+    except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one starts afresh
+        take(None)
+        return
+    if frame is not None:
+        take(frame)
+
+
+class BusDriver:
+    """Channels that arrive on a CAN bus.
+
+    python-can blocks, so a thread receives, finds the time of each frame, and hands it to the event loop.
+    `decode` turns a frame into values and faults, `pump` moves frames from the bus. Channels that are overdue
+    become faulty readings each period.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        wire: Bus,
+        channels: tuple[str, ...],
+        decode: Decode,
+        pump: Pump = receive,
+    ) -> None:
+        self.name = name
+        self.channels = channels
+        self.period_s = wire.period_s
+        self.status = DriverStatus()
+        self._bus = wire
+        self._decode = decode
+        self._pump = pump
+        self._stamps = stamps_of(wire)
+        self._pending = 0
+        self._heard_s: dict[str, float] = {}
+        self._opened_before = False
+
+    async def run(self, deliver: Deliver, now: Clock) -> None:
+        """Deliver a reading for every frame of interest, and faults for what is overdue, until cancelled."""
+        loop = asyncio.get_running_loop()
+        stop, ended = threading.Event(), asyncio.Event()
+        start_s = loop.time()
+        self._heard_s = dict.fromkeys(self.channels, start_s)
+
+        def post(call: Callable[..., None], *arguments: Any) -> None:
+            try:
+                loop.call_soon_threadsafe(call, *arguments)
+            except RuntimeError:  # the event loop is gone, and with it everyone who would listen
+                stop.set()
+
+        def take(frame: can.Message | None) -> None:
+            arrival_s = now()
+            if frame is None:
+                post(self._failed, "a garbled frame", True)
+            elif self._pending >= MAX_PENDING:
+                post(self._dropped)
+            else:
+                self._pending += 1
+                post(self._arrived, frame, self._stamps(frame.timestamp, arrival_s), deliver)
+
+        def live() -> None:
+            try:
+                self._keep_open(take, post, stop)
+            finally:
+                post(ended.set)
+
+        threading.Thread(target=live, name=f"can {self.name}", daemon=True).start()
+        try:
+            await self._watch(deliver, now, ended)
+        finally:
+            stop.set()
+            # A driver that hangs while it opens its device must not hold up the end of the program.
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(ended.wait(), timeout=0.25)
+
+    def _keep_open(self, take: Take, post: Callable[..., None], stop: threading.Event) -> None:
+        """Open the bus, pump it, and start again when it is lost; runs in the driver's thread."""
+        while not stop.is_set():
+            try:
+                with open_bus(self._bus) as bus:
+                    self._stamps = stamps_of(self._bus)
+                    post(self._opened)
+                    self._pump(bus, take, stop)
+            except (*BUS_ERRORS, ValueError, TypeError) as error:
+                post(self._failed, str(error), False)
+                stop.wait(RETRY_S)
+
+    async def _watch(self, deliver: Deliver, now: Clock, ended: asyncio.Event) -> None:
+        """Each period, say of every overdue channel that it is."""
+        loop = asyncio.get_running_loop()
+        while not ended.is_set():
+            await asyncio.sleep(self.period_s)
+            limit_s = loop.time() - self._bus.silence_s
+            overdue = [name for name, heard_s in self._heard_s.items() if heard_s < limit_s]
+            if overdue:
+                deliver(faulty(overdue, "silent" if self.status.connected else "disconnected", now()))
+        raise RuntimeError(f"driver {self.name}: its thread ended unexpectedly; see the error above")
+
+    def _arrived(self, frame: can.Message, time_s: float, deliver: Deliver) -> None:
+        """Decode a frame and deliver its channels."""
+        self._pending -= 1
+        decoded = self._decode(frame)
+        if decoded is None or not decoded[0]:
+            return
+        values, faults = decoded
+        heard_s = asyncio.get_running_loop().time()
+        self._heard_s.update(dict.fromkeys(values, heard_s))
+        if "short_frame" in faults.values():
+            self._failed(f"short frame {frame.arbitration_id:#x}", True)
+        deliver(Reading(time_s, values, faults))
+
+    def _opened(self) -> None:
+        reconnects = self.status.reconnects + self._opened_before
+        self._opened_before = True
+        self.status = dataclasses.replace(self.status, connected=True, reconnects=reconnects)
+
+    def _failed(self, error: str, connected: bool) -> None:
+        self.status = dataclasses.replace(
+            self.status, connected=connected, errors=self.status.errors + 1, last_error=error
+        )
+
+    def _dropped(self) -> None:
+        self.status = dataclasses.replace(self.status, drops=self.status.drops + 1)
+
+
+def open_bus(wire: Bus) -> can.BusABC:
+    """Open the bus, listening only where the interface knows how.
+
+    Raises one of `BUS_ERRORS`, or `ValueError` or `TypeError` for options the interface refuses.
+    """
+    options: dict[str, Any] = {}
+    if wire.interface == "slcan":
+        # No two seconds of sleep, whose frames would then pass for new, and a read that waits, not spins.
+        options = {"sleep_after_open": 0.0, "timeout": RECEIVE_TIMEOUT_S / 2, "listen_only": wire.listens}
+    elif wire.interface == "pcan" and wire.listens:
+        options = {"state": can.BusState.PASSIVE}
+    options |= wire.options
+    if wire.interface == "slcan":
+        return StampedSlcanBus(channel=wire.channel, **options)
+    return can.Bus(channel=wire.channel, interface=wire.interface, **options)
+
+
+def readings_of(recording: Path, decode: Decode) -> Iterator[Reading]:
+    """Replay a CAN recording through the decoding of the live bus, with the recording's own times.
+
+    Raises `UserError` when the recording cannot be read or was cut off; what came before the cut has been
+    given by then.
+    """
+    for frame in messages_of(recording):
+        decoded = decode(frame)
+        if decoded is not None and decoded[0]:
+            yield Reading(frame.timestamp, *decoded)

@@ -1,0 +1,126 @@
+"""Where a value stands on a wire, written out: a register of a Modbus device, a signal of a CAN message."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from drivers.settings import FaultName, Register, Scale, Settings, Text, Word
+from observer.tables.quantities import Finite
+
+WORDS = {"int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2}
+
+
+class ModbusChannel(Settings):
+    """One value in the registers of a Modbus device: value = scale · raw + offset.
+
+    `register` counts from 0, as on the wire. `fault_codes` are raw values (unsigned, as in the manual) that
+    stand for a fault. A `status_register` (same `function`) makes the value a fault when it has all bits of
+    a key of `status_faults`; the first key that fits names the fault. Values outside `low` … `high` are
+    faults too.
+    """
+
+    register_: Register = Field(alias="register")
+    function: Literal["holding", "input"] = "input"
+    type: Literal["int16", "uint16", "int32", "uint32", "float32"] = "int16"
+    word_order: Literal["big", "little"] = "big"
+    scale: Scale = 1.0
+    offset: Finite = 0.0
+    low: Finite | None = None
+    high: Finite | None = None
+    fault_codes: dict[Word, FaultName] = Field(default_factory=dict)
+    status_register: Register | None = None
+    status_faults: dict[Annotated[Word, Field(ge=1, le=0xFFFF)], FaultName] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _sensible(self) -> ModbusChannel:
+        if self.scale == 0:
+            raise ValueError("scale = 0 makes every value the same; give the device's resolution")
+        if self.register_ + WORDS[self.type] > 0x10000:
+            raise ValueError(f"a {self.type} at register {self.register_} reaches beyond register 65535")
+        if bool(self.status_faults) != (self.status_register is not None):
+            raise ValueError("status_register and status_faults belong together; give both or neither")
+        if self.low is not None and self.high is not None and not self.low < self.high:
+            raise ValueError(f"low = {self.low} must be smaller than high = {self.high}")
+        return self
+
+    @property
+    def where(self) -> tuple[object, ...]:
+        """What two channels must not share."""
+        return self.function, self.register_, self.type
+
+
+class CanChannel(Settings):
+    """One signal of a DBC file: value = scale · signal + offset.
+
+    `fault_signal` (of the same message) makes the value a fault when its raw number is a key of
+    `fault_values`, or, without `fault_values`, when it is not 0.
+    """
+
+    message: Text
+    signal: Text
+    scale: Scale = 1.0
+    offset: Finite = 0.0
+    fault_signal: Text | None = None
+    fault_values: dict[Annotated[int, Field(ge=0, lt=1 << 64)], FaultName] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _sensible(self) -> CanChannel:
+        if self.scale == 0:
+            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
+        if self.fault_values and self.fault_signal is None:
+            raise ValueError("fault_values needs fault_signal")
+        return self
+
+    @property
+    def where(self) -> tuple[object, ...]:
+        """What two channels must not share."""
+        return self.message, self.signal
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """The signals that a driver takes, by channel, and the DBC file that describes their messages."""
+
+    driver: str
+    dbc: Path
+    channels: Mapping[str, CanChannel]
+
+
+@dataclass(frozen=True, slots=True)
+class Bus:
+    """How python-can reaches a CAN bus; `options` go to the interface as they are.
+
+    `listens` says that nothing is ever sent; each channel comes every `period_s`, and what has said nothing
+    for `silence_s` is faulty.
+    """
+
+    interface: str
+    channel: str
+    options: Mapping[str, bool | int | float | str]
+    listens: bool
+    period_s: float
+    silence_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """Where a Modbus device is: a host or a serial port, with pymodbus's own options for it.
+
+    On a serial line `quiet_s` is the silence kept after a reply that never came.
+    """
+
+    address: str
+    options: Mapping[str, Any]
+    unit_id: int
+    timeout_s: float
+    quiet_s: float | None = None
+
+    @property
+    def serial(self) -> bool:
+        """Whether it is on a serial line."""
+        return self.quiet_s is not None

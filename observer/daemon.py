@@ -1,0 +1,160 @@
+"""The daemon's composition root: its parts put together, at the start and again where it is renewed."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers import open_driver
+from observer.errors import ConfigError
+from observer.estimators.protocol import Estimator
+from observer.files.folders import refuse_unwritable
+from observer.installation import Installation, load, undelivered
+from observer.publish.codec import config_json
+from observer.publish.session import listening
+from observer.publish.taken import refuse_taken
+from observer.publish.zenoh import ZenohPublisher
+from observer.service.align import Aligner
+from observer.service.checkpoint import Fit, Standing, pack, shifted
+from observer.service.clock import ServiceClock
+from observer.service.compensate import Compensator
+from observer.service.keeper import Keeper, carried, stored
+from observer.service.lives import run
+from observer.service.loop import Service
+from observer.service.machine import Machine
+from observer.service.notify import service_manager
+from observer.service.record import Recorder
+from observer.service.renew import Renewal, Renewals
+from observer.service.retention import Retention
+from observer.service.warm import Compiler
+
+
+def serve(config: Installation, seconds: float | None = None, path: Path | None = None) -> None:
+    """Run the daemon until it is stopped; the caller leaves the process afterwards.
+
+    With `path`, SIGHUP has the configuration read again from there.
+    """
+    refuse_taken(listening(config.publish), "publish.listen")
+    ready, clock = _Ready.of(config), ServiceClock()
+    renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
+
+    def anew(renewal: Renewal[_Ready]) -> Service:
+        nonlocal ready, clock
+        before, ready, standing = ready, renewal.prepared or ready, renewal.standing
+        if renewal.new_time and standing is not None:
+            standing = shifted(standing, clock.offset_s())
+        clock = ServiceClock() if renewal.new_time else clock
+        carry = carried(standing, before.fit, ready.fit)
+        return _service(ready, clock, renewals, carry, alone=False)
+
+    file = ready.checkpoint
+    start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
+    run(_service(ready, clock, renewals, start, alone=True), seconds, anew)
+
+
+@dataclass(frozen=True, slots=True)
+class _Ready:
+    """A configuration for the daemon that has been checked, with what takes long to build."""
+
+    config: Installation
+    machine: Machine
+    estimator: Estimator
+    fit: Fit
+
+    @classmethod
+    def of(cls, config: Installation) -> _Ready:
+        """Check and build. Raises `UserError`."""
+
+        if problems := undelivered(config):
+            raise ConfigError(problems[0])
+        if config.record.directory is not None:
+            refuse_unwritable(config.record.directory, "record.directory")
+        machine = Machine.of(config)
+        estimator = machine.estimator()
+        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
+
+    @property
+    def checkpoint(self) -> Path | None:
+        """The file of the checkpoint, if there is to be one."""
+        place, name = self.config.checkpoint.place(self.config.record), self.config.machine
+        return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
+
+    def compiler(self) -> Compiler:
+        """What has its kernels compiled."""
+
+        line = self.config.model_dump_json(by_alias=True, exclude_unset=True)
+        return Compiler("observer.compile_kernels", line, service_manager())
+
+
+def _reread(path: Path, now: Installation) -> _Ready:
+    """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
+
+    config = load(path)
+    refuse_taken(set(listening(config.publish)) - set(listening(now.publish)), "publish.listen")
+    for key, settings in config.drivers.items():
+        open_driver(key, settings)
+    ready = _Ready.of(config)
+    frame = Aligner(ready.machine.plan).tick(0.0)
+    ready.compiler().warm(lambda: ready.machine.pipeline(ready.estimator).warm_up(frame))
+    return ready
+
+
+def _service(
+    ready: _Ready,
+    clock: ServiceClock,
+    renewals: Renewals[_Ready],
+    start: Standing | None,
+    *,
+    alone: bool,
+) -> Service:
+    """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
+
+    `alone` asks for nobody else to have the axis.
+    """
+
+    config, machine, estimator = ready.config, ready.machine, ready.estimator
+    name, record, instance = config.machine, config.record, secrets.token_hex(4)
+    held = None if start is None else start.compensation
+    compensator = (
+        Compensator(config, estimator.layout.position_m, instance, held)
+        if config.compensation.enabled
+        else None
+    )
+    file = ready.checkpoint
+    return Service(
+        drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
+        plan=machine.plan,
+        drive=machine.drive,
+        estimator=estimator,
+        publisher=ZenohPublisher(
+            name.name,
+            name.axis,
+            config.publish,
+            config_json(config, instance),
+            estimator.layout,
+            instance,
+            compensates=compensator is not None,
+        ),
+        recorder=Recorder(
+            record.directory,
+            f"{name.name}-{name.axis}",
+            config.channels,
+            int(record.rotate_MB * 1e6),
+            record.sync_s,
+            Retention.of(record),
+            None if start is None else pack(start, ready.fit),
+        )
+        if record.directory
+        else None,
+        clock=clock,
+        notify=service_manager(),
+        compensator=compensator,
+        self_test=machine.self_test(),
+        instance=instance,
+        start=start,
+        keeper=None if file is None else Keeper(file, ready.fit, config.checkpoint.period_s),
+        renewals=renewals,
+        compiler=ready.compiler(),
+        alone=alone,
+    )

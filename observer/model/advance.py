@@ -1,0 +1,115 @@
+"""The compiled advance of a plant's state over one step: filter, smoother, open loop and fit share it.
+
+What couples the states acts for half a step on either side of the exact diagonal step (see `coupling`); the
+heats are taken by their laws at the temperature of the moment. Nothing here calls BLAS and no sum is
+reordered: K steps give the same bits as K runs of one.
+
+The records are taken by their fields: of a plant `p` its `B` (m, W) and `E` (p, W) as rows of W ≥ n_x states,
+`modes`, `coupling`, `source` (m_e,) the source of each heat that is a state, and `moving` (M,) that of each
+moving column; of a table of step lengths `t` its `decay`, `hold`, `ramp` (D, W), `heat_decay` (D, m_e) and
+`couple` (D, m_e, W); of the inputs `u` those of `InputArrays`.
+"""
+
+# numba compiles these functions: their types are those of the arrays they get.
+# mypy: disable-error-code="no-untyped-def, misc"
+
+from __future__ import annotations
+
+from observer.compiled import inlined, rarely
+from observer.model.coupling import couple, faded, swept
+
+
+@inlined
+def move_columns(p, u, k, B, C):
+    """Put the columns of the moving sources over step k in place."""
+    for i in range(len(p.moving)):
+        index = p.moving[i]
+        for a in range(u.moving_B.shape[2]):
+            B[index, a] = u.moving_B[k, i, a]
+        for r in range(C.shape[0]):
+            C[r, p.modes + index] = u.moving_C[k, i, r]
+
+
+@inlined
+def advance(p, t, d, u, k, B, x, work):
+    """Take the state x, plant states and deviations of the heats, over step k of the length d of the table.
+
+    `work.law` are then the heats by their laws, and `work.before` (2, n_x), where states are coupled, what
+    the state was before each half of it.
+    """
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_start[k], B, x, 0, work)
+    put_laws(p, u, k, B, x, work.law)
+    advance_diagonal(p, t, d, u, k, B, x, work)
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_end[k], B, x, 1, work)
+
+
+@inlined
+def put_laws(p, u, k, B, x, law):
+    """Each source's heat by its law over step k, at the temperature of the moment if it depends on that."""
+    for j in range(len(law)):
+        law[j] = u.law[k, j]
+        if p.coupling.active:
+            law[j] *= faded(p.coupling, j, u.z_start[k], B, x)
+
+
+@inlined
+def advance_diagonal(p, t, d, u, k, B, x, work):
+    """x⁺ = e∘x + hold∘(B law + E z_start) + ramp∘(E (z_end - z_start)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
+    n_x, forced = B.shape[1], work.forced
+    for a in range(n_x):
+        forced[a] = 0.0
+    for j in range(B.shape[0]):
+        law = work.law[j]
+        for a in range(n_x):
+            forced[a] += B[j, a] * law
+    for q in range(p.E.shape[0]):
+        z = u.z_start[k, q]
+        for a in range(n_x):
+            forced[a] += p.E[q, a] * z
+    for a in range(n_x):
+        x[a] = t.decay[d, a] * x[a] + t.hold[d, a] * forced[a]
+    for q in range(p.E.shape[0]):
+        rise = u.z_end[k, q] - u.z_start[k, q]
+        if rise != 0.0:
+            for a in range(n_x):
+                x[a] += t.ramp[d, a] * p.E[q, a] * rise
+    for j in range(len(p.source)):
+        delta, index = x[n_x + j], p.source[j]
+        for a in range(n_x):
+            x[a] += B[index, a] * t.couple[d, j, a] * delta
+        x[n_x + j] = t.heat_decay[d, j] * delta
+
+
+@rarely
+def couple_half(p, u, k, z, B, x, half, work):
+    """Half a step of what couples the states; `half` is 0 before the diagonal step and 1 after it."""
+    n_x, half_s = work.before.shape[1], 0.5 * u.dt[k]
+    for a in range(n_x):
+        work.before[half, a] = x[a]
+    if half == 1:
+        for i in range(len(p.moving) - 1, -1, -1):
+            swept(p.coupling, p.moving[i], u.sweep[k, i], half_s, x, -1)
+    couple(p.coupling, u.loss[k], u.loss_degC[k], z, B, half_s, x, work.none, x)
+    if half == 0:
+        for i in range(len(p.moving)):
+            swept(p.coupling, p.moving[i], u.sweep[k, i], half_s, x, 1)
+
+
+@rarely
+def couple_covariance(p, u, k, z, B, half, P, work):
+    """What a half of the coupling does to a covariance: P ← T P Tᵀ, T of the state it was taken at.
+
+    T is many steps of rank one: it is applied to the rows, and to the columns as those of the transpose.
+    """
+    n, n_x = P.shape[0], work.before.shape[1]
+    rows, was = P[:n_x], work.before[half]
+    couple(p.coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], was, rows, work.shift)
+    for a in range(n):
+        for b in range(a):
+            P[a, b], P[b, a] = P[b, a], P[a, b]
+    couple(p.coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], was, rows, work.shift)
+    for a in range(n):
+        for b in range(a):
+            P[b, a] = P[a, b]

@@ -1,0 +1,44 @@
+"""A machine: its configuration, and what follows from it for whoever runs it, live or replayed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from observer.config import Config
+from observer.estimators import build_estimator
+from observer.estimators.protocol import Estimator
+from observer.estimators.selftest import SelfTest
+from observer.model.build import build_plant
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+from observer.service.align import AlignPlan
+from observer.service.pipeline import Pipeline
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A configuration with the plant, the drive and the expectations of its channels that follow from it."""
+
+    config: Config
+    plant: Plant
+    drive: Drive
+    plan: AlignPlan
+
+    @classmethod
+    def of(cls, config: Config) -> Machine:
+        """Build the parts of a configuration."""
+        plant = build_plant(config)
+        return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
+
+    def self_test(self) -> SelfTest:
+        """What holds the estimates against the model and the laws."""
+        return SelfTest(self.config, self.plant)
+
+    def pipeline(self, estimator: Estimator) -> Pipeline[Any]:
+        """Frames in, estimates out, of the quality that they earn."""
+        return Pipeline(self.drive, estimator, self.self_test())
+
+    def estimator(self) -> Estimator:
+        """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
+        return build_estimator(self.plant, self.config.estimator)

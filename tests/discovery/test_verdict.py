@@ -1,0 +1,213 @@
+"""What a search comes to and how it is proved: every bound from both sides, on results made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observer.discovery import verdict
+from observer.discovery.proof import NOTICED, WORSE, Proof, SensorGap, prove
+from observer.discovery.search import FORM
+from observer.discovery.verdict import PROOF_UNFIT, UNFIT, alternatives, decide, goodness
+
+ROWS = 1000
+NOISE = 0.3
+"""What noise alone makes of the mean squared whitened error."""
+EPSILON = 1e-6
+
+
+def fit(mean_square: float, rows: int = ROWS) -> Any:
+    """As much of a fit as a verdict looks at."""
+    return SimpleNamespace(deviance=mean_square * rows, remainder=np.zeros(rows))
+
+
+def trial(
+    name: str, score: float, *, drop: float = 0.0, accepted: bool = True, mean_square: float = NOISE
+) -> Any:
+    return SimpleNamespace(
+        candidate=SimpleNamespace(name=name), score=score, drop=drop, accepted=accepted, fit=fit(mean_square)
+    )
+
+
+def search(*rivals: tuple[Any, ...], null: float = 2.0, left: float = NOISE) -> Any:
+    """A search whose winners lead their rivals; `left` is what its fit leaves."""
+    return SimpleNamespace(
+        null=fit(null), fit=fit(left), chosen=tuple(r[0] for r in rivals), rivals=tuple(rivals)
+    )
+
+
+def proof(after: float = NOISE, *, sensors: tuple[SensorGap, ...] = ()) -> Proof:
+    gap = SensorGap(1.0, 0.5, 0.05, 2.0, after)
+    return Proof(gap, {f"t{i}": each for i, each in enumerate(sensors)}, 1.0, NOISE)
+
+
+@pytest.fixture(autouse=True)
+def nothing_comes_down_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which effects are the same physics is told elsewhere; here `same` are."""
+    monkeypatch.setattr(
+        verdict, "same_physics", lambda winner, rival: rival.candidate.name.startswith("same")
+    )
+
+
+def test_goodness_is_the_mean_of_what_is_used() -> None:
+    assert goodness(fit(0.25)) == pytest.approx(0.25)
+    assert goodness(SimpleNamespace(deviance=0.0, remainder=np.zeros(0))) == 0.0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("over", [False, True])
+@pytest.mark.parametrize("where", ["fitted", "held back"])
+def test_what_is_left_beyond_noise_and_a_hundredth_of_what_was_explained_is_unknown(
+    where: str, over: bool
+) -> None:
+    null, sign = 5.0, 1 if over else -1
+    left = NOISE
+    if where == "fitted":  # left = noise + UNFIT + FORM (null - left), solved for left
+        left = (NOISE + UNFIT + FORM * null) / (1 + FORM) + sign * EPSILON
+    bound = NOISE + PROOF_UNFIT + 2 * FORM * (null - left)
+    after = bound + sign * EPSILON if where == "held back" else NOISE
+    found = decide(search((trial("nut", 50.0),), null=null, left=left), proof(after), ())
+    assert found.kind == ("unknown" if over else "named")
+    if over:
+        words = {"fitted": "in what was fitted", "held back": "on data held back"}[where]
+        assert words in found.reason
+        assert (found.sets, found.fits) == ((), ())
+        assert found.fit.deviance == pytest.approx(left * ROWS)
+
+
+def test_a_sensor_that_is_predicted_worse_is_unknown_even_if_all_together_are_better() -> None:
+    worse = SensorGap(0.1, 0.2, 0.05, NOISE, 2 * NOISE + NOTICED)
+    found = decide(search((trial("nut", 50.0),)), proof(sensors=(worse,)), ())
+    assert found.kind == "unknown"
+    assert "on data held back" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (1.0, WORSE + EPSILON, True),
+        (1.0, WORSE - EPSILON, False),
+        (0.1, NOISE + NOTICED + EPSILON, True),  # many times worse, but only now to be noticed
+        (0.1, NOISE + NOTICED - EPSILON, False),
+    ],
+)
+def test_worse_is_by_a_fifth_and_beyond_what_is_noticed(before: float, after: float, told: bool) -> None:
+    gap = SensorGap(0.1, 0.1, 0.05, before, after)
+    fine = SensorGap(0.1, 0.05, 0.05, 1.0, NOISE)
+    assert proof(sensors=(gap, fine)).worse == (("t0",) if told else ())
+
+
+def test_nothing_found_is_none_or_not_identifiable() -> None:
+    nothing = search(null=NOISE)
+    found = decide(nothing, proof(), ())
+    assert (found.kind, found.sets, found.fit) == ("none", (), nothing.fit)
+    assert "nothing is missing" in found.reason
+    lacking = decide(nothing, proof(), ("the log is short", "the screw never turns"))
+    assert lacking.kind == "not_identifiable"
+    assert lacking.reason.endswith("but the log is short; the screw never turns")
+
+
+def test_what_was_found_is_named_whatever_the_logs_lack() -> None:
+    found = decide(search((trial("a", 50.0),), (trial("b", 40.0),)), proof(), ("the log is short",))
+    assert found.kind == "named"
+    assert found.reason == "missing: a and b"
+    assert [[c.name for c in each] for each in found.sets] == [["a", "b"]]
+
+
+def sets(found: Any, noise: float = NOISE) -> list[str]:
+    exchanged, fits = alternatives(found, noise)
+    assert len(exchanged) == len(fits)
+    assert fits[0] is found.fit
+    return [" ".join(c.name for c in each) for each in exchanged]
+
+
+@pytest.mark.parametrize(
+    ("drop", "left", "reach"),
+    [
+        (100.0, NOISE, 9.0),  # 2 % of the drop is less than nine
+        (3000.0, NOISE, 9.0),  # 2 % of the drop is 60, but nothing is left unexplained
+        (3000.0, NOISE + 0.01, 40.0),  # four times the 10 left unexplained
+        (3000.0, NOISE + 0.1, 60.0),
+        (3000.0, NOISE - 0.1, 9.0),  # less than noise is as good as noise
+    ],
+)
+def test_a_rival_within_reach_cannot_be_told_from_the_winner(drop: float, left: float, reach: float) -> None:
+    near, far = trial("near", 100.0 - reach + EPSILON), trial("far", 100.0 - reach - EPSILON)
+    winner = trial("winner", 100.0, drop=drop)
+    found = search((winner, near, far), left=left)
+    assert sets(found) == ["winner", "near"]
+    assert alternatives(found, NOISE)[1][1] is near.fit
+
+
+def test_reach_is_up_to_and_with_its_bound() -> None:
+    assert sets(search((trial("winner", 100.0), trial("near", 91.0)))) == ["winner", "near"]
+
+
+def test_a_rival_that_was_not_accepted_or_is_the_same_physics_is_none() -> None:
+    refused = trial("refused", 100.0, accepted=False)
+    assert sets(search((trial("winner", 100.0), refused, trial("same", 100.0)))) == ["winner"]
+
+
+def test_one_effect_is_exchanged_in_its_own_place() -> None:
+    first = (trial("a", 100.0), trial("x", 99.0))
+    second = (trial("b", 50.0), trial("y", 49.0), trial("z", 48.0))
+    found = search(first, second)
+    assert sets(found) == ["a b", "x b", "a y", "a z"]
+    said = decide(found, proof(), ())
+    assert said.kind == "ambiguous"
+    assert said.reason == "these logs cannot tell a and b from x and b from a and y from a and z"
+    assert said.fits[0] is said.fit is found.fit
+
+
+# ---- the proof ----
+
+MEASURED_K = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+PROOF_ROWS = np.array([True, False, True, True, True, False, True])
+SENSOR = np.array([0, 0, 0, 1, 1, 1, 1])
+NOISE_K = np.array([0.1, 9.0, 0.1, 0.2, 0.2, 9.0, 0.2])
+
+
+def proved() -> Proof:
+    """The proof of a fit that predicts 0.5 K too little, where the calibrated model errs by 2 K."""
+    evidence = SimpleNamespace(
+        proof=PROOF_ROWS, sensor=SENSOR, noise_K=NOISE_K, measured_degC=MEASURED_K, expected=NOISE,
+        whitened=lambda error_K: error_K / NOISE_K,
+    )  # fmt: skip
+    off_K = {"given": 3.0, "null": -2.0, "fit": 0.5}
+    config = SimpleNamespace(name="given", sensor=[SimpleNamespace(name=n) for n in ("t1", "t2", "unseen")])
+    problem = SimpleNamespace(
+        evidence=evidence, config=config, predicted=lambda c: MEASURED_K - off_K[c.name]
+    )
+
+    def of(name: str, factor: float) -> Any:
+        marginal = lambda rows: lambda values: factor * values  # noqa: E731
+        return SimpleNamespace(problem=problem, config=SimpleNamespace(name=name), marginal=marginal)
+
+    return prove(of("null", 1.0), of("fit", 0.1))
+
+
+def test_the_proof_compares_on_rows_held_back_alone() -> None:
+    found = proved()
+    assert found.as_given_rms_K == pytest.approx(3.0)
+    assert (found.whole.before_rms_K, found.whole.after_rms_K) == pytest.approx((2.0, 0.5))
+    assert found.whole.floor_rms_K == pytest.approx(np.sqrt((2 * 0.01 + 3 * 0.04) / 5))
+    assert found.expected == NOISE
+
+
+def test_the_proof_is_whitened_and_marginalised_by_each_fit_itself() -> None:
+    found = proved()
+    first, second = 2 / 0.1, 2 / 0.2
+    assert found.whole.before == pytest.approx((2 * first**2 + 3 * second**2) / 5)
+    assert found.whole.after == pytest.approx(found.whole.before * (0.1 * 0.5 / 2) ** 2)
+
+
+def test_each_sensor_has_its_own_proof_and_one_without_rows_none() -> None:
+    found = proved()
+    assert list(found.per_sensor) == ["t1", "t2"]
+    t1, t2 = found.per_sensor.values()
+    assert (t1.before, t2.before) == pytest.approx(((2 / 0.1) ** 2, (2 / 0.2) ** 2))
+    assert (t1.floor_rms_K, t2.floor_rms_K) == pytest.approx((0.1, 0.2))
+    assert replace(found, per_sensor={}).worse == ()

@@ -1,0 +1,117 @@
+"""Change the code in small ways and see whether the tests nearest to it notice: `python -m tests.mutants`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from queue import Queue
+
+from tests.mutants import record
+from tests.mutants.mutate import Mutant, change, mutants_of, mutated, sample
+from tests.mutants.nearest import NEAREST, ROOT
+from tests.mutants.trial import Tree
+
+BUILD = ROOT / "build" / "mutants"
+FIRST_LIMIT_S = 900.0
+
+
+def main() -> int:
+    """Return how many survivors have no reason."""
+    parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
+    parser.add_argument("--count", type=int, default=40, help="mutants of each module (40)")
+    parser.add_argument("--all", action="store_true", help="all mutants of each module")
+    parser.add_argument("--seed", type=int, default=1, help="which are drawn (1)")
+    parser.add_argument("--only", nargs="+", default=list(NEAREST), metavar="MODULE", help="part of a path")
+    parser.add_argument("--workers", type=int, default=2, help="copies of the tree at work (2)")
+    parser.add_argument("--survivors", action="store_true", help="try again those that survived before")
+    parser.add_argument("--afresh", action="store_true", help="forget what was tried before")
+    parser.add_argument("--no-write", action="store_true", help="leave the documents as they are")
+    options = parser.parse_args()
+    modules = [m for m in NEAREST if any(part in m for part in options.only)]
+    if not modules:
+        parser.error(f"no module is named so; there are {' '.join(NEAREST)}")
+    BUILD.mkdir(parents=True, exist_ok=True)
+    if options.afresh:
+        (BUILD / "results.jsonl").unlink(missing_ok=True)
+    run = Run(options.workers, record.Results(BUILD / "results.jsonl"), again=options.survivors)
+    found: list[record.Survivor] = []
+    counted: list[record.Count] = []
+    for module in modules:
+        source = (ROOT / module).read_text(encoding="utf-8")
+        every = list(mutants_of(module, source))
+        drawn = sample(every, len(every) if options.all else options.count, options.seed)
+        alive = run.survivors(module, drawn)
+        found += [
+            record.Survivor(
+                module, m.line, m.operator, change(source, mutated(source, m)), record.WITHOUT_REASON
+            )
+            for m in alive
+        ]
+        counted.append(record.Count(module, len(every), len(drawn), len(alive)))
+        print(f"{module}: {len(drawn)} of {len(every)} tried, {len(alive)} survived", flush=True)
+    tried = set(modules)
+    told = record.merged(found, record.survivors(), tried)
+    if not options.no_write:
+        others = [c for c in record.counts() if c.module not in tried]
+        record.write(told, sorted(others + counted, key=lambda c: c.module))
+    without = [s for s in told if s.reason == record.WITHOUT_REASON and s.module in tried]
+    for s in without:
+        print(f"{s.module}:{s.line}: {s.diff}")
+    together = sum(c.tried for c in counted)
+    share = 100 * len(found) / max(together, 1)
+    print(f"{len(found)} of {together} survived, {share:.1f} %; {len(without)} without reason")
+    return len(without)
+
+
+class Run:
+    """Workers, each with its copy of the tree, and what is known already."""
+
+    def __init__(self, workers: int, results: record.Results, *, again: bool) -> None:
+        self._results, self._again = results, again
+        self._trees: Queue[Tree] = Queue()
+        for n in range(workers):
+            self._trees.put(Tree(BUILD / f"worker-{n + 1}"))
+        self._pool = ThreadPoolExecutor(workers)
+
+    def survivors(self, module: str, mutants: list[Mutant]) -> list[Mutant]:
+        """Try the mutants that were not tried; return those that survive."""
+        source = (ROOT / module).read_text(encoding="utf-8")
+        digest = f"{zlib.crc32(source.encode()):08x}"
+
+        def key(m: Mutant) -> tuple[object, ...]:
+            return m.module, digest, m.operator, m.occurrence
+
+        done = (False,) if self._again else (False, True)
+        waiting = [m for m in mutants if self._results.survived(*key(m)) not in done]
+        if waiting:
+            limit_s = self._limit_s(module)
+
+            def trial(m: Mutant) -> bool:
+                tree, made = self._trees.get(), mutated(source, m)
+                try:
+                    survived, _ = tree.passes_with(module, made, NEAREST[module], limit_s)
+                finally:
+                    self._trees.put(tree)
+                self._results.add(*key(m), survived=survived)
+                told = "survived" if survived else "killed"
+                print(f"{told:8} {m.module}:{m.line}: {change(source, made)}", flush=True)
+                return survived
+
+            list(self._pool.map(trial, waiting))
+        return [m for m in mutants if self._results.survived(*key(m))]
+
+    def _limit_s(self, module: str) -> float:
+        """How long the tests of a mutant may take: some times as long as those of the code as it is."""
+        trees = [self._trees.get() for _ in range(self._trees.qsize())]
+        taken = list(self._pool.map(lambda tree: tree.passes(NEAREST[module], FIRST_LIMIT_S), trees))
+        for tree in trees:
+            self._trees.put(tree)
+        if not all(passed for passed, _ in taken):
+            sys.exit(f"{module}: {' '.join(NEAREST[module].tests)} fail on the code as it is")
+        return 3.0 * max(seconds for _, seconds in taken) + 30.0
+
+
+if __name__ == "__main__":
+    sys.exit(min(main(), 1))
