@@ -169,15 +169,23 @@ def test_one_estimate_is_no_list_of_them():
 
 def test_the_configuration_is_told_without_who_may_connect():
     table = tomllib.loads(DEMO.read_text())
-    table["publish"] = {"login": {"users_file": "users.txt"}, "tls": {"ca": "ca.pem"}, "access": {"viewer": ["user:ann"]}}
+    table["publish"] = {
+        "listen": ["tls/127.0.0.1:7447"],
+        "login": {"users_file": "users.txt"},
+        "tls": {"ca": "ca.pem", "certificate": "own.pem", "key": "own.key"},
+        "access": {"viewer": ["user:ann"]},
+    }
+    channel = {"register": 7, "type": "int16", "scale": 0.1}
+    table["drivers"]["amp"] = {"kind": "modbus_tcp", "host": "amp", "channels": {"spindle_degC": channel}}
     config = installation.parse(table, "here")
     told = json.loads(config_json(config, "ab12cd34"))
     assert (told["hash"], told["instance"]) == (config.digest, "ab12cd34")
     assert {"listen", "connect"} <= told["config"]["publish"].keys()
     assert not {"login", "tls", "access"} & told["config"]["publish"].keys()
-    # with its keys as a file has them, so that it can be put into one
-    assert told["config"]["source"] == config.model_dump(mode="json", by_alias=True)["source"]
-    assert installation.parse(told["config"], "there").sensor == config.sensor
+    # with its keys as a file has them
+    channel = told["config"]["drivers"]["amp"]["channels"]["spindle_degC"]
+    assert channel["register"] == 7
+    assert "register_" not in channel
 
 
 @given(st.binary(max_size=60))
