@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 from observer.config import EstimatorSettings
 from observer.estimators.compiled import packing
 from observer.estimators.compiled.kalman_kernel import run_kalman
@@ -24,6 +26,7 @@ class KalmanEstimator:
         self._gate_sigma = float(settings.gate_sigma)
         self._arrays = packing.pack_plant(plant)
         self._steps = StepCache(plant)
+        self._own = threading.local()  # scratch, which no two threads may share
 
     @property
     def layout(self) -> Layout:
@@ -38,12 +41,19 @@ class KalmanEstimator:
         """Take K steps; a run of K is, to the last bit, K runs of one."""
         running = packing.thaw(state)
         results = packing.empty_results(self._plant, len(inputs))
-        work = packing.scratch(self._arrays)
+        work = self._work()
         for part, _, arrays, table in chunks(self._steps, inputs):
             out = packing.cut(results, part)
             self._run(arrays, table, running, out, work)
         time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
         return packing.freeze(running, time_s), packing.to_block(self._plant, inputs.time_s, results)
+
+    def _work(self) -> packing.Work:
+        """Scratch of this thread; what is in it does not matter."""
+        if not hasattr(self._own, "work"):
+            self._own.work = packing.scratch(self._arrays)
+        work: packing.Work = self._own.work
+        return work
 
     def _run(
         self,

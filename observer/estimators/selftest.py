@@ -24,6 +24,7 @@ from observer.estimators.compiled.judging import (
     ESTIMATE_INVALID,
     ESTIMATE_STARTING,
     GOOD,
+    NUT_LOST,
     REJECTED,
 )
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, QualityArray
@@ -179,11 +180,10 @@ class SelfTest:
         Return the state, the ratios (K, M), and the inputs, degraded where the two disagree.
         """
         state = SelfTestState._make(array.copy() for array in state)
-        motion = np.full((len(inputs), len(self._nuts)), np.nan)
+        motion, degraded = np.empty((len(inputs), len(self._nuts))), inputs.degraded.copy()
         for i, (channel, stroke_m) in enumerate(self._nuts.items()):
-            _compare_ways(*frames.path[channel], stroke_m, state.motion[i], motion[:, i])
-        lost = ((motion > DISAGREE) | (motion < FALLS_SHORT)).any(axis=1)
-        return state, motion, inputs._replace(degraded=np.where(lost, np.int8(2), inputs.degraded))
+            _compare_ways(*frames.path[channel], stroke_m, state.motion[i], motion[:, i], degraded)
+        return state, motion, inputs._replace(degraded=degraded)
 
     def run(
         self, state: SelfTestState, motion: FloatArray, inputs: Inputs, block: EstimateBlock
@@ -232,8 +232,11 @@ class SelfTest:
 
 
 @cached_call
-def _compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio):
-    """After each of K steps the way a nut made lately over what speed and lead allow; NaN if too little."""
+def _compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio, degraded):
+    """After each of K steps the way a nut made lately over what speed and lead allow; NaN if too little.
+
+    Where the two disagree, the place of the nut is not known.
+    """
     for k in range(len(ratio)):
         for i in range(offset[k], offset[k + 1]):
             since_s = sample_s[i] - memory[2]
@@ -246,6 +249,8 @@ def _compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, rati
         ratio[k] = np.nan
         if max(memory[0], memory[1]) >= _MOTION_ENOUGH * stroke_m:
             ratio[k] = memory[0] / max(memory[1], 1e-6 * stroke_m)
+        if ratio[k] > DISAGREE or ratio[k] < FALLS_SHORT:
+            degraded[k] = NUT_LOST
 
 
 @inlined

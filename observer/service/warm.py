@@ -7,6 +7,7 @@ memory goes. The service then loads what it left in the cache.
 from __future__ import annotations
 
 import contextlib
+import gc
 import subprocess
 import sys
 import threading
@@ -46,6 +47,7 @@ class Compiler:
             with _compiling_nothing():
                 run()
         except NotCompiledError:
+            gc.enable()  # a start that takes long, and may have to compile here, has garbage
             begun_s = time.monotonic()
             log.warning("compiling the estimator's kernels; this takes a minute or two at the first start")
             self._notify("STATUS=compiling the estimator's kernels")

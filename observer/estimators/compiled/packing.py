@@ -254,21 +254,17 @@ def empty_results(plant: Plant, steps: int) -> Results:
     """Allocate results for that many steps: nothing known, quality invalid."""
     m_e, s = int(plant.estimated.sum()), plant.rows.sensors
     wide = len(plant.rows.C) - s
-
-    def nans(width: int) -> FloatArray:
-        return np.full((steps, width), np.nan)
-
+    widths = (m_e, m_e, wide, wide, s, s, m_e)
+    room, start, nans = np.full(steps * sum(widths), np.nan), 0, []  # one allocation, each part contiguous
+    for width in widths:
+        nans.append(room[start : start + steps * width].reshape(steps, width))
+        start += steps * width
     return Results(
-        nans(m_e),
-        nans(m_e),
-        nans(wide),
-        nans(wide),
-        nans(s),
+        *nans[:5],
         np.zeros((steps, s), dtype=np.int8),
         np.full(steps, int(EstimateQuality.INVALID), dtype=np.int8),
         np.zeros(steps),
-        nans(s),
-        nans(m_e),
+        *nans[5:],
     )
 
 
