@@ -15,11 +15,11 @@ from tests.mutants.nearest import ROOT, Nearest
 COPIED = ("observer", "drivers", "tests", "config", "benchmarks", "docs", "pyproject.toml", "README.md")
 PYTEST = (
     "-q", "-x", "--tb=no", "-p", "no:randomly", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p",
-    "no:faulthandler", "--hypothesis-seed=1", "-W", "ignore::pytest.PytestAssertRewriteWarning",
+    "no:faulthandler", "--noconftest", "--hypothesis-seed=1", "-W",
+    "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
-# Interpreted, a kernel divides and overflows as numpy's scalars do, which warn; compiled it does not. Nor is
-# there anything to be compiled before the first test.
-INTERPRETED = ("--noconftest", "-W", "ignore::RuntimeWarning")
+# Interpreted, a kernel divides and overflows as numpy's scalars do, which warn; compiled it does not.
+INTERPRETED = ("-W", "ignore::RuntimeWarning")
 
 
 class Tree:
