@@ -119,3 +119,141 @@ def test_after_a_late_sample_the_nut_is_known_to_run_the_right_way(late_s: float
     following_s = time_s[-1] + min(0.5, 0.5 * away_m / speed_m_s)
     at_m = float(shuttle_m(np.array(speed_m_s * following_s)))
     assert advance(scalars, following_s, at_m, np.nan, STROKE_M) == pytest.approx(at_m)
+
+
+# ---- what is remembered, believed and forgotten, sample by sample ----
+
+_VELOCITY, _SPEED, _LOW, _HIGH, _COUNT = 2, 3, 4, 5, 9
+
+
+def follow(
+    samples: list[tuple[float, float]], stroke_m: float, driven_m_s: list[float] | float = np.nan
+) -> tuple[FloatArray, list[float]]:
+    """The state after samples (time, place), and where the nut turned before each."""
+    scalars, driven = PathState().scalars, np.broadcast_to(driven_m_s, len(samples))
+    return scalars, [
+        advance(scalars, at_s, at_m, float(v), stroke_m)
+        for (at_s, at_m), v in zip(samples, driven, strict=True)
+    ]
+
+
+def test_a_first_sample_tells_nothing_and_the_same_moment_again_no_way() -> None:
+    _, turned = follow([(5.0, 0.2), (5.0, 0.3), (4.0, 0.4)], STROKE_M)
+    assert np.isnan(turned[0])
+    assert turned[1:] == [0.3, 0.4]
+
+
+@pytest.mark.parametrize(
+    ("driven_m_s", "last_m"),
+    [
+        ([0.2, 0.2, 0.2], 0.6),  # 0.1 m of way: 0.05 there, 0.05 back
+        ([0.2, 0.2, 0.4], 0.55),  # 0.15 m in the mean of both ends
+        ([0.2, 0.2, np.nan], 0.6),
+        ([0.2, np.nan, 0.2], 0.6),
+        ([np.nan, np.nan, np.nan], 0.6),  # 0.2 m/s is what it made before
+    ],
+)
+def test_the_way_is_by_the_speed_at_both_ends_of_a_step(driven_m_s: list[float], last_m: float) -> None:
+    state, turned = follow([(0.0, 0.5), (0.5, 0.6), (1.0, last_m)], STROKE_M, driven_m_s)
+    assert turned[1:] == pytest.approx([0.6, 0.65])
+    assert state[_VELOCITY] == pytest.approx(
+        -np.nanmean([*driven_m_s[1:], 0.2][: 2 + np.isnan(driven_m_s[2])])
+    )
+
+
+@pytest.mark.parametrize(("made", "straight"), [(0.951, True), (0.949, False)])
+def test_a_step_of_nearly_its_whole_way_is_straight(made: float, straight: bool) -> None:
+    there_m = 0.3 + 0.1 * made
+    state, turned = follow([(0.0, 0.2), (0.5, 0.3), (1.0, there_m)], STROKE_M, 0.2)
+    assert (turned[-1] == there_m) == straight
+    assert state[_VELOCITY] == pytest.approx(0.2 if straight else -0.2)
+
+
+def test_a_nut_that_rests_stands_and_then_runs_again() -> None:
+    state, turned = follow([(0.0, 0.3), (0.5, 0.3)], STROKE_M, 0.2)
+    assert (turned[-1], state[_VELOCITY]) == (0.3, 0.0)
+    state, turned = follow([(0.0, 0.3), (0.5, 0.3), (1.0, 0.35), (1.5, 0.45)], STROKE_M, 0.2)
+    assert turned[-2:] == [0.35, 0.45], "at half its speed, from rest, nobody knows of a reversal"
+    assert state[_VELOCITY] == pytest.approx(0.2)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=40))
+def test_the_full_speed_is_the_fourth_of_sixteen(made_m_s: list[float]) -> None:
+    """Of fewer it is the first, the second from four on and the third from eight on."""
+    times_s, places_m = np.arange(len(made_m_s) + 1.0), np.concatenate([[0.0], np.cumsum(made_m_s)])
+    state, _ = follow(list(zip(times_s, places_m, strict=True)), 1e3)
+    lately = sorted(np.diff(places_m)[-16:], reverse=True)
+    assert state[_SPEED] == lately[min(4, 1 + len(lately) // 4) - 1]
+    assert state[_COUNT] == len(made_m_s)
+
+
+@pytest.mark.parametrize(("since_s", "count"), [(0.0099, 1), (0.0101, 2)])
+def test_samples_closer_than_ten_milliseconds_show_no_speed(since_s: float, count: int) -> None:
+    state, _ = follow([(0.0, 0.0), (0.5, 0.1), (0.5 + since_s, 0.2)], 1e3)
+    assert state[_COUNT] == count
+    assert state[_SPEED] == pytest.approx(0.2 if count == 1 else 0.1 / since_s)
+
+
+@pytest.mark.parametrize(("part", "believed"), [(0.72, True), (0.68, False)])
+@pytest.mark.parametrize(("steps", "known"), [(15, False), (16, True)])
+def test_a_lead_that_is_not_that_of_this_nut_is_not_believed(
+    steps: int, known: bool, part: float, believed: bool
+) -> None:
+    """From the sixteenth step on what the nut makes counts, if it is below seven tenths of speed × lead."""
+    samples = [(0.5 * k, 0.1 * k) for k in range(steps + 1)]
+    state, _ = follow(samples, 4.0, 0.2 / part)
+    assert state[_SPEED] == pytest.approx(0.2 if known and not believed else 0.2 / part)
+    assert state[_VELOCITY] == pytest.approx(0.2 if known and not believed else 0.0)
+
+
+@pytest.mark.parametrize(("back", "end"), [(3, False), (5, True)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_place_from_which_it_only_swings_back_a_little_is_no_end(side: float, back: int, end: bool) -> None:
+    """Steps of half a hundredth of the stroke; two hundredths are needed."""
+    steps = [*range(21), *range(19, 19 - back, -1), *range(21 - back, 30)]
+    samples = [(0.1 * k, side * 0.005 * step) for k, step in enumerate(steps)]
+    state, _ = follow(samples, 1.0)
+    ends = [state[_HIGH], state[_LOW]] if side > 0 else [state[_LOW], state[_HIGH]]
+    expected = [side * 0.1, side * 0.005 * (20 - back)] if end else [np.nan, np.nan]
+    np.testing.assert_allclose(ends, expected, atol=1e-12)
+
+
+def shuttled(late_s: float, driven_m_s: float = np.nan) -> FloatArray:
+    """The state after forty seconds to and fro at 0.13 m/s, and a sample that comes late."""
+    time_s = np.append(np.arange(0.0, 40.0, 0.5), 39.5 + late_s)
+    samples = list(zip(time_s.tolist(), shuttle_m(0.13 * time_s).tolist(), strict=True))
+    driven = [np.nan] * (len(samples) - 1) + [driven_m_s]
+    state, _ = follow(samples, STROKE_M, driven)
+    return state
+
+
+def test_after_an_hour_nobody_knows_how_a_nut_runs() -> None:
+    state = shuttled(3599.0)
+    assert abs(state[_VELOCITY]) == pytest.approx(0.13)
+    state = shuttled(3601.0)
+    assert (state[_VELOCITY], state[7]) == (0.0, 0.0)
+    assert (state[_LOW], state[_HIGH]) == pytest.approx((LOW_M, HIGH_M)), "its ends it may still have"
+
+
+@pytest.mark.parametrize("late_s", [7.0, 11.0, 14.0, 23.0])
+def test_over_a_gap_the_speed_that_is_known_counts(late_s: float) -> None:
+    state = shuttled(late_s, 0.26)
+    assert abs(state[_VELOCITY]) == pytest.approx(0.26)
+    before_m = float(shuttle_m(np.array(0.13 * 39.5)))
+    first = sense_of(0.13 * 39.5)
+    _, same = on_the_way(before_m, first * 0.26 * late_s, LOW_M, HIGH_M)
+    assert np.sign(state[_VELOCITY]) == same * first
+    assert state[7] == np.sign(state[_VELOCITY])
+
+
+def test_small_steps_turn_at_once_and_keep_their_speed_when_slow() -> None:
+    """Below a fiftieth of the stroke a line is good enough."""
+    stroke_m = 10.0
+    forth = [(0.1 * k, 0.02 * k) for k in range(11)]
+    state, turned = follow([*forth, (1.1, 0.19)], stroke_m)
+    assert state[_VELOCITY] < 0.0, "it has turned"
+    assert turned[-1] == 0.19
+    state, turned = follow([*forth, (1.1, 0.21)], stroke_m)
+    assert state[_VELOCITY] == pytest.approx(0.2), "it only slows down"
+    assert turned[-1] == 0.21

@@ -51,6 +51,7 @@ def main() -> int:
         ]
         counted.append(record.Count(module, len(every), len(drawn), len(alive)))
         print(f"{module}: {len(drawn)} of {len(every)} tried, {len(alive)} survived", flush=True)
+    run.close()
     tried = set(modules)
     told = record.merged(found, record.survivors(), tried)
     if not options.no_write:
@@ -101,6 +102,12 @@ class Run:
 
             list(self._pool.map(trial, waiting))
         return [m for m in mutants if self._results.survived(*key(m))]
+
+    def close(self) -> None:
+        """End the workers."""
+        self._pool.shutdown()
+        while not self._trees.empty():
+            self._trees.get().close()
 
     def _limit_s(self, module: str) -> float:
         """How long the tests of a mutant may take: some times as long as those of the code as it is."""

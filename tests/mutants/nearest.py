@@ -13,7 +13,8 @@ class Nearest:
     """Arguments to pytest; `compiled` where the kernels must run compiled to be through in a minute.
 
     Interpreted, a kernel takes up to a thousand times as long, but compiling it takes up to a minute and
-    each mutant has to be compiled anew: with small tests the interpreter wins.
+    each mutant has to be compiled anew: with small tests the interpreter wins. A module without kernels is
+    put to tests with compiled ones where those take long: they are compiled once, and used again.
     """
 
     tests: tuple[str, ...]
@@ -24,14 +25,36 @@ def _at(*tests: str, compiled: bool = False) -> Nearest:
     return Nearest(tests, compiled)
 
 
+KALMAN = _at(
+    "tests/estimators/test_gate.py",
+    "tests/estimators/test_kalman.py",
+    "--deselect=tests/estimators/test_kalman.py::test_covariance_stays_positive_with_a_moving_nut_for_200_000_steps",
+)
+GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py", compiled=True)
+
 NEAREST: dict[str, Nearest] = {
+    "observer/discovery/experiment.py": _at("tests/discovery/test_experiment.py", compiled=True),
+    "observer/discovery/phases.py": _at("tests/discovery/test_phases.py"),
+    "observer/discovery/proof.py": _at("tests/discovery/test_verdict.py"),
+    "observer/discovery/search.py": _at("tests/discovery/test_search.py", compiled=True),
+    "observer/discovery/verdict.py": _at("tests/discovery/test_verdict.py"),
+    "observer/estimators/compiled/judging.py": KALMAN,
+    "observer/estimators/compiled/kalman_kernel.py": KALMAN,
+    "observer/estimators/compiled/kernels.py": KALMAN,
+    "observer/estimators/design/gains.py": GAINS,
+    "observer/estimators/design/riccati.py": GAINS,
+    "observer/estimators/selftest.py": _at("tests/estimators/test_selftest.py", compiled=True),
+    "observer/fit/calibrate.py": _at("tests/discovery/test_calibrate.py", compiled=True),
+    "observer/fit/evidence.py": _at("tests/discovery/test_evidence.py", compiled=True),
+    "observer/fit/footprint.py": _at("tests/discovery/test_footprint.py", compiled=True),
+    "observer/fit/interval.py": _at("tests/discovery/test_interval.py", compiled=True),
+    "observer/fit/parameters.py": _at("tests/discovery/test_parameters.py"),
+    "observer/fit/process_noise.py": _at("tests/discovery/test_process_noise.py", compiled=True),
+    "observer/fit/tolerance.py": _at("tests/discovery/test_tolerance.py", compiled=True),
     "observer/model/discretise.py": _at("tests/estimators/test_discretise.py"),
     "observer/model/rod/path.py": _at("tests/model/test_path.py"),
+    "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
     "observer/service/align.py": _at("tests/service/test_align.py", "tests/service/test_can_log.py"),
     "observer/service/evening.py": _at("tests/service/test_evening.py"),
     "observer/service/stuck.py": _at("tests/service/test_align.py"),
-    "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
-    "observer/discovery/phases.py": _at("tests/discovery/test_phases.py"),
-    "observer/discovery/proof.py": _at("tests/discovery/test_verdict.py"),
-    "observer/discovery/verdict.py": _at("tests/discovery/test_verdict.py"),
 }

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -14,9 +14,12 @@ from tests.mutants.nearest import ROOT, Nearest
 
 COPIED = ("observer", "drivers", "tests", "config", "benchmarks", "docs", "pyproject.toml", "README.md")
 PYTEST = (
-    "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:randomly", "-p", "no:cacheprovider", "-p",
-    "no:benchmark", "--hypothesis-seed=1",
+    "-q", "-x", "--tb=no", "-p", "no:randomly", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p",
+    "no:faulthandler", "--noconftest", "--hypothesis-seed=1", "-W",
+    "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
+# Interpreted, a kernel divides and overflows as numpy's scalars do, which warn; compiled it does not.
+INTERPRETED = ("-W", "ignore::RuntimeWarning")
 
 
 class Tree:
@@ -25,6 +28,7 @@ class Tree:
     def __init__(self, folder: Path) -> None:
         self.root = folder / "tree"
         self._warm, self._cold = folder / "kernels", folder / "kernels-of-a-mutant"
+        self._interpreting: subprocess.Popen[str] | None = None
         shutil.rmtree(self.root, ignore_errors=True)
         for name in COPIED:
             source, target = ROOT / name, self.root / name
@@ -36,27 +40,30 @@ class Tree:
 
     def passes(self, nearest: Nearest, limit_s: float, *, mutant: bool = False) -> tuple[bool, float]:
         """Whether the tests pass within a time, and how long they took."""
-        compiling = {"NUMBA_DISABLE_JIT": "1"}
-        if nearest.compiled:
-            compiling = {"NUMBA_CACHE_DIR": str(self._copied() if mutant else self._warm)}
-        # Interpreted, a kernel divides and overflows as numpy's scalars do, which warn; compiled it does not.
-        quiet = () if nearest.compiled else ("-W", "ignore::RuntimeWarning")
-        paths = {"PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
         start_s = time.monotonic()
-        process = subprocess.Popen(
-            [sys.executable, *PYTEST, *quiet, *nearest.tests],
-            cwd=self.root, env=os.environ | paths | compiling, start_new_session=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        try:
-            done = process.wait(limit_s) == 0
-        except subprocess.TimeoutExpired:
-            done = False
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
+        if nearest.compiled:
+            # Kernels are looked up under NUMBA_CACHE_DIR as it was when numba was imported: a process each.
+            with self._process({"NUMBA_CACHE_DIR": str(self._copied() if mutant else self._warm)}) as fresh:
+                done = _ask(fresh, [*PYTEST, *nearest.tests], limit_s)
+                fresh.kill()
+        else:
+            if self._interpreting is None:
+                self._interpreting = self._process({"NUMBA_DISABLE_JIT": "1"})
+            done = _ask(self._interpreting, [*PYTEST, *INTERPRETED, *nearest.tests], limit_s)
         return done, time.monotonic() - start_s
+
+    def close(self) -> None:
+        """End what runs."""
+        if self._interpreting is not None:
+            self._interpreting.kill()
+            self._interpreting.wait()
+
+    def _process(self, more: dict[str, str]) -> subprocess.Popen[str]:
+        paths = {"PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
+        return subprocess.Popen(
+            [sys.executable, "-m", "tests.mutants.forks"], cwd=self.root, env=os.environ | paths | more,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
 
     def passes_with(self, module: str, source: str, nearest: Nearest, limit_s: float) -> tuple[bool, float]:
         """The same with a module's source exchanged; it is put back after."""
@@ -75,3 +82,15 @@ class Tree:
         if self._warm.exists():
             shutil.copytree(self._warm, self._cold)
         return self._cold
+
+
+def _ask(process: subprocess.Popen[str], arguments: list[str], limit_s: float) -> bool:
+    """Whether pytest passes with these arguments."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(json.dumps([arguments, limit_s]) + "\n")
+    process.stdin.flush()
+    answer = process.stdout.readline()
+    if not answer:
+        raise RuntimeError("the process that runs the tests has ended")
+    return int(answer) == 0

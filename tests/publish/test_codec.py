@@ -2,7 +2,9 @@
 
 import json
 import math
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import cbor2
 import numpy as np
@@ -11,16 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from observer import installation
 from observer.frames import EstimateBlock, EstimateQuality, Layout, Quality
 from observer.publish.codec import (
     EstimateEncoder,
     array_of,
+    config_json,
     decode_estimate,
     decode_estimates,
     to_json,
 )
 from tests.publish.blocks import LAYOUT, block
 
+DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 ARRAYS = (
     "heat_W",
     "heat_sigma_W",
@@ -118,7 +123,7 @@ def test_documents_are_those_of_the_contract():
         (error["error_um"], one.error_um),
         (error["sigma_um"], one.error_sigma_um),
     ):
-        np.testing.assert_allclose(shown, np.ravel(meant), rtol=0, atol=5.1e-7)
+        np.testing.assert_array_equal(shown, np.round(np.ravel(meant), 6))
         assert not np.array_equal(shown, np.round(np.ravel(meant), 5))
 
 
@@ -144,6 +149,10 @@ ONE = EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(), 0, 0)
         (ONE[:-1], "cannot be decoded"),
         (ONE + b"\0", "1 bytes follow"),
         (cbor2.dumps([1]), "not an estimate"),
+        (cbor2.dumps({"time_s": 1}), "not an estimate"),
+        (cbor2.dumps({"sequence": 0}), "not an estimate"),
+        (cbor2.dumps("time_s sequence"), "not an estimate"),
+        (cbor2.dumps({"time_s": 1, "sequence": 0, "x": cbor2.CBORTag(85, "1234")}), "float32"),
         (cbor2.dumps({"time_s": 1, "sequence": 0, "x": cbor2.CBORTag(85, b"123")}), "float32"),
         (cbor2.dumps({"time_s": 1, "sequence": 0, "x": cbor2.CBORTag(81, b"1234")}), "float32"),
     ],
@@ -151,6 +160,32 @@ ONE = EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(), 0, 0)
 def test_other_bytes_are_refused(data, words):
     with pytest.raises(ValueError, match=words):
         decode_estimate(data)
+
+
+def test_one_estimate_is_no_list_of_them():
+    with pytest.raises(ValueError, match="not a list"):
+        decode_estimates(ONE)
+
+
+def test_the_configuration_is_told_without_who_may_connect():
+    table = tomllib.loads(DEMO.read_text())
+    table["publish"] = {
+        "listen": ["tls/127.0.0.1:7447"],
+        "login": {"users_file": "users.txt"},
+        "tls": {"ca": "ca.pem", "certificate": "own.pem", "key": "own.key"},
+        "access": {"viewer": ["user:ann"]},
+    }
+    channel = {"register": 7, "type": "int16", "scale": 0.1}
+    table["drivers"]["amp"] = {"kind": "modbus_tcp", "host": "amp", "channels": {"spindle_degC": channel}}
+    config = installation.parse(table, "here")
+    told = json.loads(config_json(config, "ab12cd34"))
+    assert (told["hash"], told["instance"]) == (config.digest, "ab12cd34")
+    assert {"listen", "connect"} <= told["config"]["publish"].keys()
+    assert not {"login", "tls", "access"} & told["config"]["publish"].keys()
+    # with its keys as a file has them
+    channel = told["config"]["drivers"]["amp"]["channels"]["spindle_degC"]
+    assert channel["register"] == 7
+    assert "register_" not in channel
 
 
 @given(st.binary(max_size=60))

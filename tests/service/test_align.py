@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from observer.files.logs import Log, read_log
 from observer.frames import Quality, Reading
-from observer.service.align import Aligner, AlignPlan, faults_of, frames_of_log
+from observer.service.align import Aligner, AlignPlan, blocks_of_log, faults_of, frames_of_log
 from observer.service.stuck import is_stuck, no_memory
 from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams, write
 
@@ -231,3 +231,176 @@ def test_the_plan_of_a_configuration():
     assert [p.column for p in made.positions] == [1]
     np.testing.assert_array_equal(made.expected_s, [0.2, np.nan, np.nan])
     np.testing.assert_array_equal(made.noise_K, [0.07, np.nan, np.nan])
+
+
+# ---- what a plan takes from a configuration ----
+
+SCREW = {"length_m": 1, "diameter_m": 0.036, "conductivity_W_mK": 50, "density_kg_m3": 7800,
+         "specific_heat_J_kgK": 460}  # fmt: skip
+
+
+FRICTION = {"efficiency": 0.9, "preload_N": 1000, "lead_m": 0.02}
+
+
+def _plan_of(*sources, **more):
+    from observer.installation import parse
+
+    named = [{"name": f"nut{i}", "shape": "nut", "length_m": 0.08} | s for i, s in enumerate(sources)]
+    named = [{key: value for key, value in s.items() if value is not None} for s in named]
+    sensors = [{"name": "t1", "channel": "t1_degC", "position_m": 0.1}]
+    table = {"screw": SCREW, "ambient": {"temperature_degC": 20}, "source": named, "sensor": sensors}
+    return AlignPlan.of(parse(table | more))
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ({"position_channel": "x_m", "lead_m": 0.01}, (-1, None)),
+        ({"position_channel": "x_m", "speed_channel": "n_rpm"}, (-1, None)),
+        ({"position_channel": "x_m", "speed_channel": "n_rpm", "lead_m": 0.01}, ("n_rpm", 0.01)),
+        ({"position_channel": "x_m", "speed_channel": "n_rpm", "nut_friction": FRICTION}, ("n_rpm", 0.02)),
+        (
+            {
+                "position_channel": "x_m",
+                "speed_channel": "n_rpm",
+                "nut_speed_channel": "m_rpm",
+                "lead_m": 0.01,
+                "torque_Nm": 0.3,
+            },
+            (-1, None),
+        ),
+    ],
+)
+def test_a_position_is_driven_by_speed_times_lead_where_both_are_known(source, expected):
+    made = _plan_of(source)
+    (position,) = made.positions
+    speed, lead_m = expected
+    assert made.channels[position.column] == "x_m"
+    if speed == -1:
+        assert position.speed == -1
+        assert math.isnan(position.lead_m)
+    else:
+        assert (made.channels[position.speed], position.lead_m) == (speed, lead_m)
+
+
+def test_a_position_that_two_sources_share_is_kept_once_and_by_the_one_that_knows_its_speed():
+    knows, not_so = (
+        {"position_channel": "x_m", "speed_channel": "n_rpm", "lead_m": 0.01},
+        {"position_channel": "x_m"},
+    )
+    for sources in ((knows, not_so), (not_so, knows)):
+        (position,) = _plan_of(*sources).positions
+        assert position.lead_m == 0.01
+    assert _plan_of({"shape": "point", "length_m": None, "position_m": 0.5}).positions == ()
+
+
+def test_the_plan_s_period_is_the_estimator_s():
+    made = _plan_of({"shape": "point", "length_m": None, "position_m": 0.5}, estimator={"period_s": 0.25})
+    assert made.period_s == 0.25
+    assert made.expected().period_s == 0.25
+
+
+# ---- what is taken in ----
+
+
+def test_a_fault_without_a_name_is_unknown_and_the_mark_of_a_missing_value_is_none():
+    aligner = Aligner(plan())
+    used = aligner.ingest(Reading(0.1, {"t1_degC": 20.0, "x": 1.0}, {"t1_degC": "", "t2_degC": "missing"}))
+    assert used.faults == {"t1_degC": "unknown"}
+    assert set(used.values) == {"t1_degC", "t2_degC"}, "of what is no channel nothing is recorded"
+    assert math.isnan(used.values["t2_degC"])
+    frame = aligner.tick(0.5)
+    np.testing.assert_array_equal(frame.quality, [[REJECTED, MISSING, MISSING]])
+    assert aligner.faults == {"t1_degC": "unknown"}
+    assert math.isnan(
+        aligner.ingest(Reading(0.6, {"t1_degC": 20.0}, {"t1_degC": "missing"})).values["t1_degC"]
+    )
+
+
+def test_lateness_is_told_from_a_microsecond_on():
+    aligner = Aligner(plan())
+    aligner.ingest(Reading(5.0, {"t1_degC": 1.0}))
+    late = [aligner.ingest(Reading(5.0 - by_s, {"t1_degC": 1.0})).late_s for by_s in (0.0, 9e-7, 2e-6, 1.5)]
+    assert late[:2] == [0.0, 0.0]
+    assert late[2:] == pytest.approx([2e-6, 1.5], rel=1e-6)
+
+
+def test_a_late_reading_is_as_old_as_its_source_says():
+    aligner = Aligner(plan())
+    aligner.ingest(Reading(5.0, {"t2_degC": 1.0}))
+    aligner.ingest(Reading(4.6, {"t1_degC": 20.0}))
+    assert aligner.tick(5.2).age_s[0, :2] == pytest.approx([0.6, 0.2])
+
+
+def test_a_warm_start_goes_on_from_the_last_tick():
+    assert Aligner(plan(), last_tick_s=2.0).tick(3.0).dt_s[0] == 1.0
+    values = np.full((2, 3), 20.0)
+    log = Log(Path("x.csv"), np.array([3.0, 3.5]), CHANNELS, values)
+    (frames,) = frames_of_log(log, plan(), last_tick_s=2.0)
+    np.testing.assert_array_equal(frames.dt_s, [1.0, 0.5])
+
+
+def test_a_value_beyond_its_limits_is_told_with_the_ambient_of_the_moment():
+    from dataclasses import replace
+
+    limits = replace(plan().limits, above_K=np.array([30.0, math.inf, math.inf]), ambient=1)
+    aligner = Aligner(replace(plan(), limits=limits))
+    aligner.ingest(Reading(0.1, {"t2_degC": 21.5}))
+    aligner.ingest(Reading(0.2, {"t1_degC": 60.0}))
+    assert Quality(aligner.tick(0.5).quality[0, 0]) == REJECTED
+    assert "21.5" in aligner.faults["t1_degC"]
+    fixed = Aligner(replace(plan(), limits=replace(limits, ambient=-1, ambient_degC=19.25)))
+    fixed.ingest(Reading(0.2, {"t1_degC": 60.0}))
+    fixed.tick(0.5)
+    assert "19.2" in fixed.faults["t1_degC"]
+
+
+# ---- recordings ----
+
+
+def _recorded(*rows):
+    """A recording from rows (time, is it a tick, flags, values by channel, late)."""
+    values = np.full((len(rows), 3), np.nan)
+    for k, row in enumerate(rows):
+        for name, value in row[3].items():
+            values[k, CHANNELS.index(name)] = value
+    return Log(
+        Path("r.csv"), np.array([row[0] for row in rows]), CHANNELS, values,
+        step=np.array([row[1] for row in rows]), flags=[row[2] for row in rows],
+        late_s=np.array([row[4] if len(row) > 4 else math.nan for row in rows]),
+    )  # fmt: skip
+
+
+def test_a_recording_has_its_faults_commands_and_lateness():
+    log = _recorded(
+        (0.1, False, "t2_degC=open_circuit;elsewhere=timeout", {"t1_degC": 20.0, "t2_degC": 5.0}, 0.3),
+        (0.5, True, None, {}),
+        (0.6, False, "t1_degC=missing", {}),
+        (0.7, False, "!arm=done", {"nut_position_m": 0.2}),
+        (1.0, True, None, {}),
+    )
+    (frames,) = frames_of_log(log, plan())
+    np.testing.assert_array_equal(frames.quality, [[GOOD, REJECTED, MISSING], [MISSING, REJECTED, GOOD]])
+    assert frames.age_s[0, 0] == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("block", [1, 2, 3, 100])
+def test_a_reset_begins_a_block_of_its_own(block):
+    rows = [(0.5 * k + 0.5, True, None, {}) for k in range(6)]
+    rows.insert(3, (1.7, False, "!reset=done", {}))
+    rows.insert(6, (2.9, False, "!reset=refused", {}))
+    found = list(blocks_of_log(_recorded(*rows), plan(), block))
+    assert all(len(frames) <= block for frames, _ in found)
+    np.testing.assert_array_equal(
+        np.concatenate([f.time_s for f, _ in found]), [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    )
+    assert [f.time_s[0] for f, afresh in found if afresh] == [2.0]
+
+
+def test_a_log_of_channels_in_another_order_is_read_by_their_names():
+    log = Log(
+        Path("x.csv"), np.array([0.0]), ("nut_position_m", "extra", "t1_degC"), np.array([[0.3, 9.0, 21.0]])
+    )
+    (frames,) = frames_of_log(log, plan())
+    np.testing.assert_array_equal(frames.values, [[21.0, np.nan, 0.3]])
+    np.testing.assert_array_equal(frames.quality, [[GOOD, MISSING, GOOD]])

@@ -68,3 +68,52 @@ def test_an_unknown_period_leaves_the_times():
     samples = _samples([0.02, 0.0201, 0.06])
     assert even_out(samples, 0, 3, _passed(0.0), math.nan) == 3
     np.testing.assert_array_equal(samples[0], [0.02, 0.0201, 0.06])
+
+
+def test_only_the_samples_of_the_step_are_touched_and_what_goes_with_them_goes_along():
+    times = [9.0, 9.0, 0.06, 0.02, 0.0401, 0.0402, 9.0]
+    samples = _samples(times, np.array([7.0, 8.0, 3.0, 1.0, 2.0, 2.0, 9.0]))
+    samples[2] = [70.0, 80.0, 30.0, 10.0, 20.0, 21.0, 90.0]
+    passed = _passed(0.0, 0.0)
+    end = even_out(samples, 2, 6, passed, PERIOD_S)
+    assert end == 5, "the same value a moment later is the same frame"
+    np.testing.assert_array_equal(samples[1, 2:end], [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(samples[2, 2:end], [10.0, 20.0, 30.0])
+    np.testing.assert_array_equal(samples[:, :2], [[9.0, 9.0], [7.0, 8.0], [70.0, 80.0]])
+    np.testing.assert_array_equal(samples[:, 6], [9.0, 9.0, 90.0])
+    np.testing.assert_array_equal(passed, [0.06, 3.0])
+
+
+def test_a_nut_at_rest_is_sampled_each_period_and_a_repeat_within_a_quarter_is_none():
+    kept = []
+    for apart in (0.24, 0.26, 1.0):
+        samples = _samples([0.02, 0.02 + apart * PERIOD_S, 0.08], np.array([5.0, 5.0, 5.0]))
+        kept.append(even_out(samples, 0, 3, _passed(0.0, 4.0), PERIOD_S))
+    assert kept == [2, 3, 3]
+    samples = _samples([0.024, 0.06], np.array([4.0, 5.0]))
+    assert even_out(samples, 0, 2, _passed(0.02, 4.0), PERIOD_S) == 1, (
+        "the last one of the step before counts"
+    )
+    assert samples[1, 0] == 5.0
+
+
+def test_what_is_not_after_the_last_step_is_left_out():
+    samples = _samples([0.02, 0.019, 0.0201], np.array([1.0, 2.0, 3.0]))
+    passed = _passed(0.02, 1.0)
+    assert even_out(samples, 0, 3, passed, PERIOD_S) == 1
+    assert samples[1, 0] == 3.0
+    nothing = _samples([0.01, 0.02])
+    assert even_out(nothing, 0, 2, passed, PERIOD_S) == 0
+    np.testing.assert_array_equal(passed, [0.0201, 3.0])
+
+
+def test_the_first_samples_of_all_are_a_period_apart():
+    samples = _samples([0.1, 0.1001, 0.1002])
+    assert even_out(samples, 0, 3, _passed(), PERIOD_S) == 3
+    np.testing.assert_allclose(samples[0], [0.0602, 0.0802, 0.1002], rtol=0, atol=1e-12)
+
+
+def test_more_than_periods_fit_in_share_the_time_since_the_last_step():
+    samples = _samples([0.0098, 0.0099, 0.0199, 0.02])
+    assert even_out(samples, 0, 4, _passed(0.0), PERIOD_S) == 4
+    np.testing.assert_allclose(samples[0], [0.0049, 0.0099, 0.015, 0.02], rtol=0, atol=1e-12)
