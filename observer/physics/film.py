@@ -120,12 +120,3 @@ def thread_factor(
     helix = math.sqrt(1.0 + (lead_m / (math.pi * diameter_m)) ** 2)
     surface = helix * (math.pi * ball_radius_m + land_m) / lead_m
     return surface if fin_efficiency is None else 1.0 + fin_efficiency * surface
-
-
-def corrected_length_m(length_m: float, diameter_m: float, end_film_W_m2K: float, film_W_m2K: float) -> float:
-    """Return the length of a fin with an insulated end that loses as much as one with a film on its face.
-
-    L + (h_end/h) (F/P), F/P = d/4 (Kuznetsov 2021, eq. 3). Good while h_end/k is small against 1/L. The
-    model takes a convective end exactly; this is for formulas that know insulated ends only.
-    """
-    return length_m + end_film_W_m2K / film_W_m2K * diameter_m / 4
