@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
@@ -108,11 +108,19 @@ def _first_start(place: _Place) -> _FirstStart:
 
     def look(pid: int) -> None:
         nonlocal compiler_MB
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        compiler_MB = max([compiler_MB, *(_most_resident_MB(int(child)) for child in children)])
+        compiler_MB = max([compiler_MB, *(_most_resident_MB(child) for child in _children_of(pid))])
 
     with _daemon(place, FIRST_START_S, look) as (pid, _):
         return _FirstStart(_most_resident_MB(pid), compiler_MB)
+
+
+def _children_of(pid: int) -> list[int]:
+    """The processes that a process has begun; each counts as a child of one of its threads."""
+    children: list[str] = []
+    for thread in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(OSError):  # the thread has ended
+            children += thread.read_text().split()
+    return [int(child) for child in children]
 
 
 def _most_resident_MB(pid: int) -> float:

@@ -2,7 +2,7 @@
 
 numba checks the file and the code of the function it compiled, not what that calls, which constants it holds
 nor how the records are laid out that it takes. Here all of that is worked out from the function itself, when
-it is first needed, and is part of the key under which its machine code is kept.
+it is first needed, and is part of the name of the file in which its machine code is kept.
 """
 
 # numba tells nothing of its types.
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numba.core import types
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 Decorator = Callable[[Callable[..., Any]], Any]
@@ -53,18 +53,31 @@ def _kept(function: Callable[..., Any], **options: Any) -> Any:
 
 
 class _Cache(FunctionCache):
-    """numba's own, whose key also tells all that the machine code was made from."""
+    """numba's own, in files whose names tell all that the machine code was made from.
 
-    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        records = tuple(_records(sig))
-        return (*super()._index_key(sig, codegen), fingerprint(self._py_func), records)
+    What is in other files is never read: it may tell of records that are no more.
+    """
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        self._open(sig)
+        return super()._load_overload(sig, target_context)
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        self._open(sig)
+        super()._save_overload(sig, data)
+
+    def _open(self, sig: Any) -> None:
+        made_of = repr((fingerprint(self._py_func), *_records(sig)))
+        name = f"{self._impl.filename_base}-{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = IndexDataCacheFile(self._cache_path, name, stamp)
 
 
 def _records(kinds: Iterable[Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the names of the columns of every record among numba's types, in their order."""
+    """Yield the names of every record among numba's types and of its columns, in their order."""
     for kind in kinds:
         if isinstance(kind, types.BaseNamedTuple):
-            yield kind.fields
+            yield kind.instance_class.__module__, kind.instance_class.__qualname__, *kind.fields
         if isinstance(kind, types.BaseTuple):
             yield from _records(kind.types)
 

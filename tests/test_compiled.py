@@ -95,6 +95,10 @@ def test_follows_every_edit_and_compiles_nothing_without_one(ran, tmp_path):
     edit(tmp_path / "records.py", "first: object\n    second", "second: object\n    first")
     assert ran() == (4.0 * (0.25 - 1.5) - 30.0, 1)
     assert ran() == (4.0 * (0.25 - 1.5) - 30.0, 0)
+    for name in ("records.py", "caller.py"):  # a record that is no more, of which the files before still tell
+        path = tmp_path / name
+        path.write_text(path.read_text().replace("Pair", "Both"))
+    assert ran() == (4.0 * (0.25 - 1.5) - 30.0, 1)
 
 
 def test_a_value_without_a_fingerprint_is_refused():
