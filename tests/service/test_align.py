@@ -201,7 +201,7 @@ def test_a_freeze_must_last_thrice_the_longest_repeat_known(known, limit):
 
 @pytest.mark.parametrize(("smooth", "stuck"), [(60, True), (150, False)])
 def test_noise_is_remembered_for_about_64_samples(smooth, stuck):
-    """1.95 noise_K fades with exp(-n/64); a third of noise_K is needed. The ramp is exact, to the last bit."""
+    """1.95 noise_K fades with exp(-n/64); a third of noise_K is needed. The ramp has none."""
     noisy = 20 + np.random.default_rng(5).normal(0, 0.05, 300)
     ramp = 20 + 0.0625 * np.arange(smooth)
     assert bool(_stuck_at([*noisy, *ramp, *([ramp[-1]] * 80)])) is stuck
