@@ -125,3 +125,110 @@ def test_a_machine_without_a_speed_is_not_asked_for_one() -> None:
 def test_speeds_are_those_that_last() -> None:
     assert speeds_rpm([GOOD]) == [500.0, 1500.0]
     assert speeds_rpm([made(np.linspace(100.0, 3000.0, 12))]) == []  # a ramp is no speed
+
+
+# ---- by hand, mean by mean ----
+
+
+def stepped(speed_rpm: Any, *, period_s: float = 30.0, level_degC: Any = None, more: Any = None) -> Any:
+    """As much of a run as its course is read from: two frames to each mean, one a second after the other."""
+    speeds = np.repeat(np.asarray(speed_rpm, dtype=float), 2)
+    columns = {"n_rpm": speeds} | {name: np.repeat(values, 2) for name, values in (more or {}).items()}
+    means = len(speeds) // 2
+    level = np.full(means, 20.0) if level_degC is None else np.asarray(level_degC, dtype=float)
+    ticks = SimpleNamespace(
+        mean=np.arange(means),
+        first=2 * np.arange(means),
+        time_s=period_s * np.arange(1.0, means + 1),
+        measured_degC=np.column_stack([level, level]),
+    )
+    values = np.column_stack(list(columns.values()))
+
+    class Frames:
+        channels = tuple(columns)
+
+        def __len__(self) -> int:
+            return len(values)
+
+    frames = Frames()
+    frames.values = values  # type: ignore[attr-defined]
+    return SimpleNamespace(ticks=ticks, run=SimpleNamespace(frames=frames))
+
+
+def settings(**ambient: Any) -> Any:
+    source = SimpleNamespace(speed_channel="n_rpm", power_channel=None, position_channel=None)
+    return SimpleNamespace(
+        source=[source], ambient=SimpleNamespace(**{"channel": None, "temperature_degC": None} | ambient)
+    )
+
+
+def test_it_works_from_a_fiftieth_of_its_fastest_on() -> None:
+    found = course_of(settings(), stepped([0.0, 19.0, 21.0, -1000.0, 0.0]))
+    np.testing.assert_array_equal(found.working, [False, False, True, True, False])
+    np.testing.assert_array_equal(found.speed_rpm, [0.0, 19.0, 21.0, 1000.0, 0.0])
+    np.testing.assert_array_equal(found.running_s, [0.0, 0.0, 30.0, 60.0, 60.0])
+    still = course_of(settings(), stepped([0.0, 1e-12, 0.0]))
+    assert not still.working.any(), "what is nothing is no work, be it the most there is"
+
+
+def test_a_mean_is_over_its_frames_and_a_gap_is_standstill() -> None:
+    run = stepped([1000.0] * 5)
+    run.run.frames.values[:6, 0] = [500.0, 700.0, np.nan, 1000.0, np.inf, np.nan]
+    np.testing.assert_array_equal(course_of(settings(), run).speed_rpm, [600.0, 500.0, 0.0, 1000.0, 1000.0])
+
+
+def test_several_steps_may_share_a_mean() -> None:
+    run = stepped(np.repeat([100.0, 300.0, 500.0, 600.0, 600.0], 2) + np.tile([0.0, 100.0], 5))
+    run.ticks.mean = np.repeat(np.arange(5), 2)
+    run.ticks.time_s, run.ticks.measured_degC = 30.0 * np.arange(1.0, 6.0), np.full((5, 2), 20.0)
+    np.testing.assert_array_equal(course_of(settings(), run).speed_rpm, [150.0, 350.0, 550.0, 650.0, 650.0])
+
+
+def test_power_is_work_as_well_and_the_ambient_is_what_is_known_of_it() -> None:
+    config = settings(temperature_degC=23.0)
+    config.source = [
+        SimpleNamespace(speed_channel=None, power_channel="P_W", position_channel="x_m"),
+        SimpleNamespace(speed_channel=None, power_channel="Q_W", position_channel=None),
+    ]
+    more = {
+        "P_W": [0.0, 100.0, 0.0, 0.0, 0.0],
+        "Q_W": [0.0, 0.0, 3.0, 0.0, 0.0],
+        "x_m": [0.1, 0.2, 0.3, 0.4, 0.5],
+        "air_degC": [20.0, 21.0, 22.0, 23.0, 24.0],
+    }
+    found = course_of(config, stepped([0.0] * 5, more=more))
+    np.testing.assert_array_equal(found.working, [False, True, True, False, False])
+    np.testing.assert_array_equal(found.speed_rpm, np.zeros(5))
+    np.testing.assert_array_equal(found.position_m, [0.1, 0.2, 0.3, 0.4, 0.5])
+    np.testing.assert_array_equal(found.ambient_degC, np.full(5, 23.0))
+    config.ambient = SimpleNamespace(channel="air_degC", temperature_degC=None)
+    np.testing.assert_array_equal(
+        course_of(config, stepped([0.0] * 5, more=more)).ambient_degC, [20.0, 21.0, 22.0, 23.0, 24.0]
+    )
+    nothing_known = course_of(settings(), stepped([0.0]))
+    assert (nothing_known.ambient_degC.tolist(), nothing_known.position_m.tolist()) == ([20.0], [0.0])
+
+
+@pytest.mark.parametrize(("rest", "phase"), [(50, "dwell"), (53, "cool_down")])
+def test_a_rest_of_less_than_25_minutes_with_work_after_it_is_a_dwell(rest: int, phase: str) -> None:
+    found = course_of(settings(), stepped([0.0, 0.0, *[900.0] * 20, *[0.0] * rest, *[900.0] * 5]))
+    named = [PHASES[p] for p in found.phase]
+    assert set(named[:2]) == {"isothermal"}
+    assert set(named[22 : 22 + rest]) == {phase}
+    assert set(named[2:22] + named[22 + rest :]) <= {"heat_up", "steady"}
+    ended = course_of(settings(), stepped([*[900.0] * 20, *[0.0] * 5]))
+    assert {PHASES[p] for p in ended.phase[20:]} == {"cool_down"}, "no work comes after it"
+
+
+def test_heating_up_is_from_a_seventh_of_the_fastest_on() -> None:
+    """0.15 of it: here the level rises by 1 K a mean, then by 0.2 K, then by 0.1 K; the rate is smoothed."""
+    level = 20.0 + np.concatenate([[0.0], np.cumsum(np.repeat([1.0, 0.2, 0.1], 20))])
+    found = course_of(settings(), stepped([900.0] * 61, level_degC=level))
+    named = [PHASES[p] for p in found.phase]
+    assert set(named[5:37]) == {"heat_up"}
+    assert set(named[44:]) == {"steady"}
+    with_gaps = level.copy()
+    with_gaps[[7, 8, 30]] = np.nan
+    run = stepped([900.0] * 61, level_degC=with_gaps)
+    run.ticks.measured_degC[50, 0] = np.nan
+    np.testing.assert_array_equal(course_of(settings(), run).phase, found.phase)

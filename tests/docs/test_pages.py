@@ -19,7 +19,7 @@ from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = [p for p in [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))] if p.exists()]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 SECTIONS: dict[str, type[BaseModel]] = {
     name: kind
     for name, field in installation.Installation.model_fields.items()

@@ -257,3 +257,11 @@ def test_small_steps_turn_at_once_and_keep_their_speed_when_slow() -> None:
     state, turned = follow([*forth, (1.1, 0.21)], stroke_m)
     assert state[_VELOCITY] == pytest.approx(0.2), "it only slows down"
     assert turned[-1] == 0.21
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("begin_m", [-0.5, 0.0, 0.5])
+def test_where_it_was_first_seen_is_no_end(begin_m: float, side: float) -> None:
+    state, _ = follow([(0.1 * k, begin_m + side * 0.01 * k) for k in range(40)], 1.0)
+    assert np.isnan([state[_LOW], state[_HIGH]]).all()
+    assert state[7] == side

@@ -39,7 +39,7 @@ def main() -> int:
     found: list[record.Survivor] = []
     counted: list[record.Count] = []
     for module in modules:
-        source = (ROOT / module).read_text(encoding="utf-8")
+        source = run.source(module)
         every = list(mutants_of(module, source))
         drawn = sample(every, len(every) if options.all else options.count, options.seed)
         alive = run.survivors(module, drawn)
@@ -73,12 +73,18 @@ class Run:
         self._results, self._again = results, again
         self._trees: Queue[Tree] = Queue()
         for n in range(workers):
-            self._trees.put(Tree(BUILD / f"worker-{n + 1}"))
+            tree = Tree(BUILD / f"worker-{n + 1}")
+            self._trees.put(tree)
+        self._sources = tree.root
         self._pool = ThreadPoolExecutor(workers)
+
+    def source(self, module: str) -> str:
+        """The module as it was when the run began, however long it takes."""
+        return (self._sources / module).read_text(encoding="utf-8")
 
     def survivors(self, module: str, mutants: list[Mutant]) -> list[Mutant]:
         """Try the mutants that were not tried; return those that survive."""
-        source = (ROOT / module).read_text(encoding="utf-8")
+        source = self.source(module)
         digest = f"{zlib.crc32(source.encode()):08x}"
 
         def key(m: Mutant) -> tuple[object, ...]:

@@ -101,3 +101,10 @@ def test_a_template_asks_for_commands_that_there_are(template: Path) -> None:
     asked = re.findall(r"`observer ([\w-]+)", template.read_text())
     assert set(asked) <= known
     assert "check" in asked, "the first thing to look at"
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/mutants.md", ".github/pull_request_template.md"])
+def test_the_targets_that_are_told_exist(page: str) -> None:
+    told = set(re.findall(r"(?:^|`)make ([a-z][\w-]*)", (ROOT / page).read_text(), flags=re.M))
+    assert told
+    assert told <= TARGETS

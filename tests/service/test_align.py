@@ -199,6 +199,14 @@ def test_a_freeze_must_last_thrice_the_longest_repeat_known(known, limit):
     assert found[0] == len(before) + limit - 1
 
 
+@pytest.mark.parametrize(("smooth", "stuck"), [(60, True), (150, False)])
+def test_noise_is_remembered_for_about_64_samples(smooth, stuck):
+    """1.95 noise_K fades with exp(-n/64); a third of noise_K is needed. The ramp has none."""
+    noisy = 20 + np.random.default_rng(5).normal(0, 0.05, 300)
+    ramp = 20 + 0.0625 * np.arange(smooth)
+    assert bool(_stuck_at([*noisy, *ramp, *([ramp[-1]] * 80)])) is stuck
+
+
 def test_a_stuck_sensor_is_rejected_live_and_named():
     aligner = Aligner(plan(expected_s=(0.1, 0.1, 0.1)))
     noisy = 20 + np.random.default_rng(3).normal(0, 0.05, 100)
