@@ -61,6 +61,44 @@ def _estimates(draw):
     )  # fmt: skip
 
 
+def _as_a_map(layout: Layout, block: EstimateBlock, k: int, sequence: int) -> bytes:
+    """The message as a CBOR library writes it, in the order that subscribers have always seen."""
+
+    def typed(array):
+        return cbor2.CBORTag(85, array.astype("<f4").tobytes())
+
+    return cbor2.dumps(
+        {
+            "time_s": float(block.time_s[k]),
+            "sequence": sequence,
+            "instance": "ab12cd34",
+            "quality": EstimateQuality(block.quality[k]).label,
+            "sources": list(layout.sources),
+            "heat_W": typed(block.heat_W[k]),
+            "heat_sigma_W": typed(block.heat_sigma_W[k]),
+            "law_W": typed(block.law_W[k]),
+            "position_m": typed(layout.position_m),
+            "field_degC": typed(block.field_degC[k]),
+            "field_sigma_K": typed(block.field_sigma_K[k]),
+            "error_um": typed(block.error_um[k]),
+            "error_sigma_um": typed(block.error_sigma_um[k]),
+            "sensors": list(layout.sensors),
+            "innovation_K": typed(block.innovation_K[k]),
+            "innovation_sigma_K": typed(block.innovation_sigma_K[k]),
+            "sensor_quality": [Quality(q).label for q in block.sensor_quality[k]],
+        }
+    )
+
+
+@given(_estimates(), st.integers(0, 2**53))
+@settings(deadline=None)
+def test_an_estimate_is_to_the_byte_the_map_that_a_library_writes(drawn, sequence):
+    layout, estimates = drawn
+    encoder = EstimateEncoder(layout, "ab12cd34")
+    for k in range(len(estimates)):
+        assert encoder.cbor(estimates, k, sequence) == _as_a_map(layout, estimates, k, sequence)
+
+
 @given(_estimates(), st.integers(0, 2**53))
 @settings(deadline=None)
 def test_decode_is_the_inverse_of_encode(made, sequence):
