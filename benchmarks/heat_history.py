@@ -12,7 +12,6 @@ import numpy as np
 from benchmarks.plants import config_of, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
-from observer.config import EstimatorSettings
 from observer.frames import Inputs
 from observer.history.conjugate_gradient import Convolution, descend
 from observer.history.history import HeatHistory
@@ -21,6 +20,7 @@ from observer.history.stacked import Prior, StackedProblem, stacked_problem
 from observer.history.tikhonov import TikhonovSolution, normal_equations, solve
 from observer.model.build import build_plant
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 STEPS, DAY = 1_000, 172_800
 OPEN_GATE = EstimatorSettings(gate_sigma=1e9)

@@ -12,6 +12,7 @@ from benchmarks import bare
 from benchmarks.plants import config_of, dense, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
+from observer.estimators.compiled.packing import pad_rows, padded_width
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
@@ -46,18 +47,10 @@ def results() -> list[Result]:
             return step_s[peer] / step_s["ours"]
 
         shows = {peer: f"{peer} {shown(value)}" for peer, value in step_s.items()}
-        if modes == 8:
-            rows.append(
-                judged(f"Kalman step, {size}", ours, shows["filterpy"], times("filterpy"), at_least=25)
-            )
-            rows.append(
-                judged("  the same arithmetic, bare", ours, shows["bare"], 1 / times("bare"), at_most=1.2)
-            )
-        else:
-            rows.append(Result(f"Kalman step, {size}", ours, shows["filterpy"], f"{times('filterpy'):.3g} ×"))
-            rows.append(
-                Result("  the same arithmetic, bare", ours, shows["bare"], f"{1 / times('bare'):.3g} ×")
-            )
+        goal = 30.0 if modes == 8 else 8.0
+        rows.append(judged(f"Kalman step, {size}", ours, shows["filterpy"], times("filterpy"), at_least=goal))
+        least = Result("  the least by hand", ours, shows["bare"], f"{1 / times('bare'):.3g} ×")
+        rows.append(least)
         rows.append(Result("  and statsmodels", ours, shows["statsmodels"], f"{times('statsmodels'):.3g} ×"))
     return rows
 
@@ -66,18 +59,24 @@ def bare_loop(plant: Plant, inputs: Inputs) -> Callable[[], object]:
     """The bare loop over the same steps."""
     step = step_matrices(plant, DT_S)
     _, Qd, _ = dense(plant, DT_S)
-    m = plant.B.shape[1]
-    G = np.ascontiguousarray(plant.B.T) * step.couple
-    forced = plant.B @ inputs.law_W[0] + plant.E @ inputs.z_end[0]
+    n_x, m = plant.B.shape
+    width = padded_width(n_x + m)
+
+    def padded(array: FloatArray) -> FloatArray:
+        return pad_rows(array, width)
+
+    decay, hold = padded(np.concatenate([step.decay, step.heat_decay])), padded(step.hold)
+    forced = padded(plant.B @ inputs.law_W[0] + plant.E @ inputs.z_end[0])
+    G, C = padded(plant.B.T * step.couple), padded(plant.rows.C)
+    C, rows = C[: plant.rows.sensors].copy(), C[plant.rows.field_slice].copy()
     y = inputs.y_degC - inputs.z_end @ plant.rows.F[plant.rows.sensor_slice].T
     heat, field = np.empty((len(y), m, 2)), np.empty((len(y), plant.rows.grid, 2))
 
     def work() -> object:
-        x = np.concatenate([20.0 * plant.uniform, np.zeros(m)])
-        x[plant.modes : len(plant.B)] = inputs.law_W[0]  # lags settled, as the engine starts
-        P = start_covariance(plant)
-        C = np.ascontiguousarray(plant.rows.C[: plant.rows.sensors + plant.rows.grid])
-        bare.run(step.decay, step.hold, G, Qd, C, plant.noise_R_K2, forced, y, x, P, heat, field)
+        x = padded(20.0 * plant.uniform)
+        x[plant.modes : n_x] = inputs.law_W[0]  # lags settled, as the engine starts
+        P = padded(start_covariance(plant))
+        bare.run(decay, hold, G, padded(Qd), C, rows, plant.noise_R_K2, forced, y, x, P, heat, field)
         return heat
 
     return work

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +34,15 @@ def results() -> list[Result]:
     inputs = even_inputs(plant, DAY)
     constant = ConstantGainEstimator(plant, config.estimator)
     varying = KalmanEstimator(plant, config.estimator)
+    estimates = constant.run(constant.initial(), inputs)[1]
+    passed = [*inputs, *(getattr(estimates, f.name) for f in fields(estimates))]
+    bytes_a_sample = sum(column.nbytes for column in passed) / DAY
     works = {
         "constant": lambda: constant.run(constant.initial(), inputs),
         "varying": lambda: varying.run(varying.initial(), inputs),
         "filterpy": filterpy_loop(plant, inputs.y_degC[:PEER_STEPS]),
         "steady": steady_filterpy(plant, inputs.y_degC[:PEER_STEPS]),
+        "copy": lambda: [column.copy() for column in passed],
     }
     taken = medians_s(works, repetitions=5)
     peer_s, steady_s = (taken[name] / PEER_STEPS * DAY for name in ("filterpy", "steady"))
@@ -51,6 +56,11 @@ def results() -> list[Result]:
             at_least=200,
         ),
         Result("  samples a second", f"{rate / 1e6:.3g} M/s", goal="≥ 8 M/s", met=rate >= 8e6),
+        Result(
+            f"  its {bytes_a_sample:.0f} bytes a sample, in and out",
+            f"{rate * bytes_a_sample / 1e9:.2g} GB/s",
+            f"copying them {DAY * bytes_a_sample / taken['copy'] / 1e9:.2g} GB/s",
+        ),
         Result(
             "  filterpy with its gain held, no σ, no field",
             shown(taken["constant"]),

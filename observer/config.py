@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
+from observer.tables.estimator import EstimatorSettings
 from observer.tables.keeping import Checkpoint, Record
 from observer.tables.limits import ChannelLimits
 from observer.tables.mounting import Compensation
@@ -27,11 +28,8 @@ from observer.tables.quantities import (
     Duration,
     Flag,
     Name,
-    NonNegative,
     Number,
     Position,
-    Positive,
-    Rise,
     Section,
 )
 from observer.tables.sections import Description
@@ -55,21 +53,6 @@ class Model(Section):
     modes: Annotated[Count, Field(ge=1, le=400)] | None = None
     settle_s: Duration = 10.0
     static_correction: Flag = True
-
-
-class EstimatorSettings(Section):
-    """How heats and field are estimated."""
-
-    kind: Literal["kalman", "luenberger"] = "kalman"
-    period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
-    # Kalman
-    engine: Literal["compiled", "filterpy", "constant"] = "compiled"
-    gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
-    initial_sigma_K: Rise = 2.0
-    field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
-    # Luenberger
-    pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
-    bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
 
 class Calibrate(Section):

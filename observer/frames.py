@@ -21,6 +21,12 @@ BoolArray = NDArray[np.bool_]
 QualityArray = NDArray[np.int8]
 
 
+def contiguous(array: Any, dtype: Any = np.float64) -> Any:
+    """Bring an array into the one layout that compiled code is compiled for."""
+    array = np.ascontiguousarray(array, dtype)
+    return array if array.flags.writeable else array.copy()
+
+
 class Quality(enum.IntEnum):
     """Quality of one channel's value; on its way through the house it only ever gets worse."""
 
@@ -156,9 +162,19 @@ class Inputs(_InputColumns):
         """Return the steps from `begin` up to `end`, as views."""
         return self._make(column[begin:end] for column in self)
 
+    def packed(self) -> Self:
+        """Return the same steps in the one layout that compiled code takes; columns that have it are not
+        copied.
+        """
+        return self._make(map(contiguous, self, _KINDS))
+
     def sensors_only(self, sensors: int) -> Self:
         """Return the same steps for a plant that is cut to its sensors' rows (`Plant.sensors_only`)."""
         return self._replace(moving_C=np.ascontiguousarray(self.moving_C[:, :, :sensors]))
+
+
+_SMALL = {"usable": np.bool_, "quality": np.int8, "degraded": np.int8}
+_KINDS = [_SMALL.get(name, np.float64) for name in Inputs._fields]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from observer.config import EstimatorSettings
 from observer.errors import ConfigError
 from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 
 def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.config import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators.compiled import packing
 from observer.estimators.design.gains import Refusal
@@ -14,6 +13,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs, Layout
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 
 class ConstantGainEstimator:

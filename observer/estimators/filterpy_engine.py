@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import EstimatorSettings
 from observer.estimators.compiled import judging, kernels, packing
 from observer.estimators.compiled.steps import StepCache, chunks
 from observer.estimators.protocol import EstimatorState
@@ -17,6 +16,7 @@ from observer.model import advance
 from observer.model.coupling import coupled
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 
 class FilterpyEstimator:
@@ -49,9 +49,9 @@ class FilterpyEstimator:
         results = packing.empty_results(self._plant, len(inputs))
         dt_s = quantise(inputs.dt_s).tolist()
         kf = KalmanFilter(dim_x=len(running.x), dim_z=max(self._plant.rows.sensors, 1))
-        for part, _, u, _ in chunks(StepCache(self._plant), inputs):
+        for part, _, _, u, _ in chunks(StepCache(self._plant), inputs):
             out = packing.cut(results, part)
-            for k in range(len(u.step)):
+            for k in range(len(u)):
                 kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
                 self._step(kf, u, k, self._matrices(dt_s[part.start + k]), running, out)
         time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
@@ -65,19 +65,19 @@ class FilterpyEstimator:
     def _step(
         self,
         kf: Any,
-        u: packing.InputArrays,
+        u: Inputs,
         k: int,
         step: StepMatrices,
         running: packing.Running,
         out: packing.Results,
     ) -> None:
         plant, s = self._plant, self._plant.rows.sensors
-        usable = u.usable[k] & np.isfinite(u.y[k])
+        usable = u.usable[k] & np.isfinite(u.y_degC[k])
         ready = bool(judging.step_is_finite(u, k))
         if not ready or not (running.flags[0] or usable.any()):
-            judging.judge(u, k, usable, usable, running, out)
+            judging.skip(u, k, usable, running, out)
             return
-        B, C = plant.B.T.copy(), plant.rows.C.copy()
+        B, C = plant.B.T.copy(), plant.rows.C[:s].copy()
         advance.move_columns(self._arrays, u, k, B, C)
         law = self._work.law
         if running.flags[0]:
@@ -89,31 +89,30 @@ class FilterpyEstimator:
             running.flags[0] = 1
             kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
         H = np.hstack([C[:s], np.zeros((s, len(running.x) - C.shape[1]))])
-        y = u.y[k] - plant.rows.F[:s] @ u.z_end[k]
+        y = u.y_degC[k] - plant.rows.F[:s] @ u.z_end[k]
         nu = y - H @ kf.x[:, 0]
         S = np.diag(H @ kf.P @ H.T) + plant.noise_R_K2
-        out.innovation[k, usable] = nu[usable]
-        out.innovation_sigma[k, usable] = np.sqrt(S[usable])
+        out.log_likelihood[k] = np.nan
+        judging.write_innovations(nu, S, usable, k, out)
         accepted = np.zeros(s, dtype=np.bool_)
         if judging.gate(nu, S, usable, running.suspect, self._gate_sigma, accepted):
             judging.add_prior(self._arrays, kf.P, 1.0)
         else:
             judging.hold_back(nu, usable, accepted, running.suspect, running.refused_s, running.opened_K)
         judging.reopen(
-            self._arrays, C, u.dt[k], usable, accepted, nu, running.refused_s, running.opened_K, kf.P
+            self._arrays, C, u.dt_s[k], usable, accepted, nu, running.refused_s, running.opened_K, kf.P
         )
         if accepted.any():
             kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
         running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P
         out.quality[k] = judging.judge(u, k, usable, accepted, running, out)
-        known = judging.write_values(self._arrays, C, u, k, law, running.x, out)
-        known = (
-            judging.write_sigmas(C, s, running.P, out.heat_sigma, out.field_sigma, k, self._work) and known
-        )
+        judging.move_rows(self._arrays, u, k, self._work.rows)
+        known = judging.write_values(self._arrays, u, k, running.x, self._work, out)
+        known = judging.write_sigmas(running.P, out.heat_sigma, out.field_sigma, k, self._work) and known
         if not known:
             judging.invalidate(out, k)
 
-    def _predict(self, kf: Any, u: packing.InputArrays, k: int, step: StepMatrices, B: FloatArray) -> None:
+    def _predict(self, kf: Any, u: Inputs, k: int, step: StepMatrices, B: FloatArray) -> None:
         """Predict with the dense Ad and Qd of this step's columns."""
         plant = self._plant
         columns = B[plant.estimated]
@@ -126,7 +125,7 @@ class FilterpyEstimator:
         Qd[n_x:, :n_x] = columns * step.walk_dx
         Qd[:n_x, n_x:] = Qd[n_x:, :n_x].T
         Qd[n_x:, n_x:] = np.diag(step.walk_dd)
-        jump = plant.law_uncertainty * u.jump[k, plant.estimated]
+        jump = plant.law_uncertainty * u.law_jump_W[k, plant.estimated]
         self._couple_half(kf, u, k, u.z_start[k], B)
         advance.put_laws(self._arrays, u, k, B, kf.x[:, 0], self._work.law)
         held = B.T @ self._work.law + plant.E @ u.z_start[k]
@@ -136,13 +135,13 @@ class FilterpyEstimator:
         kf.predict(u=known, B=np.eye(n_x + m_e), F=Ad, Q=Qd)
         self._couple_half(kf, u, k, u.z_end[k], B)
 
-    def _couple_half(self, kf: Any, u: packing.InputArrays, k: int, z: FloatArray, B: FloatArray) -> None:
+    def _couple_half(self, kf: Any, u: Inputs, k: int, z: FloatArray, B: FloatArray) -> None:
         """Half a step of what couples the states, on the dense matrices."""
         coupling = self._plant.coupling
         if not coupling.active:
             return
         M, b, x = self._work.couple, self._work.shift, np.ascontiguousarray(kf.x[:, 0])
-        coupled(coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], x, M, b)
+        coupled(coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], x, M, b)
         n_x = len(b)
         whole = np.eye(len(x))
         whole[:n_x, :n_x] = M

@@ -11,11 +11,11 @@ import numpy as np
 from observer.estimators.compiled import packing
 from observer.estimators.compiled.cruise_kernel import columns
 from observer.estimators.compiled.fixed_gain_kernel import DONE, GainTable, Rungs, run_fixed_gain
-from observer.estimators.compiled.steps import StepCache, StepTable, chunks
+from observer.estimators.compiled.steps import Chunk, StepCache, chunks
 from observer.estimators.design.gains import sensor_rows
 from observer.estimators.design.riccati import steady_covariance
 from observer.estimators.protocol import EstimatorState
-from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs
+from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs, contiguous
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
 
@@ -84,7 +84,7 @@ class GainBank:
         if K is None or steady is None:
             blank = (np.zeros((n, n)), np.zeros(s), np.zeros(heats), np.zeros(wide))
             return (np.zeros((n, s)) if K is None else K, np.array(False), *blank)
-        P = packing.contiguous(steady.P)
+        P = contiguous(0.5 * (steady.P + steady.P.T))
         heat_sigma = np.sqrt(np.diag(P)[-heats:])
         rows = plant.rows.C[s:]
         field_sigma = np.sqrt(
@@ -115,29 +115,22 @@ class FixedGainEngine:
         running = packing.thaw(state)
         results = packing.empty_results(self._plant, len(inputs))
         work = packing.scratch(self._arrays)
-        for part, lengths_s, arrays, table in chunks(self._steps, inputs):
-            self._run(lengths_s, arrays, table, running, packing.cut(results, part), work)
+        for chunk in chunks(self._steps, inputs):
+            self._run(chunk, running, packing.cut(results, chunk.part), work)
         time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
         return packing.freeze(running, time_s), packing.to_block(self._plant, inputs.time_s, results)
 
-    def _run(
-        self,
-        lengths_s: list[float],
-        arrays: packing.InputArrays,
-        table: StepTable,
-        running: packing.Running,
-        out: packing.Results,
-        work: packing.Work,
-    ) -> None:
+    def _run(self, chunk: Chunk, running: packing.Running, out: packing.Results, work: packing.Work) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
-        rungs = self._bank.rungs(lengths_s)
+        rungs = self._bank.rungs(chunk.lengths_s)
         first, resumed, key = 0, 0, 0
         while key != DONE:
             first, key, resumed = run_fixed_gain(
                 self._arrays,
-                table,
+                chunk.table,
                 rungs,
-                arrays,
+                chunk.inputs,
+                chunk.step,
                 running,
                 self._gate_sigma,
                 self._optimal,

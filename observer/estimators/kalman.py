@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import threading
 
-from observer.config import EstimatorSettings
 from observer.estimators.compiled import packing
 from observer.estimators.compiled.kalman_kernel import run_kalman
-from observer.estimators.compiled.steps import StepCache, StepTable, chunks
+from observer.estimators.compiled.steps import StepCache, chunks
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, Inputs, Layout
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 
 class KalmanEstimator:
     """Time-varying Kalman filter of the augmented state [x | δ]; the heat of a source is its law + δ.
 
-    x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd, then one scalar correction in Joseph form for each sensor
-    that is present and passes the gate. Source: Kalman (1960); Bucy and Joseph (1968).
+    x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd, then one correction by all sensors that are present and pass
+    the gate. Source: Kalman (1960).
     """
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
@@ -42,9 +42,11 @@ class KalmanEstimator:
         running = packing.thaw(state)
         results = packing.empty_results(self._plant, len(inputs))
         work = self._work()
-        for part, _, arrays, table in chunks(self._steps, inputs):
-            out = packing.cut(results, part)
-            self._run(arrays, table, running, out, work)
+        for chunk in chunks(self._steps, inputs):
+            out = packing.cut(results, chunk.part)
+            run_kalman(
+                self._arrays, chunk.table, chunk.inputs, chunk.step, running, self._gate_sigma, out, work
+            )
         time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
         return packing.freeze(running, time_s), packing.to_block(self._plant, inputs.time_s, results)
 
@@ -54,13 +56,3 @@ class KalmanEstimator:
             self._own.work = packing.scratch(self._arrays)
         work: packing.Work = self._own.work
         return work
-
-    def _run(
-        self,
-        arrays: packing.InputArrays,
-        table: StepTable,
-        running: packing.Running,
-        out: packing.Results,
-        work: packing.Work,
-    ) -> None:
-        run_kalman(self._arrays, table, arrays, running, self._gate_sigma, out, work)

@@ -11,6 +11,7 @@ one way. What fails lowers the quality of the estimate, and says why; it clears 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
@@ -18,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.compiled import cached_call, inlined
-from observer.config import Config
 from observer.estimators.compiled.judging import (
     ESTIMATE_DEGRADED,
     ESTIMATE_INVALID,
@@ -29,7 +29,6 @@ from observer.estimators.compiled.judging import (
 )
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, QualityArray
 from observer.model.plant import Plant
-from observer.model.realise import realise
 
 # The windows' time constants, and which means over each are more than chance and small faults make.
 WINDOWS_S = np.array([60.0, 600.0])
@@ -138,21 +137,15 @@ class _Seen(NamedTuple):
 class SelfTest:
     """The self-test of one plant; holds no state of its own."""
 
-    def __init__(self, config: Config, plant: Plant) -> None:
-        """Fix what is tested."""
-        laws = {source.name: source.law for source in realise(config).config.source}
-        has_law = np.array([laws[name] is not None for name in plant.layout.sources])
+    def __init__(self, plant: Plant, with_law: Collection[str]) -> None:
+        """Fix what is tested; `with_law` are the sources that have a law."""
+        has_law = np.array([name in with_law for name in plant.layout.sources], dtype=np.bool_)
         self._trust = Trust(
             np.ascontiguousarray(plant.initial_sigma_W, dtype=float),
             np.where(has_law, plant.law_uncertainty, np.nan),
         )
         self._sensors, self._sources = plant.layout.sensors, plant.layout.sources
-        length_m = config.screw.length_m
-        self._nuts = {
-            s.position_channel: (s.stroke_m[1] - s.stroke_m[0] if s.stroke_m else length_m)
-            for s in config.source
-            if s.position_channel is not None
-        }
+        self._nuts = {s.channel: s.table.stroke_m for s in plant.moving}
 
     def initial(self) -> SelfTestState:
         """Return the state before the first step."""

@@ -137,7 +137,7 @@ class CoarseRun:
         """The shapes (T, M, e, N) of which the squares add up to the covariance of each nut's column over
         the ticks; nothing where no nut has a body. To be asked after `inputs`.
         """
-        bodies = set(plant.coupling.link_source.tolist())
+        bodies = set(plant.coupling.links.source.tolist())
         if not bodies & {m.index for m in plant.moving}:
             return None
         out = np.zeros((len(self.ticks.first), len(plant.moving), PLACES, plant.modes))

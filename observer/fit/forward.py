@@ -110,13 +110,11 @@ class Forward:
 def _told(plant: Plant) -> Plant:
     """The plant without what it holds of the sweeps of nuts that move, since these are known."""
     c = plant.coupling
-    kept = ~np.isin(c.spread_source, [m.index for m in plant.moving])
-    less = c._replace(
-        spread_source=c.spread_source[kept],
-        spread_1_s=c.spread_1_s[kept],
-        spread_shape=c.spread_shape[kept],
+    kept = ~np.isin(c.spreads.source, [m.index for m in plant.moving])
+    s = c.spreads._replace(
+        source=c.spreads.source[kept], rate_1_s=c.spreads.rate_1_s[kept], shape=c.spreads.shape[kept]
     )
-    return replace(plant, coupling=less)
+    return replace(plant, coupling=c._replace(spreads=s))
 
 
 def lean_config(config: Config, modes: int) -> Config:

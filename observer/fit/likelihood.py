@@ -36,8 +36,8 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
     running = packing.thaw(packing.initial_state(bare))
     arrays, steps = packing.pack_plant(bare), StepCache(bare)
     work = packing.scratch(arrays)
-    for part, _, u, table in chunks(steps, inputs.sensors_only(plant.rows.sensors)):
-        run_kalman(arrays, table, u, running, np.inf, packing.cut(results, part), work)
+    for part, _, table, u, step in chunks(steps, inputs.sensors_only(plant.rows.sensors)):
+        run_kalman(arrays, table, u, step, running, np.inf, packing.cut(results, part), work)
     started = np.flatnonzero(np.isfinite(results.innovation).any(axis=1))
     return float(results.log_likelihood[started[1:]].sum()) if len(started) else 0.0
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import EstimatorSettings
 from observer.frames import FloatArray, Inputs
 from observer.history.conjugate_gradient import Convolution, descend
 from observer.history.history import HeatHistory
@@ -19,6 +18,7 @@ from observer.history.stacked import Prior, StackedProblem, stacked_problem, sta
 from observer.history.stepwise import stepwise_heats
 from observer.history.tikhonov import NormalEquations, normal_equations, solve
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 _EXPLAINED = 1.2
 """Up to this many times the noise's own misfit, heats still explain a log."""

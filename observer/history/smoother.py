@@ -6,18 +6,18 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from observer.config import EstimatorSettings
 from observer.estimators.compiled import packing
-from observer.estimators.compiled.packing import InputArrays, Running
+from observer.estimators.compiled.packing import IntArray, Running
 from observer.estimators.compiled.steps import StepCache, StepTable, chunks
 from observer.frames import FloatArray, Inputs
 from observer.history.history import HeatHistory
 from observer.history.smoother_kernel import Adjoint, Smoothed, Tape, run_backward, run_forward
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 # Long enough that the filter's states kept between segments do not count, short enough for the cache.
 _STEPS_IN_SEGMENT = 1024
-_Segment = tuple[InputArrays, StepTable]
+_Segment = tuple[Inputs, IntArray, StepTable]
 
 
 def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs]) -> HeatHistory:
@@ -87,19 +87,20 @@ class _Passes:
 
     def _segments(self, block: Inputs) -> Iterator[_Segment]:
         seen = block.sensors_only(len(self._arrays.R_K2))
-        for _, _, u, table in chunks(self._steps, seen):
-            for begin in range(0, len(u.step), _STEPS_IN_SEGMENT):
-                yield InputArrays._make(a[begin : begin + _STEPS_IN_SEGMENT] for a in u), table
+        for _, _, table, u, step in chunks(self._steps, seen):
+            for begin in range(0, len(step), _STEPS_IN_SEGMENT):
+                end = begin + _STEPS_IN_SEGMENT
+                yield u.part(begin, end), step[begin:end], table
 
     def _filter(self, segment: _Segment, state: Running) -> None:
-        u, table = segment
-        run_forward(self._arrays, table, u, state, self._gate_sigma, self._work, self._tape)
+        u, step, table = segment
+        run_forward(self._arrays, table, u, step, state, self._gate_sigma, self._work, self._tape)
 
     def _smooth(self, segment: _Segment) -> Smoothed:
-        u, table = segment
-        K, s, m_e = len(u.step), len(self._arrays.R_K2), len(self._arrays.source)
+        u, step, table = segment
+        K, s, m_e = len(step), len(self._arrays.R_K2), len(self._arrays.source)
         out = Smoothed(np.full((K, m_e), np.nan), np.full((K, m_e), np.nan), np.full((K, s), np.nan))
-        run_backward(self._arrays, table, u, self._tape, self._adjoint, self._work, out)
+        run_backward(self._arrays, table, u, step, self._tape, self._adjoint, self._work, out)
         return out
 
 

@@ -63,15 +63,15 @@ class Smoothed(NamedTuple):
 
 
 @cached_loop
-def run_forward(p, t, u, state, gate_sigma, work, tape):
+def run_forward(p, t, u, step, state, gate_sigma, work, tape):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `tape`.
 
     The steps are those of `run_kalman`, in the same order; a step that cannot be computed is skipped.
     """
-    s = u.y.shape[1]
+    s = u.y_degC.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
     nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
-    for k in range(len(u.step)):
+    for k in range(len(step)):
         present = find_usable(u, k, usable)
         if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
             tape.kind[k] = SKIPPED
@@ -83,7 +83,7 @@ def run_forward(p, t, u, state, gate_sigma, work, tape):
             state.flags[0] = 1
             tape.kind[k] = STARTED
         else:
-            predict(p, t, u.step[k], u, k, B, x, P, work)
+            predict(p, t, step[k], u, k, B, x, P, work)
             for a in range(B.shape[1]):
                 tape.coupled[k, 0, a], tape.coupled[k, 1, a] = work.before[0, a], work.before[1, a]
             tape.kind[k] = STEPPED
@@ -119,13 +119,13 @@ def record(p, C, law, g, nu, accepted, x, P, k, tape):
 
 
 @cached_loop
-def run_backward(p, t, u, tape, adjoint, work, out):
+def run_backward(p, t, u, step, tape, adjoint, work, out):
     """Go back over the K steps on the tape, changing `adjoint` and filling `out`.
 
     q_s = q̂ + p_jᵀ r and σ² = P_jj - p_jᵀ N p_j with p_j the heat's column of P after the corrections.
     """
     r, N, NK, B, C = adjoint.r, adjoint.N, adjoint.NK, work.B, work.C
-    for k in range(len(u.step) - 1, -1, -1):
+    for k in range(len(step) - 1, -1, -1):
         if tape.kind[k] == SKIPPED:
             continue
         for j in range(len(p.source)):
@@ -139,7 +139,7 @@ def run_backward(p, t, u, tape, adjoint, work, out):
         if tape.kind[k] == STEPPED:
             if p.coupling.active:
                 couple_back(p, u, k, u.z_end[k], B, tape.coupled[k, 1], r, N, work)
-            step_back(p, t, u.step[k], B, r, N, work)
+            step_back(p, t, step[k], B, r, N, work)
             if p.coupling.active:
                 couple_back(p, u, k, u.z_start[k], B, tape.coupled[k, 0], r, N, work)
 
@@ -235,7 +235,7 @@ def couple_back(p, u, k, z, B, x, r, N, work):
     """Take r and N back through half a coupling: r ← Tᵀ r, N ← Tᵀ N T with T = [[M, 0], [0, I]]."""
     M, was = work.couple, work.was
     n_x, n = M.shape[0], N.shape[0]
-    coupled(p.coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], x, M, work.shift)
+    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], x, M, work.shift)
     for a in range(n_x):
         work.shift[a] = r[a]
         r[a] = 0.0

@@ -7,7 +7,9 @@ reordered: K steps give the same bits as K runs of one.
 The records are taken by their fields: of a plant `p` its `B` (m, W) and `E` (p, W) as rows of W ≥ n_x states,
 `modes`, `coupling`, `source` (m_e,) the source of each heat that is a state, and `moving` (M,) that of each
 moving column; of a table of step lengths `t` its `decay`, `hold`, `ramp` (D, W), `heat_decay` (D, m_e) and
-`couple` (D, m_e, W); of the inputs `u` those of `InputArrays`.
+`couple` (D, m_e, W); the inputs `u` are `Inputs`. `work` is scratch but for `sweep` (K, M, e, N), shapes of
+which the squares add up to the covariance of each moving source's column over each step: empty where that is
+not known.
 """
 
 # numba compiles these functions: their types are those of the arrays they get.
@@ -49,7 +51,7 @@ def advance(p, t, d, u, k, B, x, work):
 def put_laws(p, u, k, B, x, law):
     """Each source's heat by its law over step k, at the temperature of the moment if it depends on that."""
     for j in range(len(law)):
-        law[j] = u.law[k, j]
+        law[j] = u.law_W[k, j]
         if p.coupling.active:
             law[j] *= faded(p.coupling, j, u.z_start[k], B, x)
 
@@ -57,19 +59,17 @@ def put_laws(p, u, k, B, x, law):
 @inlined
 def advance_diagonal(p, t, d, u, k, B, x, work):
     """x⁺ = e∘x + hold∘(B law + E z_start) + ramp∘(E (z_end - z_start)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
-    n_x, forced = B.shape[1], work.forced
+    n_x = B.shape[1]
     for a in range(n_x):
-        forced[a] = 0.0
+        x[a] *= t.decay[d, a]
     for j in range(B.shape[0]):
         law = work.law[j]
         for a in range(n_x):
-            forced[a] += B[j, a] * law
+            x[a] += t.hold[d, a] * B[j, a] * law
     for q in range(p.E.shape[0]):
         z = u.z_start[k, q]
         for a in range(n_x):
-            forced[a] += p.E[q, a] * z
-    for a in range(n_x):
-        x[a] = t.decay[d, a] * x[a] + t.hold[d, a] * forced[a]
+            x[a] += t.hold[d, a] * p.E[q, a] * z
     for q in range(p.E.shape[0]):
         rise = u.z_end[k, q] - u.z_start[k, q]
         if rise != 0.0:
@@ -85,16 +85,17 @@ def advance_diagonal(p, t, d, u, k, B, x, work):
 @rarely
 def couple_half(p, u, k, z, B, x, half, work):
     """Half a step of what couples the states; `half` is 0 before the diagonal step and 1 after it."""
-    n_x, half_s = work.before.shape[1], 0.5 * u.dt[k]
+    n_x, half_s = work.before.shape[1], 0.5 * u.dt_s[k]
+    known = len(p.moving) if work.sweep.size > 0 else 0
     for a in range(n_x):
         work.before[half, a] = x[a]
     if half == 1:
-        for i in range(len(p.moving) - 1, -1, -1):
-            swept(p.coupling, p.moving[i], u.sweep[k, i], half_s, x, -1)
-    couple(p.coupling, u.loss[k], u.loss_degC[k], z, B, half_s, x, work.none, x)
+        for i in range(known - 1, -1, -1):
+            swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, -1)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, work.none, x)
     if half == 0:
-        for i in range(len(p.moving)):
-            swept(p.coupling, p.moving[i], u.sweep[k, i], half_s, x, 1)
+        for i in range(known):
+            swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, 1)
 
 
 @rarely
@@ -105,11 +106,11 @@ def couple_covariance(p, u, k, z, B, half, P, work):
     """
     n, n_x = P.shape[0], work.before.shape[1]
     rows, was = P[:n_x], work.before[half]
-    couple(p.coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], was, rows, work.shift)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift)
     for a in range(n):
         for b in range(a):
             P[a, b], P[b, a] = P[b, a], P[a, b]
-    couple(p.coupling, u.loss[k], u.loss_degC[k], z, B, 0.5 * u.dt[k], was, rows, work.shift)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift)
     for a in range(n):
         for b in range(a):
             P[b, a] = P[a, b]

@@ -25,7 +25,7 @@ from observer.errors import ConfigError
 from observer.frames import FloatArray, Layout
 from observer.model.couple import with_coupling
 from observer.model.coupling import no_coupling
-from observer.model.plant import OFFSET, MovingSource, Plant, Rows
+from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant, Rows
 from observer.model.prior import past_heat_covariance, smooth_field_covariance
 from observer.model.realise import realise
 from observer.model.rod.modes import Modes, solve_modes
@@ -221,7 +221,7 @@ def _lag_row(
 
 
 def _known_inputs(modes: Modes, terms: Sequence[Term]) -> list[KnownInput]:
-    """Ambient, prescribed ends, sensors' offsets and the reference of the thermal error, in this order.
+    """Ambient, prescribed ends, sensors' offsets and the reference of the thermal error.
 
     The temperature itself is expanded in modes, so an end's temperature enters through the slope of the
     modes there (Green's identity) and no derivative of a measured temperature is needed.
@@ -231,14 +231,14 @@ def _known_inputs(modes: Modes, terms: Sequence[Term]) -> list[KnownInput]:
     for end, x_m in ((rod.left, 0.0), (rod.right, rod.length_m)):
         if not end.prescribed:
             film = film + end.biot_1_m * modes.theta(x_m)[0]
-    known = [KnownInput("ambient", film, partial(ambient_field, rod))]
+    known = [KnownInput(AMBIENT, film, partial(ambient_field, rod))]
     if rod.left.prescribed:
-        known.append(KnownInput("left", modes.slope(0.0), partial(end_field, rod, "left")))
+        known.append(KnownInput(LEFT, modes.slope(0.0), partial(end_field, rod, LEFT)))
     if rod.right.prescribed:
-        known.append(KnownInput("right", -modes.slope(rod.length_m), partial(end_field, rod, "right")))
+        known.append(KnownInput(RIGHT, -modes.slope(rod.length_m), partial(end_field, rod, RIGHT)))
     offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, Offset))
     known += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
-    known.append(KnownInput("reference", np.zeros(len(modes)), np.zeros_like))
+    known.append(KnownInput(REFERENCE, np.zeros(len(modes)), np.zeros_like))
     return known
 
 
@@ -247,11 +247,17 @@ def _known_rows(config: Config, modes: Modes, places: Places, known: list[KnownI
     reference.
     """
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, math.inf)
-    columns = [remainder_rows(modes, places, k.steady, k.modal / safe) for k in known[:-1]]
-    for column, k in zip(columns, known[:-1], strict=True):
+    sensors = [s.name for s in config.sensor]
+
+    def rows_of(k: KnownInput) -> FloatArray:
+        if k.name == REFERENCE:
+            return reference_rows(places)
+        rows = remainder_rows(modes, places, k.steady, k.modal / safe)
         if k.name.startswith(OFFSET):
-            column[[s.name for s in config.sensor].index(k.name.removeprefix(OFFSET))] = 1.0
-    return np.column_stack([*columns, reference_rows(places)])
+            rows[sensors.index(k.name.removeprefix(OFFSET))] = 1.0
+        return rows
+
+    return np.column_stack([rows_of(k) for k in known])
 
 
 def _moving_sources(

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from observer.effects.terms import Fade, Lag, Radiation, StretchFilm, Term
 from observer.frames import FloatArray
-from observer.model.coupling import no_coupling
+from observer.model.coupling import Fades, Films, Links, SensorLags, no_coupling, packed
 from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
 from observer.model.network.attach import Attached, attached, past_covariance
 from observer.model.network.network import NodeModes, node_modes
 from observer.model.network.sweep import spreads
-from observer.model.plant import OFFSET, Plant
+from observer.model.plant import LEFT, RIGHT, Plant
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, quadrature, source_field
@@ -46,10 +45,10 @@ def with_coupling(
     plant = reading_nodes(plant, machine, beside, own, screw)
     plant, lags = _with_lags(plant, terms)
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
-    film_1_s, film_shape, film_ambient = _films(modes, terms, surface_rate(machine.screw))
     emissivity = sum(t.emissivity for t in terms if isinstance(t, Radiation))
     coupling = no_coupling(n_x, m, p, plant.modes)._replace(
         active=1,
+        ambient=plant.known.ambient,
         conductance_W_m=modes.rod.conductance_W_m,
         under_C=wide(under_C, n_x),
         under_F=under_F,
@@ -57,18 +56,16 @@ def with_coupling(
         mean=padded(_mean(modes, screw), n_x),
         square=modes.rod.diffusivity_m2_s / modes.rod.length_m,
         radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
-        film_1_s=film_1_s,
-        film_shape=film_shape,
-        film_ambient=film_ambient,
         screw=screw,
         nodes=len(beside.names),
         place_gain=gain,
-        **_links(beside, own, screw, n_x),
-        **spreads(modes, machine, beside)._asdict(),
-        **lags,
-        **_fades(plant, terms),
+        films=_films(modes, terms, surface_rate(machine.screw)),
+        links=_links(beside, own, screw, n_x),
+        spreads=spreads(modes, machine, beside),
+        lags=lags,
+        fades=_fades(plant, terms),
     )
-    return replace(plant, coupling=coupling)
+    return replace(plant, coupling=packed(coupling))
 
 
 def _watched(plant: Plant, beside: Attached, terms: Sequence[Term]) -> set[int]:
@@ -83,41 +80,37 @@ def _place_gain(machine: Description) -> FloatArray:
     return np.where(share > 0, 1.0 / np.where(share > 0, share, 1.0), 0.0)
 
 
-def _links(beside: Attached, own: NodeModes, screw: int, n_x: int) -> dict[str, Any]:
-    """The fields of `Coupling` for the links between nodes and the screw."""
+def _links(beside: Attached, own: NodeModes, screw: int, n_x: int) -> Links:
+    """The links between nodes and the screw."""
     tied = [node for node, _, _ in beside.ties]
     before = np.zeros((len(tied), screw))
-    return {
-        "link_source": np.array([source for _, source, _ in beside.ties], dtype=np.int64),
-        "link_W_K": np.array([G for _, _, G in beside.ties]),
-        "link_C": wide(np.hstack([before, own.shape[tied]]), n_x),
-        "link_B": wide(np.hstack([before, own.input[:, tied].T]), n_x),
-    }
+    return Links(
+        source=np.array([source for _, source, _ in beside.ties], dtype=np.int64),
+        conductance_W_K=np.array([G for _, _, G in beside.ties]),
+        C=wide(np.hstack([before, own.shape[tied]]), n_x),
+        B=wide(np.hstack([before, own.input[:, tied].T]), n_x),
+    )
 
 
-def _with_lags(plant: Plant, terms: Sequence[Term]) -> tuple[Plant, dict[str, Any]]:
-    """The plant with a state for each lagging sensor, and the fields of `Coupling` for them."""
+def _with_lags(plant: Plant, terms: Sequence[Term]) -> tuple[Plant, SensorLags]:
+    """The plant with a state for each lagging sensor, and what these follow."""
     lags = [t for t in terms if isinstance(t, Lag) and t.time_constant_s > 0]
     sensors = [plant.layout.sensors.index(t.sensor) for t in lags]
-    lag_C, lag_F = plant.rows.C[sensors], np.where(_offsets(plant), 0.0, plant.rows.F[sensors])
+    lag_C, lag_F = plant.rows.C[sensors], np.where(plant.known.offset, 0.0, plant.rows.F[sensors])
     states = lag_states(lag_C, len(plant.source_names), len(plant.known_names))
     plant = lagging(extended(plant, states), sensors)
     n_x = len(plant.decay_1_s)
-    return plant, {
-        "lag_state": np.arange(n_x - len(lags), n_x),
-        "lag_rate_1_s": np.array([1 / t.time_constant_s for t in lags]),
-        "lag_C": wide(lag_C, n_x),
-        "lag_F": lag_F,
-    }
+    rate_1_s = np.array([1 / t.time_constant_s for t in lags])
+    return plant, SensorLags(np.arange(n_x - len(lags), n_x), rate_1_s, wide(lag_C, n_x), lag_F)
 
 
-def _fades(plant: Plant, terms: Sequence[Term]) -> dict[str, Any]:
-    """The fields of `Coupling` for friction that fades."""
+def _fades(plant: Plant, terms: Sequence[Term]) -> Fades:
+    """The friction that fades."""
     per_K, reference_degC = np.zeros((2, len(plant.source_names)))
     for fade in (t for t in terms if isinstance(t, Fade)):
         per_K[plant.source_names.index(fade.source)] = fade.per_K
         reference_degC[plant.source_names.index(fade.source)] = fade.reference_degC
-    return {"fade_1_K": per_K, "fade_degC": reference_degC}
+    return Fades(per_K, reference_degC)
 
 
 def _mean(modes: Modes, n_x: int) -> FloatArray:
@@ -159,13 +152,16 @@ def _dropped_under(
         source.screw_share * float(weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s))
         for source, s in zip(machine.source, stretches, strict=True)
     ]
-    known = np.zeros(p)
-    for q, name in enumerate(plant.known_names):
-        if name in ("ambient", "left", "right"):
-            steady = ambient_field(rod, nodes) if name == "ambient" else end_field(rod, name, nodes)
-            decay = modes.decay_1_s
-            settled = np.where(decay > 0, plant.E[: plant.modes, q] / np.where(decay > 0, decay, 1.0), 0.0)
-            known[q] = weights @ steady - kept @ settled
+    known, at = np.zeros(p), plant.known
+    steady = {at.ambient: ambient_field(rod, nodes)}
+    steady |= {
+        q: end_field(rod, end, nodes)
+        for q, end in ((at.left_end, LEFT), (at.right_end, RIGHT))
+        if q is not None
+    }
+    safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, np.inf)
+    for q, field in steady.items():
+        known[q] = weights @ field - kept @ (plant.E[: plant.modes, q] / safe)
     return np.array(of_heats), known
 
 
@@ -179,20 +175,15 @@ def _inside(modes: Modes, own: Stretch, kinks: Sequence[Stretch]) -> tuple[Float
     return nodes[inside], weights[inside] / own.width_m
 
 
-def _offsets(plant: Plant) -> FloatArray:
-    """Which known inputs (p,) are a sensor's offset."""
-    return np.array([name.startswith(OFFSET) for name in plant.known_names])
-
-
-def _films(modes: Modes, terms: Sequence[Term], rate: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Films along stretches: rates (f,), the shapes (f, N) that decay at them, the ambient's input (N,).
+def _films(modes: Modes, terms: Sequence[Term], rate: float) -> Films:
+    """The films along stretches.
 
     The rates are the eigenvalues of Σ extra P/(ρcA) · (1/α) ∫ θ_i θ_j dx over the stretches.
     """
     films = [t for t in terms if isinstance(t, StretchFilm)]
     N = len(modes)
     if not films:
-        return np.zeros(0), np.zeros((0, N)), np.zeros(0)
+        return Films(np.zeros(0), np.zeros((0, N)), np.zeros(0))
     matrix, ambient = np.zeros((N, N)), np.zeros(N)
     for film in films:
         nodes, weights = quadrature(modes.rod, [film.from_m, film.to_m])
@@ -204,4 +195,4 @@ def _films(modes: Modes, terms: Sequence[Term], rate: float) -> tuple[FloatArray
         ambient += weighed.sum(axis=0)
     rates, shapes = np.linalg.eigh(matrix)
     felt = np.abs(rates) > NEGLIGIBLE * np.abs(rates).max()
-    return rates[felt], np.ascontiguousarray(shapes[:, felt].T), ambient
+    return Films(rates[felt], shapes[:, felt].T, ambient)

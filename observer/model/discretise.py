@@ -20,7 +20,7 @@ from observer.model.plant import Plant
 # rounding.
 _NODES = 0.5 * (np.polynomial.legendre.leggauss(16)[0] + 1.0)
 _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(16)[1]
-_TICKS_PER_S = 1e6
+TICKS_PER_S = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class StepMatrices:
 
 def quantise(dt_s: FloatArray) -> FloatArray:
     """Steps to the whole microsecond: epoch seconds in double precision carry no more (2.4e-7 s)."""
-    return np.rint(dt_s * _TICKS_PER_S) / _TICKS_PER_S
+    return np.rint(dt_s * TICKS_PER_S) / TICKS_PER_S
 
 
 def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:

@@ -21,7 +21,7 @@ from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, T
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.model.couple import surface_rate
 from observer.model.law import Law, heat_law
-from observer.model.plant import OFFSET, Plant
+from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
 from observer.model.rod.path import PathState
@@ -68,14 +68,18 @@ class Drive:
             (law_channels(s, config.source), heat_law(s, config.source, config.screw.length_m))
             for s in config.source
         ]
-        ends = {"left": config.boundary.left.channel, "right": config.boundary.right.channel}
-        self._known_channels = [ends.get(name) for name in plant.known_names]
-        self._known_channels[0] = config.ambient.channel
-        fixed = {"ambient": config.ambient.temperature_degC, "reference": config.output.reference_degC}
+        self._known = plant.known
+        read = {
+            AMBIENT: config.ambient.channel,
+            LEFT: config.boundary.left.channel,
+            RIGHT: config.boundary.right.channel,
+        }
+        self._known_channels = [read.get(name) for name in plant.known_names]
+        fixed = {AMBIENT: config.ambient.temperature_degC, REFERENCE: config.output.reference_degC}
         fixed |= {OFFSET + s.name: _offset_K(s.name, machine.terms) for s in config.sensor}
         self._known_fixed = [fixed.get(name) for name in plant.known_names]
         rate = {OFFSET + s.name: _drift_K_h(s.name, machine.terms) for s in config.sensor}
-        rate["ambient"] = sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))
+        rate[AMBIENT] = sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))
         self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
         needed = [c for read, _ in self._laws for c in read]
         needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
@@ -115,7 +119,7 @@ class Drive:
         nuts, turns, moving_B, moving_C = self._nuts(state, frames)
         inputs = Inputs(
             frames.time_s, frames.dt_s, y_degC, usable, quality, law_W, jump_W, z_start, z_end, moving_B,
-            moving_C, degraded, *self._loss(frames, z_end[:, 0]),
+            moving_C, degraded, *self._loss(frames, z_end[:, self._known.ambient]),
         )  # fmt: skip
         last_s = float(frames.time_s[-1])
         return DriveState(law[-1], known[-1], nuts, turns, begin_s, last_s, running_s), inputs
@@ -135,6 +139,8 @@ class Drive:
             self._rate_K_h,
             columns(self._needed),
             columns([s.channel for s in self._plant.moving]),
+            self._known.ambient,
+            -1 if self._known.reference is None else self._known.reference,
         )
 
     def _law(self, frames: FrameBlock, state: DriveState) -> tuple[FloatArray, FloatArray]:
@@ -191,7 +197,8 @@ class Drive:
 
 class _Read(NamedTuple):
     """The columns of the frames that hold sensors (s,), known inputs (p,), what else the model needs, and
-    nuts' positions (M,); −1 is a known input that no channel tells. `rate_K_h` (p,) is how fast those drift.
+    nuts' positions (M,); −1 is a known input that no channel tells. `rate_K_h` (p,) is how fast those drift;
+    `ambient` and `reference` are two of them, −1 where there is none.
     """
 
     sensors: NDArray[np.int64]
@@ -199,6 +206,8 @@ class _Read(NamedTuple):
     rate_K_h: FloatArray
     needed: NDArray[np.int64]
     nuts: NDArray[np.int64]
+    ambient: int
+    reference: int
 
 
 @cached_loop
@@ -231,14 +240,14 @@ def _fill(  # type: ignore[no-untyped-def]
 def _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, z_end):  # type: ignore[no-untyped-def]
     """Fill in the known inputs at both ends of step k; return whether all are numbers.
 
-    The error's reference, the last of them, is the first ambient unless it is given.
+    The error's reference, which comes after it, is the first ambient unless it is given.
     """
-    ready, last = True, known.shape[1] - 1
-    for q in range(last + 1):
+    ready = True
+    for q in range(known.shape[1]):
         before = known[k - 1, q] if k > 0 else z_before[q]
         known[k, q] = values[k, read.known[q]] if read.known[q] >= 0 else before
-        if q == last and np.isnan(known[k, q]) and np.isfinite(known[k, 0]):
-            known[k, q] = known[k, 0]
+        if q == read.reference and np.isnan(known[k, q]):
+            known[k, q] = known[k, read.ambient]
         if k == 0 and np.isnan(before):
             before = known[k, q]
         z_end[k, q] = known[k, q] + hours * read.rate_K_h[q]

@@ -10,7 +10,7 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.model.network.attach import Attached
 from observer.model.network.network import NodeModes
-from observer.model.plant import OFFSET, MovingSource, Plant
+from observer.model.plant import MovingSource, Plant
 from observer.tables.sections import Description
 
 
@@ -51,7 +51,7 @@ def node_states(
         start[node] = places[source]
     apart = np.diag(np.einsum("ia,ab,ib->i", start, plant.smooth_P, start))
     E = np.zeros((n, len(plant.known_names)))
-    E[:, 0] = own.ambient
+    E[:, plant.known.ambient] = own.ambient
     return States(
         decay_1_s=own.decay_1_s,
         B=own.input @ beside.shares,
@@ -129,10 +129,9 @@ def _moving_with(source: MovingSource, more: FloatArray) -> MovingSource:
 
 def _reading_no_more(plant: Plant, sensors: Sequence[int]) -> Plant:
     """The plant whose `sensors` see no state and no input any more, but for their own offsets."""
-    offsets = np.array([name.startswith(OFFSET) for name in plant.known_names])
     C, F = plant.rows.C.copy(), plant.rows.F.copy()
     C[list(sensors)] = 0.0
-    F[list(sensors)] = np.where(offsets, F[list(sensors)], 0.0)
+    F[list(sensors)] = np.where(plant.known.offset, F[list(sensors)], 0.0)
     moving = tuple(
         replace(
             s,

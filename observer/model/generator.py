@@ -20,15 +20,15 @@ def generator(plant: Plant) -> FloatArray:
     A = -np.diag(plant.decay_1_s)
     if not c.active:
         return A
-    for i, source in enumerate(c.link_source.tolist()):
+    for i, source in enumerate(c.links.source.tolist()):
         foot = np.where(np.arange(n_x) < c.screw, c.place_gain[source] * plant.B[:, source], 0.0)
         under = c.under_C[source] + np.where(np.arange(n_x) < N, c.conductance_W_m * foot, 0.0)
-        A += c.link_W_K[i] * np.multiply.outer(foot - c.link_B[i], c.link_C[i] - under)
-    for rates, shapes in ((c.spread_1_s, c.spread_shape), (c.film_1_s, c.film_shape)):
+        A += c.links.conductance_W_K[i] * np.multiply.outer(foot - c.links.B[i], c.links.C[i] - under)
+    for rates, shapes in ((c.spreads.rate_1_s, c.spreads.shape), (c.films.rate_1_s, c.films.shape)):
         A[:N, :N] -= (shapes.T * rates) @ shapes
-    for i, state in enumerate(c.lag_state.tolist()):
-        A[state] += c.lag_rate_1_s[i] * c.lag_C[i]
-        A[state, state] -= c.lag_rate_1_s[i]
+    for i, state in enumerate(c.lags.state.tolist()):
+        A[state] += c.lags.rate_1_s[i] * c.lags.C[i]
+        A[state, state] -= c.lags.rate_1_s[i]
     return A
 
 

@@ -12,6 +12,7 @@ once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,30 @@ from observer.model.rod.supports import Restraint, fold
 
 OFFSET = "offset."
 """How the name of a known input begins that is a sensor's offset; the sensor's name follows."""
+
+
+AMBIENT, LEFT, RIGHT, REFERENCE = "ambient", "left", "right", "reference"
+"""The names of the other known inputs: the ambient, the prescribed ends, the thermal error's reference."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownColumns:
+    """Which column of the known inputs z is what, None what a plant has not; `offset` (p,) tells the sensors'
+    offsets.
+    """
+
+    ambient: int
+    left_end: int | None
+    right_end: int | None
+    reference: int | None
+    offset: BoolArray
+
+    @classmethod
+    def of(cls, names: Sequence[str]) -> KnownColumns:
+        """Find them by the names (p,) of the columns."""
+        at = {name: q for q, name in enumerate(names)}
+        offset = np.array([name.startswith(OFFSET) for name in names], dtype=np.bool_)
+        return cls(at[AMBIENT], at.get(LEFT), at.get(RIGHT), at.get(REFERENCE), offset)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +149,11 @@ class Plant:
         s = self.rows.sensors
         moving = tuple(replace(m, table=m.table.first_rows(s)) for m in self.moving)
         return replace(self, rows=Rows(self.rows.C[:s], self.rows.F[:s], s, 0), moving=moving)
+
+    @property
+    def known(self) -> KnownColumns:
+        """Which column of the known inputs is what."""
+        return KnownColumns.of(self.known_names)
 
     @property
     def modes(self) -> int:

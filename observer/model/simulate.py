@@ -43,22 +43,10 @@ class _Table(NamedTuple):
     heat_decay: FloatArray
     couple: FloatArray
 
-
-class _DrivenSteps(NamedTuple):
-    """What of the K inputs `advance` takes."""
-
-    dt: FloatArray
-    law: FloatArray
-    z_start: FloatArray
-    z_end: FloatArray
-    moving_B: FloatArray
-    moving_C: FloatArray
-    loss: FloatArray
-    loss_degC: FloatArray
-    sweep: FloatArray
-
-
-_TAKEN = ("dt_s", "law_W", "z_start", "z_end", "moving_B", "moving_C", "loss_1_s", "loss_degC")
+    @classmethod
+    def empty(cls, width: int) -> _Table:
+        decay, hold, ramp = np.zeros((3, 1, width))
+        return cls(decay, hold, ramp, np.zeros((1, 0)), np.zeros((1, 0, width)))
 
 
 class _Work(NamedTuple):
@@ -66,9 +54,15 @@ class _Work(NamedTuple):
 
     x: FloatArray
     law: FloatArray
-    forced: FloatArray
     before: FloatArray
     none: FloatArray
+    sweep: FloatArray
+
+    @classmethod
+    def of(cls, p: _PlantArrays, x: FloatArray, sweep: FloatArray) -> _Work:
+        (m, width), n_x = p.B.shape, len(x)
+        padded = np.concatenate([x, np.zeros(width - n_x)])
+        return cls(padded, np.zeros(m), np.zeros((2, n_x)), np.zeros((n_x, 0)), sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,28 +112,23 @@ def simulate(
     order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of which the squares
     add up to the covariance of each moving source's input column over the step, where that is known.
     """
-    K, n_x, p = len(inputs), len(state.x), _plant_arrays(plant)
-    (m, width), none = p.B.shape, np.zeros((1, 0))
-    table = _Table(*np.zeros((3, 1, width)), none, np.zeros((1, 0, width)))
-    work = _Work(np.zeros(width), np.zeros(m), np.zeros(width), np.zeros((2, n_x)), np.zeros((n_x, 0)))
+    K, p = len(inputs), _plant_arrays(plant)
+    sweep = np.zeros((K, 0, 0, 0)) if sweep is None else sweep
+    table, work = _Table.empty(p.B.shape[1]), _Work.of(p, state.x, sweep)
     seen = np.ascontiguousarray(np.hstack([plant.rows.C, plant.rows.F]).T)
     for source in plant.moving:
         seen[plant.modes + source.index] = 0.0
-    u = _DrivenSteps(
-        *(np.ascontiguousarray(getattr(inputs, name)) for name in _TAKEN),
-        np.zeros((K, len(plant.moving), 0, plant.modes)) if sweep is None else sweep,
-    )
-    x, rows, states = work.x, np.empty((K, seen.shape[1])), np.empty((min(K, _CHUNK), len(seen)))
-    x[:n_x] = state.x
+    u = inputs.packed()
+    rows, states = np.empty((K, seen.shape[1])), np.empty((min(K, _CHUNK), len(seen)))
     B, C = p.B.copy(), np.zeros((0, p.B.shape[1]))
     for begin in range(0, K, _CHUNK):
         part = slice(begin, begin + _CHUNK)
-        here = states[: len(u.dt[part])]
-        _march(p, table, plant.decay_1_s, _DrivenSteps._make(a[part] for a in u), B, C, work, here)
+        here, now = states[: len(u.dt_s[part])], work._replace(sweep=sweep[part])
+        _march(p, table, plant.decay_1_s, u.part(begin, begin + _CHUNK), B, C, now, here)
         np.matmul(here, seen, out=rows[part])
         for i, source in enumerate(plant.moving):
             rows[part] += here[:, plant.modes + source.index, None] * inputs.moving_C[part, i]
-    return SimulationState(x[:n_x].copy()), rows
+    return SimulationState(work.x[: len(state.x)].copy()), rows
 
 
 @cached_loop
@@ -148,9 +137,9 @@ def _march(p, t, decay, u, B, C, work, states):  # type: ignore[no-untyped-def]
     ends.
     """
     x, n_x, dt_known = work.x, len(decay), -1.0
-    for k in range(len(u.dt)):
-        if u.dt[k] != dt_known:
-            dt_known = u.dt[k]
+    for k in range(len(u.dt_s)):
+        if u.dt_s[k] != dt_known:
+            dt_known = u.dt_s[k]
             for a in range(n_x):
                 t.decay[0, a] = np.exp(-decay[a] * dt_known)
                 t.hold[0, a], t.ramp[0, a] = hold(decay[a], dt_known), ramp(decay[a], dt_known)
@@ -164,10 +153,12 @@ def _march(p, t, decay, u, B, C, work, states):  # type: ignore[no-untyped-def]
 
 def _plant_arrays(plant: Plant) -> _PlantArrays:
     width = -(-len(plant.decay_1_s) // _REGISTER) * _REGISTER
+    acting = np.flatnonzero(plant.E.any(axis=0))
+    acts = slice(0, acting.max(initial=-1) + 1)  # what comes later is for the outputs alone
     return _PlantArrays(
         plant.modes,
         _padded(plant.B.T, width),
-        _padded(plant.E.T, width),
+        _padded(plant.E[:, acts].T, width),
         np.zeros(0, dtype=np.int64),
         np.array([s.index for s in plant.moving], dtype=np.int64),
         plant.coupling,

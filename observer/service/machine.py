@@ -12,6 +12,7 @@ from observer.estimators.selftest import SelfTest
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
+from observer.model.realise import realise
 from observer.service.align import AlignPlan
 from observer.service.pipeline import Pipeline
 
@@ -33,7 +34,8 @@ class Machine:
 
     def self_test(self) -> SelfTest:
         """What holds the estimates against the model and the laws."""
-        return SelfTest(self.config, self.plant)
+        sources = realise(self.config).config.source
+        return SelfTest(self.plant, {s.name for s in sources if s.law is not None})
 
     def pipeline(self, estimator: Estimator) -> Pipeline[Any]:
         """Frames in, estimates out, of the quality that they earn."""

@@ -32,7 +32,7 @@ def predicted(
             if start_degC is None and np.isfinite(y).any():
                 state = start_from_sensors(plant, y, plant.noise_R_K2, inputs.law_W[0], inputs.z_end[0])
             else:
-                level = inputs.z_end[0, 0] if start_degC is None else start_degC
+                level = inputs.z_end[0, plant.known.ambient] if start_degC is None else start_degC
                 state = start(plant, level, inputs.law_W[0])
         state, rows = simulate(plant, state, inputs)
         yield inputs, rows

@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 
-from observer.config import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators import build_estimator
 from observer.estimators.design.gains import (
@@ -19,8 +18,10 @@ from observer.estimators.design.gains import (
     poles_of,
 )
 from observer.estimators.design.riccati import steady_covariance, steady_kalman
+from observer.estimators.luenberger import LuenbergerEstimator
 from observer.frames import EstimateQuality
 from observer.model.discretise import augmented, step_matrices
+from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import inputs, rod
 from tests.estimators.simulate import temperatures
 
@@ -168,3 +169,39 @@ def test_the_constant_gain_settles_on_the_kalman_filter():
     # It settles where every variance is within 2 % of the steady one, that is σ within 1 %.
     np.testing.assert_allclose(block.heat_sigma_W[-1], kalman.heat_sigma_W[-1], rtol=0.01)
     assert (np.abs(block.heat_W[-1] - kalman.heat_W[-1]) < 0.1 * kalman.heat_sigma_W[-1]).all()
+
+
+def test_the_covariance_of_a_fixed_gain_holds_the_noise_that_the_gain_lets_in():
+    """P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ, step by step on dense matrices, long before it has settled."""
+    plant = rod()
+    u = inputs(plant, steps=40, missing=0.0)
+    settings = EstimatorSettings(kind="luenberger", bandwidth_1_s=0.005, gate_sigma=1e9)
+    estimator = LuenbergerEstimator(plant, settings)
+    first, _ = estimator.run(estimator.initial(), u.part(0, 1))
+    last, block = estimator.run(first, u.part(1))
+    K, n_x = estimator.design_all(settings).K, len(plant.decay_1_s)
+    F, Q = augmented(plant, step_matrices(plant, 0.5))
+    H = np.hstack([plant.rows.C[:4], np.zeros((4, len(F) - n_x))])
+    P, keep = first.P.copy(), np.eye(len(F)) - K @ H
+    for k in range(1, len(u)):
+        P[n_x:, n_x:] += np.diag((plant.law_uncertainty * u.law_jump_W[k]) ** 2)
+        P = F @ P @ F.T + Q
+        P = keep @ P @ keep.T + K @ np.diag(plant.noise_R_K2) @ K.T
+    np.testing.assert_allclose(last.P, P, rtol=0, atol=1e-9 * np.abs(P).max())
+    np.testing.assert_allclose(block.heat_sigma_W[-1], np.sqrt(np.diag(P)[n_x:]), rtol=1e-9)
+
+
+def test_a_settled_gain_does_not_sleep_through_a_jump_of_a_law():
+    """What the law is not trusted for comes with its jump, however long the covariance has been settled."""
+    plant = rod(law_uncertainty=0.3)
+    u = inputs(plant, steps=6000, missing=0.0, law_steps=False)
+    u.y_degC[:] = temperatures(plant, u, lambda t: np.array([0.0, 0.0, 0.0]))
+    u.law_W[5000:, 1], u.law_jump_W[5000, 1] = 100.0, 100.0
+    blocks = []
+    for settings in (EstimatorSettings(gate_sigma=1e9), EstimatorSettings(engine="constant", gate_sigma=1e9)):
+        estimator = build_estimator(plant, settings)
+        blocks.append(estimator.run(estimator.initial(), u)[1])
+    kalman, constant = blocks
+    assert (constant.heat_sigma_W[4999] == constant.heat_sigma_W[4990]).all(), "it has settled"
+    assert constant.heat_sigma_W[5000, 1] > 10.0 * constant.heat_sigma_W[4999, 1]
+    np.testing.assert_allclose(constant.heat_sigma_W[5000:5050], kalman.heat_sigma_W[5000:5050], rtol=0.02)

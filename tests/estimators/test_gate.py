@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from observer.config import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.frames import EstimateQuality, Quality
+from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
 
 ENGINES = [("kalman", "compiled"), ("kalman", "constant"), ("luenberger", "compiled")]
@@ -53,6 +53,18 @@ def test_the_gate_cannot_lock_out_all_sensors(kind, engine):
         assert np.abs(block.field_degC[110] - (AMBIENT_DEGC + 40.0)).max() < 3.0
         # The field is believed to be elsewhere at once, so no heat is inferred beyond its uncertainty.
         assert (np.abs(block.heat_W[-1]) < 4 * block.heat_sigma_W[-1]).all()
+
+
+@pytest.mark.parametrize(("kind", "engine"), ENGINES)
+def test_half_of_the_sensors_against_the_other_half_are_not_believed(kind, engine):
+    """Only more than half of them overrule the model; two of four stay refused, however long they agree."""
+    plant = rod()
+    u = quiet(plant)
+    u.y_degC[100:135, :2] += 40.0
+    _, block = run(plant, u, kind, engine)
+    assert (block.sensor_quality[100:135, :2] == Quality.REJECTED).all()
+    assert (block.sensor_quality[100:135, 2:] == Quality.GOOD).all()
+    assert np.abs(block.field_degC[100:135] - AMBIENT_DEGC).max() < 1.0
 
 
 def test_release_forgets_enough_to_follow_a_step_of_heat():

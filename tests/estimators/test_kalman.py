@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.config import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.estimators.kalman import KalmanEstimator
-from observer.frames import EstimateQuality, Quality
+from observer.frames import EstimateQuality, Inputs, Quality
 from observer.model.discretise import augmented, quantise, step_matrices
 from observer.model.plant import Rows
+from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import inputs, rod
 
 FIELDS = ("heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "innovation_K")
@@ -131,6 +131,23 @@ def test_masking_a_sensor_is_deleting_its_row():
     assert masked[1].heat_W.tobytes() == deleted[1].heat_W.tobytes()
     assert masked[0].P.tobytes() == deleted[0].P.tobytes()
     assert np.isnan(masked[1].innovation_K[:, 2]).all()
+
+
+def test_a_plant_cut_to_its_sensors_has_the_same_heats():
+    plant = rod(moving=(1,))
+    u = inputs(plant, steps=100, nut_m=nut_path(100))
+    whole, cut_down = run(plant, u), run(plant.sensors_only(), u.sensors_only(4))
+    assert cut_down[1].heat_W.tobytes() == whole[1].heat_W.tobytes()
+    assert cut_down[0].P.tobytes() == whole[0].P.tobytes()
+    assert cut_down[1].field_degC.shape == (100, 0)
+
+
+def test_inputs_are_joined_as_they_were_cut():
+    u = inputs(rod(moving=(1,)), steps=100)
+    joined = Inputs.joined([u.part(0, 30), u.part(30, 31), u.part(31)])
+    assert len(joined) == len(u) == 100
+    for ours, theirs in zip(joined, u, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_covariance_stays_positive_with_a_moving_nut_for_200_000_steps():

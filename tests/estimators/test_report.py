@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from observer.config import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators.design.observability import plant_responses, smallest_singular_value
 from observer.estimators.design.placement import rank_sensor_sites
 from observer.estimators.design.report import design_report
 from observer.fit.likelihood import fit_process_noise, innovations_log_likelihood
 from observer.model.discretise import augmented, step_matrices
+from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import LENGTH_M, inputs, rod, theta
 from tests.estimators.simulate import temperatures
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from observer.config import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.history import smoother
 from observer.history.smoother import smooth_heats
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
+from observer.tables.estimator import EstimatorSettings
 from tests.estimators.dense import posterior_heats
 from tests.estimators.plants import inputs, rod
 from tests.reference.cases import config_of, point

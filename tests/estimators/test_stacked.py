@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.config import EstimatorSettings
 from observer.errors import UserError
 from observer.history.conjugate_gradient import Convolution, descend
 from observer.history.identify import heat_history
@@ -16,6 +15,7 @@ from observer.history.spread import spread
 from observer.history.stacked import Prior, stacked_problem
 from observer.history.stepwise import stepwise_heats
 from observer.history.tikhonov import normal_equations, solve
+from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
 from tests.estimators.simulate import temperatures
 

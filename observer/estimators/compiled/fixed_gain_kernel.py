@@ -28,16 +28,18 @@ from observer.estimators.compiled.judging import (
     hold_back,
     invalidate,
     judge,
+    move_rows,
     reopen,
     skip,
     step_is_finite,
+    write_innovations,
     write_sigmas,
     write_values,
 )
 from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
-    joseph_update,
+    joint_update,
     predict,
     start,
     symmetrise,
@@ -174,22 +176,23 @@ def correct_state(K, chosen, accepted, nu, x):
 
 
 @cached_loop
-def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
-    """Run the observer over the steps of `u` from `first` on, changing `state` and filling `out`.
+def run_fixed_gain(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
+    """Run the observer over the K steps of `u` from `first` on, changing `state` and filling `out`.
 
+    `step` (K,) is where each step's length is in the table `t`.
     Returns (k, key, resumed). Where a gain is not in the table it stops before that step's correction and
     names it; called again from there with the `resumed` it returned, it goes on. `optimal`: until the
     covariance has settled, correct by the Kalman gain of the moment instead of the one in the table.
     """
-    s = u.y.shape[1]
+    s = u.y_degC.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
     nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
     suspect = work.suspect
     settled = find_settled(gains, P) if resumed == 0 else -1
     k = first
-    while k < len(u.step):
+    while k < len(step):
         if settled >= 0:
-            k = cruise(p, t, rungs, u, state, gate_sigma, gains, settled, out, k, work, c)
+            k = cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work, c)
             settled = -1
             continue
         present = find_usable(u, k, usable)
@@ -197,7 +200,7 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             skip(u, k, usable, state, out)
             k += 1
             continue
-        d = u.step[k]
+        d = step[k]
         started = resumed == STARTED
         move_columns(p, u, k, B, C)
         if resumed == 0 and state.flags[0] == 0:
@@ -212,9 +215,8 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
         covariance_with_sensors(C, P, s, g)
         compare(p, C, u, k, usable, g, x, nu, S)
         copy(state.suspect, suspect)
-        for i in range(s):
-            out.innovation[k, i] = nu[i] if usable[i] else np.nan
-            out.innovation_sigma[k, i] = np.sqrt(S[i]) if usable[i] else np.nan
+        write_innovations(nu, S, usable, k, out)
+        out.log_likelihood[k] = 0.0
         released = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
         if not released:
             hold_back(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
@@ -226,11 +228,11 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             return k, key, STARTED if started else PREDICTED
         if released:
             add_prior(p, P, 1.0)
-        if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or released:
+        if reopen(p, C, u.dt_s[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or released:
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
         if correcting and (optimal or started or released):
-            joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
+            joint_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
         elif correcting:
             correct_state(gains.K, chosen, accepted, nu, x)
             correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)
@@ -239,9 +241,10 @@ def run_fixed_gain(p, t, rungs, u, state, gate_sigma, optimal, gains, out, first
             put(gains.P[chosen], P)
             settled = chosen
         out.quality[k] = judge(u, k, usable, accepted, state, out)
-        known = write_values(p, C, u, k, work.law, x, out)
-        known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
+        move_rows(p, u, k, work.rows)
+        known = write_values(p, u, k, x, work, out)
+        known = write_sigmas(P, out.heat_sigma, out.field_sigma, k, work) and known
         if not known:
             invalidate(out, k)
         k += 1
-    return len(u.step), DONE, 0
+    return len(step), DONE, 0

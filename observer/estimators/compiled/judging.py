@@ -23,15 +23,30 @@ NUT_LOST = 2
 LOST_S = 40.0
 _REOPEN_AT_LEAST = 0.01
 _REOPEN_SIGMA = 3.0
+_FEW = 8  # rows, up to which one after the other is quicker than all at once
 _AGREES = 0.3  # part of what a sensor was off when the state was opened for it
+
+
+@inlined
+def add_scaled(target, rows, weights, count):
+    """target += Σ_a weights_a · rows_a over the first `count` rows, four of them at a time."""
+    whole = count // 4 * 4
+    for a in range(0, whole, 4):
+        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
+        for b in range(len(target)):
+            target[b] += (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
+    for a in range(whole, count):
+        w0 = weights[a]
+        for b in range(len(target)):
+            target[b] += w0 * rows[a, b]
 
 
 @inlined
 def step_is_finite(u, k):
     """Whether every law, known input and moving column of step k is a number."""
     total = 0.0
-    for j in range(u.law.shape[1]):
-        total += u.law[k, j]
+    for j in range(u.law_W.shape[1]):
+        total += u.law_W[k, j]
     for q in range(u.z_end.shape[1]):
         total += u.z_start[k, q] + u.z_end[k, q]
     for i in range(u.moving_B.shape[1]):
@@ -45,7 +60,7 @@ def find_usable(u, k, usable):
     """Which sensors may correct at step k; return how many. A value that is no number never may."""
     count = 0
     for i in range(len(usable)):
-        usable[i] = u.usable[k, i] and np.isfinite(u.y[k, i])
+        usable[i] = u.usable[k, i] and np.isfinite(u.y_degC[k, i])
         if usable[i]:
             count += 1
     return count
@@ -128,8 +143,8 @@ def doubt_nut(p, u, k, lost_s, P):
         lost_s[0] = 0.0
         return
     before_s = lost_s[0]
-    lost_s[0] = min(before_s + u.dt[k], LOST_S)
-    add_prior(p, P, (max(lost_s[0], u.dt[k]) ** 2 - min(before_s, LOST_S - u.dt[k]) ** 2) / LOST_S**2)
+    lost_s[0] = min(before_s + u.dt_s[k], LOST_S)
+    add_prior(p, P, (max(lost_s[0], u.dt_s[k]) ** 2 - min(before_s, LOST_S - u.dt_s[k]) ** 2) / LOST_S**2)
 
 
 @rarely
@@ -185,7 +200,19 @@ def judge(u, k, usable, accepted, state, out):
 def skip(u, k, usable, state, out):
     """Report a step that cannot be computed; the state stays as it is."""
     judge(u, k, usable, usable, state, out)
+    out.law[k, :] = np.nan
+    out.innovation[k, :] = np.nan
+    out.innovation_sigma[k, :] = np.nan
+    out.log_likelihood[k] = 0.0
     invalidate(out, k)
+
+
+@inlined
+def write_innovations(nu, S, usable, k, out):
+    """Innovations and their σ of step k, and NaN where no value came."""
+    for i in range(len(usable)):
+        out.innovation[k, i] = nu[i] if usable[i] else np.nan
+        out.innovation_sigma[k, i] = np.sqrt(S[i]) if usable[i] else np.nan
 
 
 @rarely
@@ -199,45 +226,76 @@ def invalidate(out, k):
 
 
 @inlined
-def write_values(p, C, u, k, law, x, out):
-    """Heats and their laws, field and error of step k; return whether all are numbers."""
-    n_x, s = C.shape[1], u.y.shape[1]
-    total = 0.0
-    for j in range(len(p.source)):
-        out.law[k, j] = law[p.source[j]]
-        out.heat[k, j] = law[p.source[j]] + x[n_x + j]
-        total += out.heat[k, j]
-    for r in range(s, C.shape[0]):
-        value = 0.0
-        for a in range(n_x):
-            value += C[r, a] * x[a]
-        for q in range(p.F.shape[1]):
-            value += p.F[r, q] * u.z_end[k, q]
-        out.field[k, r - s] = value
-        total += value
-    return np.isfinite(total)
+def move_rows(p, u, k, rows):
+    """Put the columns of the moving sources over step k in place among the rows that are reported."""
+    s = len(p.R_K2)
+    for i in range(len(p.moving)):
+        for r in range(u.moving_C.shape[2] - s):
+            rows[p.modes + p.moving[i], r] = u.moving_C[k, i, s + r]
 
 
 @inlined
-def write_sigmas(C, s, P, heat_sigma, field_sigma, k, work):
+def write_values(p, u, k, x, work, out):
+    """Heats and their laws, field and error of step k; return whether all are numbers."""
+    n_x, value, rows, lost = len(p.uniform), work.value, work.rows, 0
+    for j in range(len(p.source)):
+        law = work.law[p.source[j]]
+        out.law[k, j] = law
+        out.heat[k, j] = law + x[n_x + j]
+        lost += 0 if np.isfinite(out.heat[k, j]) else 1
+    for r in range(len(value)):
+        value[r] = 0.0
+    add_scaled(value, p.rows_F, u.z_end[k], len(p.rows_F))
+    add_scaled(value, rows, x, n_x)
+    for r in range(out.field.shape[1]):
+        out.field[k, r] = value[r]
+        lost += 0 if np.isfinite(value[r]) else 1
+    return lost == 0
+
+
+@inlined
+def write_sigmas(P, heat_sigma, field_sigma, k, work):
     """σ = √(c P cᵀ) of every heat and output row into row k; return whether all are numbers."""
-    n_x = C.shape[1]
-    g = work.row
-    total = 0.0
+    rows, variance, lost = work.rows, work.value, 0
+    n_x = len(rows)
     for j in range(P.shape[0] - n_x):
         heat_sigma[k, j] = np.sqrt(P[n_x + j, n_x + j])
-        total += heat_sigma[k, j]
-    for r in range(s, C.shape[0]):
-        for b in range(P.shape[1]):
-            g[b] = 0.0
-        for a in range(n_x):
-            c = C[r, a]
-            for b in range(P.shape[1]):
-                g[b] += c * P[a, b]
-        variance = 0.0
-        for a in range(n_x):
-            variance += C[r, a] * g[a]
-        # A field that is known exactly (a prescribed end) has a variance of zero, give or take rounding.
-        field_sigma[k, r - s] = np.sqrt(max(0.0, variance))
-        total += variance
-    return np.isfinite(total)
+        lost += 0 if np.isfinite(heat_sigma[k, j]) else 1
+    if field_sigma.shape[1] <= _FEW:
+        for r in range(field_sigma.shape[1]):
+            variance[r] = square_of_row(P, rows, r, work.K, work.half)
+    else:
+        squares_of_rows(P, rows, work.shared, variance)
+    # A field that is known exactly (a prescribed end) has a variance of zero, give or take rounding.
+    for r in range(field_sigma.shape[1]):
+        field_sigma[k, r] = np.sqrt(max(0.0, variance[r]))
+        lost += 0 if np.isfinite(variance[r]) else 1
+    return lost == 0
+
+
+@inlined
+def square_of_row(P, rows, r, c, g):
+    """c P cᵀ of one row; `c` and `g` (width,) are scratch."""
+    n_x, total = len(rows), 0.0
+    for a in range(n_x):
+        c[a] = rows[a, r]
+    for b in range(len(g)):
+        g[b] = 0.0
+    add_scaled(g, P, c, n_x)
+    for a in range(n_x):
+        total += c[a] * g[a]
+    return total
+
+
+@inlined
+def squares_of_rows(P, rows, half, total):
+    """c P cᵀ of all rows at once, from the lower triangle: 2 Σ_a c_a (½ P_aa c_a + Σ_{b<a} P_ab c_b)."""
+    for r in range(len(total)):
+        total[r] = 0.0
+    for a in range(len(rows)):
+        own = 0.5 * P[a, a]
+        for r in range(len(half)):
+            half[r] = own * rows[a, r]
+        add_scaled(half, rows, P[a], a)
+        for r in range(len(half)):
+            total[r] += 2.0 * rows[a, r] * half[r]

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from observer.compiled import cached_loop
 from observer.estimators.compiled.judging import (
     add_prior,
@@ -16,16 +14,19 @@ from observer.estimators.compiled.judging import (
     hold_back,
     invalidate,
     judge,
+    move_rows,
     reopen,
     skip,
     step_is_finite,
+    write_innovations,
     write_sigmas,
     write_values,
 )
 from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
-    joseph_update,
+    joint_update,
+    mirror,
     predict,
     start,
 )
@@ -33,16 +34,17 @@ from observer.model.advance import move_columns, put_laws
 
 
 @cached_loop
-def run_kalman(p, t, u, state, gate_sigma, out, work):
+def run_kalman(p, t, u, step, state, gate_sigma, out, work):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
 
-    A step whose laws or known inputs are no numbers cannot be computed: it leaves the state as it is and is
-    invalid.
+    `step` (K,) is where each step's length is in the table `t`. A step whose laws or known inputs are no
+    numbers cannot be computed: it leaves the state as it is and is invalid.
     """
-    s = u.y.shape[1]
+    s = u.y_degC.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
     nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
-    for k in range(len(u.step)):
+    mirror(P)
+    for k in range(len(step)):
         present = find_usable(u, k, usable)
         if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
             skip(u, k, usable, state, out)
@@ -53,25 +55,26 @@ def run_kalman(p, t, u, state, gate_sigma, out, work):
             put_laws(p, u, k, B, x, work.law)
             state.flags[0] = 1
         else:
-            predict(p, t, u.step[k], u, k, B, x, P, work)
+            predict(p, t, step[k], u, k, B, x, P, work)
             doubt_nut(p, u, k, state.lost_s, P)
+        out.log_likelihood[k] = 0.0
         if present > 0:
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
-            for i in range(s):
-                if usable[i]:
-                    out.innovation[k, i], out.innovation_sigma[k, i] = nu[i], np.sqrt(S[i])
+        write_innovations(nu, S, usable, k, out)
+        if present > 0:
             opened = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
             if opened:
                 add_prior(p, P, 1.0)
             else:
                 hold_back(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
-            if reopen(p, C, u.dt[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or opened:
+            if reopen(p, C, u.dt_s[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or opened:
                 covariance_with_sensors(C, P, s, g)
                 compare(p, C, u, k, usable, g, x, nu, S)
-            out.log_likelihood[k] = joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
+            out.log_likelihood[k] = joint_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
         out.quality[k] = judge(u, k, usable, accepted, state, out)
-        known = write_values(p, C, u, k, work.law, x, out)
-        known = write_sigmas(C, s, P, out.heat_sigma, out.field_sigma, k, work) and known
+        move_rows(p, u, k, work.rows)
+        known = write_values(p, u, k, x, work, out)
+        known = write_sigmas(P, out.heat_sigma, out.field_sigma, k, work) and known
         if not known:
             invalidate(out, k)

@@ -13,8 +13,10 @@ from __future__ import annotations
 import numpy as np
 
 from observer.compiled import inlined, rarely
-from observer.estimators.compiled.judging import add_prior
+from observer.estimators.compiled.judging import add_prior, add_scaled
 from observer.model.advance import advance, couple_covariance
+
+_DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 
 
 @inlined
@@ -32,61 +34,65 @@ def predict(p, t, d, u, k, B, x, P, work):
 def predict_covariance(p, t, d, u, k, B, P, work):
     """P⁺ = Ad (P + jump) Adᵀ + Qd, with the law's jump acting from the start of the step.
 
-    With G the heats' columns: M = e∘P_xδ + G P_δδ, then P_xx⁺ = (e eᵀ)∘P_xx + M Gᵀ + G (e∘P_xδ)ᵀ + Q_xx. The
-    lower triangle is mirrored at the end, so P stays symmetric to the last bit. Rows are worked out over
-    their padded width, where decay, G, S and M are zero.
+    Ad = diag d + Σ_j G_j 1_jᵀ with G_j the column of heat j, so that with H_j = d∘P_j + ½ Σ_i P_ji G_i
+
+        P⁺ = (d dᵀ)∘P + Σ_j (H_j G_jᵀ + G_j H_jᵀ) + Q.
+
+    Written so, P stays symmetric to the last bit without being made so. Rows are worked out over their padded
+    width, where d, G and H are zero.
     """
-    n_x, m_e, width = B.shape[1], len(p.source), P.shape[1]
-    G, S, M = work.G, work.S, work.M
+    n_x, m_e, (n, width) = B.shape[1], len(p.source), P.shape
+    G, H = work.G, work.H
     for j in range(m_e):
         index = p.source[j]
-        jump = p.law_uncertainty[j] * u.jump[k, index]
+        jump = p.law_uncertainty[j] * u.law_jump_W[k, index]
         P[n_x + j, n_x + j] += jump * jump
         for a in range(n_x):
             G[j, a] = B[index, a] * t.couple[d, j, a]
-        for b in range(width):
-            S[j, b] = t.decay[d, b] * P[n_x + j, b]
-            M[j, b] = S[j, b]
     for j in range(m_e):
+        for b in range(width):
+            H[j, b] = t.decay[d, b] * P[n_x + j, b]
         for i in range(m_e):
-            shared = P[n_x + max(j, i), n_x + min(j, i)]
+            shared = 0.5 * P[n_x + j, n_x + i]
             for b in range(width):
-                M[j, b] += shared * G[i, b]
-    for a in range(n_x):
+                H[j, b] += shared * G[i, b]
+    for a in range(n):
         scale = t.decay[d, a]
         for b in range(width):
-            P[a, b] = scale * t.decay[d, b] * P[a, b] + t.noise_xx[d, a, b]
-        for j in range(m_e):
-            left, right = M[j, a], G[j, a]
-            for b in range(width):
-                P[a, b] += left * G[j, b] + right * S[j, b]
+            P[a, b] = scale * t.decay[d, b] * P[a, b] + t.noise[d, a, b]
+    add_pairs(H, G, m_e, P)
     for i in range(len(p.moving)):
         if p.moving_heat[i] >= 0:
-            add_walk(B, p.moving[i], t.walk_xx, d, p.moving_heat[i], P)
-    predict_heats(p, t, d, B, M, P)
-    mirror(P)
+            add_walk(B, p.moving[i], t, d, p.moving_heat[i], P)
 
 
 @inlined
-def predict_heats(p, t, d, B, M, P):
-    """Lower rows of P⁺: P_δx⁺ = γ∘Mᵀ + Q_δx, P_δδ⁺ = (γ γᵀ)∘P_δδ + Q_δδ."""
-    m_e, n_x = len(p.source), B.shape[1]
-    for j in range(m_e):
-        keep = t.heat_decay[d, j]
-        for a in range(n_x):
-            P[n_x + j, a] = keep * M[j, a] + B[p.source[j], a] * t.walk_dx[d, j, a]
-        for i in range(j + 1):
-            P[n_x + j, n_x + i] = keep * t.heat_decay[d, i] * P[n_x + j, n_x + i]
-        P[n_x + j, n_x + j] += t.walk_dd[d, j]
+def add_pairs(H, G, count, P):
+    """P += Σ_j (H_j G_jᵀ + G_j H_jᵀ), two of them at a time."""
+    n, width = P.shape
+    for j in range(0, count - 1, 2):
+        for a in range(n):
+            h0, g0, h1, g1 = H[j, a], G[j, a], H[j + 1, a], G[j + 1, a]
+            for b in range(width):
+                P[a, b] += (h0 * G[j, b] + g0 * H[j, b]) + (h1 * G[j + 1, b] + g1 * H[j + 1, b])
+    if count % 2 == 1:
+        j = count - 1
+        for a in range(n):
+            h0, g0 = H[j, a], G[j, a]
+            for b in range(width):
+                P[a, b] += h0 * G[j, b] + g0 * H[j, b]
 
 
 @inlined
-def add_walk(B, index, walk_xx, d, j, P):
-    """Add to the lower triangle what the walk of heat j leaves through its moving column."""
-    for a in range(B.shape[1]):
-        own = B[index, a]
-        for b in range(a + 1):
-            P[a, b] += own * B[index, b] * walk_xx[d, j, a, b]
+def add_walk(B, index, t, d, j, P):
+    """Add what the walk of heat j leaves through its moving column."""
+    n_x = B.shape[1]
+    for a in range(n_x):
+        own, shared = B[index, a], B[index, a] * t.walk_dx[d, j, a]
+        for b in range(n_x):
+            P[a, b] += own * B[index, b] * t.walk_xx[d, j, a, b]
+        P[n_x + j, a] += shared
+        P[a, n_x + j] += shared
 
 
 @inlined
@@ -110,7 +116,7 @@ def symmetrise(P):
 @inlined
 def residual(p, C, u, k, i, x):
     """Measured minus expected temperature of sensor i at the end of step k, K."""
-    nu = u.y[k, i]
+    nu = u.y_degC[k, i]
     for a in range(C.shape[1]):
         nu -= C[i, a] * x[a]
     for q in range(p.F.shape[1]):
@@ -123,10 +129,7 @@ def sensor_covariance(C, i, P, g):
     """g_i = P c_i."""
     for b in range(P.shape[1]):
         g[i, b] = 0.0
-    for a in range(C.shape[1]):
-        c = C[i, a]
-        for b in range(P.shape[1]):
-            g[i, b] += c * P[a, b]
+    add_scaled(g[i], P, C[i], C.shape[1])
 
 
 @inlined
@@ -154,8 +157,8 @@ def start(p, C, u, k, usable, x, P, levels):
     """
     n_x = C.shape[1]
     x[:] = 0.0
-    for j in range(u.law.shape[1]):
-        x[p.modes + j] = u.law[k, j]
+    for j in range(u.law_W.shape[1]):
+        x[p.modes + j] = u.law_W[k, j]
     count = 0
     for i in range(len(usable)):
         if usable[i]:
@@ -163,7 +166,7 @@ def start(p, C, u, k, usable, x, P, levels):
             for a in range(n_x):
                 seen += C[i, a] * p.uniform[a]
             # Next to a prescribed end the modes alone see little of a uniform temperature.
-            level = residual(p, C, u, k, i, x) / seen if seen > 0.5 else u.y[k, i]
+            level = residual(p, C, u, k, i, x) / seen if seen > 0.5 else u.y_degC[k, i]
             place = count
             while place > 0 and levels[place - 1] > level:
                 levels[place] = levels[place - 1]
@@ -175,6 +178,73 @@ def start(p, C, u, k, usable, x, P, levels):
         x[a] += p.uniform[a] * level
     P[:] = 0.0
     add_prior(p, P, 1.0)
+
+
+@inlined
+def joint_update(R_K2, C, accepted, g, nu, S, x, P, work):
+    """Correct x and P by all accepted sensors at once; return the log-likelihood of their innovations.
+
+    With S = L Lᵀ the covariance of the innovations and W = L⁻¹ [c_i P]: x⁺ = x + Wᵀ L⁻¹ ν, P⁺ = P - Wᵀ W,
+    which is symmetric to the last bit. Where a sensor says so much that the difference would have no digits
+    left, the sensors correct one after the other in Joseph's form.
+    """
+    for i in range(len(accepted)):
+        if accepted[i] and S[i] > _DRASTIC * R_K2[i]:
+            return joseph_update(R_K2, C, accepted, g, nu, x, P, work)
+    L, W, e, order = work.L, work.W, work.e, work.order
+    squares, volume, count = 0.0, 1.0, 0
+    for i in range(len(accepted)):
+        if not accepted[i]:
+            continue
+        order[count] = i
+        variance, rest = S[i], nu[i]
+        for j in range(count):
+            shared = project(C, i, g, order[j])
+            for q in range(j):
+                shared -= L[count, q] * L[j, q]
+            shared *= L[j, j]
+            L[count, j] = shared
+            variance -= shared * shared
+            rest -= shared * e[j]
+        inverse = 1.0 / np.sqrt(variance)
+        L[count, count] = inverse
+        e[count] = rest * inverse
+        squares += e[count] * e[count]
+        volume *= 2.0 * np.pi * variance
+        whiten(L, count, g, i, W)
+        count += 1
+    add_scaled(x, W, e, count)
+    subtract_squares(W, count, P)
+    return -0.5 * (squares + np.log(volume))
+
+
+@inlined
+def whiten(L, count, g, i, W):
+    """Row `count` of W = L⁻¹ [c_i P]; L holds the inverses of its diagonal."""
+    inverse = L[count, count]
+    for b in range(W.shape[1]):
+        W[count, b] = inverse * g[i, b]
+    for j in range(count):
+        shared = inverse * L[count, j]
+        for b in range(W.shape[1]):
+            W[count, b] -= shared * W[j, b]
+
+
+@inlined
+def subtract_squares(W, count, P):
+    """P -= Wᵀ W over the first rows of W, four of them at a time."""
+    n, width = P.shape
+    whole = count // 4 * 4
+    for j in range(0, whole, 4):
+        for a in range(n):
+            w0, w1, w2, w3 = W[j, a], W[j + 1, a], W[j + 2, a], W[j + 3, a]
+            for b in range(width):
+                P[a, b] -= (w0 * W[j, b] + w1 * W[j + 1, b]) + (w2 * W[j + 2, b] + w3 * W[j + 3, b])
+    for j in range(whole, count):
+        for a in range(n):
+            w0 = W[j, a]
+            for b in range(width):
+                P[a, b] -= w0 * W[j, b]
 
 
 @inlined
@@ -206,7 +276,7 @@ def joseph_covariance(C, i, g, K, r, P, half, rest):
             P[a, b] += gain * rest[b] + left * K[b]
 
 
-@inlined
+@rarely
 def joseph_update(R_K2, C, accepted, g, nu, x, P, work):
     """Correct x and P by every accepted sensor in turn; return the log-likelihood of their innovations.
 

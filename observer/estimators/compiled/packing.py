@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators.protocol import EstimatorState
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, QualityArray
+from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.model.coupling import Coupling
 from observer.model.plant import Plant
 from observer.model.rod.supports import fold
@@ -21,7 +21,8 @@ _REGISTER = 16
 class PlantArrays(NamedTuple):
     """A plant for the kernels; input columns are stored as rows, which the inner loops walk.
 
-    `B` (m, n_x), `E` (p, n_x), `C` (R, n_x), `F` (R, p), `R_K2` (s,), `uniform` (n_x,), `prior_P` (n_x, n_x),
+    `B` (m, n_x), `E` (p, n_x); `C` (s, n_x), `F` (s, p) the sensors' rows, and as padded columns those that
+    are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `prior_P` (n_x, n_x),
     `initial_W2`, `law_uncertainty` (m_e,); `source` (m_e,) the source of each estimated heat; `moving` (M,)
     the source of each moving column and `moving_heat` (M,) its estimated heat, -1 if it is not estimated.
     """
@@ -31,6 +32,8 @@ class PlantArrays(NamedTuple):
     E: FloatArray
     C: FloatArray
     F: FloatArray
+    rows: FloatArray
+    rows_F: FloatArray
     R_K2: FloatArray
     uniform: FloatArray
     prior_P: FloatArray
@@ -40,29 +43,6 @@ class PlantArrays(NamedTuple):
     moving: IntArray
     moving_heat: IntArray
     coupling: Coupling
-
-
-class InputArrays(NamedTuple):
-    """The K steps of `Inputs`; `step` (K,) points into the table of steps, `dt` (K,) is their length.
-
-    `sweep` (K, M, 0, 0) is for the open loop alone, which may know how each nut swept (see `simulate`).
-    """
-
-    step: IntArray
-    dt: FloatArray
-    y: FloatArray
-    usable: NDArray[np.bool_]
-    quality: QualityArray
-    law: FloatArray
-    jump: FloatArray
-    z_start: FloatArray
-    z_end: FloatArray
-    moving_B: FloatArray
-    moving_C: FloatArray
-    sweep: FloatArray
-    degraded: NDArray[np.int8]
-    loss: FloatArray
-    loss_degC: FloatArray
 
 
 class Running(NamedTuple):
@@ -78,23 +58,30 @@ class Running(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of the kernels: `B`, `C` with the moving columns in place, `law` (m,) the heats by law at the
-    temperatures of the moment, `before` (2, n_x) the states that the halves of a coupling began from, `none`
-    (n_x, 0), and the arrays of one step.
+    """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
+    at the temperatures of the moment, `before` (2, n_x) the states that the halves of a coupling began from,
+    `none` (n_x, 0), `sweep` as in `advance`, and the arrays of one step.
     """
 
     B: FloatArray
     C: FloatArray
+    rows: FloatArray
+    value: FloatArray
+    shared: FloatArray
     law: FloatArray
     couple: FloatArray
     shift: FloatArray
     was: FloatArray
-    forced: FloatArray
     before: FloatArray
     none: FloatArray
+    sweep: FloatArray
     G: FloatArray
-    S: FloatArray
+    H: FloatArray
     M: FloatArray
+    L: FloatArray
+    W: FloatArray
+    e: FloatArray
+    order: IntArray
     K: FloatArray
     row: FloatArray
     half: FloatArray
@@ -134,52 +121,29 @@ def pad_rows(array: FloatArray, width: int) -> FloatArray:
     return padded
 
 
-def contiguous(array: Any, dtype: Any = np.float64) -> Any:
-    """Bring an array into the one layout the kernels are compiled for."""
-    array = np.ascontiguousarray(array, dtype)
-    return array if array.flags.writeable else array.copy()
-
-
 def pack_plant(plant: Plant) -> PlantArrays:
     """Bring a plant into the kernels' form."""
     source = np.flatnonzero(plant.estimated)
+    s = plant.rows.sensors
+    reported = padded_width(len(plant.rows.C) - s)
     heat_of = {int(j): i for i, j in enumerate(source)}
     return PlantArrays(
         plant.modes,
         contiguous(plant.B.T),
         contiguous(plant.E.T),
-        contiguous(plant.rows.C),
-        contiguous(plant.rows.F),
+        contiguous(plant.rows.C[:s]),
+        contiguous(plant.rows.F[:s]),
+        pad_rows(plant.rows.C[s:].T, reported),
+        pad_rows(plant.rows.F[s:].T, reported),
         contiguous(plant.noise_R_K2),
         contiguous(plant.uniform),
-        contiguous(plant.prior_P),
+        contiguous(0.5 * (plant.prior_P + plant.prior_P.T)),
         contiguous(plant.initial_sigma_W**2),
         contiguous(plant.law_uncertainty),
         contiguous(source, np.int64),
         contiguous([s.index for s in plant.moving], np.int64),
         contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),
-        Coupling._make(contiguous(a, a.dtype) if isinstance(a, np.ndarray) else a for a in plant.coupling),
-    )
-
-
-def pack_inputs(inputs: Inputs, part: slice, step: IntArray) -> InputArrays:
-    """Bring the steps `part` of a block into the kernels' form; `step` points into their table."""
-    return InputArrays(
-        contiguous(step, np.int64),
-        contiguous(inputs.dt_s[part]),
-        contiguous(inputs.y_degC[part]),
-        contiguous(inputs.usable[part], np.bool_),
-        contiguous(inputs.quality[part], np.int8),
-        contiguous(inputs.law_W[part]),
-        contiguous(inputs.law_jump_W[part]),
-        contiguous(inputs.z_start[part]),
-        contiguous(inputs.z_end[part]),
-        contiguous(inputs.moving_B[part]),
-        contiguous(inputs.moving_C[part]),
-        np.zeros((len(step), inputs.moving_B.shape[1], 0, 0)),
-        contiguous(inputs.degraded[part], np.int8),
-        contiguous(inputs.loss_1_s[part]),
-        contiguous(inputs.loss_degC[part]),
+        plant.coupling,
     )
 
 
@@ -211,16 +175,23 @@ def scratch(arrays: PlantArrays) -> Work:
     return Work(
         B=arrays.B.copy(),
         C=arrays.C.copy(),
+        rows=arrays.rows.copy(),
+        value=np.zeros(arrays.rows.shape[1]),
+        shared=np.zeros(arrays.rows.shape[1]),
         law=np.zeros(len(arrays.B)),
         couple=np.zeros((n_x, n_x)),
         shift=np.zeros(n_x),
         was=np.zeros((n_x + m_e, width)),
-        forced=np.zeros(n_x),
         before=np.zeros((2, n_x)),
         none=np.zeros((n_x, 0)),
+        sweep=np.zeros((0, 0, 0, 0)),
         G=np.zeros((m_e, width)),
-        S=np.zeros((m_e, width)),
+        H=np.zeros((m_e, width)),
         M=np.zeros((m_e, width)),
+        L=np.zeros((s, s)),
+        W=np.zeros((s, width)),
+        e=np.zeros(s),
+        order=np.zeros(s, dtype=np.int64),
         K=np.zeros(width),
         row=np.zeros(width),
         half=np.zeros(width),
@@ -251,20 +222,21 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
 
 
 def empty_results(plant: Plant, steps: int) -> Results:
-    """Allocate results for that many steps: nothing known, quality invalid."""
+    """Allocate results for that many steps; the kernels write every row of them."""
     m_e, s = int(plant.estimated.sum()), plant.rows.sensors
     wide = len(plant.rows.C) - s
-    widths = (m_e, m_e, wide, wide, s, s, m_e)
-    room, start, nans = np.full(steps * sum(widths), np.nan), 0, []  # one allocation, each part contiguous
-    for width in widths:
-        nans.append(room[start : start + steps * width].reshape(steps, width))
-        start += steps * width
+
     return Results(
-        *nans[:5],
-        np.zeros((steps, s), dtype=np.int8),
-        np.full(steps, int(EstimateQuality.INVALID), dtype=np.int8),
-        np.zeros(steps),
-        *nans[5:],
+        heat=np.empty((steps, m_e)),
+        heat_sigma=np.empty((steps, m_e)),
+        field=np.empty((steps, wide)),
+        field_sigma=np.empty((steps, wide)),
+        innovation=np.empty((steps, s)),
+        sensor_quality=np.empty((steps, s), dtype=np.int8),
+        quality=np.empty(steps, dtype=np.int8),
+        log_likelihood=np.empty(steps),
+        innovation_sigma=np.empty((steps, s)),
+        law=np.empty((steps, m_e)),
     )
 
 

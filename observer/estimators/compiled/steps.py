@@ -7,19 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.estimators.compiled.packing import InputArrays, pack_inputs, pad_rows, padded_width
-from observer.frames import FloatArray, Inputs
-from observer.model.discretise import StepMatrices, fixed_noise, quantise, step_matrices
+from observer.compiled import cached_loop
+from observer.estimators.compiled.packing import IntArray, pad_rows, padded_width
+from observer.frames import BoolArray, FloatArray, Inputs
+from observer.model.discretise import TICKS_PER_S, StepMatrices, fixed_noise, quantise, step_matrices
 from observer.model.plant import Plant
 
 _STEPS_IN_TABLE = 64
-_STEPS_IN_CHUNK = 16384
 _STEPS_REMEMBERED = 512
 
 
 class StepTable(NamedTuple):
-    """Step matrices of D different step lengths, stacked; `noise_xx` is that of everything that does not
-    move.
+    """Step matrices of D different step lengths, stacked and padded.
+
+    `decay` (D, width) is that of the plant's states and then of the heats, `noise` (D, n, width) all of the
+    noise but what the walks of moving heats leave in the plant's states.
     """
 
     decay: FloatArray
@@ -27,10 +29,9 @@ class StepTable(NamedTuple):
     ramp: FloatArray
     heat_decay: FloatArray
     couple: FloatArray
-    noise_xx: FloatArray
+    noise: FloatArray
     walk_xx: FloatArray
     walk_dx: FloatArray
-    walk_dd: FloatArray
 
 
 class StepCache:
@@ -51,7 +52,7 @@ class StepCache:
             if len(self._known) >= _STEPS_REMEMBERED:
                 self._known.clear()
             step = step_matrices(self._plant, dt_s)
-            self._known[dt_s] = (step, fixed_noise(self._plant, step, self._still))
+            self._known[dt_s] = (step, _noise(self._plant, step, self._still))
         return self._known[dt_s]
 
     def table(self, lengths_s: list[float]) -> StepTable:
@@ -67,45 +68,71 @@ class StepCache:
             return np.stack([getattr(step, name) for step, _ in found])
 
         width = padded_width(len(self._plant.decay_1_s) + int(self._plant.estimated.sum()))
+        walk_xx = stack("walk_xx")
         return StepTable(
-            pad_rows(stack("decay"), width),
+            pad_rows(np.hstack([stack("decay"), stack("heat_decay")]), width),
             stack("hold"),
             stack("ramp"),
             stack("heat_decay"),
             stack("couple"),
             pad_rows(np.stack([noise for _, noise in found]), width),
-            stack("walk_xx"),
+            0.5 * (walk_xx + walk_xx.swapaxes(2, 3)),
             stack("walk_dx"),
-            stack("walk_dd"),
         )
 
 
-def chunks(cache: StepCache, inputs: Inputs) -> Iterator[tuple[slice, list[float], InputArrays, StepTable]]:
-    """Cut a block into stretches that share a table of few step lengths."""
-    dt_s = quantise(inputs.dt_s)
-    if len(dt_s) == 1:  # the live service: nothing to sort
-        whole = slice(0, 1)
-        lengths_s = [float(dt_s[0])]
-        yield (
-            whole,
-            lengths_s,
-            pack_inputs(inputs, whole, np.zeros(1, dtype=np.int64)),
-            cache.table(lengths_s),
-        )
+def _noise(plant: Plant, step: StepMatrices, still: BoolArray) -> FloatArray:
+    """Covariance (n, n) that a step adds to states and heats but through the heats that move, symmetric to
+    the last bit.
+    """
+    cross = np.where(still[:, None], plant.B[:, plant.estimated].T * step.walk_dx, 0.0)
+    Q = np.block([[fixed_noise(plant, step, still), cross.T], [cross, np.diag(step.walk_dd)]])
+    return np.asarray(0.5 * (Q + Q.T))
+
+
+class Chunk(NamedTuple):
+    """Steps that share a table of few step lengths: which of the block, their lengths, and their inputs."""
+
+    part: slice
+    lengths_s: list[float]
+    table: StepTable
+    inputs: Inputs
+    step: IntArray
+
+
+def chunks(cache: StepCache, inputs: Inputs) -> Iterator[Chunk]:
+    """Cut a block into chunks; `step` (K,) is where each step's length is in its table."""
+    inputs = inputs.packed()
+    if len(inputs) == 1:  # the live service: nothing to number
+        lengths_s = [float(quantise(inputs.dt_s[0]))]
+        yield Chunk(slice(0, 1), lengths_s, cache.table(lengths_s), inputs, np.zeros(1, dtype=np.int64))
         return
-    start = 0
-    while start < len(dt_s):
-        stop = _end_of_chunk(dt_s, start)
-        lengths, step = np.unique(dt_s[start:stop], return_inverse=True)
+    start, step, lengths = 0, np.empty(len(inputs), dtype=np.int64), np.empty(_STEPS_IN_TABLE)
+    while start < len(inputs):
+        stop, count = _number(inputs.dt_s, start, step, lengths)
+        lengths_s = lengths[:count].tolist()
         part = slice(start, stop)
-        yield part, lengths.tolist(), pack_inputs(inputs, part, step), cache.table(lengths.tolist())
+        yield Chunk(part, lengths_s, cache.table(lengths_s), inputs.part(start, stop), step[part])
         start = stop
 
 
-def _end_of_chunk(dt_s: FloatArray, start: int) -> int:
-    """Where the stretch from `start` on that has few enough step lengths ends."""
-    ahead = dt_s[start : start + _STEPS_IN_CHUNK]
-    _, first = np.unique(ahead, return_index=True)
-    if len(first) <= _STEPS_IN_TABLE:
-        return start + len(ahead)
-    return start + int(np.sort(first)[_STEPS_IN_TABLE])
+@cached_loop
+def _number(dt_s, start, step, lengths):  # type: ignore[no-untyped-def]
+    """Number the steps from `start` on by their lengths, quantised, as long as there is room for these.
+
+    Returns the first step that is left and how many lengths there are.
+    """
+    count, known = 0, 0
+    for k in range(start, len(dt_s)):
+        length = np.rint(dt_s[k] * TICKS_PER_S) / TICKS_PER_S
+        if known == count or lengths[known] != length:
+            known = 0
+            while known < count and lengths[known] != length:
+                known += 1
+            if known == len(lengths):
+                return k, count
+            if known == count:
+                lengths[count] = length
+                count += 1
+        step[k] = known
+    return len(dt_s), count

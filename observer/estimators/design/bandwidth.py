@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.config import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators.design.gains import LuenbergerGain, Refusal, design_bandwidth, design_kim
 from observer.estimators.design.riccati import steady_covariance
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 _SLOWEST_1_S = 1e-5
 _PER_DECADE = 4

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.config import EstimatorSettings
 from observer.estimators.design.bandwidth import bandwidth, design, everything
 from observer.estimators.design.gains import (
     POLE_TOLERANCE,
@@ -24,6 +23,7 @@ from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import generator, settled_rows
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 _MOST_SUBSET_SENSORS = 8
 _MOST_DESIGN_WORK = 2e7  # states cubed times designs: some ten seconds on a slow computer

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-from observer.frames import FloatArray
+from observer.model.coupling import Spreads
 from observer.model.network.attach import Attached
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch, nut_stretch
@@ -20,16 +17,6 @@ SMALL = 1e-3
 NO_SWEEP = 0.05
 """A stroke as long as the nut, to this part of it, is none: sweeping and standing cannot be told apart."""
 STANDING_PLACES = 9
-
-
-class Spreads(NamedTuple):
-    """The fields of `Coupling` of the same names."""
-
-    spread_source: NDArray[np.int64]
-    spread_1_s: FloatArray
-    spread_shape: FloatArray
-    swept: FloatArray
-    standing: FloatArray
 
 
 def spreads(modes: Modes, machine: Description, beside: Attached) -> Spreads:
