@@ -11,7 +11,7 @@ from benchmarks.timing import medians_s, shown
 from observer import app
 
 RIG = Path(__file__).parents[1] / "tests" / "data" / "rig"
-CASE, RUNS, ROWS, GOAL_S = "end_conduction-0.1", "abc", 15_000, 10.0
+CASE, RUNS, ROWS, GOAL_S = "end_conduction-0.1", "abc", 15_000, 5.0
 
 
 def results() -> list[Result]:

@@ -213,6 +213,7 @@ def discover(
 
     Returns what was found, and the content of `result.json`.
     """
+    from observer.discovery.crew import Crew
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
     from observer.installation.write_back import with_effects, write_back
@@ -222,7 +223,8 @@ def discover(
     progress("reading logs", 0.0)
     runs, odd = _runs(log_paths, config)
     with results_in(output) as part:
-        found = find(config, runs, progress)
+        with Crew() as crew:
+            found = find(config, runs, progress, crew)
         result = discovery_result(found) | {"doubts": odd}
         if found.verdict.kind == "named":
             values = {key: entry["value"] for key, entry in result["calibrated"].items()}

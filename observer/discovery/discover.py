@@ -14,6 +14,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import library
+from observer.discovery.crew import ALONE, Crew
 from observer.discovery.excitation import lacking
 from observer.discovery.experiment import SEPARATES, Experiment, propose
 from observer.discovery.localise import Place, localised
@@ -26,12 +27,11 @@ from observer.effects.base import EffectTable
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import Problem
 from observer.fit.parameters import free_keys
-from observer.fit.runs import prepare
+from observer.fit.problem import Problem
+from observer.fit.runs import LEAST_S, prepare
 from observer.frames import FrameBlock
 
-LEAST_S = 300.0
 MOST_ASKED = 5
 """Effects that the logs cannot show and for which a test is sought."""
 
@@ -50,12 +50,15 @@ class Discovery:
 
 
 def discover(
-    config: Config, runs: Sequence[Sequence[FrameBlock]], progress: Progress = lambda _text, _done: None
+    config: Config,
+    runs: Sequence[Sequence[FrameBlock]],
+    progress: Progress = lambda _text, _done: None,
+    crew: Crew = ALONE,
 ) -> Discovery:
     """Return what is missing from a configuration, by one or more runs of its machine.
 
-    `progress(what, part done)` is called as the work goes on. Raises `ConfigError` where nothing may be
-    calibrated, `LogError` where the logs hold nothing to compare.
+    `progress(what, part done)` is called as the work goes on; the `crew` does not change what comes out.
+    Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
     keys = free_keys(config)
     prepared = [prepare(config, blocks, f"log {i + 1}") for i, blocks in enumerate(runs)]
@@ -65,7 +68,7 @@ def discover(
     problem = Problem(
         config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
     )
-    found = search(problem, library(config, keys, config.discover.without), progress)
+    found = search(problem, library(config, keys, config.discover.without), progress, crew)
     progress("opening the proof", 0.92)
     proof = prove(found.null, found.fit)
     verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))
@@ -77,18 +80,18 @@ def discover(
         proof,
         where,
         event(found.fit) if verdict.kind == "unknown" else None,
-        _experiment(problem, found, verdict),
+        _experiment(found.null.problem, found, verdict, crew),
     )
 
 
-def _experiment(problem: Problem, found: Search, verdict: Verdict) -> Experiment | None:
+def _experiment(problem: Problem, found: Search, verdict: Verdict, crew: Crew) -> Experiment | None:
     """The test that would tell the answers apart, where there are several."""
     if verdict.kind == "ambiguous":
-        return propose(problem, [fit.config for fit in verdict.fits])
+        return propose(problem, [fit.config for fit in verdict.fits], crew)
     if verdict.kind == "not_identifiable":
         config = found.fit.config
         for unseen in found.blind[:MOST_ASKED]:
-            test = propose(problem, [config, _with(config, unseen.effect(unseen.shapes[0]))])
+            test = propose(problem, [config, _with(config, unseen.effect(unseen.shapes[0]))], crew)
             if test.separation_sigma >= SEPARATES:
                 return test
     return None

@@ -11,8 +11,8 @@ from observer.discovery.phases import Course
 from observer.fit.runs import Run
 from observer.frames import FloatArray
 
-LEAST_S = 1800.0
-"""The least duration of the longest log."""
+TELLING_S = 1800.0
+"""How long the longest log has to be for slow effects to be told."""
 WARM_SIGMA = 20.0
 """The least rise of some sensor, in units of its noise."""
 SPEEDS_APART = 0.1
@@ -25,8 +25,8 @@ def lacking(config: Config, runs: Sequence[Run], courses: Sequence[Course]) -> t
     """Return what the logs lack, a clause for each; empty if nothing is missing."""
     out = []
     longest_s = max(run.duration_s for run in runs)
-    if longest_s < LEAST_S:
-        out.append(f"the longest log lasts {longest_s / 60:.0f} min, and {LEAST_S / 60:.0f} min are needed")
+    if longest_s < TELLING_S:
+        out.append(f"the longest log lasts {longest_s / 60:.0f} min, and {TELLING_S / 60:.0f} min are needed")
     rise = max(float(np.nanmax(np.abs(r.measured_degC - r.start_degC), initial=0.0)) for r in runs)
     least_K = WARM_SIGMA * max(s.noise_K for s in config.sensor)
     if rise < least_K:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer.config import Config
+from observer.discovery.crew import ALONE, Crew
 from observer.discovery.phases import courses_of
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import Problem, told_lags
+from observer.fit.problem import Problem, told_lags
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock, NutPath
 
@@ -54,14 +55,16 @@ class Experiment:
     separation_sigma: float
 
 
-def propose(problem: Problem, answers: Sequence[Config]) -> Experiment:
+def propose(problem: Problem, answers: Sequence[Config], crew: Crew = ALONE) -> Experiment:
     """Return the cycle of the menu that best tells the two answers that are hardest to tell.
 
     A cycle that separates them by `SEPARATES` and is shorter is preferred to one that separates more.
     """
+    cycles = list(menu(habits_of(problem)))
+    sigmas = crew.each(separation, problem, [(answers, phases) for _, _, phases in cycles])
     found = [
-        Experiment(name, text, sum(p.duration_s for p in phases), separation(problem, answers, phases))
-        for name, text, phases in menu(habits_of(problem))
+        Experiment(name, text, sum(p.duration_s for p in phases), sigma)
+        for (name, text, phases), sigma in zip(cycles, sigmas, strict=True)
     ]
     enough = [e for e in found if e.separation_sigma >= SEPARATES]
     if enough:
@@ -147,13 +150,11 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
     config = problem.config
     run = prepare(config, [frames_of(config, phases, habits_of(problem))], "cycle")
     forward = Forward(config, [run, run])
-    test = Problem(
-        config, problem.keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
-    )
-    test.prepare(answers[0], slack=True)
+    evidence = gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
+    test = Problem(config, problem.keys, forward, evidence).tolerant(answers[0])
     rows = test.evidence.proof
     marginal = test.marginal(rows, told_lags(answers[0]))
-    Q, _ = np.linalg.qr(marginal(test.nuisance[rows]))
+    Q, _ = np.linalg.qr(marginal(test.derivatives(answers[0]).columns[rows]))
     seen = [marginal(test.evidence.whitened(test.predicted(a))[rows]) for a in answers]
     apart = [b - a for i, a in enumerate(seen) for b in seen[i + 1 :]]
     return min(float(np.linalg.norm(d - Q @ (Q.T @ d))) for d in apart)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
-from observer.fit.coarse import CoarseRun
-from observer.fit.hypothesis import Problem
+from observer.fit.problem import Problem
+from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
 
 PHASES = ("isothermal", "heat_up", "steady", "dwell", "cool_down")
@@ -35,7 +35,7 @@ class Course:
     position_m: FloatArray
 
 
-def course_of(config: Config, run: CoarseRun) -> Course:
+def course_of(config: Config, run: SteppedRun) -> Course:
     """Return what the machine was doing in a run."""
     ticks, frames = run.ticks, run.run.frames
     starts = np.flatnonzero(np.diff(ticks.mean, prepend=-1))

@@ -7,14 +7,17 @@ judged on data held out: what is fitted to all folds but one must also explain t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from observer.discovery.candidates import Candidate
+from observer.discovery.crew import ALONE, Crew
 from observer.discovery.signatures import Promise, Signature, promises, signatures
-from observer.fit.hypothesis import Fit, Problem, fit_effects, fit_null
+from observer.fit.hypothesis import Fit, fit_effects, fit_null
+from observer.fit.problem import Problem
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
@@ -36,6 +39,7 @@ BLIND = 0.02
 """A signature of which less than this part remains cannot be told from the free parameters."""
 
 Progress = Callable[[str, float], None]
+Entry = TypeVar("Entry")
 
 
 @dataclass(frozen=True)
@@ -93,19 +97,22 @@ class Search:
 
 
 def search(
-    problem: Problem, library: Sequence[Candidate], progress: Progress = lambda _text, _done: None
+    problem: Problem,
+    library: Sequence[Candidate],
+    progress: Progress = lambda _text, _done: None,
+    crew: Crew = ALONE,
 ) -> Search:
     """Find the effects that are missing from the configuration of a problem."""
     progress("calibrating without any effect", 0.0)
     null = fit_null(problem, problem.config)
     progress("signatures of the library", 0.15)
-    found = signatures(problem, null.config, library)
+    found = signatures(null.problem, null.config, library)
     blind = _blind(promises(null, found))
     fit = null
     chosen: list[Trial] = []
     ranking: tuple[Trial, ...] = ()
     while len(chosen) < MOST_EFFECTS:
-        trials = tried(null, fit, found, [t.candidate for t in chosen])
+        trials = tried(null, fit, found, [t.candidate for t in chosen], crew)
         ranking = ranking or trials
         progress(f"effects found: {len(chosen)}", 0.3 + 0.2 * len(chosen))
         best = _best(trials)
@@ -113,31 +120,31 @@ def search(
             break
         chosen.append(best)
         fit = best.fit
-    fit, chosen = _pruned(null, fit, chosen)
+    fit, chosen = _pruned(null, fit, chosen, crew)
     progress("rivals", 0.9)
     rivals: list[tuple[Trial, ...]] = []
     if len(chosen) == 1:
         alone = replace(chosen[0], fit=fit, drop=null.deviance - fit.deviance)
         rivals.append((alone, *(t for t in ranking if t.candidate.name != alone.candidate.name)))
     for i in range(len(chosen) if len(chosen) > 1 else 0):
-        fit, chosen, trials = _exchanged(null, fit, chosen, i, found)
+        fit, chosen, trials = _exchanged(null, fit, chosen, i, found, crew)
         rivals.append(trials)
     return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind)
 
 
 def _exchanged(
-    null: Fit, fit: Fit, chosen: list[Trial], number: int, found: Sequence[Signature]
+    null: Fit, fit: Fit, chosen: list[Trial], number: int, found: Sequence[Signature], crew: Crew
 ) -> tuple[Fit, list[Trial], tuple[Trial, ...]]:
     """Put the best in the place of a chosen effect while the others stand; give its rivals as well."""
     others = [t.candidate for j, t in enumerate(chosen) if j != number]
     problem = null.problem
     base = without(problem, fit, number)
     now = chosen[number]
-    trials = tried(null, base, found, others)
+    trials = tried(null, base, found, others, crew)
     own = [t for t in trials if t.candidate.name == now.candidate.name]
     if not own or own[0].fit.deviance > fit.deviance:  # begun elsewhere, it ended worse
         mine = replace(now, fit=fit, drop=base.deviance - fit.deviance)
-        trials = tuple(sorted([mine, *(t for t in trials if t not in own)], key=lambda t: -t.score))
+        trials = tuple(_descending([mine, *(t for t in trials if t not in own)], lambda t: t.score))
     best = _best(trials) or trials[0]
     if best.candidate.name != now.candidate.name and best.accepted:
         chosen = [t for j, t in enumerate(chosen) if j != number]
@@ -157,23 +164,32 @@ def _in_order(fit: Fit, number: int, before: int) -> Fit:
 
 
 def tried(
-    null: Fit, base: Fit, found: Sequence[Signature], present: Sequence[Candidate]
+    null: Fit,
+    base: Fit,
+    found: Sequence[Signature],
+    present: Sequence[Candidate],
+    crew: Crew = ALONE,
 ) -> tuple[Trial, ...]:
-    """Fit the most promising candidates beside a fit in earnest; the best first."""
+    """Fit the most promising candidates beside a fit in earnest, two at a time; the best first."""
     least = max(ACCEPT, FORM * (null.deviance - base.deviance))
     best: dict[str, Promise] = {}
     for p in promises(base, [s for s in found if not _taken(s.candidate, present)]):
         name = p.signature.candidate.name
         if p.kept >= BLIND and (name not in best or p.drop > best[name].drop):
             best[name] = p
-    order = sorted(best.values(), key=lambda p: -p.drop)[: FITTED if not present else FITTED_LATER]
+    order = _descending(best.values(), lambda p: p.drop)[: FITTED if not present else FITTED_LATER]
     worthwhile = [p for p in order if p.drop > 0.25 * least]
     trials: list[Trial] = []
-    for p in worthwhile:
+    for pair in (worthwhile[i : i + 2] for i in range(0, len(worthwhile), 2)):
         rival = min([t.fit.deviance for t in trials], default=np.inf)
-        if (trial := _try(base, p, least, rival)) is not None:
-            trials.append(trial)
-    return tuple(sorted(trials, key=lambda t: -t.score))
+        tasks = [(base, p, least, rival) for p in pair]
+        trials += [t for t in crew.each(_try, base.problem, tasks) if t is not None]
+    return tuple(_descending(trials, lambda t: t.score))
+
+
+def _descending(every: Iterable[Entry], worth: Callable[[Entry], float]) -> list[Entry]:
+    """Sort by worth, the best first; twins stay as they stood, whatever rounding makes of them."""
+    return sorted(every, key=lambda entry: -round(worth(entry), 3))
 
 
 def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
@@ -185,10 +201,10 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
     return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
 
 
-def _try(base: Fit, promise: Promise, least: float, rival: float) -> Trial | None:
+def _try(problem: Problem, base: Fit, promise: Promise, least: float, rival: float) -> Trial | None:
     """Fit a candidate in earnest, from the promised strength on; None where no prediction is finite."""
     candidate, index = promise.signature.candidate, len(base.config.effect)
-    problem, shape = base.problem, candidate.shapes[promise.signature.shape]
+    shape = candidate.shapes[promise.signature.shape]
     effect = candidate.effect(shape, promise.strength)
     as_given = problem.with_free(base.config, problem.free_values(problem.config))
     starts = [
@@ -246,10 +262,10 @@ def same_physics(simple: Trial, rich: Trial) -> bool:
     )
 
 
-def _pruned(null: Fit, fit: Fit, chosen: list[Trial]) -> tuple[Fit, list[Trial]]:
+def _pruned(null: Fit, fit: Fit, chosen: list[Trial], crew: Crew) -> tuple[Fit, list[Trial]]:
     """Leave out effects that the others have made needless, the least needed first."""
     while len(chosen) > 1:
-        less = [without(null.problem, fit, i) for i in range(len(chosen))]
+        less = crew.each(without, null.problem, [(fit, i) for i in range(len(chosen))])
         costs = [
             f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.fitted) - 1)
             for f, t in zip(less, chosen, strict=True)

@@ -10,7 +10,8 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Candidate
-from observer.fit.hypothesis import Fit, Problem, told_lags
+from observer.fit.hypothesis import Fit
+from observer.fit.problem import Problem, told_lags
 from observer.frames import FloatArray
 
 

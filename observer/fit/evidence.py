@@ -7,13 +7,13 @@ no part in fitting or choosing. The others are folds: what is fitted to all but 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.fit.coarse import CoarseRun
+from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
 
 PROOF, UNUSED = -1, -2
@@ -57,9 +57,18 @@ class Evidence:
 
     def whitened(self, columns: FloatArray) -> FloatArray:
         """Return columns (n,) or (n, c) in units of their noise, neighbours in time made independent."""
-        out = np.empty_like(columns)
+        out = (columns.T / self.noise_K).T  # what no group holds is white
         for index, matrix in self.groups:
             out[index] = matrix @ columns[index]
+        return out
+
+    def laid_out(self, columns: FloatArray, means: Sequence[int], sensors: int) -> FloatArray:
+        """Return columns (n,) or (n, c) by mean and sensor, (b, s) or (b, s, c), where run i has `means[i]`
+        of the b means; 0 where nothing was measured.
+        """
+        begin = np.cumsum([0, *means])
+        out = np.zeros((begin[-1], sensors, *columns.shape[1:]))
+        out[begin[self.run] + self.mean, self.sensor] = columns
         return out
 
     @cached_property
@@ -84,30 +93,39 @@ class Evidence:
         return np.asarray(self.fold == PROOF)
 
 
-def gather(runs: Sequence[CoarseRun], noise_K: FloatArray) -> Evidence:
-    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured."""
-    noise_K = shown_noise(runs, noise_K)
+def even(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
+    """Return the evidence of runs that are all fitted, with each sensor's noise as given, (s,), and nothing
+    slower.
+    """
     parts = []
     for i, run in enumerate(runs):
         mean, sensor = np.nonzero(_full(run.ticks.count))
-        measured = run.ticks.measured_degC[mean, sensor]
-        count = run.ticks.count[mean, sensor]
-        time_s = run.ticks.time_s[mean]
-        fold = _folds(time_s, run.ticks.time_s[-1], i, len(runs))
-        parts.append((np.full(len(mean), i), mean, sensor, measured, time_s, fold, count))
-    run_, mean, sensor, measured, time_s, fold, count = (np.concatenate(p) for p in zip(*parts, strict=True))
-    rise_K = _rises(run_, sensor, measured, fold)
-    white_K = np.sqrt(noise_K[sensor] ** 2 / count + RESOLUTION_K**2)
+        measured, count = run.ticks.measured_degC[mean, sensor], run.ticks.count[mean, sensor]
+        parts.append((np.full(len(mean), i), mean, sensor, measured, run.ticks.time_s[mean], count))
+    run_, mean, sensor, measured, time_s, count = (np.concatenate(p) for p in zip(*parts, strict=True))
+    white_K = noise_K[sensor] / np.sqrt(count)
+    return Evidence(run_, mean, sensor, measured, white_K, time_s, np.zeros_like(run_), ())
+
+
+def gather(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
+    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured."""
+    noise_K = shown_noise(runs, noise_K)
+    every = even(runs, noise_K)
+    ends_s = [run.ticks.time_s[-1] for run in runs]
+    each = [_folds(every.time_s[every.run == i], end_s, i, len(runs)) for i, end_s in enumerate(ends_s)]
+    run, sensor, fold = every.run, every.sensor, np.concatenate(each)
+    rise_K = _rises(run, sensor, every.measured_degC, fold)
+    white_K = np.sqrt(every.noise_K**2 + RESOLUTION_K**2)
     groups = []
     for i in range(len(runs)):
         for s in range(len(noise_K)):
-            for role in np.unique(fold[(run_ == i) & (sensor == s)]):
-                index = np.flatnonzero((run_ == i) & (sensor == s) & (fold == role))
-                groups.append((index, _whitening(time_s[index], white_K[index] ** 2, rise_K[i, s])))
-    return Evidence(run_, mean, sensor, measured, white_K, time_s, fold, tuple(groups))
+            for role in np.unique(fold[(run == i) & (sensor == s)]):
+                index = np.flatnonzero((run == i) & (sensor == s) & (fold == role))
+                groups.append((index, _whitening(every.time_s[index], white_K[index] ** 2, rise_K[i, s])))
+    return replace(every, noise_K=white_K, fold=fold, groups=tuple(groups))
 
 
-def shown_noise(runs: Sequence[CoarseRun], noise_K: FloatArray) -> FloatArray:
+def shown_noise(runs: Sequence[SteppedRun], noise_K: FloatArray) -> FloatArray:
     """The noise (s,) that the logs show from sample to sample, within a factor `TRUSTED` of `noise_K`.
 
     The proof is not looked at.

@@ -33,17 +33,12 @@ class Footprint:
 
     `waves` (T, 2G): the mean over each tick, weighted by the nut's heat, of cos(μ(x − L/2)) and of its sine;
     `early_s` (T, 2G): ∫ of them × (½ − t/τ) dt over each tick of length τ, how much earlier than evenly they
-    came; `present` (T, PLACES): the share of each tick that the nut spends at places from end to end.
+    came.
     """
 
     step_1_m: float
     waves: FloatArray
     early_s: FloatArray
-    present: FloatArray
-
-    def holds(self, table: NutTable) -> bool:
-        """Whether all modes of a table lie within the tabulated wave numbers."""
-        return bool(table.mu_1_m.max() < (self.waves.shape[1] // 2 - NEIGHBOURS) * self.step_1_m)
 
     def of_modes(self, table: NutTable) -> tuple[FloatArray, FloatArray]:
         """The means (T, N) of a table's columns over the ticks, and how much earlier (T, N) they came."""
@@ -54,31 +49,36 @@ class Footprint:
         weights = np.vstack([to_modes * (scale * np.cos(turned)), to_modes * (-scale * np.sin(turned))])
         return self.waves @ weights, self.early_s @ weights
 
-    def swept(self, table: NutTable) -> FloatArray:
-        """Shapes (T, PLACES, N) of which the squares add up to the covariance of the column over a tick."""
-        places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
-        columns = np.array([moving.standing(table, [x])[0][: len(table.mu_1_m)] for x in places_m])
-        apart = columns - (self.present @ columns)[:, None]
-        return np.asarray(np.sqrt(self.present)[:, :, None] * apart)
+
+def swept(table: NutTable, present: FloatArray) -> FloatArray:
+    """Shapes (T, PLACES, N) of which the squares add up to the covariance of a nut's column over a tick, of
+    which it spends the shares `present` (T, PLACES) at places from end to end.
+    """
+    places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
+    columns = np.array([moving.standing(table, [x])[0][: len(table.mu_1_m)] for x in places_m])
+    apart = columns - (present @ columns)[:, None]
+    return np.asarray(np.sqrt(present)[:, :, None] * apart)
 
 
 def footprint(
     run: Run,
     first: NDArray[np.int64],
     table: NutTable,
+    highest: int,
     channel: str,
     stroke: Stretch,
     weight: FloatArray,
     *,
     at_ends: bool = False,
 ) -> Footprint:
-    """Follow a nut's path through the ticks that begin at the rows `first` (T,).
+    """Follow a nut's path through the ticks that begin at the rows `first` (T,), for modes up to number
+    `highest`, counted from 1.
 
     `stroke` is the stretch it counts as spread over while its place is not known; `weight` (K,) how much
     each row counts; `at_ends` that the nut is taken to stand at both ends of its real stroke.
     """
     frames, step_1_m = run.frames, np.pi / (table.screw_m * PER_MODE)
-    waves, path = _wave_table(table, step_1_m, stroke), frames.path[channel]
+    waves, path = _wave_table(table, highest, step_1_m, stroke), frames.path[channel]
     if at_ends:
         rows = turning.columns(waves, PathState(), frames.dt_s, path)[1]
     else:
@@ -91,7 +91,7 @@ def footprint(
     length_s = np.maximum(np.add.reduceat(frames.dt_s, first), 1e-9)
     middle = (frames.time_s - frames.dt_s / 2 - begin_s) / length_s[number]
     early_s = np.add.reduceat(rows * (frames.dt_s * (0.5 - middle))[:, None], first)
-    return Footprint(step_1_m, mean, early_s, _present(run, first, table, channel, stroke))
+    return Footprint(step_1_m, mean, early_s)
 
 
 def interpolation(place: FloatArray, size: int) -> FloatArray:
@@ -106,9 +106,9 @@ def interpolation(place: FloatArray, size: int) -> FloatArray:
     return weights
 
 
-def _wave_table(table: NutTable, step_1_m: float, stroke: Stretch) -> NutTable:
+def _wave_table(table: NutTable, highest: int, step_1_m: float, stroke: Stretch) -> NutTable:
     """The table of a nut whose modes are the tabulated waves: cosines, then sines, about the middle."""
-    G = int(table.mu_1_m.max() / step_1_m) + 1 + 2 * NEIGHBOURS
+    G = highest * PER_MODE + 1 + 2 * NEIGHBOURS  # mode n lies within [n − 1, n] π/L, whatever the ends
     mu = np.tile(step_1_m * np.arange(G), 2)
     turned = mu * table.screw_m / 2 + np.repeat([0.0, np.pi / 2], G)
     waves = replace(
@@ -126,11 +126,12 @@ def _wave_table(table: NutTable, step_1_m: float, stroke: Stretch) -> NutTable:
     return replace(waves, mean_B=moving.standing(whole, [(stroke.a_m + stroke.b_m) / 2])[0])
 
 
-def _present(
+def presence(
     run: Run, first: NDArray[np.int64], table: NutTable, channel: str, stroke: Stretch
 ) -> FloatArray:
-    """The share (T, PLACES) of each tick that the nut spends at places from end to end; a place between two
-    counts for both, the nearer the more.
+    """Return the share (T, PLACES) of each tick that a nut spends at places from end to end.
+
+    A place between two counts for both, the nearer the more.
     """
     share = np.eye(PLACES)
     anywhere = np.linspace(stroke.a_m, stroke.b_m, 4 * PLACES) / table.screw_m * (PLACES - 1)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from observer.config import Config
-from observer.fit.coarse import CoarseRun, means_of
+from observer.fit.kept import Kept
 from observer.fit.runs import Run
-from observer.frames import FloatArray
+from observer.fit.steps import SteppedRun
+from observer.fit.strengths import unit_laws
+from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.simulate import simulate, start_from_sensors
@@ -22,29 +25,67 @@ STRETCHES, STRETCH_SHARE = 8, 0.3
 """Stretches of the screw that a gap may have heated, each by a part of what the strongest source usually
 gives.
 """
+MOST_KEPT = 8
+PREDICTS = {
+    "screw", "surface", "ambient", "boundary", "source", "node", "link", "sensor", "model", "estimator",
+    "output",
+}  # fmt: skip
+"""What of a configuration a prediction depends on, beside the effects."""
 
 
 class Forward:
     """Predicts the means (b, s) of each run; the number of modes is that of the configuration it began with.
 
-    What the runs alone decide is worked out once, so a prediction costs the building of a plant and a march
-    over the ticks.
+    What the runs alone decide is worked out once, what depends on the parameters is kept for as long as they
+    come back: a prediction with other heats costs a march, one with another film the building of a plant as
+    well. In ticks (see `steps`), or `by_row`; `watch` is shown every prediction.
     """
 
-    def __init__(self, config: Config, runs: Sequence[Run]) -> None:
-        self.runs = tuple(CoarseRun(run) for run in runs)
+    def __init__(
+        self,
+        config: Config,
+        runs: Sequence[Run],
+        watch: Callable[[list[FloatArray]], None] | None = None,
+        *,
+        by_row: bool = False,
+    ) -> None:
+        self._watch, self._by_row = watch, by_row
         plant = build_plant(config).sensors_only()
         self._modes = len(plant.mode_index)
         self._tables = [m.table for m in plant.moving]
-        self.count = 0
+        self.runs = tuple(SteppedRun(run, config, plant, by_row=by_row) for run in runs)
+        self._plants, self._means = Kept[Plant](MOST_KEPT), Kept[list[FloatArray]](MOST_KEPT)
+        if not by_row:
+            self._follow_nuts(self._setting(config))
 
     def __call__(self, config: Config) -> list[FloatArray]:
         """Return the prediction (b, s) of each run in °C."""
-        self.count += 1
-        lean = lean_config(config, self._modes)
-        plant = self._with_tables(build_plant(lean, nut_places=2).sensors_only())
+        setting = self._setting(config)
+        means = self._means.get((setting.key, setting.strength.tobytes()), lambda: self._every(setting))
+        if self._watch is not None:
+            self._watch(means)
+        return means
+
+    def _follow_nuts(self, setting: Setting) -> None:
+        """Follow the nuts' paths, which takes longest of all, through several runs at a time."""
+        with ThreadPoolExecutor() as threads:
+            for followed in [threads.submit(self._inputs, setting, run) for run in self.runs]:
+                followed.result()
+
+    def _setting(self, config: Config) -> Setting:
+        """What the runs are predicted with at a configuration."""
+        unit, strength = unit_laws(lean_config(config, self._modes))
+        key = unit.model_dump_json(include=PREDICTS) + repr(unit.effect)
+        return Setting(unit, key, strength, self._plants.get(key, lambda: self._plant(unit)))
+
+    def _plant(self, config: Config) -> Plant:
+        if self._by_row:
+            return build_plant(config).sensors_only()
+        return self._with_tables(build_plant(config, nut_places=2).sensors_only())
+
+    def _every(self, setting: Setting) -> list[FloatArray]:
         with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis may be absurd
-            return [self._predict(lean, plant, run) for run in self.runs]
+            return [self._predict(setting, run) for run in self.runs]
 
     def by_gaps(self, config: Config) -> list[list[FloatArray]]:
         """The change (b, s) of each prediction with a heat in each gap of a log: of each source throughout,
@@ -54,15 +95,13 @@ class Forward:
         """
         if not any((run.ticks.length_s > GAP_S).any() for run in self.runs):
             return []
-        lean = lean_config(config, self._modes)
-        stretches = _stretches(lean)
-        lean = lean.model_copy(update={"source": (*lean.source, *stretches)})
-        plant = self._with_tables(build_plant(lean, nut_places=2).sensors_only())
-        stretch = np.isin(plant.source_names, [s.name for s in stretches])
-        here = [self._predict(lean, plant, run) for run in self.runs]
+        stretches = _stretches(config)
+        setting = self._setting(config.model_copy(update={"source": (*config.source, *stretches)}))
+        stretch = np.isin(setting.plant.source_names, [s.name for s in stretches])
+        here = self._every(setting)
         changes = []
         for i, run in enumerate(self.runs):
-            law_W, length_s = run.inputs(lean, plant).law_W, run.ticks.length_s
+            law_W, length_s = self._inputs(setting, run).law_W, run.ticks.length_s
             usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
             usual_W[stretch] = STRETCH_SHARE * usual_W.max()
             gaps = np.flatnonzero(length_s > GAP_S)
@@ -75,7 +114,7 @@ class Forward:
                         more_W = np.zeros_like(law_W)
                         more_W[at, j] = share * usual_W[j]
                         change = [np.zeros_like(h) for h in here]
-                        change[i] = self._predict(lean, plant, run, more_W) - here[i]
+                        change[i] = self._predict(setting, run, more_W) - here[i]
                         changes.append(change)
         return changes
 
@@ -92,10 +131,14 @@ class Forward:
             moving.append(replace(m, table=replace(m.table, table_C=table_C, mean_C=mean_C)))
         return replace(plant, moving=tuple(moving))
 
-    def _predict(
-        self, config: Config, plant: Plant, run: CoarseRun, more_W: FloatArray | None = None
-    ) -> FloatArray:
-        inputs = run.inputs(config, plant)
+    def _inputs(self, setting: Setting, run: SteppedRun) -> Inputs:
+        """The inputs of a run, its laws at their strengths; those that effects and links add keep theirs."""
+        inputs = run.inputs(setting.config, setting.plant, setting.key)
+        added = np.ones(inputs.law_W.shape[1] - len(setting.strength))
+        return inputs._replace(law_W=inputs.law_W * np.concatenate([setting.strength, added]))
+
+    def _predict(self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None) -> FloatArray:
+        plant, inputs = setting.plant, self._inputs(setting, run)
         if more_W is not None:
             inputs = inputs._replace(law_W=inputs.law_W + more_W)
         state = start_from_sensors(
@@ -104,7 +147,19 @@ class Forward:
         before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
         sweep = run.sweep(plant)
         rows = simulate(plant if sweep is None else _told(plant), state, inputs, sweep)[1]
-        return means_of(run.ticks, before, rows, run.ripple_K(plant, inputs))
+        return run.means(plant, inputs, before, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A configuration ready for predictions: its laws at strength 1, a key for what it says, the strengths
+    (m,) apart, and the plant.
+    """
+
+    config: Config
+    key: str
+    strength: FloatArray
+    plant: Plant
 
 
 def _told(plant: Plant) -> Plant:

@@ -135,6 +135,26 @@ def replaced(config: Config, values: Mapping[str, float]) -> Config:
     return config.remade(table)
 
 
+def put(config: Config, values: Mapping[str, float]) -> Config:
+    """Return the configuration with other values of parameters that may be free, within their bounds: not
+    checked anew.
+    """
+    for key, value in values.items():
+        head, *middle, last = key.split(".")
+        if head == "source":
+            name = ".".join(middle)
+            section: Any = tuple(
+                s.model_copy(update={last: value}) if s.name == name else s for s in config.source
+            )
+        elif head == "boundary":
+            end = getattr(config.boundary, middle[0]).model_copy(update={last: value})
+            section = config.boundary.model_copy(update={middle[0]: end})
+        else:
+            section = getattr(config, head).model_copy(update={last: value})
+        config = config.model_copy(update={head: section})
+    return config
+
+
 def bounds_of(config: Config, key: str) -> tuple[float, float]:
     """Return the range in which a parameter is sought; it holds the configured value."""
     kind, value = kind_of(key), get(config, key)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from observer.compiled import cached_loop, inlined
 from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
-from observer.frames import FloatArray, FrameBlock, Inputs, Quality
+from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality, QualityArray
 from observer.model.couple import surface_rate
 from observer.model.law import Law, heat_law
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
@@ -48,15 +48,22 @@ class DriveState:
     running_s: FloatArray
 
 
+class Driving(NamedTuple):
+    """What drives the open loop through K steps; each as in `Inputs`."""
+
+    law_W: FloatArray
+    law_jump_W: FloatArray
+    z_start: FloatArray
+    z_end: FloatArray
+    loss_1_s: FloatArray
+    loss_degC: FloatArray
+
+
 class Drive:
     """The plant's reading of the channels; holds no state of its own."""
 
-    def __init__(self, config: Config, plant: Plant, *, follow_nuts: bool = True) -> None:
-        """Fix, once, which channel feeds which input.
-
-        Without `follow_nuts` the moving columns are left out (M = 0): for who has them already.
-        """
-        self._follow_nuts = follow_nuts
+    def __init__(self, config: Config, plant: Plant) -> None:
+        """Fix, once, which channel feeds which input."""
         machine = realise(config)
         config = machine.config
         self._plant = plant
@@ -102,27 +109,43 @@ class Drive:
 
     def run(self, state: DriveState, frames: FrameBlock) -> tuple[DriveState, Inputs]:
         """Return the state after K frames and the inputs of the K steps they end."""
+        driving, read, after = self._driving(state, frames)
+        nuts, turns, moving_B, moving_C = self._nuts(state, frames)
+        inputs = Inputs(
+            frames.time_s, frames.dt_s, *read[:3], driving.law_W, driving.law_jump_W, driving.z_start,
+            driving.z_end, moving_B, moving_C, read.degraded, driving.loss_1_s, driving.loss_degC,
+        )  # fmt: skip
+        law_W, z, begin_s, running_s = after
+        return DriveState(law_W, z, nuts, turns, begin_s, float(frames.time_s[-1]), running_s), inputs
+
+    def open_loop(self, frames: FrameBlock) -> Driving:
+        """Return what drives a plant through a log from its first frame on, but for where nuts are."""
+        return self._driving(self.initial(), frames)[0]
+
+    def _driving(
+        self, state: DriveState, frames: FrameBlock
+    ) -> tuple[Driving, _Sensed, tuple[FloatArray, FloatArray, float, FloatArray]]:
+        """The heats, known inputs and losses of K steps, what sensors say, and what is remembered of it: laws
+        and known inputs at the end, the first frame's time, and how long each law has run.
+        """
         if frames.channels is not self._channels:
             self._channels, self._read = frames.channels, self._places(frames.channels)
         count, s, m, p = len(frames), len(self._sensor_channels), len(self._laws), len(state.z)
         law, running_s = self._law(frames, state)
         known, z_start, z_end = np.empty((count, p)), np.empty((count, p)), np.empty((count, p))
         law_W, jump_W = np.empty((count, m)), np.empty((count, m))
-        y_degC, usable = np.empty((count, s)), np.empty((count, s), np.bool_)
-        quality, degraded = np.empty((count, s), np.int8), np.empty(count, np.int8)
+        sensed = _Sensed(
+            np.empty((count, s)), np.empty((count, s), np.bool_), np.empty((count, s), np.int8),
+            np.empty(count, np.int8),
+        )  # fmt: skip
         begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
         _fill(
             self._read, frames.time_s, frames.values, frames.fresh, frames.quality, state.law_W, state.z,
-            begin_s, state.last_s, law, known, z_start, z_end, law_W, jump_W, y_degC, usable, quality,
-            degraded,
+            begin_s, state.last_s, law, known, z_start, z_end, law_W, jump_W, *sensed,
         )  # fmt: skip
-        nuts, turns, moving_B, moving_C = self._nuts(state, frames)
-        inputs = Inputs(
-            frames.time_s, frames.dt_s, y_degC, usable, quality, law_W, jump_W, z_start, z_end, moving_B,
-            moving_C, degraded, *self._loss(frames, z_end[:, self._known.ambient]),
-        )  # fmt: skip
-        last_s = float(frames.time_s[-1])
-        return DriveState(law[-1], known[-1], nuts, turns, begin_s, last_s, running_s), inputs
+        losses = self._loss(frames, z_end[:, self._known.ambient])
+        driving = Driving(law_W, jump_W, z_start, z_end, *losses)
+        return driving, sensed, (law[-1], known[-1], begin_s, running_s)
 
     def _places(self, channels: tuple[str, ...]) -> _Read:
         """Where frames of these channels hold what is read."""
@@ -178,9 +201,8 @@ class Drive:
     ) -> tuple[tuple[moving.NutState, ...], tuple[PathState, ...], FloatArray, FloatArray]:
         """The averaged columns of every moving source: states, (K, M, n_x), (K, M, R)."""
         plant = self._plant
-        followed = plant.moving if self._follow_nuts else ()
         B, C, nuts, turns = [], [], [], list(state.turns)
-        for i, source in enumerate(followed):
+        for i, source in enumerate(plant.moving):
             path = frames.path[source.channel]
             nut, own_B, own_C = moving.columns(source.table, state.nuts[i], frames.dt_s, path)
             if source.ends_fraction:
@@ -193,6 +215,15 @@ class Drive:
         moving_B = _stacked(B, len(frames), len(plant.decay_1_s))
         moving_C = _stacked(C, len(frames), len(plant.rows.C))
         return tuple(nuts), tuple(turns), moving_B, moving_C
+
+
+class _Sensed(NamedTuple):
+    """What sensors say in K steps, and how far it can be used; each as in `Inputs`."""
+
+    y_degC: FloatArray
+    usable: BoolArray
+    quality: QualityArray
+    degraded: NDArray[np.int8]
 
 
 class _Read(NamedTuple):

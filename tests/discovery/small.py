@@ -9,8 +9,8 @@ import numpy as np
 from observer.config import Config
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import Problem
 from observer.fit.parameters import free_keys
+from observer.fit.problem import Problem
 from observer.fit.runs import prepare
 from observer.frames import FrameBlock
 

@@ -20,8 +20,12 @@ from observer.fit.evidence import (
     SLOW_SHARE,
     UNUSED,
     Evidence,
+    even,
+    gather,
 )
+from observer.fit.forward import Forward
 from observer.fit.hypothesis import fit_null
+from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock
 from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
@@ -93,6 +97,27 @@ def test_the_noise_is_the_one_the_logs_show() -> None:
     told = problem_of(CONFIG.model_copy(update={"sensor": tuple(sensors)}), logs(2)).evidence
     # 0.05 K are in the logs, whatever is configured; 1800 rows of each tell it to 2 %
     np.testing.assert_allclose(told.noise_K, quiet.noise_K, rtol=0.02)
+
+
+def test_a_mean_of_fewer_values_weighs_less_and_one_of_less_than_half_not_at_all() -> None:
+    """Of fifteen rows in half a minute, sensor a has eight in one mean and seven in another."""
+    log = logs(1)[0]
+    column = log.channels.index("a_degC")
+    for first, lost in ((301, 7), (601, 8)):
+        log.values[first : first + lost, column] = np.nan
+        log.fresh[first : first + lost, column] = False
+    forward = Forward(CONFIG, [prepare(CONFIG, [log], "log")])
+    noise_K = np.array([s.noise_K for s in CONFIG.sensor])
+    evidence = even(forward.runs, noise_K)
+    mine = evidence.sensor == 0
+    most, least = evidence.mean[mine & (evidence.time_s == 630.0)], mine & (evidence.time_s == 1230.0)
+    assert len(most) == 1
+    assert not least.any()
+    sparse_K = evidence.noise_K[mine & (evidence.mean == most[0])]
+    np.testing.assert_allclose(sparse_K, noise_K[0] / np.sqrt(8), rtol=1e-12)
+    np.testing.assert_allclose(np.median(evidence.noise_K[mine]), noise_K[0] / np.sqrt(15), rtol=1e-12)
+    coloured_ = gather(forward.runs, noise_K)
+    assert coloured_.noise_K[mine & (evidence.mean == most[0])] > 1.3 * np.median(coloured_.noise_K[mine])
 
 
 def test_three_logs_are_two_folds_and_a_proof() -> None:

@@ -10,7 +10,7 @@ from observer.config import Config
 from observer.discovery.experiment import SEPARATES, Phase, habits_of, menu, propose, separation
 from observer.effects.base import EffectTable
 from observer.effects.heat import EndHeat, MotorHeat
-from observer.fit.hypothesis import Problem
+from observer.fit.problem import Problem
 from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
 

@@ -9,10 +9,10 @@ from observer.config import Config
 from observer.effects.base import EffectTable
 from observer.effects.bodies import AttachedMass, EndConduction
 from observer.effects.heat import Dwell
-from observer.fit.coarse import CoarseRun
-from observer.fit.footprint import PLACES, interpolation
+from observer.fit.footprint import PLACES, interpolation, swept
 from observer.fit.forward import Forward, lean_config
 from observer.fit.runs import Run, prepare
+from observer.fit.steps import SteppedRun, means_of
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.drive import Drive
@@ -32,7 +32,7 @@ def the_run() -> Run:
     return prepare(rig()[0], rig()[1], "the rig's log")
 
 
-def averaged(run: CoarseRun, plant: Plant, weight: FloatArray) -> FloatArray:
+def averaged(run: SteppedRun, plant: Plant, weight: FloatArray) -> FloatArray:
     """The nut's columns row by row, then averaged over the ticks, (T, N)."""
     frames, first, nut = run.run.frames, run.ticks.first, plant.moving[0]
     rows = moving.columns(nut.table, moving.start(nut.table), frames.dt_s, frames.path[nut.channel])[1]
@@ -49,10 +49,10 @@ def test_columns_of_any_modes_are_those_of_the_path_followed_row_by_row(
     effects: tuple[EffectTable, ...],
 ) -> None:
     """The table is made with the modes of the rig as it is, and asked for those of another end."""
-    config, run = with_effects(*effects), CoarseRun(the_run())
-    run.inputs(with_effects(), build_plant(with_effects()))
+    run = SteppedRun(the_run(), with_effects(), build_plant(with_effects()))
+    config = with_effects(*effects)
     plant = build_plant(config)
-    inputs = run.inputs(config, plant)
+    inputs = run.inputs(config, plant, "")
     count = np.diff([*run.ticks.first, len(run.run.frames)])
     weight = run.run.frames.dt_s * (np.repeat(np.abs(inputs.law_W[:, 0]), count) + 1e-6)
     direct = averaged(run, plant, weight)
@@ -71,16 +71,17 @@ def test_interpolates_polynomials_exactly() -> None:
 
 def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
     """A nut at each of the places for its share: the covariance of its columns, from their products."""
-    config, run = with_effects(), CoarseRun(the_run())
+    config = with_effects()
     plant = build_plant(config)
-    run.inputs(config, plant)
-    footprint, table = run._footprints[0, False], plant.moving[0].table
-    shapes = footprint.swept(table)
+    run = SteppedRun(the_run(), config, plant)
+    source = plant.moving[0]
+    present, table = run._present(source, 0), source.table
+    shapes = swept(table, present)
     columns = np.array(
         [moving.standing(table, [x])[0][: plant.modes] for x in np.linspace(0.0, table.screw_m, PLACES)]
     )
-    for tick in np.argsort(-(footprint.present > 0).sum(axis=1))[:3]:
-        share = footprint.present[tick]
+    for tick in np.argsort(-(present > 0).sum(axis=1))[:3]:
+        share = present[tick]
         mean = share @ columns
         covariance = (columns * share[:, None]).T @ columns - np.multiply.outer(mean, mean)
         assert np.count_nonzero(share) > 5
@@ -110,9 +111,32 @@ def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row() -> None:
     assert error_K < 1e-3 * rise_K  # by the mean place and the stroke: 3e-3
 
 
+def test_a_pass_early_in_a_tick_warms_its_mean_by_more_than_one_late_in_it() -> None:
+    """The means of rows are met twice as well as by the ticks' ends alone, at the sensor passed most."""
+    config, passed = with_effects(), 2
+    plant = build_plant(config).sensors_only()
+    run = SteppedRun(the_run(), config, plant)
+    drive = Drive(config, plant)
+    inputs, by_row = run.inputs(config, plant, ""), drive.run(drive.initial(), run.run.frames)[1]
+    state = start_from_sensors(
+        plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
+    )
+    before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
+    ends = simulate(plant, state, inputs)[1]
+    rows = simulate(plant, state, by_row)[1][:, passed]
+    mean = run.ticks.mean[np.repeat(np.arange(len(run.ticks.first)), np.diff([*run.ticks.first, len(rows)]))]
+    exact = np.bincount(mean, rows) / np.bincount(mean)
+    told, plain = (
+        float(np.sqrt(np.mean((means[:, passed] - exact) ** 2)))
+        for means in (run.means(plant, inputs, before, ends), means_of(run.ticks, before, ends, 0.0 * ends))
+    )
+    print(f"{1e3 * told:.1f} mK, by the ends alone {1e3 * plain:.1f} mK")
+    assert told < 0.6 * plain
+
+
 def test_dwelling_at_the_ends_follows_the_path_a_second_time() -> None:
-    config, run = with_effects(Dwell(kind="dwell", target="nut", fraction=0.5)), CoarseRun(the_run())
-    plant = build_plant(config)
-    dwelling = run.inputs(config, plant).moving_B
-    even = run.inputs(with_effects(), build_plant(with_effects())).moving_B
+    bare, config = with_effects(), with_effects(Dwell(kind="dwell", target="nut", fraction=0.5))
+    run = SteppedRun(the_run(), bare, build_plant(bare))
+    dwelling = run.inputs(config, build_plant(config), "").moving_B
+    even = run.inputs(bare, build_plant(bare), "").moving_B
     assert np.abs(dwelling - even).max() > 0.1 * np.abs(even).max()

@@ -12,9 +12,10 @@ import pytest
 from observer.config import Config
 from observer.discovery.excitation import lacking, speeds_rpm
 from observer.discovery.phases import PHASES, Course, course_of
-from observer.fit.coarse import CoarseRun
 from observer.fit.runs import prepare
+from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
+from observer.model.build import build_plant
 from tests.discovery.cases import frames, machine
 
 # Minutes: at rest, at work, a short rest, at work again, a long rest.
@@ -32,7 +33,7 @@ def course(working: Any) -> Course:
         level_degC[k] = level_degC[k - 1] + 2.0 / 600.0 * (20.0 + 15.0 * on[k] - level_degC[k - 1])
     columns = {"n_rpm": 1200.0 * on} | {s.channel: level_degC for s in config.sensor}
     run = prepare(config, [frames(config, time_s, columns)], "log")
-    return course_of(config, CoarseRun(run))
+    return course_of(config, SteppedRun(run, config, build_plant(config)))
 
 
 def at_work(minute: float) -> bool:

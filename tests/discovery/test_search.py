@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from observer.config import Config
 from observer.discovery.candidates import library
 from observer.discovery.discover import Discovery, discover
-from observer.discovery.search import same_physics
+from observer.discovery.search import held_out, same_physics
 from observer.effects.catalogue import BY_KIND, KINDS
 from observer.effects.film import UnevenConvection
 from observer.effects.heat import LocalHeat
+from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
+from observer.frames import FloatArray
 from tests.discovery.cases import machine, made_log
 
 BIAS = {"kind": "sensor_bias", "target": "b", "offset_K": 0.8}
@@ -91,3 +94,32 @@ def stretch(from_m: float, to_m: float) -> UnevenConvection:
 )  # fmt: skip
 def test_a_place_at_an_end_is_that_end(simple: tuple[str, str | None], rich: Any, same: bool) -> None:
     assert same_physics(trial(simple), trial(effect=rich)) is same
+
+
+# ---- data held out ----
+
+
+def a_fit(residual: FloatArray, column: FloatArray) -> Fit:
+    """A fit with one parameter on two folds of equal length, without tolerances."""
+    fold = np.repeat([0, 1], len(residual) // 2)
+    evidence = SimpleNamespace(fold=fold, folds=2)
+    plain = SimpleNamespace(
+        problem=SimpleNamespace(evidence=evidence),
+        residual=residual,
+        jacobian=column[:, None],
+        marginal=lambda _rows: lambda columns: columns,
+    )
+    return cast(Fit, plain)
+
+
+def test_what_only_one_fold_shows_explains_nothing_that_is_held_out() -> None:
+    """A parameter that fits a fold by itself has learnt nothing of it from the others."""
+    once = np.array([1.0, -2.0, 1.5, 0.0, 0.0, 0.0])
+    assert held_out(a_fit(0.3 * once, once)) == pytest.approx(0.09 * float(once @ once), rel=1e-12)
+
+
+def test_what_both_folds_show_alike_goes_and_what_they_contradict_gets_worse() -> None:
+    both = np.array([1.0, -2.0, 1.5, -1.0, 2.0, 0.5])
+    assert held_out(a_fit(0.3 * both, both)) == pytest.approx(0.0, abs=1e-20)
+    against = 0.3 * both * np.repeat([1.0, -1.0], 3)
+    assert held_out(a_fit(against, both)) == pytest.approx(4 * float(against @ against), rel=1e-12)

@@ -14,8 +14,9 @@ from observer.discovery.candidates import library
 from observer.discovery.search import tried
 from observer.discovery.signatures import promises, signatures
 from observer.effects.bodies import EndConduction
-from observer.fit.hypothesis import Marginal, fit_effects, fit_null
+from observer.fit.hypothesis import Fit, fit_effects, fit_null
 from observer.fit.parameters import replaced
+from observer.fit.problem import Marginal
 from observer.fit.tolerance import MATERIAL, tolerances
 from observer.frames import FrameBlock
 from observer.model.build import build_plant
@@ -82,6 +83,29 @@ def test_every_tolerance_moves_the_prediction_and_stays_small() -> None:
     for changed, kind in every:
         moved_K = float(np.max(np.abs(problem.predicted(changed) - here)))
         assert 1e-3 < moved_K < 0.05 * rise_K, kind
+
+
+def test_a_lag_that_an_effect_tells_is_no_tolerance_any_more() -> None:
+    """A sensor's error of three standard deviations of its lag costs nine at the most, unless an effect
+    claims to tell that lag: then nothing forgives it.
+    """
+    config = machine()
+    problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
+    problem = problem.tolerant(config)
+    assert problem.slack is not None
+    lag = [i for i, name in enumerate(problem.slack.lag_of) if name == "b"]
+    assert len(lag) == 1
+    residual = 3.0 * problem.slack.columns[:, lag[0]]
+    nothing, parameters = np.zeros((len(residual), 0)), np.zeros(0)
+    cost = {}
+    for target in (None, "a", "b"):
+        told = [] if target is None else [{"kind": "sensor_lag", "target": target, "time_constant_s": 9.0}]
+        claimed = machine(effect=told)
+        cost[target] = Fit(problem, claimed, (), parameters, residual, nothing, parameters).deviance
+    print(cost)
+    assert cost[None] <= 9.0
+    assert cost["a"] <= 9.0
+    assert cost["b"] > 2 * cost[None]
 
 
 # ---- gaps ----

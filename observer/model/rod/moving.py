@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from observer.compiled import cached_call, rarely
+from observer.compiled import cached_call, cached_loop
 from observer.frames import FloatArray, NutPath
 from observer.model.rod.path import MEMORY_S, SAMPLES_PER_TRAVERSE, PathState, advance, on_the_way
 
@@ -167,7 +167,7 @@ def _average(  # type: ignore[no-untyped-def]
         out_C[k, :] = C
 
 
-@rarely
+@cached_loop  # `standing` calls it too
 def _add(B, C, share, centre_m, mu, phase, scale, kA, nut_m, screw_m, table_C):  # type: ignore[no-untyped-def]
     """Add `share` of the columns with the nut at one place."""
     centre = min(max(centre_m, 0.0), screw_m)

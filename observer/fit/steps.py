@@ -1,4 +1,4 @@
-"""A run in ticks of ten seconds: what a search simulates, thousands of times, in place of every row.
+"""A run in the steps of a prediction: its rows, or, thousands of times in a search, ticks of ten seconds.
 
 Heats, losses and the nut's columns are averaged over each tick, so their energy is that of the rows; known
 inputs are taken at its ends. Predictions are compared as means over three ticks, to which each tick
@@ -7,19 +7,18 @@ contributes the mean of its two ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
-from observer.fit.footprint import PLACES, Footprint, footprint
-from observer.fit.runs import Run
+from observer.fit.footprint import PLACES, Footprint, footprint, presence, swept
+from observer.fit.kept import Kept
+from observer.fit.runs import BLOCK_S, Run
 from observer.frames import FloatArray, Inputs
-from observer.model.drive import Drive
+from observer.model.drive import Drive, Driving
 from observer.model.plant import MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving, turning
@@ -30,9 +29,7 @@ from observer.tables.sections import Source
 
 TICK_S = 10.0
 TICKS_IN_MEAN = 3
-MOST_KEPT = 64
-Key = TypeVar("Key")
-Value = TypeVar("Value")
+MOST_KEPT, MOST_ROWS_KEPT = 16, 2
 INPUT_TERMS = (LawFactor, AmbientShift, Offset, SpeedLoss)
 
 
@@ -96,106 +93,157 @@ def means_of(ticks: Ticks, before: FloatArray, rows: FloatArray, ripple_K: Float
     return out
 
 
-class CoarseRun:
-    """A run whose inputs can be had in ticks for any configuration; the nuts' paths are followed once."""
+def rows_of(run: Run) -> Ticks:
+    """Return a run's rows as ticks, and its blocks as their means."""
+    rows = np.arange(len(run.frames))
+    mean = np.repeat(np.arange(len(run.first)), np.diff([*run.first, len(rows)]))
+    number = np.floor((run.frames.time_s[run.first] - run.frames.time_s[0]) / BLOCK_S)
+    return Ticks(
+        first=rows,
+        length_s=run.frames.dt_s,
+        mean=mean,
+        count=run.count,
+        measured_degC=run.measured_degC,
+        time_s=(number + 1) * BLOCK_S,
+        share=run.usable / np.maximum(run.count[mean], 1.0),
+        at_end=np.ones(len(rows), dtype=bool),
+    )
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
-        self.ticks = ticks_of(run)
-        self._footprints: dict[tuple[int, bool], Footprint] = {}
-        self._of_modes: dict[tuple[int, bool, bytes], tuple[FloatArray, FloatArray]] = {}
-        self._lags: dict[tuple[int, bool, bytes], FloatArray] = {}
-        self._driven: dict[str, Inputs] = {}
 
-    def inputs(self, config: Config, plant: Plant) -> Inputs:
-        """Return the inputs of the ticks, (T,)."""
-        driven = self._drive(config, plant)
-        T, M = len(driven), len(plant.moving)
+class SteppedRun:
+    """A run whose inputs can be had for any configuration: in ticks, or, exact and some tens of times slower,
+    row by row.
+
+    For ticks the nuts' paths are followed once, each row of them weighed by the nut's heat at the
+    configuration that the run is made with.
+    """
+
+    def __init__(self, run: Run, config: Config, plant: Plant, *, by_row: bool = False) -> None:
+        self.run, self._by_row = run, by_row
+        self.ticks = rows_of(run) if by_row else ticks_of(run)
+        ends = np.append(self.ticks.first[1:], len(run.frames)) - 1
+        self._ends_s = run.frames.time_s[ends]
+        self._rows_kept, self._driven = Kept[Inputs](MOST_ROWS_KEPT), Kept[Driving](MOST_KEPT)
+        self._footprints, self._presences = Kept[Footprint](MOST_KEPT), Kept[FloatArray](MOST_KEPT)
+        self._of_modes = Kept[tuple[FloatArray, FloatArray]](MOST_KEPT)
+        self._lags = Kept[FloatArray](MOST_KEPT)
+        sources = realise(config).config.source
+        self._strokes = [mean_stretch(sources[m.index], config.screw) for m in plant.moving]
+        self._weight = [] if by_row else self._weights(config, plant)
+
+    def inputs(self, config: Config, plant: Plant, key: str) -> Inputs:
+        """Return the inputs of the steps, (T,); `key` says the configuration."""
+        if self._by_row:
+            return self._rows_kept.get(key, lambda: self._rows(config, plant))
+        driven = self._driven.get(driving(config), lambda: self._aggregated(config, plant))
+        T, M = len(self.ticks.first), len(plant.moving)
         B, C = np.zeros((T, M, len(plant.decay_1_s))), np.zeros((T, M, len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
-            self._follow(config, source, i, driven.law_W)
             B[:, i], C[:, i] = source.table.mean_B, self._lag_rows(source, i)
-            B[:, i, : plant.modes] = self._columns(source, i)[0]
+            B[:, i, : plant.modes] = self._columns(plant, i)[0]
             if source.ends_fraction:
-                ends_B = self._columns(source, i, at_ends=True)[0]
+                ends_B = self._columns(plant, i, at_ends=True)[0]
                 B[:, i, : plant.modes] += source.ends_fraction * (ends_B - B[:, i, : plant.modes])
                 C[:, i] += source.ends_fraction * (self._lag_rows(source, i, at_ends=True) - C[:, i])
-        return driven._replace(moving_B=B, moving_C=C)
+        unread = np.zeros((T, 0))
+        return Inputs(
+            time_s=self._ends_s,
+            dt_s=self.ticks.length_s,
+            y_degC=unread,
+            usable=unread.astype(bool),
+            quality=unread.astype(np.int8),
+            moving_B=B,
+            moving_C=C,
+            degraded=np.zeros(T, dtype=np.int8),
+            **driven._asdict(),
+        )
+
+    def means(self, plant: Plant, inputs: Inputs, before: FloatArray, rows: FloatArray) -> FloatArray:
+        """The means (b, s) of output rows (T, s) at the steps' ends, `before` (s,) those at the start."""
+        if self._by_row:
+            return self.run.means(rows)
+        return means_of(self.ticks, before, rows, self.ripple_K(plant, inputs))
 
     def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
         """What the passing nut adds to the mean of a tick over that of its ends, (T, s).
 
-        A pass early in a tick warms a sensor for longer than one late in it. To be asked after `inputs`.
+        A pass early in a tick warms a sensor for longer than one late in it.
         """
         out = np.zeros((len(inputs), len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
-            early_s = self._columns(source, i)[1] * (1 - source.ends_fraction)
+            early_s = self._columns(plant, i)[1] * (1 - source.ends_fraction)
             out += inputs.law_W[:, source.index, None] * (early_s @ plant.rows.C[:, : plant.modes].T)
         return out
 
     def sweep(self, plant: Plant) -> FloatArray | None:
         """The shapes (T, M, e, N) of which the squares add up to the covariance of each nut's column over
-        the ticks; nothing where no nut has a body. To be asked after `inputs`.
+        the ticks; nothing where no nut has a body, and row by row, for within one a nut hardly moves.
         """
         bodies = set(plant.coupling.links.source.tolist())
-        if not bodies & {m.index for m in plant.moving}:
+        if self._by_row or not bodies & {m.index for m in plant.moving}:
             return None
         out = np.zeros((len(self.ticks.first), len(plant.moving), PLACES, plant.modes))
         for i, source in enumerate(plant.moving):
             if source.index in bodies:
-                out[:, i] = self._footprints[i, False].swept(source.table)
+                out[:, i] = swept(source.table, self._present(source, i))
         return out
 
-    def _drive(self, config: Config, plant: Plant) -> Inputs:
-        """The inputs of the ticks without the nut's columns; kept, as the film and the screw do not change
-        them.
-        """
-        return _kept(self._driven, _driving(config), lambda: self._aggregated(config, plant))
+    def _rows(self, config: Config, plant: Plant) -> Inputs:
+        drive = Drive(config, plant)
+        return drive.run(drive.initial(), self.run.frames)[1]
 
-    def _aggregated(self, config: Config, plant: Plant) -> Inputs:
-        drive = Drive(config, plant, follow_nuts=False)
-        fine = drive.run(drive.initial(), self.run.frames)[1]
+    def _aggregated(self, config: Config, plant: Plant) -> Driving:
+        """What drives the ticks, (T,), without the nuts."""
+        fine, row_s = Drive(config, plant).open_loop(self.run.frames), self.run.frames.dt_s
         first, length_s = self.ticks.first, np.maximum(self.ticks.length_s, 1e-9)
 
         def mean(values: FloatArray) -> FloatArray:
-            weight = fine.dt_s if values.ndim == 1 else fine.dt_s[:, None]
+            weight = row_s if values.ndim == 1 else row_s[:, None]
             over = length_s if values.ndim == 1 else length_s[:, None]
             return np.asarray(np.add.reduceat(values * weight, first, axis=0) / over)
 
-        last = np.append(first[1:], len(fine)) - 1
+        last = np.append(first[1:], len(row_s)) - 1
         loss = mean(fine.loss_1_s)
         drawn = mean(fine.loss_1_s * fine.loss_degC)
-        return fine.part(0, len(first))._replace(
-            time_s=fine.time_s[last],
-            dt_s=self.ticks.length_s,
+        return Driving(
             law_W=mean(fine.law_W),
+            law_jump_W=fine.law_jump_W[first],
             z_start=fine.z_start[first],
             z_end=fine.z_end[last],
             loss_1_s=loss,
             loss_degC=np.where(loss > 0, drawn / np.where(loss > 0, loss, 1.0), 0.0),
         )
 
-    def _follow(self, config: Config, source: MovingSource, i: int, law_W: FloatArray) -> None:
-        """Follow a nut's path, weighted by its heat when it is first asked for."""
-        frames, first = self.run.frames, self.ticks.first
-        for at_ends in (False, True) if source.ends_fraction else (False,):
-            known = self._footprints.get((i, at_ends))
-            if known is None or not known.holds(source.table):
-                heat_W = np.repeat(np.abs(law_W[:, source.index]), np.diff([*first, len(frames)]))
-                stroke = mean_stretch(config.source[source.index], config.screw)
-                self._footprints[i, at_ends] = footprint(
-                    self.run, first, source.table, source.channel, stroke, frames.dt_s * (heat_W + 1e-6),
-                    at_ends=at_ends,
-                )  # fmt: skip
+    def _weights(self, config: Config, plant: Plant) -> list[FloatArray]:
+        """How much each row of each nut's path counts, (K,)."""
+        heat_W = np.abs(self._aggregated(config, plant).law_W)
+        heat_W = np.repeat(heat_W, np.diff([*self.ticks.first, len(self.run.frames)]), axis=0)
+        return [self.run.frames.dt_s * (heat_W[:, m.index] + 1e-6) for m in plant.moving]
 
-    def _columns(
-        self, source: MovingSource, i: int, *, at_ends: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
+    def _footprint(self, plant: Plant, i: int, *, at_ends: bool = False) -> Footprint:
+        """What a nut's path leaves in the ticks, for any modes up to as many as the plant has."""
+        source, highest = plant.moving[i], plant.mode_index[-1]
+        return self._footprints.get(
+            (i, at_ends, highest),
+            lambda: footprint(
+                self.run, self.ticks.first, source.table, highest, source.channel, self._strokes[i],
+                self._weight[i], at_ends=at_ends,
+            ),
+        )  # fmt: skip
+
+    def _present(self, source: MovingSource, i: int) -> FloatArray:
+        """The share (T, PLACES) of each tick that a nut spends at places from end to end."""
+        return self._presences.get(
+            i,
+            lambda: presence(self.run, self.ticks.first, source.table, source.channel, self._strokes[i]),
+        )
+
+    def _columns(self, plant: Plant, i: int, *, at_ends: bool = False) -> tuple[FloatArray, FloatArray]:
         """The nut's input columns (T, N), and how much earlier than evenly (T, N) they came."""
-        table = source.table
+        table = plant.moving[i].table
         shape = (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m))
         key = (i, at_ends, b"".join(a.tobytes() for a in shape))
-        return _kept(self._of_modes, key, lambda: self._footprints[i, at_ends].of_modes(table))
+        return self._of_modes.get(key, lambda: self._footprint(plant, i, at_ends=at_ends).of_modes(table))
 
     def _lag_rows(self, source: MovingSource, i: int, *, at_ends: bool = False) -> FloatArray:
         """The output columns (T, R) of the nut's lag."""
@@ -211,25 +259,17 @@ class CoarseRun:
             return np.asarray(np.add.reduceat(rows * frames.dt_s[:, None], first) / over_s[:, None])
 
         key = (i, at_ends, table.table_C.tobytes() + table.mean_C.tobytes())
-        return _kept(self._lags, key, averaged)
+        return self._lags.get(key, averaged)
 
 
-def _kept(store: dict[Key, Value], key: Key, work_out: Callable[[], Value]) -> Value:
-    """What is in the store under a key, or is worked out and put there; a full store begins anew."""
-    if key not in store:
-        if len(store) >= MOST_KEPT:
-            store.clear()
-        store[key] = work_out()
-    return store[key]
-
-
-def _driving(config: Config) -> str:
+def driving(config: Config) -> str:
     """What of a configuration decides the heats, losses and known inputs, as a key."""
     machine = realise(config)
     laws = [heat_parts(s) for s in machine.config.source]
     own = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]
     lost = any(isinstance(t, SpeedLoss) for t in machine.terms)
-    loss = (machine.config.screw, config.surface) if lost else None
+    still = config.surface.model_copy(update={"convection_W_m2K": 0.0})
+    loss = (machine.config.screw, still) if lost else None
     return repr((laws, own, loss, config.ambient, config.boundary, config.output.reference_degC))
 
 

@@ -1,0 +1,129 @@
+"""A second process that fits hypotheses beside this one: threads would wait for each other's interpreter."""
+
+from __future__ import annotations
+
+import io
+import multiprocessing
+import os
+import pickle
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from types import TracebackType
+from typing import Any, Self
+
+from observer.fit.problem import Problem
+
+Work = Callable[..., Any]
+Task = tuple[Any, ...]
+_problems: list[Problem] = []
+"""In the second process: the problem that was sent last."""
+
+
+class Crew:
+    """Does pieces of work on one problem, each in this process or the other; which, the results do not tell.
+
+    Without a second core, or where a second process cannot be had, this one does all.
+    """
+
+    def __init__(self, *, alone: bool = False) -> None:
+        self._other: ProcessPoolExecutor | None = None
+        self._sent: Problem | None = None
+        if not alone and (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon:
+            self._other = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+            self._other.submit(_awake)  # it takes a second
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._other is not None:
+            self._other.shutdown(wait=False, cancel_futures=True)
+
+    def each(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
+        """Return `work(problem, *task)` of every task; the work is a pure function of a module."""
+        later = [self._submit(work, problem, task) for task in tasks[1:]]
+        done: list[Any] = [work(problem, *task) for task in tasks[:1]]
+        for future, task in zip(
+            reversed(later), reversed(tasks[1:]), strict=True
+        ):  # the other takes the first
+            done.insert(1, None if future and not future.cancel() else work(problem, *task))
+        for i, future in enumerate(later, start=1):
+            if future is not None and not future.cancelled():
+                done[i] = self._result(future, work, problem, tasks[i])
+        return done
+
+    def _submit(self, work: Work, problem: Problem, task: Task) -> Future[bytes] | None:
+        if self._other is None:
+            return None
+        try:
+            if self._sent is not problem:
+                self._other.submit(_take, pickle.dumps(problem))
+                self._sent = problem
+            return self._other.submit(_do, _packed((work, task), problem))
+        except BrokenProcessPool:
+            self._other = None
+            return None
+
+    def _result(self, future: Future[bytes], work: Work, problem: Problem, task: Task) -> Any:
+        """What the other process found; worked out here where it has gone."""
+        try:
+            return _unpacked(future.result(), problem)
+        except BrokenProcessPool:
+            self._other = None
+            return work(problem, *task)
+
+
+ALONE = Crew(alone=True)
+
+
+class _Packer(pickle.Pickler):
+    """Writes the problem that all tasks share as a mark."""
+
+    def __init__(self, file: io.BytesIO, problem: Problem) -> None:
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self._problem = problem
+
+    def persistent_id(self, obj: Any) -> str | None:
+        """Mark the problem."""
+        return "problem" if obj is self._problem else None
+
+
+class _Unpacker(pickle.Unpickler):
+    """Puts this process' own problem where the mark is."""
+
+    def __init__(self, file: io.BytesIO, problem: Problem) -> None:
+        super().__init__(file)
+        self._problem = problem
+
+    def persistent_load(self, pid: Any) -> Problem:  # noqa: ARG002 - there is only one mark
+        """Return the problem."""
+        return self._problem
+
+
+def _packed(value: object, problem: Problem) -> bytes:
+    file = io.BytesIO()
+    _Packer(file, problem).dump(value)
+    return file.getvalue()
+
+
+def _unpacked(data: bytes, problem: Problem) -> Any:
+    return _Unpacker(io.BytesIO(data), problem).load()
+
+
+def _awake() -> None:
+    """Nothing: to be asked imports what a fit needs."""
+
+
+def _take(data: bytes) -> None:
+    """In the second process: keep the problem of what follows."""
+    _problems[:] = [pickle.loads(data)]
+
+
+def _do(data: bytes) -> bytes:
+    """In the second process: do a piece of work."""
+    [problem] = _problems
+    work, task = _unpacked(data, problem)
+    return _packed(work(problem, *task), problem)

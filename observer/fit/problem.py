@@ -1,0 +1,158 @@
+"""What all hypotheses of one search share, handed down and never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from observer.config import Config
+from observer.effects.base import EffectTable
+from observer.effects.terms import Lag
+from observer.fit.evidence import Evidence
+from observer.fit.forward import Forward
+from observer.fit.kept import Kept
+from observer.fit.parameters import bounds_of, get, put, scale_of
+from observer.fit.tolerance import tolerances
+from observer.frames import BoolArray, FloatArray
+
+DIFFERENCE = 1e-3
+"""Finite difference, in natural scales; the prediction is free of noise, so this costs no digits."""
+MOST_KEPT = 64
+
+
+@dataclass(frozen=True)
+class Slack:
+    """What is known within a tolerance only: whitened changes (n, t) of the prediction with one standard
+    deviation of each, and of which sensor it is the lag, if of one.
+    """
+
+    columns: FloatArray
+    lag_of: tuple[str | None, ...]
+    _kept: Kept[Marginal] = field(default_factory=lambda: Kept(MOST_KEPT), init=False, repr=False)
+
+    def marginal(self, rows: BoolArray, told: frozenset[str]) -> Marginal:
+        """Return the map that marginalises the tolerances on some rows, but for the lags of some sensors."""
+        kept = np.flatnonzero([name not in told for name in self.lag_of])
+        key = rows.tobytes(), tuple(kept.tolist())
+        return self._kept.get(key, lambda: Marginal.of(self.columns[rows][:, kept]))
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Derivatives (n, f) of the whitened prediction by the free parameters, and the values `at` (f,) at which
+    they were taken, both in units of their scales.
+    """
+
+    columns: FloatArray
+    at: FloatArray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The runs, their evidence and free parameters; and, once they are known, the derivatives by these and
+    what is known within tolerances.
+    """
+
+    config: Config
+    keys: tuple[str, ...]
+    forward: Forward
+    evidence: Evidence
+    by_free: Derivatives | None = None
+    slack: Slack | None = None
+
+    @cached_property
+    def scale(self) -> FloatArray:
+        """The free parameters' natural scales, (f,)."""
+        return np.array([scale_of(self.config, key) for key in self.keys])
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Between which the free parameters are sought, (f,) each."""
+        low, high = np.array([bounds_of(self.config, key) for key in self.keys]).reshape(-1, 2).T
+        return low, high
+
+    def predicted(self, config: Config) -> FloatArray:
+        """The prediction of every row, (n,), °C."""
+        return self.evidence.rows(self.forward(config))
+
+    def residual(self, config: Config) -> FloatArray:
+        """Measured minus predicted of every row, whitened, (n,)."""
+        return self.evidence.whitened(self.evidence.measured_degC - self.predicted(config))
+
+    def free_values(self, config: Config) -> FloatArray:
+        """The free parameters of a configuration."""
+        return np.array([get(config, key) for key in self.keys])
+
+    def with_free(self, config: Config, values: FloatArray) -> Config:
+        """The configuration with other free parameters, kept within their bounds."""
+        if not self.keys:
+            return config
+        clipped = np.clip(values, *self.bounds).tolist()
+        return put(config, dict(zip(self.keys, clipped, strict=True)))
+
+    def around(self, config: Config) -> Problem:
+        """The same problem with the derivatives by the free parameters taken at a configuration."""
+        return replace(self, by_free=self.derivatives(config))
+
+    def tolerant(self, config: Config) -> Problem:
+        """The same problem within the tolerances of a configuration."""
+        here, slacks, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
+        for changed, kind in tolerances(config):
+            change = self.predicted(changed) - here
+            own = self.by_sensor(change) if kind != "screw" else [change]
+            slacks += own
+            lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
+        gaps = [self.evidence.rows(change) for change in self.forward.by_gaps(config)]
+        return replace(self, slack=Slack(self._columns([*slacks, *gaps]), (*lag_of, *[None] * len(gaps))))
+
+    def derivatives(self, config: Config) -> Derivatives:
+        """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
+        here, values, columns = self.predicted(config), self.free_values(config), []
+        for i, scale in enumerate(self.scale):
+            step = DIFFERENCE * scale
+            step = step if values[i] + step <= self.bounds[1][i] else -step
+            moved = values + step * (np.arange(len(values)) == i)
+            columns.append((self.predicted(self.with_free(config, moved)) - here) * (scale / step))
+        return Derivatives(self._columns(columns), values / self.scale)
+
+    def by_sensor(self, change: FloatArray) -> list[FloatArray]:
+        """Split a change (n,) into one of each sensor alone."""
+        sensors = range(len(self.config.sensor))
+        return [np.where(self.evidence.sensor == s, change, 0.0) for s in sensors]
+
+    def marginal(self, rows: BoolArray, told: frozenset[str]) -> Marginal:
+        """Return the map that marginalises the tolerances on some rows, but for the lags of some sensors."""
+        slack = self.slack or Slack(self._columns([]), ())
+        return slack.marginal(rows, told)
+
+    def _columns(self, columns: Sequence[FloatArray]) -> FloatArray:
+        if not columns:
+            return np.zeros((len(self.evidence.run), 0))
+        return self.evidence.whitened(np.column_stack(columns))
+
+
+def told_lags(config: Config, *more: EffectTable) -> frozenset[str]:
+    """The sensors whose lag an effect of a configuration tells, or one more effect would."""
+    terms = (term for effect in (*config.effect, *more) for term in effect.terms(config))
+    return frozenset(term.sensor for term in terms if isinstance(term, Lag))
+
+
+@dataclass(frozen=True, slots=True)
+class Marginal:
+    """(I + T Tᵀ)^{-1/2} = I − Q diag(1 − 1/√(1 + σ²)) Qᵀ for tolerances T = Q diag(σ) Vᵀ, (n, t)."""
+
+    Q: FloatArray
+    taken: FloatArray
+
+    @classmethod
+    def of(cls, T: FloatArray) -> Marginal:
+        """Work it out for the whitened columns of the tolerances."""
+        Q, sigma, _ = np.linalg.svd(T, full_matrices=False)
+        return cls(Q, 1 - 1 / np.sqrt(1 + sigma**2))
+
+    def __call__(self, columns: FloatArray) -> FloatArray:
+        """Apply it to columns (n,) or (n, c)."""
+        return np.asarray(columns - (self.Q * self.taken) @ (self.Q.T @ columns))

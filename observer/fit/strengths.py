@@ -1,0 +1,36 @@
+"""What merely multiplies a source's heat, set apart from what gives it its course."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from observer.config import Config
+from observer.frames import FloatArray
+from observer.tables.sections import Source, owner
+
+
+def unit_laws(config: Config) -> tuple[Config, FloatArray]:
+    """Return the configuration with heat laws of strength 1, and the strengths (m,) it had."""
+    sources = [source.model_copy(update=dict.fromkeys(_linear_in(source), 1.0)) for source in config.source]
+    strength = [_strength(source, config) for source in config.source]
+    return config.model_copy(update={"source": tuple(sources)}), np.array(strength)
+
+
+def _linear_in(source: Source) -> tuple[str, ...]:
+    """The parameters that only multiply a source's law."""
+    if source.torque_Nm is not None and source.nut_torque_Nm is None:
+        return ("scale", "share", "torque_Nm")
+    if source.law in ("torque_Nm", "bearing", "nut_friction"):
+        return ("scale", "share")
+    if source.heat_W_rpm is not None:
+        return ("scale", "heat_W_rpm")
+    return ("scale", "heat_ratio") if source.law == "heat_of" else ("scale",)
+
+
+def _strength(source: Source, config: Config) -> float:
+    """What the law of strength 1 is to be multiplied by."""
+    if source.law == "heat_of":
+        return source.scale / (source.heat_ratio or 1.0) * _strength(owner(source, config.source), config)
+    return math.prod(float(getattr(source, key)) for key in _linear_in(source))

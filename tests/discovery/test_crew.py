@@ -1,0 +1,39 @@
+"""Two processes that share a search's work: the same answer to the bit, and what they exchange."""
+
+from __future__ import annotations
+
+from observer.discovery.crew import ALONE, Crew, _packed, _unpacked
+from observer.discovery.discover import discover
+from observer.discovery.search import without
+from observer.fit.hypothesis import fit_null
+from tests.discovery.cases import machine, made_log
+from tests.discovery.small import problem_of
+
+
+def test_a_second_process_does_not_change_the_answer() -> None:
+    config = machine()
+    truth = machine(effect=[{"kind": "sensor_bias", "target": "b", "offset_K": 0.8}])
+    logs = [[made_log(truth, seed, minutes=60.0)] for seed in range(3)]
+    alone = discover(config, logs)
+    with Crew() as crew:
+        shared = discover(config, logs, crew=crew)
+    assert alone.verdict.kind == shared.verdict.kind == "named"
+    assert alone.verdict.fit.values.tolist() == shared.verdict.fit.values.tolist()
+    assert [t.score for t in alone.search.ranking] == [t.score for t in shared.search.ranking]
+
+
+def test_what_crosses_over_leaves_the_problem_behind() -> None:
+    config = machine()
+    null = fit_null(problem_of(config, [made_log(config, 0, minutes=20.0)]), config)
+    data = _packed((without, null), null.problem)
+    work, fit = _unpacked(data, null.problem)
+    assert work is without
+    assert fit.problem is null.problem
+    assert fit.deviance == null.deviance
+    assert len(data) < 5 * null.residual.nbytes * (1 + null.jacobian.shape[1])
+
+
+def test_alone_one_does_all_in_order() -> None:
+    config = machine()
+    problem = problem_of(config, [made_log(config, 0, minutes=20.0)])
+    assert ALONE.each(lambda _problem, x, y: x - y, problem, [(3, 1), (5, 5), (1, 9)]) == [2, 0, -8]
