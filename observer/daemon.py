@@ -16,7 +16,7 @@ from observer.publish.session import listening
 from observer.publish.taken import refuse_taken
 from observer.publish.zenoh import ZenohPublisher
 from observer.service.align import Aligner
-from observer.service.checkpoint import Fit, Standing, pack, shifted
+from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
 from observer.service.keeper import Keeper, carried, stored
@@ -41,11 +41,11 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
 
     def anew(renewal: Renewal[_Ready]) -> Service:
         nonlocal ready, clock
-        before, ready, standing = ready, renewal.prepared or ready, renewal.standing
-        if renewal.new_time and standing is not None:
-            standing = shifted(standing, clock.offset_s())
+        before, ready, snapshot = ready, renewal.prepared or ready, renewal.snapshot
+        if renewal.new_time and snapshot is not None:
+            snapshot = shifted(snapshot, clock.offset_s())
         clock = ServiceClock() if renewal.new_time else clock
-        carry = carried(standing, before.fit, ready.fit)
+        carry = carried(snapshot, before.fit, ready.fit)
         return _service(ready, clock, renewals, carry, alone=False)
 
     file = ready.checkpoint
@@ -104,7 +104,7 @@ def _service(
     ready: _Ready,
     clock: ServiceClock,
     renewals: Renewals[_Ready],
-    start: Standing | None,
+    start: Snapshot | None,
     *,
     alone: bool,
 ) -> Service:

@@ -76,7 +76,7 @@ def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArr
     if not working.any():
         return phase
     rate = np.gradient(_filled(level_degC), time_s) if len(time_s) > 2 else np.zeros(len(time_s))
-    smooth = np.convolve(rate, np.ones(5) / 5, mode="same")
+    smooth = np.convolve(rate, np.ones(5) / 5)[2 : 2 + len(rate)]  # "same" is five long for fewer than five
     fast = smooth > FAST * max(float(smooth.max()), 1e-9)
     begin = int(np.argmax(working))
     phase[begin:] = np.where(fast[begin:], PHASES.index("heat_up"), PHASES.index("steady"))

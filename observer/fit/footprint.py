@@ -55,7 +55,7 @@ def swept(table: NutTable, present: FloatArray) -> FloatArray:
     which it spends the shares `present` (T, PLACES) at places from end to end.
     """
     places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
-    columns = np.array([moving.standing(table, [x])[0][: len(table.mu_1_m)] for x in places_m])
+    columns = np.array([moving.columns_at(table, [x])[0][: len(table.mu_1_m)] for x in places_m])
     apart = columns - (present @ columns)[:, None]
     return np.asarray(np.sqrt(present)[:, :, None] * apart)
 
@@ -123,7 +123,7 @@ def _wave_table(table: NutTable, highest: int, step_1_m: float, stroke: Stretch)
         mean_C=np.zeros(0),
     )
     whole = replace(waves, nut_m=stroke.width_m)
-    return replace(waves, mean_B=moving.standing(whole, [(stroke.a_m + stroke.b_m) / 2])[0])
+    return replace(waves, mean_B=moving.columns_at(whole, [(stroke.a_m + stroke.b_m) / 2])[0])
 
 
 def presence(

@@ -14,7 +14,7 @@ from observer.history.options import MethodOptions
 from observer.history.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve
 from observer.history.smoother import smooth_heats
 from observer.history.spread import spread
-from observer.history.stacked import Prior, StackedProblem, stacked_problem, standing
+from observer.history.stacked import Prior, StackedProblem, stacked_problem, stationary
 from observer.history.stepwise import stepwise_heats
 from observer.history.tikhonov import NormalEquations, normal_equations, solve
 from observer.model.plant import Plant
@@ -78,7 +78,7 @@ def _conjugate_gradient(plant: Plant, problem: StackedProblem, options: MethodOp
     H = Convolution(problem.response_K_W)
     walk = Prior.of(plant, problem.dt_s, 1)
     if options.gradient == "central-differences":
-        still = standing(plant)
+        still = stationary(plant)
         heat = stepwise_heats(still, problem, problem.rise_K)
         sigma = spread(problem, walk, H, lambda rise: stepwise_heats(still, problem, rise), options.seed)
         return heat, sigma, {"gradient": options.gradient}

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.compiled import cached_loop, inlined, rarely
-from observer.estimators.compiled.judging import add_prior, find_usable, gate, step_is_finite
+from observer.estimators.compiled.judging import add_prior, add_scaled, find_usable, gate, step_is_finite
 from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
-    joseph_update,
+    is_drastic,
+    joint_update,
     mirror,
     predict,
     project,
@@ -96,24 +97,38 @@ def run_forward(p, t, u, step, state, gate_sigma, work, tape):
                 add_prior(p, P, 1.0)
                 covariance_with_sensors(C, P, s, g)
                 compare(p, C, u, k, usable, g, x, nu, S)
-            joseph_update(p.R_K2, C, accepted, g, nu, x, P, work)
-        record(p, C, work.law, g, nu, accepted, x, P, k, tape)
+            joint_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
+        record(p, C, accepted, x, P, k, work, tape)
 
 
 @inlined
-def record(p, C, law, g, nu, accepted, x, P, k, tape):
-    """Write down step k; the corrections leave each sensor's g = P c and its innovation behind."""
+def record(p, C, accepted, x, P, k, work, tape):
+    """Write down step k, each sensor's correction as if one came after the other.
+
+    What the joint correction leaves is just that: row i of W is c_i P over √S, with P and S as the sensors
+    before it leave them, and e_i is the innovation over √S. Joseph's form leaves g_i = P c_i and ν_i.
+    """
     n_x, width = C.shape[1], P.shape[1]
+    one_by_one, count = is_drastic(p.R_K2, accepted, work.S_nu), 0
     for i in range(len(accepted)):
         tape.weight[k, i] = 0.0
-        if accepted[i]:
-            weight = 1.0 / (project(C, i, g, i) + p.R_K2[i])
-            tape.weight[k, i] = weight
-            tape.innovation[k, i] = nu[i]
+        if not accepted[i]:
+            continue
+        if one_by_one:
+            weight = 1.0 / (project(C, i, work.g, i) + p.R_K2[i])
+            tape.innovation[k, i] = work.nu[i]
             for b in range(width):
-                tape.gain[k, i, b] = g[i, b] * weight
+                tape.gain[k, i, b] = work.g[i, b] * weight
+        else:
+            inverse = work.L[count, count]
+            weight = inverse * inverse
+            tape.innovation[k, i] = work.e[count] / inverse
+            for b in range(width):
+                tape.gain[k, i, b] = work.W[count, b] * inverse
+        tape.weight[k, i] = weight
+        count += 1
     for j in range(len(p.source)):
-        tape.heat[k, j] = law[p.source[j]] + x[n_x + j]
+        tape.heat[k, j] = work.law[p.source[j]] + x[n_x + j]
         for b in range(width):
             tape.cross[k, j, b] = P[n_x + j, b]
 
@@ -159,10 +174,7 @@ def quadratic(rows, k, i, N, NK):
     total = 0.0
     for b in range(N.shape[1]):
         NK[b] = 0.0
-    for a in range(N.shape[0]):
-        v = rows[k, i, a]
-        for b in range(N.shape[1]):
-            NK[b] += v * N[a, b]
+    add_scaled(NK, N, rows[k, i], N.shape[0])
     for b in range(N.shape[1]):
         total += NK[b] * rows[k, i, b]
     return total
@@ -208,10 +220,7 @@ def step_back(p, t, d, B, r, N, work):
         for a in range(n_x):
             G[j, a] = B[index, a] * t.couple[d, j, a]
             total += G[j, a] * r[a]
-        for a in range(n_x):
-            column = G[j, a]
-            for b in range(M.shape[1]):
-                M[j, b] += column * N[a, b]
+        add_scaled(M[j], N, G[j], n_x)
         r[n_x + j] = total
     # M = Gᵀ N_x: + γ N_δ:, the new rows of N_δ: but for what still acts on their columns
     for j in range(m_e):

@@ -156,7 +156,7 @@ def stacked_problem(
     first = int(ready[0])
     inputs, usable = inputs.part(first), usable[first:]
     dt_s = _even_step(inputs.dt_s[1:])
-    plant = standing(plant)
+    plant = stationary(plant)
     decay = np.exp(-plant.decay_1_s * dt_s)
     s = plant.rows.sensors
     held = step_matrices(plant, dt_s).hold[:, None] * plant.B[:, plant.estimated]
@@ -179,7 +179,7 @@ def stacked_problem(
     )
 
 
-def standing(plant: Plant) -> Plant:
+def stationary(plant: Plant) -> Plant:
     """Return the plant with its moving sources spread over their strokes, and the sensors' rows only."""
     return replace(plant, moving=()).sensors_only()
 

@@ -46,14 +46,14 @@ class Links(NamedTuple):
 class Spreads(NamedTuple):
     """Under a nut that sweeps over its stroke, colder places take more: the orthonormal shapes `shape` (e, N)
     of the links at `source` (e,) decay at `rate_1_s` (e,) where its column is that of the whole stroke, of
-    the squared size `swept` (m,), and not at all where it is that of a nut in one place, `standing` (m,).
+    the squared size `swept` (m,), and not at all where it is that of a nut in one place, `at_rest` (m,).
     """
 
     source: NDArray[np.int64]
     rate_1_s: FloatArray
     shape: FloatArray
     swept: FloatArray
-    standing: FloatArray
+    at_rest: FloatArray
 
 
 class SensorLags(NamedTuple):
@@ -293,7 +293,7 @@ def _spread(c, i, B, time_s, M, b):  # type: ignore[no-untyped-def]
     size = 0.0
     for a in range(c.modes):
         size += (c.place_gain[source] * B[source, a]) ** 2
-    nut = (spreads.swept[source] / spreads.standing[source]) ** 2
+    nut = (spreads.swept[source] / spreads.at_rest[source]) ** 2
     now = (spreads.swept[source] / size) ** 2
     lost = -np.expm1(-c.spreads.rate_1_s[i] * min(max((now - nut) / (1.0 - nut), 0.0), 1.0) * time_s)
     warm = 0.0

@@ -36,7 +36,7 @@ class UnfitError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class Snapshot:
     """Where a pipeline stood after the step at `tick_s`, and what its compensation held, if there is one."""
 
     tick_s: float
@@ -64,24 +64,24 @@ class Fit:
         return cls(config.plant_digest, drive.initial(), estimator.initial(), setup, held)
 
 
-def pack(standing: Standing, fit: Fit) -> bytes:
-    """A standing as bytes; `fit` says of which plant and which compensation."""
-    held = {"setup": fit.setup, "state": _plain(standing.compensation)} if standing.compensation else None
+def pack(snapshot: Snapshot, fit: Fit) -> bytes:
+    """A snapshot as bytes; `fit` says of which plant and which compensation."""
+    held = {"setup": fit.setup, "state": _plain(snapshot.compensation)} if snapshot.compensation else None
     body = cbor2.dumps(
         {
             "version": version("ballscrew-observer"),
             "plant": fit.plant,
-            "tick_s": standing.tick_s,
-            "drive": _plain(standing.drive),
-            "estimator": _plain(standing.estimator),
+            "tick_s": snapshot.tick_s,
+            "drive": _plain(snapshot.drive),
+            "estimator": _plain(snapshot.estimator),
             "compensation": held,
         }
     )
     return _FORMAT + hashlib.sha256(body).digest() + body
 
 
-def unpack(data: bytes, fit: Fit) -> Standing:
-    """A standing from bytes; raises `UnfitError` where they are damaged, or of another plant or program."""
+def unpack(data: bytes, fit: Fit) -> Snapshot:
+    """A snapshot from bytes; raises `UnfitError` where they are damaged, or of another plant or program."""
     document = _document(data)
     for key, wanted, remark in (
         ("version", version("ballscrew-observer"), "it was written by version {} of the program"),
@@ -93,7 +93,7 @@ def unpack(data: bytes, fit: Fit) -> Standing:
     estimator = _filled(fit.estimator, document.get("estimator"), "estimator")
     if not all(np.isfinite(array).all() for array in (tick_s, estimator.x_hat, estimator.P)):
         raise UnfitError("it holds numbers that are not finite")
-    return Standing(
+    return Snapshot(
         tick_s,
         _filled(fit.drive, document.get("drive"), "drive"),
         estimator,
@@ -101,8 +101,8 @@ def unpack(data: bytes, fit: Fit) -> Standing:
     )
 
 
-def load(path: Path, fit: Fit) -> Standing:
-    """A standing from a file; raises `UnfitError`, also where the file is missing or cannot be read."""
+def load(path: Path, fit: Fit) -> Snapshot:
+    """A snapshot from a file; raises `UnfitError`, also where the file is missing or cannot be read."""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -113,20 +113,20 @@ def load(path: Path, fit: Fit) -> Standing:
     return unpack(data, fit)
 
 
-def recent(standing: Standing, now_s: float, oldest_s: float) -> Standing:
-    """Return a standing as it is; raises `UnfitError` where it is older than a bound, or from the future."""
-    age_s = now_s - standing.tick_s
+def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
+    """Return a snapshot as it is; raises `UnfitError` where it is older than a bound, or from the future."""
+    age_s = now_s - snapshot.tick_s
     if age_s <= 0.0:
         raise UnfitError(f"it is {-age_s:.3g} s ahead of the computer's clock")
     if age_s > oldest_s:
         raise UnfitError(f"it is {age_s:.6g} s old, more than {oldest_s:g} s")
-    return standing
+    return snapshot
 
 
-def shifted(standing: Standing, by_s: float) -> Standing:
-    """A standing with all its moments moved, for a service whose time was set anew."""
-    moved = replace(standing, tick_s=standing.tick_s + by_s, drive=_moved(standing.drive, by_s))
-    return replace(moved, estimator=_moved(standing.estimator, by_s))
+def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
+    """A snapshot with all its moments moved, for a service whose time was set anew."""
+    moved = replace(snapshot, tick_s=snapshot.tick_s + by_s, drive=_moved(snapshot.drive, by_s))
+    return replace(moved, estimator=_moved(snapshot.estimator, by_s))
 
 
 def _document(data: bytes) -> Mapping[str, Any]:

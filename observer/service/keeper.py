@@ -10,35 +10,35 @@ from pathlib import Path
 import structlog
 
 from observer.files.folders import make_folder, write_whole
-from observer.service.checkpoint import Fit, Standing, UnfitError, load, pack, recent, unpack
+from observer.service.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, unpack
 
 log = structlog.get_logger()
 
 
-def stored(path: Path, fit: Fit, now_s: float, oldest_s: float) -> Standing | None:
+def stored(path: Path, fit: Fit, now_s: float, oldest_s: float) -> Snapshot | None:
     """Where the service stood when it ran last, None for a cold start; the log says which and why."""
     try:
-        standing = recent(load(path, fit), now_s, oldest_s)
+        snapshot = recent(load(path, fit), now_s, oldest_s)
     except UnfitError as error:
         log.warning("cold start", checkpoint=str(path), reason=str(error))
         return None
-    log.info("warm start", checkpoint=str(path), age_s=round(now_s - standing.tick_s, 3))
-    return standing
+    log.info("warm start", checkpoint=str(path), age_s=round(now_s - snapshot.tick_s, 3))
+    return snapshot
 
 
-def carried(standing: Standing | None, before: Fit, now: Fit) -> Standing | None:
-    """A standing for parts that are built anew, None where it does not fit them; the log says why."""
-    if standing is None:
+def carried(snapshot: Snapshot | None, before: Fit, now: Fit) -> Snapshot | None:
+    """A snapshot for parts that are built anew, None where it does not fit them; the log says why."""
+    if snapshot is None:
         return None
     try:
-        return unpack(pack(standing, before), now)
+        return unpack(pack(snapshot, before), now)
     except UnfitError as error:
         log.warning("cold start", reason=str(error))
         return None
 
 
 class Keeper:
-    """Writes the newest standing to one file, at most every `period_s`, and the last one at the end."""
+    """Writes the newest snapshot to one file, at most every `period_s`, and the last one at the end."""
 
     def __init__(self, path: Path, fit: Fit, period_s: float) -> None:
         self._path = path
@@ -46,7 +46,7 @@ class Keeper:
         self._period_s = period_s
         self._given_s = -math.inf
         self._changed = threading.Condition()
-        self._newest: Standing | None = None
+        self._newest: Snapshot | None = None
         self._closing = False
         self.reason: str | None = None
         self._thread = threading.Thread(target=self._supervised, name="checkpoint", daemon=True)
@@ -57,15 +57,15 @@ class Keeper:
         """Whether the thread that writes is there."""
         return self._thread.is_alive()
 
-    def step(self, standing: Callable[[], Standing | None], now_s: float) -> None:
+    def step(self, snapshot: Callable[[], Snapshot | None], now_s: float) -> None:
         """Take where the service stands after a step, if it is time again."""
         if now_s - self._given_s >= self._period_s:
             self._given_s = now_s
-            self._give(standing(), closing=False)
+            self._give(snapshot(), closing=False)
 
-    def end(self, standing: Standing | None) -> None:
+    def end(self, snapshot: Snapshot | None) -> None:
         """Take where the service stands at its end, which is written at once."""
-        self._give(standing, closing=True)
+        self._give(snapshot, closing=True)
 
     def close(self, timeout_s: float) -> bool:
         """Wait until all is written after `end`; says whether it was in that time."""
@@ -73,9 +73,9 @@ class Keeper:
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
-    def _give(self, standing: Standing | None, *, closing: bool) -> None:
+    def _give(self, snapshot: Snapshot | None, *, closing: bool) -> None:
         with self._changed:
-            self._newest = standing or self._newest
+            self._newest = snapshot or self._newest
             self._closing |= closing
             self._changed.notify()
 
@@ -97,10 +97,10 @@ class Keeper:
             elif closing:
                 return
 
-    def _write(self, standing: Standing) -> None:
+    def _write(self, snapshot: Snapshot) -> None:
         try:
             make_folder(self._path.parent)
-            write_whole(self._path, pack(standing, self._fit))
+            write_whole(self._path, pack(snapshot, self._fit))
             self.reason = None
         except OSError as error:
             self.reason = f"{self._path}: cannot be written ({error.strerror}); free space or mend the place"

@@ -22,7 +22,7 @@ from observer.estimators.selftest import SelfTest
 from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.service.align import Aligner, AlignPlan
-from observer.service.checkpoint import Standing
+from observer.service.checkpoint import Snapshot
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
 from observer.service.health import Facts, Health, assess
@@ -104,7 +104,7 @@ class Service:
     compensator: Compensator | None = None
     self_test: SelfTest | None = None
     instance: str = ""
-    start: Standing | None = None
+    start: Snapshot | None = None
     keeper: Keeper | None = None
     renewals: Renewals[Any] | None = None
     compiler: Compiler | None = None
@@ -133,7 +133,7 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
         if service.compiler is not None:
             service.compiler.end()
         if service.keeper is not None:
-            service.keeper.end(cycles.standing())
+            service.keeper.end(cycles.snapshot())
         if not cycles.wires.close(_DRIVERS_END_S):
             log.warning("a driver did not end in time")
         if service.recorder is not None and not service.recorder.close(_RECORDER_END_S):
@@ -195,12 +195,12 @@ class _Cycles:
 
         run() if compiler is None else compiler.warm(run)
 
-    def standing(self) -> Standing | None:
+    def snapshot(self) -> Snapshot | None:
         """Where the pipeline stands after its last step, None while the estimator knows nothing yet."""
-        standing, compensator = self._standing, self._service.compensator
-        if standing is None or not standing.estimator.started:
+        snapshot, compensator = self._standing, self._service.compensator
+        if snapshot is None or not snapshot.estimator.started:
             return None
-        return standing if compensator is None else replace(standing, compensation=compensator.held)
+        return snapshot if compensator is None else replace(snapshot, compensation=compensator.held)
 
     def _take(self, name: str, reading: Reading) -> None:
         """Take a reading: none from the future; a late one keeps its time, one far too late is a fault."""
@@ -231,7 +231,7 @@ class _Cycles:
             self.overruns += max(0, due - number)
             number = max(due, number) + 1
             if renewal := self._renewal():
-                return replace(renewal, standing=self.standing())
+                return replace(renewal, snapshot=self.snapshot())
 
     def _renewal(self) -> Renewal[Any] | None:
         renewals, clock = self._service.renewals, self._service.clock
@@ -274,9 +274,9 @@ class _Cycles:
                 compensator.disarm(f"{rival}, then arm again")
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
-        self._standing = Standing(float(frame.time_s[0]), *self._pipeline.snapshot())
+        self._standing = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot())
         if self._service.keeper is not None:
-            self._service.keeper.step(self.standing, self._service.clock.now())
+            self._service.keeper.step(self.snapshot, self._service.clock.now())
         self._ping()
         before, self._estimate = self._estimate, EstimateQuality(estimate.quality[0])
         self._had_estimate |= self._estimate != EstimateQuality.INVALID

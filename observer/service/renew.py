@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 import structlog
 
 from observer.errors import UserError
-from observer.service.checkpoint import Standing
+from observer.service.checkpoint import Snapshot
 
 STEP_S = 0.5
 """The computer's clock was set once it is further than this from the service's time …"""
@@ -42,7 +42,7 @@ class Renewal(Generic[Prepared]):
     reason: str
     prepared: Prepared | None = None
     new_time: bool = False
-    standing: Standing | None = None
+    snapshot: Snapshot | None = None
 
 
 class Renewals(Generic[Prepared]):

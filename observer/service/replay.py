@@ -21,7 +21,7 @@ from observer.files.writer import Column, TableWriter
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Inputs, Layout, Quality
 from observer.model.rod.moving import judge_path
 from observer.service.align import AlignPlan, blocks_of_log
-from observer.service.checkpoint import START_SUFFIX, Fit, Standing, UnfitError, load, recent
+from observer.service.checkpoint import START_SUFFIX, Fit, Snapshot, UnfitError, load, recent
 from observer.service.pipeline import Drive, Pipeline
 from observer.service.reasons import sentence
 
@@ -38,7 +38,7 @@ def estimates_of(
     self_test: SelfTest | None,
     progress: Progress,
     reasons: Callable[[str, int], None] = lambda _sentence, _steps: None,
-    start: Standing | None = None,
+    start: Snapshot | None = None,
 ) -> Iterator[EstimateBlock]:
     """The estimates of a log in blocks, from a cold start or from `start`.
 
@@ -62,17 +62,17 @@ def estimates_of(
             reasons(sentence(finding), steps)
 
 
-def start_of(log: Log, fit: Fit) -> tuple[Standing | None, str]:
+def start_of(log: Log, fit: Fit) -> tuple[Snapshot | None, str]:
     """Where the service stood when it began a recording, None if cold, and a sentence that says so."""
     suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
     beside = log.path.with_name(log.path.name.removesuffix(suffix) + START_SUFFIX)
     if log.step is None or not beside.exists():
         return None, "cold"
     try:
-        standing = recent(load(beside, fit), float(log.time_s[0]), math.inf)
+        snapshot = recent(load(beside, fit), float(log.time_s[0]), math.inf)
     except UnfitError as error:
         return None, f"cold; {beside.name} is left out, {error}"
-    return standing, f"warm, from {beside.name}, {log.time_s[0] - standing.tick_s:.3f} s before the first row"
+    return snapshot, f"warm, from {beside.name}, {log.time_s[0] - snapshot.tick_s:.3f} s before the first row"
 
 
 @dataclass(frozen=True, slots=True)

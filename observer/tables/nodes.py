@@ -85,11 +85,11 @@ class Link(Section):
 
 
 def check_places(
-    node: tuple[Node, ...], link: tuple[Link, ...], sources: tuple[str, ...], standing: tuple[str, ...]
+    node: tuple[Node, ...], link: tuple[Link, ...], sources: tuple[str, ...], placed: tuple[str, ...]
 ) -> None:
     """Raise `ValueError` for a node without a link, and for a link whose ends are unknown or hold no node.
 
-    `sources` are the names of all sources, `standing` of those that stand somewhere on the screw.
+    `sources` are the names of all sources, `placed` of those that stand somewhere on the screw.
     """
     names = [n.name for n in node]
     for name in names:
@@ -97,7 +97,7 @@ def check_places(
             raise ValueError(f'node "{name}": the name is taken; give each node one of its own')
     for one in link:
         for end in one.between:
-            if end not in (*names, *standing, AMBIENT):
+            if end not in (*names, *placed, AMBIENT):
                 raise ValueError(
                     f'link {" – ".join(one.between)}: "{end}" is neither a node, nor "{AMBIENT}", nor a '
                     "source on the screw; mend the name"

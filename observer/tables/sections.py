@@ -201,8 +201,8 @@ class Description(Section):
     def _nodes_are_known(self) -> Description:
         names = {n.name for n in self.node}
         self._linked_ends_are_free()
-        standing = tuple(s.name for s in self.source if s.shape != "node")
-        check_places(self.node, self.link, tuple(s.name for s in self.source), standing)
+        placed = tuple(s.name for s in self.source if s.shape != "node")
+        check_places(self.node, self.link, tuple(s.name for s in self.source), placed)
         for place, used in (
             *((f"source {s.name}: nodes", name) for s in self.source for name in s.nodes),
             *((f"sensor {s.name}: on", s.on) for s in self.sensor if s.on is not None),

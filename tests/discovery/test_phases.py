@@ -233,3 +233,10 @@ def test_heating_up_is_from_a_seventh_of_the_fastest_on() -> None:
     run = stepped([900.0] * 61, level_degC=with_gaps)
     run.ticks.measured_degC[50, 0] = np.nan
     np.testing.assert_array_equal(course_of(settings(), run).phase, found.phase)
+
+
+@pytest.mark.parametrize("means", [1, 2, 3, 4])
+def test_a_log_of_a_minute_or_two_has_its_phases_too(means: int) -> None:
+    found = course_of(settings(), stepped([900.0] * means, level_degC=20.0 + np.arange(means)))
+    assert len(found.phase) == means
+    assert {PHASES[p] for p in found.phase} <= {"heat_up", "steady"}

@@ -19,7 +19,7 @@ from observer.frames import EstimateQuality
 from observer.installation import load as load_config
 from observer.service import checkpoint, compensation
 from observer.service.align import frames_of_log
-from observer.service.checkpoint import Fit, Standing, UnfitError, load, pack, recent, shifted, unpack
+from observer.service.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, shifted, unpack
 from observer.service.keeper import Keeper, carried, stored
 from observer.service.replay import estimates_of
 from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, Record
@@ -43,8 +43,8 @@ def rig(machine):
     log = replace(log, time_s=log.time_s[:4000] + 1.8e9, values=log.values[:4000])
     blocks = list(frames_of_log(log, machine.plan, 2000))
     first = pipeline.step(blocks[0])
-    standing = Standing(float(first.time_s[-1]), *pipeline.snapshot())
-    return estimator, standing, log, first, pipeline.step(blocks[1])
+    snapshot = Snapshot(float(first.time_s[-1]), *pipeline.snapshot())
+    return estimator, snapshot, log, first, pipeline.step(blocks[1])
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_every_bit_comes_back(rig, fit):
 
 def test_a_restored_pipeline_goes_on_to_the_last_bit(machine, rig, fit):
     """What a replay does with the file beside a recording."""
-    estimator, standing, log, _, second = rig
+    estimator, snapshot, log, _, second = rig
     rest = replace(log, time_s=log.time_s[2000:], values=log.values[2000:])
     again = list(
         estimates_of(
@@ -83,7 +83,7 @@ def test_a_restored_pipeline_goes_on_to_the_last_bit(machine, rig, fit):
             estimator,
             machine.self_test(),
             lambda *_: None,
-            start=unpack(pack(standing, fit), fit),
+            start=unpack(pack(snapshot, fit), fit),
         )
     )
     assert np.concatenate([b.heat_W for b in again]).tobytes() == second.heat_W.tobytes()
@@ -99,7 +99,7 @@ def test_a_gap_of_ten_seconds_is_predicted_over(machine, minutes):
     before = replace(log, time_s=log.time_s[:rows], values=log.values[:rows])
     for frames in frames_of_log(before, machine.plan):
         last = pipeline.step(frames)
-    standing = Standing(float(last.time_s[-1]), *pipeline.snapshot())
+    snapshot = Snapshot(float(last.time_s[-1]), *pipeline.snapshot())
     later = slice(rows + 19, rows + 60)
     after = replace(log, time_s=log.time_s[later], values=log.values[later])
     first = next(
@@ -111,7 +111,7 @@ def test_a_gap_of_ten_seconds_is_predicted_over(machine, minutes):
                 estimator,
                 machine.self_test(),
                 lambda *_: None,
-                start=standing,
+                start=snapshot,
             )
         )
     )
@@ -124,15 +124,15 @@ def test_a_gap_of_ten_seconds_is_predicted_over(machine, minutes):
 
 
 def test_moments_move_and_durations_do_not(rig):
-    standing = rig[1]
-    moved = shifted(standing, 3600.0)
-    assert moved.tick_s == standing.tick_s + 3600.0
-    assert moved.estimator.time_s == standing.estimator.time_s + 3600.0
-    assert moved.drive.begin_s == standing.drive.begin_s + 3600.0
-    assert moved.drive.nuts[0].path.time_s == standing.drive.nuts[0].path.time_s + 3600.0
-    assert moved.drive.nuts[0].weight_s == standing.drive.nuts[0].weight_s
-    np.testing.assert_array_equal(moved.drive.running_s, standing.drive.running_s)
-    _assert_same(shifted(moved, -3600.0).drive.nuts[0].B, standing.drive.nuts[0].B)
+    snapshot = rig[1]
+    moved = shifted(snapshot, 3600.0)
+    assert moved.tick_s == snapshot.tick_s + 3600.0
+    assert moved.estimator.time_s == snapshot.estimator.time_s + 3600.0
+    assert moved.drive.begin_s == snapshot.drive.begin_s + 3600.0
+    assert moved.drive.nuts[0].path.time_s == snapshot.drive.nuts[0].path.time_s + 3600.0
+    assert moved.drive.nuts[0].weight_s == snapshot.drive.nuts[0].weight_s
+    np.testing.assert_array_equal(moved.drive.running_s, snapshot.drive.running_s)
+    _assert_same(shifted(moved, -3600.0).drive.nuts[0].B, snapshot.drive.nuts[0].B)
 
 
 def test_says_what_does_not_fit(rig, fit):
@@ -219,8 +219,8 @@ def test_the_keeper_writes_the_newest_whole_and_for_its_owner_only(tmp_path, rig
     path = tmp_path / "new" / "m-x.checkpoint"
     keeper = Keeper(path, fit, 10.0)
     standings = [replace(rig[1], tick_s=float(k)) for k in range(100)]
-    for k, standing in enumerate(standings):
-        keeper.step(lambda standing=standing: standing, float(k))
+    for k, snapshot in enumerate(standings):
+        keeper.step(lambda snapshot=snapshot: snapshot, float(k))
     keeper.end(replace(rig[1], tick_s=1234.0))
     assert keeper.close(10.0)
     assert not keeper.alive

@@ -254,9 +254,9 @@ async def test_a_renewal_ends_the_parts_and_tells_where_they_stood():
     assert renewal.new_time
     assert service.publisher.closed
     last = service.publisher.estimates[-1][1]
-    assert renewal.standing.tick_s == last.time_s[0]
+    assert renewal.snapshot.tick_s == last.time_s[0]
     # and others go on from there: the first step is as long as the gap
-    after = replace(_service([FakeDriver([])], clock=FastClock(service.clock.time_s)), start=renewal.standing)
+    after = replace(_service([FakeDriver([])], clock=FastClock(service.clock.time_s)), start=renewal.snapshot)
     await _serve(after, lambda: len(after.publisher.estimates) >= 2)
     first = after.publisher.estimates[0][1]
     assert first.field_degC[0, 2] == first.field_degC[0, 0] * (first.time_s[0] - last.time_s[0])

@@ -181,6 +181,15 @@ def start(p, C, u, k, usable, x, P, levels):
 
 
 @inlined
+def is_drastic(R_K2, accepted, S):
+    """Whether an accepted sensor says so much that P - Wᵀ W would have no digits left."""
+    drastic = False
+    for i in range(len(accepted)):
+        drastic = drastic or (accepted[i] and S[i] > _DRASTIC * R_K2[i])
+    return drastic
+
+
+@inlined
 def joint_update(R_K2, C, accepted, g, nu, S, x, P, work):
     """Correct x and P by all accepted sensors at once; return the log-likelihood of their innovations.
 
@@ -188,9 +197,8 @@ def joint_update(R_K2, C, accepted, g, nu, S, x, P, work):
     which is symmetric to the last bit. Where a sensor says so much that the difference would have no digits
     left, the sensors correct one after the other in Joseph's form.
     """
-    for i in range(len(accepted)):
-        if accepted[i] and S[i] > _DRASTIC * R_K2[i]:
-            return joseph_update(R_K2, C, accepted, g, nu, x, P, work)
+    if is_drastic(R_K2, accepted, S):
+        return joseph_update(R_K2, C, accepted, g, nu, x, P, work)
     L, W, e, order = work.L, work.W, work.e, work.order
     squares, volume, count = 0.0, 1.0, 0
     for i in range(len(accepted)):

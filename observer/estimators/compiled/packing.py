@@ -225,7 +225,6 @@ def empty_results(plant: Plant, steps: int) -> Results:
     """Allocate results for that many steps; the kernels write every row of them."""
     m_e, s = int(plant.estimated.sum()), plant.rows.sensors
     wide = len(plant.rows.C) - s
-
     return Results(
         heat=np.empty((steps, m_e)),
         heat_sigma=np.empty((steps, m_e)),

@@ -27,7 +27,7 @@ def spreads(modes: Modes, machine: Description, beside: Attached) -> Spreads:
     """
     m, kA = len(machine.source), modes.rod.conductance_W_m
     sources, rates, shapes = [], [np.zeros(0)], [np.zeros((0, len(modes)))]
-    swept, standing = np.zeros(m), np.ones(m)
+    swept, at_rest = np.zeros(m), np.ones(m)
     for j, source in enumerate(machine.source):
         G = sum(tie for _, place, tie in beside.ties if place == j)
         if source.shape != "nut" or G == 0.0:
@@ -44,13 +44,13 @@ def spreads(modes: Modes, machine: Description, beside: Attached) -> Spreads:
         sources += [j] * int(felt.sum())
         rates.append(G / kA * own[felt])
         shapes.append(shape[:, felt].T)
-        swept[j], standing[j] = float(mean @ mean) / kA**2, _standing(modes, source, stroke)
+        swept[j], at_rest[j] = float(mean @ mean) / kA**2, _at_rest(modes, source, stroke)
     return Spreads(
-        np.array(sources, dtype=np.int64), np.concatenate(rates), np.vstack(shapes), swept, standing
+        np.array(sources, dtype=np.int64), np.concatenate(rates), np.vstack(shapes), swept, at_rest
     )
 
 
-def _standing(modes: Modes, source: Source, stroke: Stretch) -> float:
+def _at_rest(modes: Modes, source: Source, stroke: Stretch) -> float:
     """The squared size of the input column of a nut that stands, mean over its stroke."""
     nut_m, L = source.length_m or 0.0, modes.rod.length_m
     places = np.linspace(stroke.a_m, stroke.b_m, STANDING_PLACES).tolist()

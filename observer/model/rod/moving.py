@@ -100,7 +100,7 @@ def columns(
     return NutState(PathState.of(scalars), float(weight_s[0]), B, C, sum_B, sum_C), out_B, out_C
 
 
-def standing(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:
     """Return the columns (n_x,), (R,) of a nut that stands at each of some places for equal times."""
     B, C = table.mean_B.copy(), np.zeros_like(table.mean_C)
     B[: len(table.mu_1_m)] = 0.0
@@ -167,7 +167,7 @@ def _average(  # type: ignore[no-untyped-def]
         out_C[k, :] = C
 
 
-@cached_loop  # `standing` calls it too
+@cached_loop  # `columns_at` calls it too
 def _add(B, C, share, centre_m, mu, phase, scale, kA, nut_m, screw_m, table_C):  # type: ignore[no-untyped-def]
     """Add `share` of the columns with the nut at one place."""
     centre = min(max(centre_m, 0.0), screw_m)

@@ -31,6 +31,6 @@ def columns(
     new = np.flatnonzero(np.append(True, np.any(ends_m[1:] != ends_m[:-1], axis=1)))
     for begin, end in itertools.pairwise([*new.tolist(), len(dt_s)]):
         known = np.isfinite(ends_m[begin]).all()
-        own = moving.standing(table, ends_m[begin].tolist()) if known else (table.mean_B, table.mean_C)
+        own = moving.columns_at(table, ends_m[begin].tolist()) if known else (table.mean_B, table.mean_C)
         B[begin:end], C[begin:end] = own
     return state, B, C

@@ -78,7 +78,7 @@ def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
     present, table = run._present(source, 0), source.table
     shapes = swept(table, present)
     columns = np.array(
-        [moving.standing(table, [x])[0][: plant.modes] for x in np.linspace(0.0, table.screw_m, PLACES)]
+        [moving.columns_at(table, [x])[0][: plant.modes] for x in np.linspace(0.0, table.screw_m, PLACES)]
     )
     for tick in np.argsort(-(present > 0).sum(axis=1))[:3]:
         share = present[tick]
