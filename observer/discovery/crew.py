@@ -46,9 +46,8 @@ class Crew:
         """Return `work(problem, *task)` of every task; the work is a pure function of a module."""
         later = [self._submit(work, problem, task) for task in tasks[1:]]
         done: list[Any] = [work(problem, *task) for task in tasks[:1]]
-        for future, task in zip(
-            reversed(later), reversed(tasks[1:]), strict=True
-        ):  # the other takes the first
+        # from behind, for the other begins in front
+        for future, task in zip(reversed(later), reversed(tasks[1:]), strict=True):
             done.insert(1, None if future and not future.cancel() else work(problem, *task))
         for i, future in enumerate(later, start=1):
             if future is not None and not future.cancelled():

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from copy import copy, deepcopy
+from copy import deepcopy
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -92,10 +92,8 @@ def found() -> Discovery:
 def _renamed(found: Discovery) -> tuple[Discovery, dict[str, Any]]:
     """The same, with a sensor's name that no configuration would let through."""
     a, b, c = found.problem.config.sensor
-    problem = copy(found.problem)
-    problem.config = problem.config.model_copy(
-        update={"sensor": (a, b.model_copy(update={"name": HOSTILE}), c)}
-    )
+    sensors = (a, b.model_copy(update={"name": HOSTILE}), c)
+    problem = replace(found.problem, config=found.problem.config.model_copy(update={"sensor": sensors}))
 
     def named(value: Any) -> Any:
         if isinstance(value, dict):
