@@ -39,6 +39,7 @@ SLEEPS = {
     "service/test_wires.py Talking.run": "readings have a period",
     "service/test_wires.py test_a_busy_event_loop_delays_no_reading": "the event loop is busy",
     "service/test_wires.py test_readings_that_nobody_takes_are_counted_as_drops": "the event loop is busy",
+    "mutants/forks.py _run": "a fork has no other way to be waited for with a bound",
     "soak/__main__.py _watch": "figures have a period",
 }
 

@@ -57,7 +57,7 @@ def course_of(config: Config, run: SteppedRun) -> Course:
     nut = next((s.position_channel for s in config.source if s.position_channel), None)
     period_s = np.diff(ticks.time_s, prepend=0.0)
     return Course(
-        phase=_phases(working, ticks.time_s, np.nanmean(ticks.measured_degC, axis=1)),
+        phase=_phases(working, ticks.time_s, _mean_of_known(ticks.measured_degC)),
         speed_rpm=speed,
         running_s=np.cumsum(np.where(working, period_s, 0.0)),
         working=working,
@@ -86,6 +86,12 @@ def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArr
         short = more and time_s[on - 1] - time_s[off] < DWELL_S
         phase[off:on] = PHASES.index("dwell" if short else "cool_down")
     return phase
+
+
+def _mean_of_known(values: FloatArray) -> FloatArray:
+    """The mean of each row (b, s), NaN where nothing is known."""
+    count = np.isfinite(values).sum(axis=1)
+    return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
 
 
 def _filled(values: FloatArray) -> FloatArray:

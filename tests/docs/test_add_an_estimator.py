@@ -53,7 +53,7 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> tuple[Plant, Estimator, Inputs]:
 
 def test_the_kind_is_shown_as_it_would_stand_in_the_configuration() -> None:
     _, kind, _ = page()
-    code = (ROOT / "observer" / "config.py").read_text(encoding="utf-8")
+    code = (ROOT / "observer" / "tables" / "estimator.py").read_text(encoding="utf-8")
     assert code.count(kind.replace(', "snapshot"', "") + "\n") == 1, (
         "the page shows other kinds than there are"
     )
