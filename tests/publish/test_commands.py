@@ -59,7 +59,7 @@ def test_a_command_is_handed_over_and_its_outcome_told():
 )
 def test_a_wildcard_and_the_old_way_command_nothing(selector):
     with published() as (made, endpoint), session(endpoint) as opened:
-        made.compensation(b'{"armed":false}')
+        made.compensation({"armed": False})
         answers, taken = _asked(made, opened, selector)
         assert taken == []
         assert not any('"done"' in answer for answer in answers)
@@ -185,5 +185,5 @@ def test_a_compensation_is_there_only_where_it_is_switched_on():
         assert ask(opened, f"{PREFIX}/compensation") in ([], ["! Timeout"])
     with published() as (made, endpoint), session(endpoint) as opened:
         wait(lambda: ask(opened, f"{PREFIX}/compensation") == ["! no compensation yet"])
-        made.compensation(b'{"armed":false}')
+        made.compensation({"armed": False})
         assert ask(opened, f"{PREFIX}/compensation") == ['{"armed":false}']

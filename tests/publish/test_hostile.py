@@ -123,7 +123,7 @@ def test_a_number_that_is_none_ends_nothing(last):
 @pytest.mark.system
 def test_payloads_of_a_hundred_megabytes_are_not_kept():
     with published() as (made, endpoint), session(endpoint) as opened:
-        made.health(b"{}")
+        made.health({})
         payload = bytes(100_000_000)
         before_MB = _resident_MB()
         for _ in range(3):
