@@ -70,7 +70,8 @@ def nowhere(monkeypatch, tmp_path):
     """None of numba's own places can be written; temporary files go to `tmp_path`."""
     monkeypatch.setattr(compile_cache, "_can_write", lambda place: False)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.delenv(compile_cache.VARIABLE, raising=False)
+    monkeypatch.setenv(compile_cache.VARIABLE, "")  # so that it is put back, also where there was none
+    monkeypatch.delenv(compile_cache.VARIABLE)
     return tmp_path / f"ballscrew-observer-{os.getuid()}"
 
 
