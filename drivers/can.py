@@ -42,8 +42,7 @@ class CanTable(DriverTable):
 
     @property
     def bus(self) -> Bus:
-        """How the bus is opened; without a time-out of its own, a channel may be silent
-        for two periods before each further one is a fault."""
+        """How the bus is opened; without a time-out, two silent periods are none yet, each further one is."""
         silence_s = self.timeout_s if self.timeout_s is not None else 2.0 * self.period_s
         return Bus(
             interface=self.interface,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -54,9 +55,9 @@ class _Modbus(DriverTable):
         return self.period_s
 
     @property
+    @abstractmethod
     def at(self) -> Device:
         """Where the device is."""
-        raise NotImplementedError
 
     def open(self, name: str) -> Driver:
         """Make the driver that polls the device."""
@@ -76,7 +77,7 @@ class _Modbus(DriverTable):
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
         """The addresses that each channel reads, the register last."""
         found: dict[str, frozenset[tuple[object, ...]]] = {}
-        device = self.kind, self.at.address, self.at.options.get("port"), self.unit_id
+        device = self.at.serial, self.at.address, self.at.options.get("port"), self.unit_id
         for channel, place in self.map().items():
             own = spans(place)[0]
             words = range(own.first, own.first + own.count)

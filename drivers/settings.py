@@ -8,6 +8,7 @@ importing any bus library.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Protocol, TypeVar
@@ -74,24 +75,22 @@ class Settings(BaseModel):
 class DriverTable(Settings):
     """A table `[drivers.<name>]`: what a kind of driver says of itself, and how it is opened."""
 
-    kind: str
-
     @property
+    @abstractmethod
     def delivered(self) -> tuple[str, ...] | None:
         """The channels it delivers; None where only opening it tells."""
-        raise NotImplementedError
 
     @property
     def sample_s(self) -> float | None:
         """How often each channel comes; None where that is not known."""
         return None
 
+    @abstractmethod
     def open(self, name: str) -> Driver:
         """Make the driver; its bus library is imported here, and nothing is connected before `run`.
 
         Raises `UserError` where a file that the table names cannot be used.
         """
-        raise NotImplementedError
 
     def file_problems(self, _name: str) -> list[str]:
         """What is wrong with the files that the table names, as “key: a sentence”."""

@@ -17,10 +17,8 @@ from pydantic import Field, ValidationError, model_validator
 from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
 from observer.tables.estimator import EstimatorSettings
-from observer.tables.keeping import Checkpoint, Record
 from observer.tables.limits import ChannelLimits
 from observer.tables.mounting import Compensation
-from observer.tables.publishing import Publish
 from observer.tables.quantities import (
     Air,
     Channel,
@@ -102,9 +100,6 @@ class Config(Description):
     output: Output = Output()
     compensation: Compensation = Compensation()
     limits: dict[Channel, ChannelLimits] = Field(default_factory=dict, max_length=256)
-    publish: Publish = Publish()
-    record: Record = Record()
-    checkpoint: Checkpoint = Checkpoint()
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -10,7 +10,7 @@ from drivers import open_driver
 from observer.errors import ConfigError
 from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
-from observer.installation import Installation, load, undelivered
+from observer.installation import Installation, load
 from observer.publish.codec import config_json
 from observer.publish.session import listening
 from observer.publish.taken import refuse_taken
@@ -65,8 +65,7 @@ class _Ready:
     @classmethod
     def of(cls, config: Installation) -> _Ready:
         """Check and build. Raises `UserError`."""
-
-        if problems := undelivered(config):
+        if problems := config.undelivered():
             raise ConfigError(problems[0])
         if config.record.directory is not None:
             refuse_unwritable(config.record.directory, "record.directory")
@@ -82,14 +81,12 @@ class _Ready:
 
     def compiler(self) -> Compiler:
         """What has its kernels compiled."""
-
         line = self.config.model_dump_json(by_alias=True, exclude_unset=True)
         return Compiler("observer.compile_kernels", line, service_manager())
 
 
 def _reread(path: Path, now: Installation) -> _Ready:
     """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
-
     config = load(path)
     refuse_taken(set(listening(config.publish)) - set(listening(now.publish)), "publish.listen")
     for key, settings in config.drivers.items():
@@ -112,7 +109,6 @@ def _service(
 
     `alone` asks for nobody else to have the axis.
     """
-
     config, machine, estimator = ready.config, ready.machine, ready.estimator
     name, record, instance = config.machine, config.record, secrets.token_hex(4)
     held = None if start is None else start.compensation

@@ -23,13 +23,14 @@ _problems: list[Problem] = []
 class Crew:
     """Does pieces of work on one problem, each in this process or the other; which, the results do not tell.
 
-    Without a second core, or where a second process cannot be had, this one does all.
+    Without a second core, where a second process cannot be had, or in a process that itself works for
+    another, this one does all.
     """
 
     def __init__(self, *, alone: bool = False) -> None:
         self._other: ProcessPoolExecutor | None = None
         self._sent: Problem | None = None
-        if not alone and (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon:
+        if not alone and (os.cpu_count() or 1) > 1 and multiprocessing.parent_process() is None:
             self._other = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
             self._other.submit(_awake)  # it takes a second
 

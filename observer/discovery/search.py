@@ -207,15 +207,13 @@ def _try(problem: Problem, base: Fit, promise: Promise, least: float, rival: flo
     shape = candidate.shapes[promise.signature.shape]
     effect = candidate.effect(shape, promise.strength)
     as_given = problem.with_free(base.config, problem.free_values(problem.config))
-    starts = [
-        c.model_copy(update={"effect": (*c.effect, effect)}) for c in (base.config, as_given)
-    ]  # a calibration without a strong effect may have gone far astray
+    # a calibration without a strong effect may have gone far astray
+    starts = [c.model_copy(update={"effect": (*c.effect, effect)}) for c in (base.config, as_given)]
     costs = [float(np.sum(problem.residual(c)[problem.evidence.used] ** 2)) for c in starts]
     parameters = (*base.parameters, *candidate.parameters(index))
     fit = fit_effects(problem, starts[int(np.argmin(costs))], parameters, rival)
-    if (
-        not fit.deviance <= base.deviance
-    ):  # it led astray, for with next to nothing of the effect it is `base`
+    # if not, it led astray, for with next to nothing of the effect it is `base`
+    if not fit.deviance <= base.deviance:
         weak = (*base.config.effect, candidate.effect(shape, WEAK * promise.strength))
         fit = fit_effects(problem, base.config.model_copy(update={"effect": weak}), parameters, rival)
     if not (np.isfinite(fit.residual).all() and np.isfinite(fit.jacobian).all()):

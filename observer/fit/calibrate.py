@@ -20,7 +20,7 @@ from observer.fit.hypothesis import MOST_STEP
 from observer.fit.identifiability import Obstacle, describe, distinguishable
 from observer.fit.interval import covariance, half_width
 from observer.fit.minimise import Range, Stop, minimise
-from observer.fit.parameters import free_keys, kind_of
+from observer.fit.parameters import free_keys, kind_of, replaced
 from observer.fit.problem import Problem
 from observer.fit.runs import LEAST_S, Run, prepare
 from observer.frames import FloatArray, FrameBlock
@@ -104,7 +104,7 @@ def calibrate(
 
 
 def _fitted(problem: Problem) -> Config:
-    """The configuration with the parameters that minimise the weighted squares of the residuals."""
+    """The configuration with the parameters that minimise the weighted squares of the residuals, checked."""
     low, high = (bound / problem.scale for bound in problem.bounds)
 
     def at(u: FloatArray) -> Config:
@@ -118,7 +118,8 @@ def _fitted(problem: Problem) -> Config:
         Range(low, high, np.full(len(low), MOST_STEP)),
         EXACT,
     )
-    return at(found.theta)
+    best = problem.free_values(at(found.theta)).tolist()
+    return replaced(problem.config, dict(zip(problem.keys, best, strict=True)))
 
 
 def _intervals(problem: Problem, after: Config) -> tuple[Fitted, ...]:

@@ -121,7 +121,7 @@ def replaced(config: Config, values: Mapping[str, float]) -> Config:
     Raises `ConfigError` for a key that cannot be free and for a value out of its range.
     """
     known = candidates(config)
-    table = config.model_dump(exclude_unset=True)
+    table = config.model_dump(exclude_unset=True, by_alias=True)
     for key, value in values.items():
         if key not in known:
             raise ConfigError(_unknown(key, known))

@@ -16,14 +16,18 @@ from observer.config import Config, effect_problems
 from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.installation.problems import as_message, problems_of
-from observer.tables.publishing import Client
+from observer.tables.keeping import Checkpoint, Record
+from observer.tables.publishing import Client, Publish
 from observer.tables.quantities import Name
 
 
 class Installation(Config):
-    """A whole configuration: the machine and its wires."""
+    """A whole configuration: the machine, its wires, and what the service keeps and tells."""
 
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
+    publish: Publish = Publish()
+    record: Record = Record()
+    checkpoint: Checkpoint = Checkpoint()
 
     def contradictions(self) -> list[str]:
         """What does not fit together, a sentence each."""
@@ -39,12 +43,17 @@ class Installation(Config):
             if driver.sample_s is not None
         }
 
-    @property
-    def undelivered(self) -> tuple[str, ...]:
-        """Channels that the model reads and no driver delivers; none where a driver's are not known yet."""
+    def undelivered(self) -> list[str]:
+        """Say which channels the model reads and no driver delivers, as far as the drivers tell theirs."""
         offers = [driver.delivered for driver in self.drivers.values()]
         offered = {channel for offer in offers for channel in offer or ()}
-        return () if None in offers else tuple(c for c in self.channels if c not in offered)
+        missing = [] if None in offers else [c for c in self.channels if c not in offered]
+        if not missing:
+            return []
+        return [
+            f"drivers: no driver delivers {', '.join(missing)}; add the channel to a [drivers.…] table, or "
+            "remove what reads it"
+        ]
 
 
 def _delivered_twice(config: Installation) -> Iterator[str]:
@@ -88,13 +97,3 @@ def parse(table: dict[str, Any], place: str = "configuration") -> Installation:
     if problems := effect_problems(config):
         raise ConfigError(as_message(place, problems))
     return config
-
-
-def undelivered(config: Installation) -> list[str]:
-    """What to do about channels that no driver delivers, if there are any."""
-    if not config.undelivered:
-        return []
-    return [
-        f"drivers: no driver delivers {', '.join(config.undelivered)}; add the channel to a [drivers.…] "
-        "table, or remove what reads it"
-    ]

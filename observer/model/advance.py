@@ -17,8 +17,23 @@ not known.
 
 from __future__ import annotations
 
+import numpy as np
+
 from observer.compiled import inlined, rarely
+from observer.frames import FloatArray
 from observer.model.coupling import couple, faded, swept
+
+
+def padded_width(columns: int, register: int) -> int:
+    """Return the width of an array's rows in memory that the inner loops run over: whole vector registers."""
+    return -(-columns // register) * register
+
+
+def pad_rows(array: FloatArray, width: int) -> FloatArray:
+    """Return the array with its last axis padded with zeros to a width."""
+    padded = np.zeros((*array.shape[:-1], width))
+    padded[..., : array.shape[-1]] = array
+    return padded
 
 
 @inlined

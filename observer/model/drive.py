@@ -292,9 +292,9 @@ def _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, 
 def _fill_laws(law_before_W, k, law, law_W, jump_W):  # type: ignore[no-untyped-def]
     """Fill in the heats by law over step k; one that was never known is that of standstill."""
     for j in range(law.shape[1]):
-        if np.isnan(law[k, j]):
-            law[k, j] = 0.0 if np.isnan(law_before_W[j]) else law_before_W[j]
         before = law[k - 1, j] if k > 0 else law_before_W[j]
+        if np.isnan(law[k, j]):
+            law[k, j] = 0.0 if np.isnan(before) else before
         if np.isnan(before):
             before = law[k, j]
         law_W[k, j], jump_W[k, j] = (before + law[k, j]) / 2, law[k, j] - before

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from observer.compiled import cached_loop
 from observer.frames import FloatArray, Inputs
-from observer.model.advance import advance, move_columns
+from observer.model.advance import advance, move_columns, pad_rows, padded_width
 from observer.model.coupling import Coupling
 from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
 
 _CHUNK = 1024
 """Steps worked on at a time: few enough that they stay in the cache."""
-
-
 _REGISTER = 8
 """States are padded with zeros to whole vector registers: the step takes half the time for it."""
 
@@ -61,8 +59,7 @@ class _Work(NamedTuple):
     @classmethod
     def of(cls, p: _PlantArrays, x: FloatArray, sweep: FloatArray) -> _Work:
         (m, width), n_x = p.B.shape, len(x)
-        padded = np.concatenate([x, np.zeros(width - n_x)])
-        return cls(padded, np.zeros(m), np.zeros((2, n_x)), np.zeros((n_x, 0)), sweep)
+        return cls(pad_rows(x, width), np.zeros(m), np.zeros((2, n_x)), np.zeros((n_x, 0)), sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,20 +149,14 @@ def _march(p, t, decay, u, B, C, work, states):  # type: ignore[no-untyped-def]
 
 
 def _plant_arrays(plant: Plant) -> _PlantArrays:
-    width = -(-len(plant.decay_1_s) // _REGISTER) * _REGISTER
+    width = padded_width(len(plant.decay_1_s), _REGISTER)
     acting = np.flatnonzero(plant.E.any(axis=0))
     acts = slice(0, acting.max(initial=-1) + 1)  # what comes later is for the outputs alone
     return _PlantArrays(
         plant.modes,
-        _padded(plant.B.T, width),
-        _padded(plant.E[:, acts].T, width),
+        pad_rows(plant.B.T, width),
+        pad_rows(plant.E[:, acts].T, width),
         np.zeros(0, dtype=np.int64),
         np.array([s.index for s in plant.moving], dtype=np.int64),
         plant.coupling,
     )
-
-
-def _padded(rows: FloatArray, width: int) -> FloatArray:
-    out = np.zeros((len(rows), width))
-    out[:, : rows.shape[1]] = rows
-    return out

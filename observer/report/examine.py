@@ -14,7 +14,7 @@ from observer.config import effect_problems
 from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.fit.parameters import free_problems
-from observer.installation import Installation, undelivered
+from observer.installation import Installation
 from observer.installation.problems import as_message, problems_of
 
 _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
@@ -28,7 +28,7 @@ def examine(path: Path) -> Installation:
     settings = dict(_drivers(table)) if config is None else config.drivers
     if config is not None:
         problems += effect_problems(config) + free_problems(config)
-        problems += undelivered(config) if config.drivers else []  # without any, the model is for logs
+        problems += config.undelivered() if config.drivers else []  # without any, the model is for logs
     for name, driver in settings.items():
         problems += [f"drivers.{name}.{problem}" for problem in driver.file_problems(name)]
     directory = None if config is None else config.record.directory

@@ -162,7 +162,7 @@ class _Cycles:
 
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._standing = start = service.start
+        self._snapshot = start = service.start
         self.wires = Wires(service.drivers, service.clock.now, self._take)
         self._aligner = Aligner(service.plan, math.nan if start is None else start.tick_s)
         self._pipeline = Pipeline(service.drive, service.estimator, service.self_test)
@@ -197,7 +197,7 @@ class _Cycles:
 
     def snapshot(self) -> Snapshot | None:
         """Where the pipeline stands after its last step, None while the estimator knows nothing yet."""
-        snapshot, compensator = self._standing, self._service.compensator
+        snapshot, compensator = self._snapshot, self._service.compensator
         if snapshot is None or not snapshot.estimator.started:
             return None
         return snapshot if compensator is None else replace(snapshot, compensation=compensator.held)
@@ -274,7 +274,7 @@ class _Cycles:
                 compensator.disarm(f"{rival}, then arm again")
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
-        self._standing = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot())
+        self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot())
         if self._service.keeper is not None:
             self._service.keeper.step(self.snapshot, self._service.clock.now())
         self._ping()

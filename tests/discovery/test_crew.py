@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
 from observer.discovery.crew import ALONE, Crew, _packed, _unpacked
 from observer.discovery.discover import discover
 from observer.discovery.search import without
@@ -37,3 +40,13 @@ def test_alone_one_does_all_in_order() -> None:
     config = machine()
     problem = problem_of(config, [made_log(config, 0, minutes=20.0)])
     assert ALONE.each(lambda _problem, x, y: x - y, problem, [(3, 1), (5, 5), (1, 9)]) == [2, 0, -8]
+
+
+def test_who_works_for_another_process_has_no_second_one_of_its_own() -> None:
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        assert pool.submit(_has_another).result() is False
+
+
+def _has_another() -> bool:
+    with Crew() as crew:
+        return crew._other is not None

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from observer.errors import ConfigError
 from observer.fit.parameters import FILM, candidates, free_keys, get, kind_of, replaced
+from observer.installation import Installation
 from tests.discovery.cases import machine
 
 CONVECTIVE = {"right": {"kind": "convective", "coefficient_W_m2K": 50.0}}
@@ -55,3 +56,13 @@ def test_a_key_that_cannot_be_free_is_refused_with_those_that_can(key: str, reme
 def test_a_value_out_of_range_is_refused() -> None:
     with pytest.raises(ConfigError, match="convection_W_m2K"):
         replaced(machine(), {FILM: -1.0})
+
+
+def test_the_wires_of_a_configuration_stay_when_a_value_is_replaced() -> None:
+    """A register's name in the file is not its name in the code."""
+    wires = {"tc": {"kind": "modbus_tcp", "host": "h", "channels": {"a_degC": {"register": 3, "scale": 0.1}}}}
+    config = machine(drivers=wires)
+    other = replaced(config, {FILM: 12.0})
+    assert isinstance(other, Installation)
+    assert other.drivers == config.drivers
+    assert get(other, FILM) == 12.0

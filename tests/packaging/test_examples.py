@@ -23,6 +23,14 @@ def test_every_example_loads(path: Path) -> None:
     assert len(loaded.sensor) >= heats, "fewer sensors than heats: constant heats cannot all be observed"
 
 
+@pytest.mark.parametrize(
+    ("name", "digest"), [("demo.toml", "438770601573407e"), ("kim-screw.toml", "ff48506153b19159")]
+)
+def test_the_hash_of_an_example_stays(name: str, digest: str) -> None:
+    """Commands name the configuration by it: where a table stands in the code must not change it."""
+    assert installation.load(ROOT / "config" / name).digest == digest
+
+
 def test_kim_uses_the_diffusivity_of_the_table() -> None:
     screw = installation.load(ROOT / "config" / "kim-screw.toml").screw
     diffusivity_m2_s = screw.conductivity_W_mK / (screw.density_kg_m3 * screw.specific_heat_J_kgK)

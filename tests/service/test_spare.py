@@ -11,11 +11,12 @@ from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 
 pytestmark = pytest.mark.system
-TELLING = """
-import sys, threading, time
+TELLING = r"""
+import os, sys, threading, time
 def tell():
     while True:
-        print("loaded:", *(name for name, module in list(sys.modules.items()) if module), file=sys.stderr)
+        names = " ".join(name for name, module in list(sys.modules.items()) if module)
+        os.write(2, f"\nloaded: {names}\n".encode())  # in one piece: the log writes beside it
         time.sleep(0.1)
 threading.Thread(target=tell, daemon=True).start()
 from observer.cli import main

@@ -1,4 +1,4 @@
-"""The compiled arithmetic of one step: predict state and covariance, correct them by scalar measurements.
+"""The compiled arithmetic of one step: predict state and covariance, correct them by the sensors.
 
 The plant is diagonal and the heats reach it only through their input columns, so predicting a covariance
 costs O(n²). Nothing here calls BLAS and no sum is reordered: K steps give the same bits as K runs of one.

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
+from observer.model import advance
+from observer.model.advance import pad_rows
 from observer.model.coupling import Coupling
 from observer.model.plant import Plant
 from observer.model.rod.supports import fold
@@ -111,14 +113,7 @@ class Results(NamedTuple):
 
 def padded_width(columns: int) -> int:
     """Return the width of an array's rows in memory that the inner loops run over."""
-    return -(-columns // _REGISTER) * _REGISTER
-
-
-def pad_rows(array: FloatArray, width: int) -> FloatArray:
-    """Return the array with its last axis padded with zeros to a width."""
-    padded = np.zeros((*array.shape[:-1], width))
-    padded[..., : array.shape[-1]] = array
-    return padded
+    return advance.padded_width(columns, _REGISTER)
 
 
 def pack_plant(plant: Plant) -> PlantArrays:

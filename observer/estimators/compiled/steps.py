@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.compiled import cached_loop
-from observer.estimators.compiled.packing import IntArray, pad_rows, padded_width
+from observer.estimators.compiled.packing import IntArray, padded_width
 from observer.frames import BoolArray, FloatArray, Inputs
+from observer.model.advance import pad_rows
 from observer.model.discretise import TICKS_PER_S, StepMatrices, fixed_noise, quantise, step_matrices
 from observer.model.plant import Plant
 
