@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.compiled import cached_loop, inlined, rarely
-from observer.estimators.compiled.judging import add_prior, add_scaled, find_usable, gate, step_is_finite
+from observer.estimators.compiled.judging import add_prior, find_usable, gate, step_is_finite
 from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
@@ -23,7 +23,7 @@ from observer.estimators.compiled.kernels import (
     start,
 )
 from observer.frames import FloatArray
-from observer.model.advance import move_columns, put_laws
+from observer.model.advance import add_scaled, move_columns, put_laws
 from observer.model.coupling import coupled
 
 SKIPPED, STARTED, STEPPED = 0, 1, 2

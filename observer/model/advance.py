@@ -37,6 +37,20 @@ def pad_rows(array: FloatArray, width: int) -> FloatArray:
 
 
 @inlined
+def add_scaled(target, rows, weights, count):
+    """target += Σ_a weights_a · rows_a over the first `count` rows, four of them at a time."""
+    whole = count // 4 * 4
+    for a in range(0, whole, 4):
+        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
+        for b in range(len(target)):
+            target[b] += (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
+    for a in range(whole, count):
+        w0 = weights[a]
+        for b in range(len(target)):
+            target[b] += w0 * rows[a, b]
+
+
+@inlined
 def move_columns(p, u, k, B, C):
     """Put the columns of the moving sources over step k in place."""
     for i in range(len(p.moving)):
@@ -76,15 +90,11 @@ def advance_diagonal(p, t, d, u, k, B, x, work):
     """x⁺ = e∘x + hold∘(B law + E z_start) + ramp∘(E (z_end - z_start)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
     n_x = B.shape[1]
     for a in range(n_x):
-        x[a] *= t.decay[d, a]
-    for j in range(B.shape[0]):
-        law = work.law[j]
-        for a in range(n_x):
-            x[a] += t.hold[d, a] * B[j, a] * law
-    for q in range(p.E.shape[0]):
-        z = u.z_start[k, q]
-        for a in range(n_x):
-            x[a] += t.hold[d, a] * p.E[q, a] * z
+        work.driven[a] = 0.0
+    add_scaled(work.driven, B, work.law, B.shape[0])
+    add_scaled(work.driven, p.E, u.z_start[k], p.E.shape[0])
+    for a in range(n_x):
+        x[a] = t.decay[d, a] * x[a] + t.hold[d, a] * work.driven[a]
     for q in range(p.E.shape[0]):
         rise = u.z_end[k, q] - u.z_start[k, q]
         if rise != 0.0:

@@ -52,6 +52,7 @@ class _Work(NamedTuple):
 
     x: FloatArray
     law: FloatArray
+    driven: FloatArray
     before: FloatArray
     none: FloatArray
     sweep: FloatArray
@@ -59,7 +60,8 @@ class _Work(NamedTuple):
     @classmethod
     def of(cls, p: _PlantArrays, x: FloatArray, sweep: FloatArray) -> _Work:
         (m, width), n_x = p.B.shape, len(x)
-        return cls(pad_rows(x, width), np.zeros(m), np.zeros((2, n_x)), np.zeros((n_x, 0)), sweep)
+        law, driven, before, none = np.zeros(m), np.zeros(width), np.zeros((2, n_x)), np.zeros((n_x, 0))
+        return cls(pad_rows(x, width), law, driven, before, none, sweep)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ from observer.compiled import inlined, rarely
 from observer.estimators.compiled.judging import (
     GOOD,
     NUT_LOST,
-    add_scaled,
     find_usable,
     invalidate,
     judge,
@@ -26,7 +25,7 @@ from observer.estimators.compiled.judging import (
 )
 from observer.estimators.compiled.packing import PlantArrays, padded_width
 from observer.frames import FloatArray
-from observer.model.advance import move_columns
+from observer.model.advance import add_scaled, move_columns
 
 # A law's jump that adds less than this share to a heat's σ² leaves the covariance settled.
 _QUIET_JUMP = 1e-3

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from observer.compiled import inlined, rarely
+from observer.model.advance import add_scaled
 
 GOOD, STALE, REJECTED = 0, 2, 3
 ESTIMATE_GOOD, ESTIMATE_STARTING, ESTIMATE_DEGRADED, ESTIMATE_STALE, ESTIMATE_INVALID = 0, 1, 2, 3, 4
@@ -25,20 +26,6 @@ _REOPEN_AT_LEAST = 0.01
 _REOPEN_SIGMA = 3.0
 _FEW = 8  # rows, up to which one after the other is quicker than all at once
 _AGREES = 0.3  # part of what a sensor was off when the state was opened for it
-
-
-@inlined
-def add_scaled(target, rows, weights, count):
-    """target += Σ_a weights_a · rows_a over the first `count` rows, four of them at a time."""
-    whole = count // 4 * 4
-    for a in range(0, whole, 4):
-        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
-        for b in range(len(target)):
-            target[b] += (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
-    for a in range(whole, count):
-        w0 = weights[a]
-        for b in range(len(target)):
-            target[b] += w0 * rows[a, b]
 
 
 @inlined

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from observer.compiled import inlined, rarely
-from observer.estimators.compiled.judging import add_prior, add_scaled
-from observer.model.advance import advance, couple_covariance
+from observer.estimators.compiled.judging import add_prior
+from observer.model.advance import add_scaled, advance, couple_covariance
 
 _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 

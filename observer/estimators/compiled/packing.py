@@ -61,8 +61,8 @@ class Running(NamedTuple):
 
 class Work(NamedTuple):
     """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
-    at the temperatures of the moment, `before` (2, n_x) the states that the halves of a coupling began from,
-    `none` (n_x, 0), `sweep` as in `advance`, and the arrays of one step.
+    at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
+    coupling began from, `none` (n_x, 0), `sweep` as in `advance`, and the arrays of one step.
     """
 
     B: FloatArray
@@ -71,6 +71,7 @@ class Work(NamedTuple):
     value: FloatArray
     shared: FloatArray
     law: FloatArray
+    driven: FloatArray
     couple: FloatArray
     shift: FloatArray
     was: FloatArray
@@ -174,6 +175,7 @@ def scratch(arrays: PlantArrays) -> Work:
         value=np.zeros(arrays.rows.shape[1]),
         shared=np.zeros(arrays.rows.shape[1]),
         law=np.zeros(len(arrays.B)),
+        driven=np.zeros(n_x),
         couple=np.zeros((n_x, n_x)),
         shift=np.zeros(n_x),
         was=np.zeros((n_x + m_e, width)),
