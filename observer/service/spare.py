@@ -14,12 +14,12 @@ _COMPILER = "libllvmlite.so"
 
 
 def import_sparingly() -> None:
-    """Import structlog without rich's tracebacks, numba without YAML and scipy's BLAS, which no kernel uses.
+    """Import structlog without rich's tracebacks, numba without YAML, coverage and scipy's BLAS, which no kernel uses.
 
     No garbage is looked for until `leave_in_peace`: what is imported stays.
     """
     gc.disable()
-    with _not_found("rich", "yaml", "scipy.linalg"):
+    with _not_found("rich", "yaml", "coverage", "scipy.linalg"):
         import numba.np.arraymath  # noqa: F401, PLC0415
         import structlog  # noqa: F401, PLC0415
 
