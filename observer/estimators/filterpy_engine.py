@@ -8,68 +8,32 @@ from typing import Any
 
 import numpy as np
 
-from observer.estimators.compiled import judging, kernels, packing
-from observer.estimators.compiled.steps import StepCache, chunks
-from observer.estimators.protocol import EstimatorState
-from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
+from observer.estimators.by_block import BlockEstimator
+from observer.estimators.compiled import judging, kernels
+from observer.estimators.compiled.packing import Results, Running, Work
+from observer.estimators.compiled.steps import Chunk
+from observer.frames import FloatArray, Inputs
 from observer.model import advance
 from observer.model.coupling import coupled
-from observer.model.discretise import StepMatrices, quantise, step_matrices
-from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
+from observer.model.discretise import StepMatrices
 
 
-class FilterpyEstimator:
+class FilterpyEstimator(BlockEstimator):
     """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections, Joseph form, the same gate and
     rules.
     """
 
-    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
-        """Bring the plant into the shared rules' form, once."""
-        self._plant = plant
-        self._gate_sigma = float(settings.gate_sigma)
-        self._arrays = packing.pack_plant(plant)
-        self._work = packing.scratch(self._arrays)
-        self._steps: dict[float, StepMatrices] = {}
-
-    @property
-    def layout(self) -> Layout:
-        """What the columns of the estimates are."""
-        return self._plant.layout
-
-    def initial(self) -> EstimatorState:
-        """Return the state before the first measurement."""
-        return packing.initial_state(self._plant)
-
-    def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
-        """Take K steps."""
+    def _take(self, chunk: Chunk, running: Running, out: Results, work: Work) -> None:
         from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (slow to import)
 
-        running = packing.thaw(state)
-        results = packing.empty_results(self._plant, len(inputs))
-        dt_s = quantise(inputs.dt_s).tolist()
         kf = KalmanFilter(dim_x=len(running.x), dim_z=max(self._plant.rows.sensors, 1))
-        for part, _, _, u, _ in chunks(StepCache(self._plant), inputs):
-            out = packing.cut(results, part)
-            for k in range(len(u)):
-                kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
-                self._step(kf, u, k, self._matrices(dt_s[part.start + k]), running, out)
-        time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
-        return packing.freeze(running, time_s), packing.to_block(self._plant, inputs.time_s, results)
-
-    def _matrices(self, dt_s: float) -> StepMatrices:
-        if dt_s not in self._steps:
-            self._steps[dt_s] = step_matrices(self._plant, dt_s)
-        return self._steps[dt_s]
+        for k, length in enumerate(chunk.step):
+            kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
+            step, _ = self._steps.get(chunk.lengths_s[length])
+            self._step(kf, chunk.inputs, k, step, running, out, work)
 
     def _step(
-        self,
-        kf: Any,
-        u: Inputs,
-        k: int,
-        step: StepMatrices,
-        running: packing.Running,
-        out: packing.Results,
+        self, kf: Any, u: Inputs, k: int, step: StepMatrices, running: Running, out: Results, work: Work
     ) -> None:
         plant, s = self._plant, self._plant.rows.sensors
         usable = u.usable[k] & np.isfinite(u.y_degC[k])
@@ -79,13 +43,12 @@ class FilterpyEstimator:
             return
         B, C = plant.B.T.copy(), plant.rows.C[:s].copy()
         advance.move_columns(self._arrays, u, k, B, C)
-        law = self._work.law
         if running.flags[0]:
-            self._predict(kf, u, k, step, B)
+            self._predict(kf, u, k, step, B, work)
             judging.doubt_nut(self._arrays, u, k, running.lost_s, kf.P)
         else:
-            kernels.start(self._arrays, C, u, k, usable, running.x, running.P, self._work.nu)
-            advance.put_laws(self._arrays, u, k, B, running.x, law)
+            kernels.start(self._arrays, C, u, k, usable, running.x, running.P, work.nu)
+            advance.put_laws(self._arrays, u, k, B, running.x, work.law)
             running.flags[0] = 1
             kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
         H = np.hstack([C[:s], np.zeros((s, len(running.x) - C.shape[1]))])
@@ -106,13 +69,13 @@ class FilterpyEstimator:
             kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
         running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P
         out.quality[k] = judging.judge(u, k, usable, accepted, running, out)
-        judging.move_rows(self._arrays, u, k, self._work.rows)
-        known = judging.write_values(self._arrays, u, k, running.x, self._work, out)
-        known = judging.write_sigmas(running.P, out.heat_sigma, out.field_sigma, k, self._work) and known
+        judging.move_rows(self._arrays, u, k, work.rows)
+        known = judging.write_values(self._arrays, u, k, running.x, work, out)
+        known = judging.write_sigmas(running.P, out.heat_sigma, out.field_sigma, k, work) and known
         if not known:
             judging.invalidate(out, k)
 
-    def _predict(self, kf: Any, u: Inputs, k: int, step: StepMatrices, B: FloatArray) -> None:
+    def _predict(self, kf: Any, u: Inputs, k: int, step: StepMatrices, B: FloatArray, work: Work) -> None:
         """Predict with the dense Ad and Qd of this step's columns."""
         plant = self._plant
         columns = B[plant.estimated]
@@ -126,21 +89,21 @@ class FilterpyEstimator:
         Qd[:n_x, n_x:] = Qd[n_x:, :n_x].T
         Qd[n_x:, n_x:] = np.diag(step.walk_dd)
         jump = plant.law_uncertainty * u.law_jump_W[k, plant.estimated]
-        self._couple_half(kf, u, k, u.z_start[k], B)
-        advance.put_laws(self._arrays, u, k, B, kf.x[:, 0], self._work.law)
-        held = B.T @ self._work.law + plant.E @ u.z_start[k]
+        self._couple_half(kf, u, k, u.z_start[k], B, work)
+        advance.put_laws(self._arrays, u, k, B, kf.x[:, 0], work.law)
+        held = B.T @ work.law + plant.E @ u.z_start[k]
         known = step.hold * held + step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
         known = np.concatenate([known, np.zeros(m_e)])[:, None]
         kf.P[n_x:, n_x:] += np.diag(jump**2)
         kf.predict(u=known, B=np.eye(n_x + m_e), F=Ad, Q=Qd)
-        self._couple_half(kf, u, k, u.z_end[k], B)
+        self._couple_half(kf, u, k, u.z_end[k], B, work)
 
-    def _couple_half(self, kf: Any, u: Inputs, k: int, z: FloatArray, B: FloatArray) -> None:
+    def _couple_half(self, kf: Any, u: Inputs, k: int, z: FloatArray, B: FloatArray, work: Work) -> None:
         """Half a step of what couples the states, on the dense matrices."""
         coupling = self._plant.coupling
         if not coupling.active:
             return
-        M, b, x = self._work.couple, self._work.shift, np.ascontiguousarray(kf.x[:, 0])
+        M, b, x = work.couple, work.shift, np.ascontiguousarray(kf.x[:, 0])
         coupled(coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], x, M, b)
         n_x = len(b)
         whole = np.eye(len(x))

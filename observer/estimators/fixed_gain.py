@@ -4,20 +4,24 @@ kernel.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
-from observer.estimators.compiled import packing
+from observer.errors import UserError
+from observer.estimators.by_block import BlockEstimator
 from observer.estimators.compiled.cruise_kernel import columns
 from observer.estimators.compiled.fixed_gain_kernel import DONE, GainTable, Rungs, run_fixed_gain
-from observer.estimators.compiled.steps import Chunk, StepCache, chunks
-from observer.estimators.design.gains import sensor_rows
+from observer.estimators.compiled.packing import Results, Running, Work
+from observer.estimators.compiled.steps import Chunk
+from observer.estimators.design.gains import Refusal, everything, sensor_rows
 from observer.estimators.design.riccati import steady_covariance
-from observer.estimators.protocol import EstimatorState
-from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs, contiguous
+from observer.frames import BoolArray, FloatArray, contiguous
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
 # Gains are designed for steps of period · 2^{l/4}: a step is then at most 9 % off the one its gain was
 # designed for.
@@ -25,15 +29,15 @@ _RUNGS_PER_OCTAVE = 4
 _PERIOD_RUNG = 8
 _LAST_RUNG = 127
 
-Design = Callable[[StepMatrices, BoolArray], FloatArray | None]
+Design = Callable[[StepMatrices, BoolArray], FloatArray | Refusal]
 
 
 class GainBank:
     """Gains by sensors and step length, designed when first needed; a pure function of both, so order does
     not matter.
 
-    `design(step, present)` returns K (n, s) or nothing where those sensors determine nothing: the observer
-    then predicts only, and its σ grow.
+    Where `design(step, present)` refuses, as those sensors determine nothing, the observer predicts only, and
+    its σ grow.
     """
 
     def __init__(self, plant: Plant, period_s: float, design: Design) -> None:
@@ -69,21 +73,20 @@ class GainBank:
         s = self._plant.rows.sensors
         present = np.array([bool(key >> i & 1) for i in range(s)])
         step = step_matrices(self._plant, self._length_s(key >> s))
-        K = self._design(step, present)
-        self._rows[key] = self._gain(step, K)
+        self._rows[key] = self._gain(step, self._design(step, present))
         self._table = None
 
     def _length_s(self, rung: int) -> float:
         return float(quantise(np.array(self._period_s * 2.0 ** ((rung - _PERIOD_RUNG) / _RUNGS_PER_OCTAVE))))
 
-    def _gain(self, step: StepMatrices, K: FloatArray | None) -> tuple[FloatArray, ...]:
+    def _gain(self, step: StepMatrices, K: FloatArray | Refusal) -> tuple[FloatArray, ...]:
         plant, C = self._plant, sensor_rows(self._plant)
         s, n = C.shape
         heats, wide = n - len(plant.decay_1_s), len(plant.rows.C) - s
-        steady = None if K is None else steady_covariance(plant, step, K)
-        if K is None or steady is None:
-            blank = (np.zeros((n, n)), np.zeros(s), np.zeros(heats), np.zeros(wide))
-            return (np.zeros((n, s)) if K is None else K, np.array(False), *blank)
+        K, there = (np.zeros((n, s)), False) if isinstance(K, Refusal) else (K, True)
+        steady = steady_covariance(plant, step, K) if there else None
+        if steady is None:
+            return K, np.array(False), np.zeros((n, n)), np.zeros(s), np.zeros(heats), np.zeros(wide)
         P = contiguous(0.5 * (steady.P + steady.P.T))
         heat_sigma = np.sqrt(np.diag(P)[-heats:])
         rows = plant.rows.C[s:]
@@ -94,52 +97,36 @@ class GainBank:
         return K, np.array(True), P, S, heat_sigma, field_sigma
 
 
-class FixedGainEngine:
-    """Runs blocks of inputs through the kernel of fixed gains."""
+class FixedGainEstimator(BlockEstimator):
+    """An observer with a designed gain for every set of sensors and length of step.
 
-    def __init__(
-        self, plant: Plant, period_s: float, gate_sigma: float, design: Design, *, optimal: bool
-    ) -> None:
-        """Design the gain for all sensors; `optimal` corrects by the Kalman gain until the
-        covariance has settled.
-        """
-        self._plant = plant
-        self._optimal = optimal
-        self._gate_sigma = float(gate_sigma)
-        self._arrays = packing.pack_plant(plant)
-        self._steps = StepCache(plant)
-        self._bank = GainBank(plant, period_s, design)
+    `optimal`: it corrects by the Kalman gain until the covariance has settled. `refused` is what is said
+    where there is no gain for all sensors.
+    """
 
-    def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
-        """Take K steps; a run of K is, to the last bit, K runs of one."""
-        running = packing.thaw(state)
-        results = packing.empty_results(self._plant, len(inputs))
-        work = packing.scratch(self._arrays)
-        for chunk in chunks(self._steps, inputs):
-            self._run(chunk, running, packing.cut(results, chunk.part), work)
-        time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
-        return packing.freeze(running, time_s), packing.to_block(self._plant, inputs.time_s, results)
+    optimal: ClassVar[bool]
+    refused: ClassVar[str]
 
-    def _run(self, chunk: Chunk, running: packing.Running, out: packing.Results, work: packing.Work) -> None:
+    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
+        """Design the gain for all sensors at the period. Raises `UserError` where there is none."""
+        super().__init__(plant, settings)
+        whole = self.gain(step_matrices(plant, settings.period_s), everything(plant))
+        if isinstance(whole, Refusal):
+            raise UserError(self.refused.format(sensors=", ".join(whole.sensors), reason=whole.reason))
+        self._bank = GainBank(plant, settings.period_s, self.gain)
+
+    @abstractmethod
+    def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
+        """The gain K (n, s) for a step and the sensors `present` (s,)."""
+
+    def _take(self, chunk: Chunk, running: Running, out: Results, work: Work) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
         rungs = self._bank.rungs(chunk.lengths_s)
         first, resumed, key = 0, 0, 0
         while key != DONE:
             first, key, resumed = run_fixed_gain(
-                self._arrays,
-                chunk.table,
-                rungs,
-                chunk.inputs,
-                chunk.step,
-                running,
-                self._gate_sigma,
-                self._optimal,
-                self._bank.table,
-                out,
-                first,
-                resumed,
-                work,
-                columns(self._arrays),
-            )
+                self._arrays, chunk.table, rungs, chunk.inputs, chunk.step, running, self._gate_sigma,
+                self.optimal, self._bank.table, out, first, resumed, work, columns(self._arrays),
+            )  # fmt: skip
             if key != DONE:
                 self._bank.add(int(key))

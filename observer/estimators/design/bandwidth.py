@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from observer.errors import UserError
-from observer.estimators.design.gains import LuenbergerGain, Refusal, design_bandwidth, design_kim
+from observer.estimators.design.gains import (
+    LuenbergerGain,
+    Refusal,
+    design_bandwidth,
+    design_kim,
+    everything,
+    refusal,
+)
 from observer.estimators.design.riccati import steady_covariance
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
@@ -20,11 +27,6 @@ _WORSE = 10.0
 _NOISE_AT_MOST = 1.0
 
 
-def everything(plant: Plant) -> BoolArray:
-    """Return the mask (s,) of all sensors."""
-    return np.ones(plant.rows.sensors, dtype=np.bool_)
-
-
 def design(
     plant: Plant, step: StepMatrices, present: BoolArray, rule: str, bandwidth_1_s: float
 ) -> LuenbergerGain | Refusal:
@@ -35,8 +37,9 @@ def design(
         return design_kim(plant, step, present)
     gain = design_bandwidth(plant, step, present, bandwidth_1_s)
     if isinstance(gain, LuenbergerGain) and not noise_share(plant, gain, present) <= _NOISE_AT_MOST:
-        names = tuple(name for name, here in zip(plant.layout.sensors, present, strict=True) if here)
-        return Refusal(names, "sensor noise alone would move a heat by more than its initial_sigma_W")
+        return refusal(
+            plant, present, "sensor noise alone would move a heat by more than its initial_sigma_W"
+        )
     return gain
 
 

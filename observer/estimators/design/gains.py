@@ -8,6 +8,7 @@ triangular and its spectrum exact. Design is for the predict-correct form: eig((
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from dataclasses import dataclass
 
@@ -78,6 +79,16 @@ class Refusal:
     reason: str
 
 
+def refusal(plant: Plant, present: BoolArray, reason: str) -> Refusal:
+    """Return why there is no gain for the sensors that are `present` (s,)."""
+    return Refusal(tuple(itertools.compress(plant.layout.sensors, present)), reason)
+
+
+def everything(plant: Plant) -> BoolArray:
+    """Return the mask (s,) of all sensors."""
+    return np.ones(plant.rows.sensors, dtype=np.bool_)
+
+
 def slow_pair(plant: Plant, step: StepMatrices, bandwidth_1_s: float) -> SlowPair:
     """Split off the modes slower than the bandwidth, with the heats; lags always stay."""
     Ad, _ = design_step(plant, step)
@@ -129,24 +140,24 @@ def design_bandwidth(
     """
     pair = slow_pair(plant, step, bandwidth_1_s)
     if not determinable(pair, present):
-        return _refuse(plant, present, "they cannot tell the heats apart from each other and from the field")
+        return refusal(plant, present, "they cannot tell the heats apart from each other and from the field")
     poles = bandwidth_poles(len(pair.A), bandwidth_1_s, step.dt_s)
     try:
         K_slow = _place(pair, plant, present, np.exp(poles * step.dt_s))
     except (ValueError, np.linalg.LinAlgError):
-        return _refuse(plant, present, "no gain places the poles")
+        return refusal(plant, present, "no gain places the poles")
     gain = _finish(plant, step, pair, K_slow, present, poles)
     if isinstance(gain, LuenbergerGain) and not gain.pole_error <= POLE_TOLERANCE:
-        return _refuse(plant, present, f"the poles reached are {gain.pole_error:.0%} off")
+        return refusal(plant, present, f"the poles reached are {gain.pole_error:.0%} off")
     return gain
 
 
 def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> LuenbergerGain | Refusal:
     """Place all modes and the heat by Kim's rule (27), for one sensor and one heat; lags stay."""
     if len(present) != 1 or plant.estimated.sum() != 1:
-        return _refuse(plant, present, "Kim's rule is for one sensor and one estimated heat")
+        return refusal(plant, present, "Kim's rule is for one sensor and one estimated heat")
     if not present[0]:
-        return _refuse(plant, present, "without the sensor there is nothing to correct by")
+        return refusal(plant, present, "without the sensor there is nothing to correct by")
     pair = slow_pair(plant, step, np.inf)
     poles = kim_poles(plant.decay_1_s[: plant.modes], plant.diffusion_rate_1_s)
     return _finish(plant, step, pair, _single_output(pair, np.exp(poles * step.dt_s)), present, poles)
@@ -262,7 +273,7 @@ def _finish(
     poles: FloatArray,
 ) -> LuenbergerGain | Refusal:
     if not np.isfinite(K_slow).all():
-        return _refuse(plant, present, "a mode of the model has a node at the sensor")
+        return refusal(plant, present, "a mode of the model has a node at the sensor")
     K = lift(pair, K_slow, present)
     M_slow = pair.A - K_slow @ (pair.C[present] @ pair.A)
     reached = poles_of(closed_loop(plant, step, K), step.dt_s)
@@ -274,8 +285,3 @@ def _finish(
         poles_reached_1_s=reached[: len(requested)],
         noise_gain_W_K=noise_gain(M_slow, K_slow, len(pair.V[0])),
     )
-
-
-def _refuse(plant: Plant, present: BoolArray, reason: str) -> Refusal:
-    names = tuple(name for name, here in zip(plant.layout.sensors, present, strict=True) if here)
-    return Refusal(names, reason)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.estimators.design.bandwidth import bandwidth, design, everything
+from observer.estimators.design.bandwidth import bandwidth, design
 from observer.estimators.design.gains import (
     POLE_TOLERANCE,
     ComplexArray,
     LuenbergerGain,
     Refusal,
     closed_loop,
+    everything,
     noise_gain,
     poles_of,
 )

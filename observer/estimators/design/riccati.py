@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
-from observer.estimators.design.gains import Refusal, closed_loop, is_stable, sensor_rows
+from observer.estimators.design.gains import Refusal, closed_loop, is_stable, refusal, sensor_rows
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices
 from observer.model.generator import design_step
@@ -34,9 +34,8 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
     P = Ad (P - P Cᵀ S⁻¹ C P) Adᵀ + Qd, S = C P Cᵀ + R, K = P Cᵀ S⁻¹. Works in states scaled to their priors.
     Source: Arnold and Laub (1984), as `scipy.linalg.solve_discrete_are`.
     """
-    names = tuple(name for name, here in zip(plant.layout.sensors, present, strict=True) if here)
     if not present.any():
-        return Refusal(names, "without a sensor there is nothing to correct by")
+        return refusal(plant, present, "without a sensor there is nothing to correct by")
     Ad, Qd = design_step(plant, step)
     scale = _scale(plant)
     A = Ad * scale / scale[:, None]
@@ -48,16 +47,15 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
         # plants.
         P = solve_discrete_are(A.T, C.T, Q, R, balanced=False)
     except (np.linalg.LinAlgError, ValueError):
-        return Refusal(names, "they cannot tell the heats apart, or a heat has no random walk")
+        return refusal(plant, present, "they cannot tell the heats apart, or a heat has no random walk")
     S = C @ P @ C.T + R
     K_scaled = np.linalg.solve(S, C @ P).T
     residual = A @ (P - K_scaled @ C @ P) @ A.T + Q - P
     K = np.zeros((len(Ad), len(present)))
     K[:, present] = scale[:, None] * K_scaled
-    if not is_stable(closed_loop(plant, step, K)) or not np.max(np.abs(residual)) <= _RESIDUAL * np.max(
-        np.abs(P)
-    ):
-        return Refusal(names, "they cannot tell the heats apart, or a heat has no random walk")
+    solved = np.max(np.abs(residual)) <= _RESIDUAL * np.max(np.abs(P))
+    if not solved or not is_stable(closed_loop(plant, step, K)):
+        return refusal(plant, present, "they cannot tell the heats apart, or a heat has no random walk")
     return K
 
 
