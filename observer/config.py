@@ -16,20 +16,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
+from observer.tables import quantities
 from observer.tables.estimator import EstimatorSettings
 from observer.tables.limits import ChannelLimits
 from observer.tables.mounting import Compensation
-from observer.tables.quantities import (
-    Air,
-    Channel,
-    Count,
-    Duration,
-    Flag,
-    Name,
-    Number,
-    Position,
-    Section,
-)
+from observer.tables.quantities import Section
 from observer.tables.sections import Description
 
 MOST_ROWS = 1500
@@ -39,18 +30,18 @@ MOST_ROWS = 1500
 class Machine(Section):
     """Names the key space `ballscrew/<name>/<axis>/…`."""
 
-    name: Name = "machine"
-    axis: Name = "x"
+    name: quantities.Name = "machine"
+    axis: quantities.Name = "x"
 
 
 class Model(Section):
     """Which modes are kept."""
 
-    truncation: Annotated[Number, Field(gt=0, le=1 - 1e-9)] = 0.9995
+    truncation: Annotated[quantities.Number, Field(gt=0, le=1 - 1e-9)] = 0.9995
     criterion: Literal["tail", "kim"] = "tail"
-    modes: Annotated[Count, Field(ge=1, le=400)] | None = None
-    settle_s: Duration = 10.0
-    static_correction: Flag = True
+    modes: Annotated[quantities.Count, Field(ge=1, le=400)] | None = None
+    settle_s: quantities.Duration = 10.0
+    static_correction: quantities.Flag = True
 
 
 class Calibrate(Section):
@@ -79,8 +70,8 @@ class Discover(Section):
 class Output(Section):
     """Where the field is reported, and what the thermal error is measured from."""
 
-    positions_m: tuple[Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
-    reference_degC: Air | None = None
+    positions_m: tuple[quantities.Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
+    reference_degC: quantities.Air | None = None
 
 
 _BESIDE_THE_MODEL = {
@@ -99,7 +90,7 @@ class Config(Description):
     discover: Discover = Discover()
     output: Output = Output()
     compensation: Compensation = Compensation()
-    limits: dict[Channel, ChannelLimits] = Field(default_factory=dict, max_length=256)
+    limits: dict[quantities.Channel, ChannelLimits] = Field(default_factory=dict, max_length=256)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -6,34 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from observer.tables.quantities import (
-    Air,
-    Channel,
-    Count,
-    Diameter,
-    Factor,
-    Film,
-    Flag,
-    Heat,
-    HeatPerSpeed,
-    Lead,
-    Length,
-    Name,
-    NonNegative,
-    Number,
-    Position,
-    Positive,
-    Rise,
-    Section,
-    Share,
-    Speed,
-    Temperature,
-    Torque,
-)
+from observer.tables import quantities
+from observer.tables.quantities import Section
 
-Efficiency = Annotated[Number, Field(gt=0.5, lt=1)]
-Load = Annotated[NonNegative, Field(le=1e9)]
-Viscosity = Annotated[Positive, Field(ge=0.01, le=1e6)]
+Efficiency = Annotated[quantities.Number, Field(gt=0.5, lt=1)]
+Load = Annotated[quantities.NonNegative, Field(le=1e9)]
+Viscosity = Annotated[quantities.Positive, Field(ge=0.01, le=1e6)]
 FilmLaw = Literal["churchill-chu", "wall", "rotating-cylinder", "kendoush", "taylor-gap"]
 
 
@@ -41,19 +19,19 @@ class BearingFriction(Section):
     """Palmgren's friction of a rolling bearing, as a source's heat law."""
 
     type: Literal["angular_contact", "angular_contact_pair", "deep_groove"]
-    mean_diameter_m: Diameter
+    mean_diameter_m: quantities.Diameter
     load_N: Load | None = None
     axial_load_N: Load | None = None
     radial_load_N: Load | None = None
-    f0: Annotated[Positive, Field(le=1e3)] | None = None
-    f1: Annotated[NonNegative, Field(le=1)] | None = None
+    f0: Annotated[quantities.Positive, Field(le=1e3)] | None = None
+    f1: Annotated[quantities.NonNegative, Field(le=1)] | None = None
     static_load_N: Load | None = None
-    static_rating_N: Annotated[Positive, Field(ge=1e-3, le=1e9)] | None = None
+    static_rating_N: Annotated[quantities.Positive, Field(ge=1e-3, le=1e9)] | None = None
     viscosity_mm2_s: Viscosity | None = None
     viscosity_40_mm2_s: Viscosity | None = None
     viscosity_100_mm2_s: Viscosity | None = None
-    lubricant_degC: Temperature | None = None
-    count: Annotated[Count, Field(ge=1, le=100)] = 1
+    lubricant_degC: quantities.Temperature | None = None
+    count: Annotated[quantities.Count, Field(ge=1, le=100)] = 1
 
     @model_validator(mode="after")
     def _complete(self) -> BearingFriction:
@@ -76,7 +54,7 @@ class NutFriction(Section):
     efficiency: Efficiency
     preload_N: Load = 0.0
     axial_load_N: Load = 0.0
-    lead_m: Lead | None = None
+    lead_m: quantities.Lead | None = None
 
     @model_validator(mode="after")
     def _some_load(self) -> NutFriction:
@@ -92,22 +70,22 @@ SPEED_LAWS = LAWS[:4]
 class HeatLaw(Section):
     """How much heat a source delivers: one law, and what multiplies it."""
 
-    speed_channel: Channel | None = None
-    torque_Nm: Torque | None = None
+    speed_channel: quantities.Channel | None = None
+    torque_Nm: quantities.Torque | None = None
     bearing: BearingFriction | None = None
     nut_friction: NutFriction | None = None
-    nut_speed_channel: Channel | None = None
-    nut_torque_Nm: Torque | None = None
-    heat_W_rpm: HeatPerSpeed | None = None
-    power_channel: Channel | None = None
-    heat_W: Heat | None = None
-    drive_channel: Channel | None = None
-    heat_of: Name | None = None
-    heat_ratio: Annotated[Factor, Field(gt=0)] | None = None
-    share: Share = 1.0
-    duty: Share = 1.0
-    stroke_share: Flag = False
-    scale: Factor = 1.0
+    nut_speed_channel: quantities.Channel | None = None
+    nut_torque_Nm: quantities.Torque | None = None
+    heat_W_rpm: quantities.HeatPerSpeed | None = None
+    power_channel: quantities.Channel | None = None
+    heat_W: quantities.Heat | None = None
+    drive_channel: quantities.Channel | None = None
+    heat_of: quantities.Name | None = None
+    heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None
+    share: quantities.Share = 1.0
+    duty: quantities.Share = 1.0
+    stroke_share: quantities.Flag = False
+    scale: quantities.Factor = 1.0
 
     @model_validator(mode="after")
     def _one_law(self) -> HeatLaw:
@@ -152,21 +130,21 @@ class HeatLaw(Section):
 class Surface(Section):
     """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
 
-    convection_W_m2K: Film = 0.0
+    convection_W_m2K: quantities.Film = 0.0
     law: FilmLaw | None = None
-    factor: Annotated[Factor, Field(gt=0)] = 1.0
-    rise_K: Rise = 10.0
-    air_degC: Air = 20.0
-    emissivity: Share = 0.0
-    speed_rpm: Speed = 0.0
-    speed_channel: Channel | None = None
+    factor: Annotated[quantities.Factor, Field(gt=0)] = 1.0
+    rise_K: quantities.Rise = 10.0
+    air_degC: quantities.Air = 20.0
+    emissivity: quantities.Share = 0.0
+    speed_rpm: quantities.Speed = 0.0
+    speed_channel: quantities.Channel | None = None
     facing: Literal["vertical", "up", "down"] | None = None
-    height_m: Length | None = None
-    gap_m: Length | None = None
-    thread_lead_m: Lead | None = None
-    ball_radius_m: Length | None = None
-    land_m: Position | None = None
-    fin_efficiency: Annotated[Positive, Field(le=1)] | None = None
+    height_m: quantities.Length | None = None
+    gap_m: quantities.Length | None = None
+    thread_lead_m: quantities.Lead | None = None
+    ball_radius_m: quantities.Length | None = None
+    land_m: quantities.Position | None = None
+    fin_efficiency: Annotated[quantities.Positive, Field(le=1)] | None = None
 
     @model_validator(mode="after")
     def _law_is_complete(self) -> Surface:

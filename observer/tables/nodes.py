@@ -6,20 +6,8 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from observer.tables.quantities import (
-    Area,
-    Capacity,
-    Conductance,
-    Conductivity,
-    Count,
-    Diameter,
-    EndFilm,
-    Length,
-    Name,
-    NonNegative,
-    Positive,
-    Section,
-)
+from observer.tables import quantities
+from observer.tables.quantities import Section
 
 AMBIENT = "ambient"
 """What a link names as its end where it leads into the air."""
@@ -28,8 +16,8 @@ AMBIENT = "ambient"
 class Node(Section):
     """A body of one temperature: a bearing's ring, a housing, the nut, the table."""
 
-    name: Name
-    capacity_J_K: Capacity
+    name: quantities.Name
+    capacity_J_K: quantities.Capacity
 
 
 WAYS: tuple[tuple[str, ...], ...] = (
@@ -52,21 +40,21 @@ class Link(Section):
     A place is a node, the ambient, or the screw where a source stands, by that source's name.
     """
 
-    between: tuple[Name, Name]
-    conductance_W_K: Conductance | None = None
-    resistance_K_W: Annotated[Positive, Field(ge=1e-7, le=1e9)] | None = None
-    film_W_m2K: EndFilm | None = None
-    area_m2: Area | None = None
-    conductivity_W_mK: Conductivity | None = None
-    length_m: Length | None = None
-    inner_diameter_m: Diameter | None = None
-    outer_diameter_m: Diameter | None = None
-    gap_m: Length | None = None
-    touching: Annotated[Positive, Field(le=1)] | None = None
-    conductivities_W_mK: tuple[Conductivity, Conductivity] | None = None
-    filling_W_mK: NonNegative = 0.0
-    balls: Annotated[Count, Field(ge=1, le=1000)] | None = None
-    semi_axes_m: tuple[Length, Length] | None = None
+    between: tuple[quantities.Name, quantities.Name]
+    conductance_W_K: quantities.Conductance | None = None
+    resistance_K_W: Annotated[quantities.Positive, Field(ge=1e-7, le=1e9)] | None = None
+    film_W_m2K: quantities.EndFilm | None = None
+    area_m2: quantities.Area | None = None
+    conductivity_W_mK: quantities.Conductivity | None = None
+    length_m: quantities.Length | None = None
+    inner_diameter_m: quantities.Diameter | None = None
+    outer_diameter_m: quantities.Diameter | None = None
+    gap_m: quantities.Length | None = None
+    touching: Annotated[quantities.Positive, Field(le=1)] | None = None
+    conductivities_W_mK: tuple[quantities.Conductivity, quantities.Conductivity] | None = None
+    filling_W_mK: quantities.NonNegative = 0.0
+    balls: Annotated[quantities.Count, Field(ge=1, le=1000)] | None = None
+    semi_axes_m: tuple[quantities.Length, quantities.Length] | None = None
 
     @model_validator(mode="after")
     def _told_in_one_way(self) -> Link:

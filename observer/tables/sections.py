@@ -11,49 +11,29 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from observer.tables import quantities
 from observer.tables.laws import LAWS, HeatLaw, Surface
 from observer.tables.mounting import Supports
 from observer.tables.nodes import Link, Node, check_places
-from observer.tables.quantities import (
-    Air,
-    Channel,
-    Conductivity,
-    Density,
-    Diameter,
-    Duration,
-    EndFilm,
-    Expansion,
-    Factor,
-    Flag,
-    HeatSigma,
-    Lead,
-    Length,
-    Name,
-    Noise,
-    Position,
-    ScrewLength,
-    Section,
-    Share,
-    SpecificHeat,
-)
+from observer.tables.quantities import Section
 
 
 class Screw(Section):
     """Geometry and material of the screw; `diameter_m` is the effective (root) diameter."""
 
-    length_m: ScrewLength
-    diameter_m: Diameter
-    conductivity_W_mK: Conductivity
-    density_kg_m3: Density
-    specific_heat_J_kgK: SpecificHeat
-    expansion_1_K: Expansion | None = None
+    length_m: quantities.ScrewLength
+    diameter_m: quantities.Diameter
+    conductivity_W_mK: quantities.Conductivity
+    density_kg_m3: quantities.Density
+    specific_heat_J_kgK: quantities.SpecificHeat
+    expansion_1_K: quantities.Expansion | None = None
 
 
 class Ambient(Section):
     """The air around the screw: one constant, or a channel of the log."""
 
-    temperature_degC: Air | None = None
-    channel: Channel | None = None
+    temperature_degC: quantities.Air | None = None
+    channel: quantities.Channel | None = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Ambient:
@@ -66,8 +46,8 @@ class Boundary(Section):
     """One end of the screw."""
 
     kind: Literal["insulated", "convective", "prescribed"] = "insulated"
-    coefficient_W_m2K: EndFilm | None = None
-    channel: Channel | None = None
+    coefficient_W_m2K: quantities.EndFilm | None = None
+    channel: quantities.Channel | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> Boundary:
@@ -88,23 +68,23 @@ class Boundaries(Section):
 class Source(HeatLaw):
     """Heat entering the screw: where (shape) and how much (law)."""
 
-    name: Name
+    name: quantities.Name
     shape: Literal["nut", "point", "band", "node"]
     # where
-    length_m: Length | None = None
-    stroke_m: tuple[Position, Position] | None = None
-    position_channel: Channel | None = None
-    lead_m: Lead | None = None
-    position_m: Position | None = None
-    from_m: Position | None = None
-    to_m: Position | None = None
-    nodes: dict[Name, Share] = Field(default_factory=dict)
+    length_m: quantities.Length | None = None
+    stroke_m: tuple[quantities.Position, quantities.Position] | None = None
+    position_channel: quantities.Channel | None = None
+    lead_m: quantities.Lead | None = None
+    position_m: quantities.Position | None = None
+    from_m: quantities.Position | None = None
+    to_m: quantities.Position | None = None
+    nodes: dict[quantities.Name, quantities.Share] = Field(default_factory=dict)
     # how it is estimated
-    estimate: Flag = True
-    random_walk_W_sqrt_s: HeatSigma = 0.1
-    time_constant_s: Duration | None = None
-    law_uncertainty: Factor = 0.2
-    initial_sigma_W: Annotated[HeatSigma, Field(gt=0)] = 30.0
+    estimate: quantities.Flag = True
+    random_walk_W_sqrt_s: quantities.HeatSigma = 0.1
+    time_constant_s: quantities.Duration | None = None
+    law_uncertainty: quantities.Factor = 0.2
+    initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
 
     @model_validator(mode="after")
     def _shape_is_complete(self) -> Source:
@@ -171,11 +151,11 @@ def owner(source: Source, sources: Sequence[Source]) -> Source:
 class Sensor(Section):
     """A thermocouple on the screw, or on a node beside it."""
 
-    name: Name
-    channel: Channel
-    position_m: Position | None = None
-    on: Name | None = None
-    noise_K: Noise = 0.1
+    name: quantities.Name
+    channel: quantities.Channel
+    position_m: quantities.Position | None = None
+    on: quantities.Name | None = None
+    noise_K: quantities.Noise = 0.1
 
     @model_validator(mode="after")
     def _somewhere(self) -> Sensor:
