@@ -29,7 +29,7 @@ class Place:
     rms_K: float
     mean_K: float
     correlation: float
-    ci95: tuple[float, float]
+    correlation_ci95: tuple[float, float]
 
 
 def localised(fit: Fit, rows: BoolArray) -> tuple[Place, ...]:
@@ -39,7 +39,7 @@ def localised(fit: Fit, rows: BoolArray) -> tuple[Place, ...]:
     courses = courses_of(problem)
     names = [s.name for s in problem.config.sensor]
     phase = np.array([courses[r].phase[m] for r, m in zip(evidence.run, evidence.mean, strict=True)])
-    regressors = {key: _rows(fit, values) for key, values in _regressors(fit, courses).items()}
+    regressors = {key: evidence.rows(values) for key, values in _regressors(fit, courses).items()}
     places = []
     for s, name in enumerate(names):
         of_sensor = rows & (evidence.sensor == s)
@@ -75,10 +75,6 @@ def _regressors(fit: Fit, courses: Sequence[Course]) -> dict[str, list[FloatArra
         for key, values in each.items():
             out.setdefault(key, []).append(values)
     return out
-
-
-def _rows(fit: Fit, values: list[FloatArray]) -> FloatArray:
-    return fit.problem.evidence.rows(values)
 
 
 def _goes_with(

@@ -50,9 +50,7 @@ def course_of(config: Config, run: SteppedRun) -> Course:
 
     speed = mean(next((s.speed_channel for s in config.source if s.speed_channel), None), 0.0)
     power = sum((mean(s.power_channel, 0.0) for s in config.source if s.power_channel), np.zeros(len(speed)))
-    working = (speed > 0.02 * max(speed.max(initial=0.0), 1e-9)) | (
-        power > 0.02 * max(power.max(initial=0.0), 1e-9)
-    )
+    working = _on(speed) | _on(power)
     fixed_degC = config.ambient.temperature_degC or 20.0
     nut = next((s.position_channel for s in config.source if s.position_channel), None)
     period_s = np.diff(ticks.time_s, prepend=0.0)
@@ -66,8 +64,9 @@ def course_of(config: Config, run: SteppedRun) -> Course:
     )
 
 
-def _little(values: FloatArray) -> float:
-    return max(0.02 * float(values.max(initial=0.0)), 1e-9)
+def _on(values: FloatArray) -> NDArray[np.bool_]:
+    """Where a speed or power is more than little, (b,)."""
+    return np.asarray(values > 0.02 * max(values.max(initial=0.0), 1e-9))
 
 
 def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArray) -> NDArray[np.int64]:

@@ -55,7 +55,9 @@ def _in_run(fit: Fit, run: int, error_K: FloatArray) -> Event:
     ticks = problem.forward.runs[run].ticks
     window = np.maximum(np.ceil(ticks.time_s / WINDOW_S - 1e-9).astype(int) - 1, 0)
     windows, sensors = int(window.max()) + 1, len(problem.config.sensor)
-    steps = _step_responses(fit.config, fit, run)
+    forward = problem.forward
+    here = forward(fit.config)[run]
+    steps = [forward(_one_watt_at(fit.config, sensor))[run] - here for sensor in fit.config.sensor]
     G = np.zeros((len(evidence.run), sensors * windows))
     mean, sensor = evidence.mean[mine], evidence.sensor[mine]
     for w in range(windows):
@@ -88,16 +90,6 @@ def _in_run(fit: Fit, run: int, error_K: FloatArray) -> Event:
         sigma_W=float(sigma[worst, at]),
         error_K=float(error_K[inside].mean()) if inside.any() else 0.0,
     )
-
-
-def _step_responses(config: Config, fit: Fit, run: int) -> list[FloatArray]:
-    """The response (b, s) in K of all sensors to 1 W at each sensor, from the start of a run."""
-    forward = fit.problem.forward
-    here = forward(config)[run]
-    out = []
-    for sensor in config.sensor:
-        out.append(forward(_one_watt_at(config, sensor))[run] - here)
-    return out
 
 
 def _one_watt_at(config: Config, sensor: Sensor) -> Config:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from observer.discovery.discover import Discovery
+from observer.discovery.proof import SensorGap
 from observer.discovery.search import Trial
 from observer.fit.calibrate import Calibration, Gap
 from observer.fit.hypothesis import NORMAL_95, Fit
@@ -19,16 +21,10 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
     """Return the content of `result.json`: parameters with intervals, what could not be told, and the gap."""
     return {
         "calibrated": {
-            f.key: {
-                "value": rounded(f.value),
-                "ci95": [rounded(bound) for bound in f.ci95],
-                "unit": f.unit,
-                "before": f.before,
-            }
-            for f in calibration.fitted
+            f.key: {**_interval(f.value, *f.ci95, f.unit), "before": f.before} for f in calibration.fitted
         },
         "not_told": [describe(obstacle) for obstacle in calibration.obstacles],
-        "process_noise": {key: rounded(value) for key, value in noise.items()},
+        "process_noise": _rounded(dict(noise)),
         "gap": {
             **_gap(calibration.gap),
             "per_sensor": {name: _gap(gap) for name, gap in calibration.per_sensor.items()},
@@ -36,8 +32,22 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
     }
 
 
-def _gap(gap: Gap) -> dict[str, float]:
-    return {"before_rms_K": rounded(gap.before_rms_K), "after_rms_K": rounded(gap.after_rms_K)}
+def _rounded(value: Any) -> Any:
+    """Plain data with every number in it rounded."""
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(one) for one in value]
+    return rounded(value) if isinstance(value, float) else value
+
+
+def _interval(value: float, low: float, high: float, unit: str) -> dict[str, Any]:
+    return {"value": rounded(value), "ci95": [rounded(low), rounded(high)], "unit": unit}
+
+
+def _gap(gap: Gap | SensorGap) -> dict[str, float]:
+    """The root mean squares of a gap, in K."""
+    return {key: rounded(value) for key, value in asdict(gap).items() if key.endswith("_rms_K")}
 
 
 FORM_SHARE = 0.015
@@ -47,41 +57,24 @@ temperatures aside: one σ."""
 
 def discovery_result(found: Discovery) -> dict[str, Any]:
     """Return the content of `result.json` of a discovery."""
-    verdict, proof = found.verdict, found.proof
+    verdict, proof, test = found.verdict, found.proof, found.experiment
+    several = verdict.sets if verdict.kind == "ambiguous" else ()
     return {
         "verdict": verdict.kind,
         "reason": verdict.reason,
         "effects": effects_of(verdict.fit) if verdict.kind == "named" else [],
-        "alternatives": [[c.name for c in each] for each in verdict.sets]
-        if verdict.kind == "ambiguous"
-        else [],
+        "alternatives": [[c.name for c in each] for each in several],
         "calibrated": calibrated_of(verdict.fit),
         "gap": {
-            "before_rms_K": rounded(proof.whole.before_rms_K),
-            "after_rms_K": rounded(proof.whole.after_rms_K),
-            "floor_rms_K": rounded(proof.whole.floor_rms_K),
+            **_gap(proof.whole),
             "as_given_rms_K": rounded(proof.as_given_rms_K),
-            "per_sensor": {
-                name: {
-                    "before_rms_K": rounded(gap.before_rms_K),
-                    "after_rms_K": rounded(gap.after_rms_K),
-                    "floor_rms_K": rounded(gap.floor_rms_K),
-                }
-                for name, gap in proof.per_sensor.items()
-            },
+            "per_sensor": {name: _gap(gap) for name, gap in proof.per_sensor.items()},
             "on": "proof",
         },
         "where": _where(found),
         "ranking": [_trial(t) for t in found.search.ranking],
         "not_told": [c.name for c in found.search.blind],
-        "experiment": None
-        if found.experiment is None
-        else {
-            "name": found.experiment.name,
-            "description": found.experiment.description,
-            "duration_s": found.experiment.duration_s,
-            "separation_sigma": rounded(found.experiment.separation_sigma),
-        },
+        "experiment": test and asdict(test) | {"separation_sigma": rounded(test.separation_sigma)},
     }
 
 
@@ -95,11 +88,8 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
         known = fit.config.effect[p.effect].parameters[p.key]
         form = 0.0 if known.level else NORMAL_95 * FORM_SHARE * value
         wide = float(np.hypot(half, form))
-        by_effect.setdefault(p.effect, {})[p.key] = {
-            "value": rounded(value),
-            "ci95": [rounded(max(value - wide, p.low)), rounded(min(value + wide, p.high))],
-            "unit": known.unit,
-        }
+        low, high = max(value - wide, p.low), min(value + wide, p.high)
+        by_effect.setdefault(p.effect, {})[p.key] = _interval(value, low, high, known.unit)
     for i, effect in enumerate(fit.config.effect[before:], start=before):
         target = getattr(effect, "target", None)
         out.append({"kind": effect.kind, "target": target, "parameters": by_effect.get(i, {})})
@@ -112,28 +102,13 @@ def calibrated_of(fit: Fit) -> dict[str, Any]:
     values = problem.free_values(fit.config).tolist()
     out = {}
     for key, value, half in zip(problem.keys, values, fit.half_width_free.tolist(), strict=True):
-        low, high = max(value - half, kind_of(key).low), min(value + half, kind_of(key).high)
-        out[key] = {
-            "value": rounded(value),
-            "ci95": [rounded(low), rounded(high)],
-            "unit": kind_of(key).unit,
-        }
+        kind = kind_of(key)
+        out[key] = _interval(value, max(value - half, kind.low), min(value + half, kind.high), kind.unit)
     return out
 
 
 def _where(found: Discovery) -> list[dict[str, Any]]:
-    places = [
-        {
-            "sensor": p.sensor,
-            "phase": p.phase,
-            "regressor": p.regressor,
-            "rms_K": rounded(p.rms_K),
-            "mean_K": rounded(p.mean_K),
-            "correlation": rounded(p.correlation),
-            "correlation_ci95": [rounded(x) for x in p.ci95],
-        }
-        for p in found.where
-    ]
+    places = [_rounded(asdict(place)) for place in found.where]
     if (e := found.event) is None:
         return places
     first = {

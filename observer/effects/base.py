@@ -7,12 +7,12 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Annotated, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field
 
-from observer.effects.terms import Term
+from observer.effects.terms import Heat, Term
 from observer.errors import ConfigError
 from observer.tables.quantities import Section
 from observer.tables.sections import Description, Source, law_channels
@@ -166,18 +166,26 @@ def end_at(position_m: float, length_m: float) -> str | None:
 
 def named_source(machine: Description, name: str, kind: str) -> Source:
     """Return the source of a name. Raises `ConfigError`."""
-    names = [s.name for s in machine.source]
-    if name not in names:
-        raise ConfigError(f'effect "{kind}": target "{name}" is no source; give one of {", ".join(names)}')
-    return machine.source[names.index(name)]
+    return machine.source[_index(name, [s.name for s in machine.source], "source", kind)]
 
 
 def named_sensor(machine: Description, name: str, kind: str) -> str:
     """Return the name of a sensor that exists. Raises `ConfigError`."""
-    names = [s.name for s in machine.sensor]
+    return machine.sensor[_index(name, [s.name for s in machine.sensor], "sensor", kind)].name
+
+
+def _index(name: str, names: list[str], what: str, kind: str) -> int:
     if name not in names:
-        raise ConfigError(f'effect "{kind}": target "{name}" is no sensor; give one of {", ".join(names)}')
-    return name
+        raise ConfigError(f'effect "{kind}": target "{name}" is no {what}; give one of {", ".join(names)}')
+    return names.index(name)
+
+
+def point_heat(name: str, position_m: float, **law: Any) -> Heat:
+    """Return a source at a place whose heat is that of its law."""
+    source = Source(
+        name=name, shape="point", position_m=position_m, estimate=False, initial_sigma_W=1.0, **law
+    )
+    return Heat(source)
 
 
 def free_end(machine: Description, end: str, kind: str) -> float:
@@ -220,8 +228,7 @@ def on_screw(machine: Description, key: str, position_m: float, kind: str) -> No
 
 def speed_channel(machine: Description, given: str | None, kind: str) -> str:
     """Return the channel of the screw's speed: the one given, or the first that a source reads."""
-    channels = [given, *(s.speed_channel for s in machine.source)]
-    for channel in channels:
+    for channel in (given, *(s.speed_channel for s in machine.source)):
         if channel is not None:
             return channel
     raise ConfigError(f'effect "{kind}": no source has a speed_channel; name it in the effect')

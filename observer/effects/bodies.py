@@ -7,10 +7,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from observer.effects.base import EffectTable, Fitted, Shape, Target, free_end, source_free_to_warm
-from observer.effects.terms import Body, End, EndConductance, Heat, Term
+from observer.effects.base import (
+    EffectTable,
+    Fitted,
+    Shape,
+    Target,
+    free_end,
+    point_heat,
+    source_free_to_warm,
+)
+from observer.effects.terms import Body, End, EndConductance, Term
 from observer.tables.quantities import Finite
-from observer.tables.sections import Description, Source
+from observer.tables.sections import Description
 
 MOST_CAPACITY_J_K = 2e4
 """Forty kilograms of steel; a body that stores more hardly warms, and is a loss."""
@@ -61,12 +69,6 @@ class AttachedMass(EffectTable):
         if self.target not in ("left", "right"):
             at = source_free_to_warm(machine, self.target, self.kind)
             return (Body(at, self.capacity_J_K, self.conductance_W_K),)
-        place = Source(
-            name=f"{self.kind}.{self.target}",
-            shape="point",
-            position_m=free_end(machine, self.target, self.kind),
-            heat_W=0.0,
-            estimate=False,
-            initial_sigma_W=1.0,
-        )
-        return (Heat(place), Body(place.name, self.capacity_J_K, self.conductance_W_K))
+        name, end_m = f"{self.kind}.{self.target}", free_end(machine, self.target, self.kind)
+        body = Body(name, self.capacity_J_K, self.conductance_W_K)
+        return (point_heat(name, end_m, heat_W=0.0), body)

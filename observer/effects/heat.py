@@ -18,6 +18,7 @@ from observer.effects.base import (
     heats_screw,
     named_source,
     on_screw,
+    point_heat,
     position,
     source_free_to_warm,
     speed_channel,
@@ -27,7 +28,7 @@ from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.quantities import Channel, Finite, NonNegative, Positive, Temperature
-from observer.tables.sections import Description, Source
+from observer.tables.sections import Description
 
 REFERENCE_RPM = 1000.0
 """The speed at which a law keeps its heat when its exponent changes."""
@@ -52,17 +53,12 @@ class EndHeat(EffectTable):
     mimicked = True
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        source = Source(
-            name=f"{self.kind}.{self.target}",
-            shape="point",
-            position_m=free_end(machine, self.target, self.kind),
-            speed_channel=speed_channel(machine, self.speed_channel, self.kind),
-            heat_W_rpm=abs(self.heat_W_rpm),
-            scale=1.0,
-            estimate=False,
-            initial_sigma_W=1.0,
+        end_m = free_end(machine, self.target, self.kind)
+        channel = speed_channel(machine, self.speed_channel, self.kind)
+        heat = point_heat(
+            f"{self.kind}.{self.target}", end_m, heat_W_rpm=abs(self.heat_W_rpm), speed_channel=channel
         )
-        return (Heat(source if self.heat_W_rpm >= 0 else source.model_copy(update={"scale": -1.0})),)
+        return (heat if self.heat_W_rpm >= 0 else Heat(heat.source.model_copy(update={"scale": -1.0})),)
 
 
 class MotorHeat(EffectTable):
@@ -80,16 +76,8 @@ class MotorHeat(EffectTable):
     source = "Yu et al., the motor as a heat source of the shaft"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        return (
-            Heat(
-                _constant(
-                    f"{self.kind}.{self.target}",
-                    free_end(machine, self.target, self.kind),
-                    self.heat_W,
-                    self.drive_channel,
-                )
-            ),
-        )
+        name, end_m = f"{self.kind}.{self.target}", free_end(machine, self.target, self.kind)
+        return (point_heat(name, end_m, heat_W=self.heat_W, drive_channel=self.drive_channel),)
 
 
 class LocalHeat(EffectTable):
@@ -106,7 +94,7 @@ class LocalHeat(EffectTable):
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         on_screw(machine, "position_m", self.position_m, self.kind)
-        return (Heat(_constant(self.kind, self.position_m, self.heat_W, None)),)
+        return (point_heat(self.kind, self.position_m, heat_W=self.heat_W),)
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
@@ -170,7 +158,11 @@ class FrictionSpeed(EffectTable):
             ratio = np.maximum(np.abs(speed_rpm) / reference, 1e-3)
             return np.asarray(ratio**power)
 
-        return (LawFactor(_with_speed(machine, self.target, self.kind), factor),)
+        if named_source(machine, self.target, self.kind).law not in SPEED_LAWS:
+            raise ConfigError(
+                f'effect "{self.kind}": the law of "{self.target}" does not go with speed; remove the effect'
+            )
+        return (LawFactor(self.target, factor),)
 
 
 class RunIn(EffectTable):
@@ -220,21 +212,3 @@ class Dwell(EffectTable):
             )
         heats_screw(source, self.kind)
         return (StrokeEnds(source.name, self.fraction),)
-
-
-def _constant(name: str, position_m: float, heat_W: float, drive_channel: str | None) -> Source:
-    return Source(
-        name=name,
-        shape="point",
-        position_m=position_m,
-        heat_W=heat_W,
-        drive_channel=drive_channel,
-        estimate=False,
-        initial_sigma_W=1.0,
-    )
-
-
-def _with_speed(machine: Description, name: str, kind: str) -> str:
-    if named_source(machine, name, kind).law not in SPEED_LAWS:
-        raise ConfigError(f'effect "{kind}": the law of "{name}" does not go with speed; remove the effect')
-    return name

@@ -7,8 +7,7 @@ built from, the second what drives it, the third couples states: it acts on the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from observer.frames import FloatArray
 from observer.tables.sections import Source
@@ -16,30 +15,26 @@ from observer.tables.sections import Source
 End = Literal["left", "right"]
 
 
-@dataclass(frozen=True, slots=True)
-class Film:
+class Film(NamedTuple):
     """More film coefficient all over the surface."""
 
     convection_W_m2K: float
 
 
-@dataclass(frozen=True, slots=True)
-class EndConductance:
+class EndConductance(NamedTuple):
     """A conductance from an end to the ambient."""
 
     end: End
     conductance_W_K: float
 
 
-@dataclass(frozen=True, slots=True)
-class Heat:
+class Heat(NamedTuple):
     """A source of heat whose law is its value."""
 
     source: Source
 
 
-@dataclass(frozen=True, slots=True)
-class LawFactor:
+class LawFactor(NamedTuple):
     """A factor on a source's heat by law: `factor(speed_rpm, running_s)`, (K,) from (K,), (K,).
 
     `running_s` is the time for which the source's channel has not been zero since the start.
@@ -49,23 +44,20 @@ class LawFactor:
     factor: Callable[[FloatArray, FloatArray], FloatArray]
 
 
-@dataclass(frozen=True, slots=True)
-class StrokeEnds:
+class StrokeEnds(NamedTuple):
     """A share of a nut's heat that enters at both ends of its stroke, in equal parts."""
 
     source: str
     fraction: float
 
 
-@dataclass(frozen=True, slots=True)
-class AmbientShift:
+class AmbientShift(NamedTuple):
     """The air near the screw departs from what is known of it, by so much an hour."""
 
     rate_K_h: float
 
 
-@dataclass(frozen=True, slots=True)
-class Offset:
+class Offset(NamedTuple):
     """What a sensor reads too much: a constant, and so much more an hour."""
 
     sensor: str
@@ -73,8 +65,7 @@ class Offset:
     rate_K_h: float
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedLoss:
+class SpeedLoss(NamedTuple):
     """A uniform loss that depends on the screw's speed.
 
     `film_W_m2K(speed_rpm)` (K,) from (K,) is the film coefficient it amounts to; it draws towards
@@ -86,8 +77,7 @@ class SpeedLoss:
     temperature_degC: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class StretchFilm:
+class StretchFilm(NamedTuple):
     """More (or less) film coefficient along a stretch."""
 
     from_m: float
@@ -95,15 +85,13 @@ class StretchFilm:
     extra_W_m2K: float
 
 
-@dataclass(frozen=True, slots=True)
-class Radiation:
+class Radiation(NamedTuple):
     """A grey surface that radiates to surroundings at ambient temperature."""
 
     emissivity: float
 
 
-@dataclass(frozen=True, slots=True)
-class Body:
+class Body(NamedTuple):
     """A lump of heat capacity that exchanges heat with the screw where a source stands."""
 
     source: str
@@ -111,16 +99,14 @@ class Body:
     conductance_W_K: float
 
 
-@dataclass(frozen=True, slots=True)
-class Lag:
+class Lag(NamedTuple):
     """A sensor that follows the temperature below it with a first-order lag."""
 
     sensor: str
     time_constant_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Fade:
+class Fade(NamedTuple):
     """A source's heat by law times exp(-per_K · (T - reference)), T the temperature where it enters."""
 
     source: str
@@ -133,3 +119,7 @@ Term = (
     | LawFactor | StrokeEnds | AmbientShift | Offset | SpeedLoss
     | StretchFilm | Radiation | Body | Lag | Fade
 )  # fmt: skip
+INPUT_TERMS = (LawFactor, AmbientShift, Offset, SpeedLoss)
+"""The terms that change what drives the plant, but for where nuts are."""
+COUPLING_TERMS = (SpeedLoss, StretchFilm, Radiation, Body, Lag, Fade)
+"""The terms that couple states, or a state to the moment."""

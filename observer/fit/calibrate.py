@@ -63,7 +63,6 @@ class Calibration:
     obstacles: tuple[Obstacle, ...]
     gap: Gap
     per_sensor: dict[str, Gap]
-    evaluations: int
 
     @property
     def values(self) -> dict[str, float]:
@@ -100,7 +99,7 @@ def calibrate(
     fitted = _intervals(problem, after)
     before_K, after_K = (_missed(prepared, forward(c)) for c in (config, after))
     overall, per_sensor = _gaps(config, before_K, after_K)
-    return Calibration(after, fitted, obstacles + _doubts(problem, fitted), overall, per_sensor, evaluations)
+    return Calibration(after, fitted, obstacles + _doubts(problem, fitted), overall, per_sensor)
 
 
 def _fitted(problem: Problem) -> Config:
@@ -141,19 +140,11 @@ def _doubts(problem: Problem, fitted: Sequence[Fitted]) -> tuple[Obstacle, ...]:
     doubts = []
     for f, scale, low, high in zip(fitted, problem.scale, *problem.bounds, strict=True):
         if min(abs(f.value - low), abs(f.value - high)) < AT_BOUND * scale:
-            doubts.append(
-                Obstacle(
-                    f.key,
-                    f"the fit runs into its bound of {f.value:.5g} {f.unit}",
-                    "check the model and the log",
-                )
-            )
+            reason = f"the fit runs into its bound of {f.value:.5g} {f.unit}"
+            doubts.append(Obstacle(f.key, reason, "check the model and the log"))
         elif f.ci95[1] - f.ci95[0] > 2 * scale:
-            doubts.append(
-                Obstacle(
-                    f.key, "its interval is as wide as the parameter itself", "add longer or livelier runs"
-                )
-            )
+            reason = "its interval is as wide as the parameter itself"
+            doubts.append(Obstacle(f.key, reason, "add longer or livelier runs"))
     return tuple(doubts)
 
 

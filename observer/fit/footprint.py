@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.fit.runs import Run
+from observer.fit.runs import Run, mean_over
 from observer.frames import FloatArray
 from observer.model.rod import moving, turning
 from observer.model.rod.moving import NutTable
-from observer.model.rod.path import PathState
 from observer.model.rod.static import Stretch
 
 PER_MODE = 4
@@ -79,19 +78,14 @@ def footprint(
     """
     frames, step_1_m = run.frames, np.pi / (table.screw_m * PER_MODE)
     waves, path = _wave_table(table, highest, step_1_m, stroke), frames.path[channel]
-    if at_ends:
-        rows = turning.columns(waves, PathState(), frames.dt_s, path)[1]
-    else:
-        rows = moving.columns(waves, moving.start(waves), frames.dt_s, path)[1]
-    rows = rows[:, :-1]
-    mean = _mean(rows, weight, first)
+    rows = turning.from_unknown(waves, frames.dt_s, path, at_ends=at_ends)[0][:, :-1]
     count = np.diff([*first, len(frames)])
     number = np.repeat(np.arange(len(first)), count)
     begin_s = np.append(frames.time_s[0], frames.time_s[first[1:] - 1])[number]
     length_s = np.maximum(np.add.reduceat(frames.dt_s, first), 1e-9)
     middle = (frames.time_s - frames.dt_s / 2 - begin_s) / length_s[number]
     early_s = np.add.reduceat(rows * (frames.dt_s * (0.5 - middle))[:, None], first)
-    return Footprint(step_1_m, mean, early_s)
+    return Footprint(step_1_m, mean_over(rows, weight, first), early_s)
 
 
 def interpolation(place: FloatArray, size: int) -> FloatArray:
@@ -138,12 +132,5 @@ def presence(
     even = np.mean([np.interp(anywhere, np.arange(PLACES), row) for row in share], axis=1)
     at_once = 1e9
     table = replace(table.of_lag(), lag_decay_1_s=at_once, table_C=share, mean_C=even)
-    frames = run.frames
-    rows = moving.columns(table, moving.start(table), frames.dt_s, frames.path[channel])[2]
-    return _mean(rows, frames.dt_s, first)
-
-
-def _mean(rows: FloatArray, weight: FloatArray, first: NDArray[np.int64]) -> FloatArray:
-    """The weighted mean of rows (K, c) over stretches of them that begin at `first`."""
-    over = np.add.reduceat(weight, first)[:, None]
-    return np.asarray(np.add.reduceat(rows * weight[:, None], first) / np.where(over > 0, over, 1.0))
+    rows = turning.from_unknown(table, run.frames.dt_s, run.frames.path[channel])[1]
+    return mean_over(rows, run.frames.dt_s, first)

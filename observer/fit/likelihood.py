@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,16 +14,7 @@ from observer.frames import FloatArray, Inputs
 from observer.model.plant import Plant
 
 _SWEEPS = 2
-_LOG10_TOLERANCE = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class ProcessNoiseFit:
-    """The most likely `random_walk_W_sqrt_s` (m_e,), its log-likelihood, and how often the log was run."""
-
-    random_walk_W_sqrt_s: FloatArray
-    log_likelihood: float
-    evaluations: int
+_BOUNDS_W_SQRT_S = (1e-3, 1e2)
 
 
 def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
@@ -42,30 +33,25 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
     return float(results.log_likelihood[started[1:]].sum()) if len(started) else 0.0
 
 
-def fit_process_noise(
-    plant: Plant, logs: Sequence[Inputs], bounds_W_sqrt_s: tuple[float, float] = (1e-3, 1e2)
-) -> ProcessNoiseFit:
-    """Return the random walk of every estimated heat that makes the logs most likely.
+def fit_process_noise(plant: Plant, logs: Sequence[Inputs]) -> FloatArray:
+    """Return the `random_walk_W_sqrt_s` (m_e,) of the estimated heats that makes the logs most likely.
 
     First one factor common to all heats, then each heat in turn, twice; every one a bounded search over
     log10.
     """
-    count = 0
 
     def cost(log10_walk: FloatArray) -> float:
-        nonlocal count
-        count += 1
         trial = replace(plant, random_walk_W2_s=10.0 ** (2.0 * log10_walk))
         return -sum(innovations_log_likelihood(trial, log) for log in logs)
 
-    low, high = np.log10(bounds_W_sqrt_s)
+    low, high = np.log10(_BOUNDS_W_SQRT_S)
     walk = np.clip(0.5 * np.log10(np.maximum(plant.random_walk_W2_s, 1e-300)), low, high)
-    shift = _search(lambda d: cost(np.clip(walk + d, low, high)), low - walk.max(), high - walk.min())
+    shift = least(lambda d: cost(np.clip(walk + d, low, high)), low - walk.max(), high - walk.min())
     walk = np.clip(walk + shift, low, high)
     if len(walk) > 1:
         for j in list(range(len(walk))) * _SWEEPS:
-            walk[j] = _search(lambda v, j=j: cost(_with(walk, j, v)), low, high)  # type: ignore[misc]
-    return ProcessNoiseFit(10.0**walk, -cost(walk), count)
+            walk[j] = least(lambda v, j=j: cost(_with(walk, j, v)), low, high)  # type: ignore[misc]
+    return np.asarray(10.0**walk)
 
 
 def _with(walk: FloatArray, j: int, value: float) -> FloatArray:
@@ -74,8 +60,9 @@ def _with(walk: FloatArray, j: int, value: float) -> FloatArray:
     return changed
 
 
-def _search(cost: Callable[[float], float], low: float, high: float) -> float:
+def least(cost: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a function of a logarithm to base 10 is least, to 0.02."""
     from scipy.optimize import minimize_scalar  # noqa: PLC0415  (slow to import)
 
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": _LOG10_TOLERANCE})
+    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.02})
     return float(found.x)

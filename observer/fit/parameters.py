@@ -6,8 +6,7 @@ A key is a dotted path, a source going by its name: `source.nut.torque_Nm`, `sur
 from __future__ import annotations
 
 import difflib
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +15,6 @@ from observer.errors import ConfigError
 from observer.tables.sections import Source
 
 FILM = "surface.convection_W_m2K"
-
-
-DIGITS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,16 +67,13 @@ def free_keys(config: Config) -> tuple[str, ...]:
     Without `[calibrate] free` these are the base film coefficient, if there is one, and the scale of each
     heat law. Raises `ConfigError` for a key that cannot be free and where nothing is left to fit.
     """
-    known = candidates(config)
     if config.calibrate.free is None:
         surface = config.surface
         film = ("surface.factor",) if surface.law else (FILM,) if surface.convection_W_m2K > 0 else ()
         keys = film + tuple(f"source.{s.name}.scale" for s in config.source if s.law is not None)
     else:
         keys = tuple(dict.fromkeys(config.calibrate.free))
-    for key in keys:
-        if key not in known:
-            raise ConfigError(_unknown(key, known))
+    _refuse_unknown(config, keys)
     if not keys:
         raise ConfigError("calibrate: nothing is free to be fitted; name keys in [calibrate] free")
     return keys
@@ -88,8 +81,7 @@ def free_keys(config: Config) -> tuple[str, ...]:
 
 def free_problems(config: Config) -> list[str]:
     """Return why keys that the configuration declares free cannot be, a sentence each."""
-    known = candidates(config)
-    return [_unknown(key, known) for key in dict.fromkeys(config.calibrate.free or ()) if key not in known]
+    return list(_unknown(config, dict.fromkeys(config.calibrate.free or ())))
 
 
 def kind_of(key: str) -> Kind:
@@ -103,9 +95,7 @@ def get(config: Config, key: str) -> float:
 
     Raises `ConfigError` for a key that cannot be free in this configuration.
     """
-    known = candidates(config)
-    if key not in known:
-        raise ConfigError(_unknown(key, known))
+    _refuse_unknown(config, (key,))
     head, *middle, last = key.split(".")
     owner: Any = getattr(config, head)
     if head == "source":
@@ -120,19 +110,9 @@ def replaced(config: Config, values: Mapping[str, float]) -> Config:
 
     Raises `ConfigError` for a key that cannot be free and for a value out of its range.
     """
-    known = candidates(config)
-    table = config.model_dump(exclude_unset=True, by_alias=True)
-    for key, value in values.items():
-        if key not in known:
-            raise ConfigError(_unknown(key, known))
-        head, *middle, last = key.split(".")
-        section = table.setdefault(head, {})
-        if head == "source":
-            section = next(s for s in section if s["name"] == ".".join(middle))
-        elif head == "boundary":
-            section = section[middle[0]]
-        section[last] = float(value)
-    return config.remade(table)
+    _refuse_unknown(config, values)
+    moved = put(config, {key: float(value) for key, value in values.items()})
+    return config.remade(moved.model_dump(exclude_unset=True, by_alias=True))
 
 
 def put(config: Config, values: Mapping[str, float]) -> Config:
@@ -176,14 +156,21 @@ def _law_keys(source: Source) -> tuple[str, ...]:
     return ("scale",) if source.law else ()
 
 
-def _unknown(key: str, known: tuple[str, ...]) -> str:
-    close = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
-    remedy = f"did you mean {close[0]}?" if close else f"choose among {', '.join(known)}"
-    return f'calibrate: free: "{key}" cannot be fitted in this configuration; {remedy}'
+def _refuse_unknown(config: Config, keys: Iterable[str]) -> None:
+    for problem in _unknown(config, keys):
+        raise ConfigError(problem)
+
+
+def _unknown(config: Config, keys: Iterable[str]) -> Iterator[str]:
+    """Why keys cannot be free, a sentence each."""
+    known = candidates(config)
+    for key in keys:
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
+            remedy = f"did you mean {close[0]}?" if close else f"choose among {', '.join(known)}"
+            yield f'calibrate: free: "{key}" cannot be fitted in this configuration; {remedy}'
 
 
 def rounded(value: float) -> float:
     """Return a value with five significant digits."""
-    if value == 0.0 or not math.isfinite(value):
-        return value
-    return round(value, DIGITS - 1 - math.floor(math.log10(abs(value))))
+    return float(f"{value:.5g}")

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from observer.config import Config
-from observer.fit.likelihood import fit_process_noise, innovations_log_likelihood
+from observer.fit.likelihood import fit_process_noise, innovations_log_likelihood, least
 from observer.fit.runs import prepare
-from observer.frames import FrameBlock, Inputs
+from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
@@ -43,7 +43,7 @@ def fit_noise(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> dict[str,
         return replace(plant, field_noise_Q=noise**2 * unit_Q), noise
 
     plant, _ = with_field_noise(plant)
-    walks = fit_process_noise(plant, logs).random_walk_W_sqrt_s
+    walks = fit_process_noise(plant, logs)
     _, noise = with_field_noise(replace(plant, random_walk_W2_s=walks**2))
     names = [f"source.{s.name}.random_walk_W_sqrt_s" for s in config.source if s.estimate]
     return {FIELD: noise} | dict(zip(names, walks.tolist(), strict=True))
@@ -56,21 +56,15 @@ def liveliest(inputs: Inputs, rows: int) -> Inputs:
     return inputs.part(begin, begin + rows)
 
 
-def _unit_field_noise(config: Config) -> np.typing.NDArray[np.float64]:
+def _unit_field_noise(config: Config) -> FloatArray:
     """The covariance rate (n_x, n_x) of a field noise of 1 K/√s."""
     settings = config.estimator.model_copy(update={"field_noise_K_sqrt_s": 1.0})
     return build_plant(config.model_copy(update={"estimator": settings})).field_noise_Q
 
 
-def _most_likely_field_noise(
-    plant: Plant, unit_Q: np.typing.NDArray[np.float64], logs: Sequence[Inputs]
-) -> float:
-    from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
-
+def _most_likely_field_noise(plant: Plant, unit_Q: FloatArray, logs: Sequence[Inputs]) -> float:
     def cost(log10_noise: float) -> float:
         trial = replace(plant, field_noise_Q=10.0 ** (2.0 * log10_noise) * unit_Q)
         return -sum(innovations_log_likelihood(trial, log) for log in logs)
 
-    low, high = np.log10(FIELD_BOUNDS_K_SQRT_S).tolist()
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.02})
-    return float(10.0**found.x)
+    return float(10.0 ** least(cost, *np.log10(FIELD_BOUNDS_K_SQRT_S).tolist()))

@@ -50,6 +50,13 @@ class Run:
         return np.asarray(total / np.maximum(self.count, 1.0))
 
 
+def mean_over(rows: FloatArray, weight: FloatArray, first: NDArray[np.int64]) -> FloatArray:
+    """Return the weighted mean of rows (K,) or (K, c) over stretches that begin at `first` (T,)."""
+    over, column = np.add.reduceat(weight, first), (-1, *[1] * (rows.ndim - 1))
+    total = np.add.reduceat(rows * weight.reshape(column), first)
+    return np.asarray(total / np.where(over > 0, over, 1.0).reshape(column))
+
+
 def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     """Return a run from the frames of a log; `name` is named in errors.
 

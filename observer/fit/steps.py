@@ -13,16 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
-from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
+from observer.effects.terms import INPUT_TERMS, SpeedLoss
 from observer.fit.footprint import PLACES, Footprint, footprint, presence, swept
 from observer.fit.kept import Kept
-from observer.fit.runs import BLOCK_S, Run
+from observer.fit.runs import BLOCK_S, Run, mean_over
 from observer.frames import FloatArray, Inputs
 from observer.model.drive import Drive, Driving
 from observer.model.plant import MovingSource, Plant
 from observer.model.realise import realise
-from observer.model.rod import moving, turning
-from observer.model.rod.path import PathState
+from observer.model.rod import turning
 from observer.model.rod.sources import mean_stretch
 from observer.tables.laws import HeatLaw
 from observer.tables.sections import Source
@@ -30,7 +29,6 @@ from observer.tables.sections import Source
 TICK_S = 10.0
 TICKS_IN_MEAN = 3
 MOST_KEPT, MOST_ROWS_KEPT = 16, 2
-INPUT_TERMS = (LawFactor, AmbientShift, Offset, SpeedLoss)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,18 +193,12 @@ class SteppedRun:
     def _aggregated(self, config: Config, plant: Plant) -> Driving:
         """What drives the ticks, (T,), without the nuts."""
         fine, row_s = Drive(config, plant).open_loop(self.run.frames), self.run.frames.dt_s
-        first, length_s = self.ticks.first, np.maximum(self.ticks.length_s, 1e-9)
-
-        def mean(values: FloatArray) -> FloatArray:
-            weight = row_s if values.ndim == 1 else row_s[:, None]
-            over = length_s if values.ndim == 1 else length_s[:, None]
-            return np.asarray(np.add.reduceat(values * weight, first, axis=0) / over)
-
+        first = self.ticks.first
         last = np.append(first[1:], len(row_s)) - 1
-        loss = mean(fine.loss_1_s)
-        drawn = mean(fine.loss_1_s * fine.loss_degC)
+        loss = mean_over(fine.loss_1_s, row_s, first)
+        drawn = mean_over(fine.loss_1_s * fine.loss_degC, row_s, first)
         return Driving(
-            law_W=mean(fine.law_W),
+            law_W=mean_over(fine.law_W, row_s, first),
             law_jump_W=fine.law_jump_W[first],
             z_start=fine.z_start[first],
             z_end=fine.z_end[last],
@@ -247,16 +239,12 @@ class SteppedRun:
 
     def _lag_rows(self, source: MovingSource, i: int, *, at_ends: bool = False) -> FloatArray:
         """The output columns (T, R) of the nut's lag."""
-        table, frames, first = source.table.of_lag(), self.run.frames, self.ticks.first
+        table, frames = source.table.of_lag(), self.run.frames
 
         def averaged() -> FloatArray:
             path = frames.path[source.channel]
-            if at_ends:
-                rows = turning.columns(table, PathState(), frames.dt_s, path)[2]
-            else:
-                rows = moving.columns(table, moving.start(table), frames.dt_s, path)[2]
-            over_s = np.maximum(np.add.reduceat(frames.dt_s, first), 1e-9)
-            return np.asarray(np.add.reduceat(rows * frames.dt_s[:, None], first) / over_s[:, None])
+            rows = turning.from_unknown(table, frames.dt_s, path, at_ends=at_ends)[1]
+            return mean_over(rows, frames.dt_s, self.ticks.first)
 
         key = (i, at_ends, table.table_C.tobytes() + table.mean_C.tobytes())
         return self._lags.get(key, averaged)

@@ -10,17 +10,7 @@ from functools import partial
 import numpy as np
 
 from observer.config import Config
-from observer.effects.terms import (
-    Body,
-    Fade,
-    Lag,
-    Offset,
-    Radiation,
-    SpeedLoss,
-    StretchFilm,
-    StrokeEnds,
-    Term,
-)
+from observer.effects.terms import COUPLING_TERMS, Offset, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray, Layout
 from observer.model.couple import with_coupling
@@ -31,7 +21,7 @@ from observer.model.realise import realise
 from observer.model.rod.modes import Modes, solve_modes
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.rows import Places, modal_rows, reference_rows, remainder_rows
-from observer.model.rod.screw import Rod, rod_of
+from observer.model.rod.screw import rod_of
 from observer.model.rod.sources import footprints, mean_stretch, nut_stretch
 from observer.model.rod.static import Stretch, ambient_field, end_field, source_field
 from observer.model.rod.supports import restraint_of
@@ -42,8 +32,6 @@ MOST_MODES = 400
 MOST_ASKED = 150
 """The most modes that a criterion may ask for: a step costs their square, a design their cube."""
 DEFAULT_GRID_POINTS = 21
-COUPLING = (SpeedLoss, StretchFilm, Radiation, Body, Lag, Fade)
-"""The terms that couple states, or a state to the moment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +53,7 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS) -> Plant:
     """
     machine = realise(config)
     plant, modes = _plain_plant(machine.config, machine.terms, nut_places)
-    if machine.config.node or any(isinstance(t, COUPLING) for t in machine.terms):
+    if machine.config.node or any(isinstance(t, COUPLING_TERMS) for t in machine.terms):
         sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
         return with_coupling(plant, modes, machine.config, machine.terms, sigma_W)
     return plant
@@ -274,7 +262,7 @@ def _moving_sources(
     for index, source in enumerate(config.source):
         if source.shape != "nut" or source.position_channel is None:
             continue
-        lag = len(modes) + index
+        low_m, high_m = source.stroke_m or (0.0, modes.rod.length_m)
         mean_B = B[:, index].copy()
         mean_B[: len(modes)], mean_C = _footprint(config, modes, places, source, 0.0)
         table = NutTable(
@@ -284,8 +272,8 @@ def _moving_sources(
             conductance_W_m=modes.rod.conductance_W_m,
             nut_m=source.length_m or 0.0,
             screw_m=modes.rod.length_m,
-            stroke_m=_stroke_m(source, modes.rod),
-            lag=lag,
+            stroke_m=high_m - low_m,
+            lag=len(modes) + index,
             lag_decay_1_s=lag_decay_1_s,
             table_C=_nut_rows(config, modes, places, source, nut_places),
             mean_B=mean_B,
@@ -294,11 +282,6 @@ def _moving_sources(
         fraction = ends.get(source.name, 0.0)
         found.append(MovingSource(index, source.position_channel, table, fraction))
     return tuple(found)
-
-
-def _stroke_m(source: Source, rod: Rod) -> float:
-    low, high = source.stroke_m or (0.0, rod.length_m)
-    return high - low
 
 
 def _nut_rows(config: Config, modes: Modes, places: Places, source: Source, nut_places: int) -> FloatArray:

@@ -17,7 +17,7 @@ from observer.model.network.sweep import spreads
 from observer.model.plant import LEFT, RIGHT, Plant
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
-from observer.model.rod.static import Stretch, ambient_field, end_field, quadrature, source_field
+from observer.model.rod.static import Stretch, ambient_field, end_field, quadrature_within, source_field
 from observer.model.rod.truncation import contributions
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description, Screw
@@ -169,10 +169,9 @@ def _inside(modes: Modes, own: Stretch, kinks: Sequence[Stretch]) -> tuple[Float
     """Nodes and weights of the mean over a stretch, of fields with kinks at the ends of others."""
     if own.width_m == 0:
         return np.array([own.a_m]), np.ones(1)
-    breaks = [x for s in (own, *kinks) for x in (s.a_m, s.b_m)]
-    nodes, weights = quadrature(modes.rod, breaks)
-    inside = (nodes > own.a_m) & (nodes < own.b_m)
-    return nodes[inside], weights[inside] / own.width_m
+    breaks = [x for s in kinks for x in (s.a_m, s.b_m)]
+    nodes, weights = quadrature_within(modes.rod.length_m, own, breaks)
+    return nodes, weights / own.width_m
 
 
 def _films(modes: Modes, terms: Sequence[Term], rate: float) -> Films:
@@ -186,11 +185,10 @@ def _films(modes: Modes, terms: Sequence[Term], rate: float) -> Films:
         return Films(np.zeros(0), np.zeros((0, N)), np.zeros(0))
     matrix, ambient = np.zeros((N, N)), np.zeros(N)
     for film in films:
-        nodes, weights = quadrature(modes.rod, [film.from_m, film.to_m])
-        inside = (nodes >= film.from_m) & (nodes <= film.to_m)
-        theta = modes.theta(nodes[inside])
+        nodes, weights = quadrature_within(modes.rod.length_m, Stretch(film.from_m, film.to_m))
+        theta = modes.theta(nodes)
         scale = film.extra_W_m2K * rate / modes.rod.diffusivity_m2_s
-        weighed = theta * (scale * weights[inside])[:, None]
+        weighed = theta * (scale * weights)[:, None]
         matrix += weighed.T @ theta
         ambient += weighed.sum(axis=0)
     rates, shapes = np.linalg.eigh(matrix)

@@ -8,7 +8,7 @@ silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from observer.compiled import cached_loop, inlined
 from observer.config import Config
-from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss, Term
+from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality, QualityArray
 from observer.model.couple import surface_rate
 from observer.model.law import Law, heat_law
@@ -67,7 +67,10 @@ class Drive:
         machine = realise(config)
         config = machine.config
         self._plant = plant
-        self._factors = _law_factors(plant, machine.terms)
+        self._factors = [
+            [t.factor for t in machine.terms if isinstance(t, LawFactor) and t.source == name]
+            for name in plant.source_names
+        ]
         self._losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
         self._surface_rate = surface_rate(config.screw)
         self._sensor_channels = [s.channel for s in config.sensor]
@@ -82,11 +85,14 @@ class Drive:
             RIGHT: config.boundary.right.channel,
         }
         self._known_channels = [read.get(name) for name in plant.known_names]
+        rate = {AMBIENT: sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))}
         fixed = {AMBIENT: config.ambient.temperature_degC, REFERENCE: config.output.reference_degC}
-        fixed |= {OFFSET + s.name: _offset_K(s.name, machine.terms) for s in config.sensor}
+        offsets = [t for t in machine.terms if isinstance(t, Offset)]
+        for s in config.sensor:
+            own = [t for t in offsets if t.sensor == s.name]
+            fixed[OFFSET + s.name] = sum(t.offset_K for t in own)
+            rate[OFFSET + s.name] = sum(t.rate_K_h for t in own)
         self._known_fixed = [fixed.get(name) for name in plant.known_names]
-        rate = {OFFSET + s.name: _drift_K_h(s.name, machine.terms) for s in config.sensor}
-        rate[AMBIENT] = sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))
         self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
         needed = [c for read, _ in self._laws for c in read]
         needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
@@ -305,21 +311,3 @@ def _stacked(columns: list[FloatArray], steps: int, width: int) -> FloatArray:
     if len(columns) == 1:
         return columns[0][:, None]
     return np.stack(columns, axis=1) if columns else np.empty((steps, 0, width))
-
-
-def _law_factors(
-    plant: Plant, terms: Sequence[Term]
-) -> list[list[Callable[[FloatArray, FloatArray], FloatArray]]]:
-    """The factors on each source's law."""
-    return [
-        [t.factor for t in terms if isinstance(t, LawFactor) and t.source == name]
-        for name in plant.source_names
-    ]
-
-
-def _offset_K(sensor: str, terms: Sequence[Term]) -> float:
-    return sum(t.offset_K for t in terms if isinstance(t, Offset) and t.sensor == sensor)
-
-
-def _drift_K_h(sensor: str, terms: Sequence[Term]) -> float:
-    return sum(t.rate_K_h for t in terms if isinstance(t, Offset) and t.sensor == sensor)

@@ -8,7 +8,7 @@ import numpy as np
 
 from observer.frames import FloatArray
 from observer.model.rod.modes import Modes
-from observer.model.rod.static import NODES, quadrature, quadrature_on
+from observer.model.rod.static import NODES, quadrature
 
 SMOOTHNESS = 0.25
 """Correlation length of an unknown field, as a part of the screw's length."""
@@ -21,7 +21,7 @@ def smooth_field_covariance(modes: Modes) -> FloatArray:
 
     Half of its variance is an unknown level, half an unknown shape, smooth over a quarter of the screw.
     """
-    x, w = quadrature(modes.rod, (), panels=max(24, len(modes) // 2))
+    x, w = quadrature(modes.rod.length_m, (), panels=max(24, len(modes) // 2))
     kernel = _smooth_kernel(len(x), modes.rod.length_m)
     projection = (modes.theta(x) * w[:, None]).T / modes.rod.diffusivity_m2_s
     covariance = projection @ kernel @ projection.T
@@ -31,7 +31,7 @@ def smooth_field_covariance(modes: Modes) -> FloatArray:
 @lru_cache(maxsize=4)
 def _smooth_kernel(nodes: int, length_m: float) -> FloatArray:
     """The field's covariance between the nodes of the quadrature; the same for every material and film."""
-    x, _ = quadrature_on(length_m, (), panels=nodes // NODES)
+    x, _ = quadrature(length_m, (), panels=nodes // NODES)
     return np.asarray(0.5 + 0.5 * np.exp(-0.5 * ((x[:, None] - x) / (SMOOTHNESS * length_m)) ** 2))
 
 

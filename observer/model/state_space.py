@@ -62,7 +62,7 @@ def kim_form(modes: Modes, source: Stretch, sensor_m: FloatArray) -> KimForm:
     et al., equations (4) to (19).
     """
     rod = modes.rod
-    x, w = quadrature(rod, ())
+    x, w = quadrature(rod.length_m, ())
     weighted = modes.theta(x).T * (w / rod.diffusivity_m2_s)
     D, E = np.zeros((len(modes), 4)), np.zeros((len(sensor_m), 4))
     for column, side, end in ((0, "left", rod.left), (2, "right", rod.right)):

@@ -1,6 +1,7 @@
 """What `check`, `place` and `calibrate` are told."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,8 +127,9 @@ def test_process_noise_of_a_log_is_found():
     u = inputs(plant, steps=3000, missing=0.0, law_steps=False, dt_s=2.0)
     walk = np.cumsum(0.5 * np.sqrt(2.0) * rng.normal(size=3000))
     u.y_degC[:] = temperatures(plant, u, lambda t: np.array([walk[round(t / 2.0)]]))
-    fit = fit_process_noise(plant, [u])
+    found = fit_process_noise(plant, [u])
     # The walk is seen over about 3000 s / (response time of some 30 s): a factor of 1.25 is four standard
     # errors.
-    assert 0.5 / 1.25 < fit.random_walk_W_sqrt_s[0] < 0.5 * 1.25
-    assert fit.log_likelihood > innovations_log_likelihood(plant, u)
+    assert 0.5 / 1.25 < found[0] < 0.5 * 1.25
+    fitted = replace(plant, random_walk_W2_s=found**2)
+    assert innovations_log_likelihood(fitted, u) > innovations_log_likelihood(plant, u)

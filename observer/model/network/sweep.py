@@ -8,7 +8,7 @@ from observer.model.coupling import Spreads
 from observer.model.network.attach import Attached
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch, nut_stretch
-from observer.model.rod.static import Stretch, quadrature
+from observer.model.rod.static import Stretch, quadrature_within
 from observer.model.rod.truncation import modal_input
 from observer.tables.sections import Description, Source
 
@@ -35,9 +35,8 @@ def spreads(modes: Modes, machine: Description, beside: Attached) -> Spreads:
         stroke = mean_stretch(source, machine.screw)
         if abs(stroke.width_m - (source.length_m or 0.0)) < NO_SWEEP * stroke.width_m:
             continue
-        nodes, weights = quadrature(modes.rod, [stroke.a_m, stroke.b_m])
-        inside = (nodes > stroke.a_m) & (nodes < stroke.b_m)
-        theta, weights = modes.theta(nodes[inside]), weights[inside] / stroke.width_m
+        nodes, weights = quadrature_within(modes.rod.length_m, stroke)
+        theta, weights = modes.theta(nodes), weights / stroke.width_m
         mean = weights @ theta
         own, shape = np.linalg.eigh((theta * weights[:, None]).T @ theta - np.multiply.outer(mean, mean))
         felt = own > SMALL * own.max()

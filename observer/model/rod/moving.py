@@ -79,10 +79,7 @@ def start(table: NutTable) -> NutState:
 
 
 def columns(
-    table: NutTable,
-    state: NutState,
-    dt_s: FloatArray,
-    path: NutPath,
+    table: NutTable, state: NutState, dt_s: FloatArray, path: NutPath
 ) -> tuple[NutState, FloatArray, FloatArray]:
     """Average the nut's columns over K steps.
 

@@ -95,6 +95,6 @@ def _running_integral(
     kinks.
     """
     breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ())]
-    nodes, weights = quadrature(modes.rod, breaks)
+    nodes, weights = quadrature(modes.rod.length_m, breaks)
     running = np.concatenate([[0.0], np.cumsum(steady(nodes) * weights)])
     return np.asarray(running[np.searchsorted(nodes, grid_m)])

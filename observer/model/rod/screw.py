@@ -46,11 +46,6 @@ class Rod:
     right: End
 
     @property
-    def film_rate_1_s(self) -> float:
-        """α m² = h P/(ρ c A), what the film adds to every eigenvalue."""
-        return self.diffusivity_m2_s * self.fin_1_m**2
-
-    @property
     def floating(self) -> bool:
         """Whether no heat can leave: both ends insulated and no film. The mean temperature then drifts
         freely.

@@ -77,19 +77,23 @@ def ambient_field(rod: Rod, x_m: FloatArray) -> FloatArray:
     return field
 
 
-def quadrature(rod: Rod, breaks_m: Sequence[float], panels: int = 24) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights (k,) on the rod for a function with kinks at `breaks_m` only."""
-    return quadrature_on(rod.length_m, breaks_m, panels)
-
-
-def quadrature_on(
-    length_m: float, breaks_m: Sequence[float], panels: int = 24
-) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights (k,) from 0 to a length, `NODES` to a panel."""
+def quadrature(length_m: float, breaks_m: Sequence[float], panels: int = 24) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights (k,) from 0 to a length, `NODES` to a panel, for a function with kinks at `breaks_m`
+    only.
+    """
     edges = np.unique(np.clip([*np.linspace(0.0, length_m, panels + 1), *breaks_m], 0.0, length_m))
     half = np.diff(edges)[:, None] / 2
     nodes = edges[:-1, None] + half * (1 + _GAUSS_X)
     return nodes.ravel(), (half * _GAUSS_W).ravel()
+
+
+def quadrature_within(
+    length_m: float, stretch: Stretch, breaks_m: Sequence[float] = ()
+) -> tuple[FloatArray, FloatArray]:
+    """Those nodes and weights of `quadrature` that lie on a stretch, at whose ends it breaks as well."""
+    nodes, weights = quadrature(length_m, [stretch.a_m, stretch.b_m, *breaks_m])
+    inside = (nodes > stretch.a_m) & (nodes < stretch.b_m)
+    return nodes[inside], weights[inside]
 
 
 def _C(rod: Rod, x: FloatArray | float) -> FloatArray:

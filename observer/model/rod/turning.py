@@ -15,13 +15,21 @@ from observer.model.rod.moving import NutTable
 from observer.model.rod.path import PathState, reversals
 
 
+def from_unknown(
+    table: NutTable, dt_s: FloatArray, path: NutPath, *, at_ends: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return the columns (K, n_x), (K, R) of a nut of which nothing is known before: averaged along its path,
+    or, `at_ends`, as `columns` gives them.
+    """
+    if at_ends:
+        return columns(table, PathState(), dt_s, path)[1:]
+    return moving.columns(table, moving.start(table), dt_s, path)[1:]
+
+
 def columns(
-    table: NutTable,
-    state: PathState,
-    dt_s: FloatArray,
-    path: NutPath,
+    table: NutTable, state: PathState, dt_s: FloatArray, path: NutPath
 ) -> tuple[PathState, FloatArray, FloatArray]:
-    """Return the columns of a nut that stands at both ends of its stroke for equal times.
+    """Have the nut stand at both ends of its stroke for equal times.
 
     Returns the state after the last step, the input columns (K, n_x) and the output columns of the source's
     lag (K, R); those of the nut spread over its stroke while the ends are not known.
