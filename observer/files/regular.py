@@ -9,18 +9,18 @@ from pathlib import Path
 from observer.errors import UserError
 
 
-def one_line(reason: str, most: int = 200) -> str:
+def one_line(reason: str) -> str:
     """Return the first line of what a library says of a file, without what cannot be printed."""
-    first = reason.strip().split("\n", 1)[0][:most]
+    first = reason.strip().split("\n", 1)[0][:200]
     return "".join(c if c.isprintable() else "?" for c in first)
 
 
-def refuse_irregular(path: Path, what: str) -> None:
-    """Raise `OSError` where there is nothing, `UserError` where there is a pipe, a device or a folder."""
-    _check_mode(path, os.stat(path).st_mode, what)
+def refuse_irregular(path: Path, what: str, opened: int | None = None) -> None:
+    """Raise `OSError` where there is nothing, `UserError` where there is a pipe, a device or a folder.
 
-
-def _check_mode(path: Path, mode: int, what: str) -> None:
+    `opened` is the descriptor of the file where that is open already.
+    """
+    mode = os.stat(path if opened is None else opened).st_mode
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "no ordinary file"
         raise UserError(f"{path}: cannot be read, it is {kind}; give {what}")
@@ -33,7 +33,7 @@ def read_regular(path: Path, most_bytes: int, what: str) -> bytes:
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(descriptor, "rb") as file:
-        _check_mode(path, os.fstat(descriptor).st_mode, what)
+        refuse_irregular(path, what, descriptor)
         data = file.read(most_bytes + 1)
     if len(data) > most_bytes:
         raise UserError(f"{path}: is larger than {most_bytes / 1e6:g} MB; give {what}")

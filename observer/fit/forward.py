@@ -128,7 +128,7 @@ class Forward:
             ratio = first.conductance_W_m / m.table.conductance_W_m
             table_C, mean_C = first.table_C * ratio, first.mean_C * ratio
             table_C[:, lagging], mean_C[lagging] = 0.0, 0.0
-            moving.append(replace(m, table=replace(m.table, table_C=table_C, mean_C=mean_C)))
+            moving.append(m.with_table(table_C=table_C, mean_C=mean_C))
         return replace(plant, moving=tuple(moving))
 
     def _inputs(self, setting: Setting, run: SteppedRun) -> Inputs:

@@ -117,13 +117,11 @@ def by_ico(
     seed: int,
     *,
     bounds: tuple[float, float] | None = None,
-    trials: int = ICO_TRIALS,
-    rounds: int = ICO_ROUNDS,
     tolerance: float = ICO_TOLERANCE,
 ) -> tuple[float, FloatArray]:
     """Return Li's choice of α and the α kept after each round (…,), as printed.
 
-    Draw `trials` values evenly in [low, high], keep the one of smallest W = |Z^α - Z|/|Z|, stop if W is below
+    Draw ten values evenly in [low, high], keep the one of smallest W = |Z^α - Z|/|Z|, stop if W is below
     `tolerance`, else keep the half of the interval it lies in. W falls with α without end, so this goes to
     the lower bound unless the tolerance stops it. Without `bounds`, those are the largest eigenvalue and
     twelve decades below it. Source: Li et al. (2022), equations 40 to 42.
@@ -131,9 +129,9 @@ def by_ico(
     low, high = bounds or (spectrum.eigenvalues[-1] * 10.0**-ICO_DECADES, spectrum.eigenvalues[-1])
     rng = np.random.default_rng(seed)
     kept: list[float] = []
-    for _ in range(rounds):
+    for _ in range(ICO_ROUNDS):
         width = high - low
-        drawn = low + width * rng.random(trials)
+        drawn = low + width * rng.random(ICO_TRIALS)
         W = [np.sqrt(spectrum.misfit(float(a)) / spectrum.square) for a in drawn]
         best = int(np.argmin(W))
         kept.append(float(drawn[best]))

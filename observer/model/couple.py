@@ -129,7 +129,8 @@ def _dropped(
     """What the dropped modes hold under each source, (m, n_x) and (m, p); nothing for all but `sources`."""
     m, p = len(plant.source_names), len(plant.known_names)
     of_states, of_known = np.zeros((m, len(plant.decay_1_s))), np.zeros((m, p))
-    for j in sources:
+    # near a nut that moves it is left out: its footprint is long against what the dropped modes see
+    for j in sources - {moving.index for moving in plant.moving}:
         of_states[j, plant.lag_slice], of_known[j] = _dropped_under(plant, modes, machine, j)
     return of_states, of_known
 
@@ -139,12 +140,7 @@ def _dropped_under(
 ) -> tuple[FloatArray, FloatArray]:
     """What the dropped modes hold of the mean temperature under a source, per W of each (m,) and per °C of
     each known input (p,).
-
-    Near a nut that moves it is left out: its footprint is long against what the dropped modes see.
     """
-    m, p = len(plant.source_names), len(plant.known_names)
-    if any(moving.index == index for moving in plant.moving):
-        return np.zeros(m), np.zeros(p)
     rod, stretches = modes.rod, [mean_stretch(s, machine.screw) for s in machine.source]
     nodes, weights = _inside(modes, stretches[index], stretches)
     kept = weights @ modes.theta(nodes)
@@ -152,13 +148,11 @@ def _dropped_under(
         source.screw_share * float(weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s))
         for source, s in zip(machine.source, stretches, strict=True)
     ]
-    known, at = np.zeros(p), plant.known
+    known, at = np.zeros(len(plant.known_names)), plant.known
     steady = {at.ambient: ambient_field(rod, nodes)}
-    steady |= {
-        q: end_field(rod, end, nodes)
-        for q, end in ((at.left_end, LEFT), (at.right_end, RIGHT))
-        if q is not None
-    }
+    for q, end in ((at.left_end, LEFT), (at.right_end, RIGHT)):
+        if q is not None:
+            steady[q] = end_field(rod, end, nodes)
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, np.inf)
     for q, field in steady.items():
         known[q] = weights @ field - kept @ (plant.E[: plant.modes, q] / safe)

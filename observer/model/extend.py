@@ -10,7 +10,7 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.model.network.attach import Attached
 from observer.model.network.network import NodeModes
-from observer.model.plant import MovingSource, Plant
+from observer.model.plant import Plant
 from observer.tables.sections import Description
 
 
@@ -86,7 +86,9 @@ def extended(plant: Plant, more: States) -> Plant:
         B=np.vstack([plant.B, more.B]),
         E=np.vstack([plant.E, more.E]),
         rows=replace(plant.rows, C=wide(plant.rows.C, n_x)),
-        moving=tuple(_moving_with(s, more.B[:, s.index]) for s in plant.moving),
+        moving=tuple(  # they heat the new states too, wherever they are
+            s.with_table(mean_B=np.concatenate([s.table.mean_B, more.B[:, s.index]])) for s in plant.moving
+        ),
         uniform=np.concatenate([plant.uniform, more.uniform]),
         prior_P=prior,
         smooth_P=smooth,
@@ -121,26 +123,13 @@ def wide(matrix: FloatArray, columns: int) -> FloatArray:
     return np.hstack([matrix, np.zeros((len(matrix), columns - matrix.shape[1]))])
 
 
-def _moving_with(source: MovingSource, more: FloatArray) -> MovingSource:
-    """A moving source that heats the new states too, wherever it is."""
-    table = replace(source.table, mean_B=np.concatenate([source.table.mean_B, more]))
-    return replace(source, table=table)
-
-
 def _reading_no_more(plant: Plant, sensors: Sequence[int]) -> Plant:
     """The plant whose `sensors` see no state and no input any more, but for their own offsets."""
     C, F = plant.rows.C.copy(), plant.rows.F.copy()
     C[list(sensors)] = 0.0
     F[list(sensors)] = np.where(plant.known.offset, F[list(sensors)], 0.0)
     moving = tuple(
-        replace(
-            s,
-            table=replace(
-                s.table,
-                mean_C=_without(s.table.mean_C, sensors),
-                table_C=_without(s.table.table_C, sensors),
-            ),
-        )
+        s.with_table(mean_C=_without(s.table.mean_C, sensors), table_C=_without(s.table.table_C, sensors))
         for s in plant.moving
     )
     return replace(plant, rows=replace(plant.rows, C=C, F=F), moving=moving)

@@ -99,6 +99,10 @@ class MovingSource:
     table: NutTable
     ends_fraction: float
 
+    def with_table(self, **parts: FloatArray) -> MovingSource:
+        """Return the source with other parts of its table."""
+        return replace(self, table=replace(self.table, **parts))  # type: ignore[arg-type]
+
 
 @dataclass(frozen=True, slots=True)
 class Plant:
@@ -147,7 +151,12 @@ class Plant:
         `Inputs.sensors_only`.
         """
         s = self.rows.sensors
-        moving = tuple(replace(m, table=m.table.first_rows(s)) for m in self.moving)
+        moving = tuple(
+            m.with_table(
+                table_C=np.ascontiguousarray(m.table.table_C[:, :s]), mean_C=m.table.mean_C[:s].copy()
+            )
+            for m in self.moving
+        )
         return replace(self, rows=Rows(self.rows.C[:s], self.rows.F[:s], s, 0), moving=moving)
 
     @property

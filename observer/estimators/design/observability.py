@@ -52,22 +52,15 @@ def smallest_singular_value(seen: FloatArray) -> float:
     return float(singular[-1]) if singular[-1] > _ROUNDING * singular[0] else 0.0
 
 
-def plant_responses(plant: Plant, C: FloatArray, horizon_s: float | None = None) -> FloatArray:
-    """Return the responses of sensor rows `C` (rows, n_x) on the slow part of a plant's pair.
-
-    The horizon is, unless given, the time constant of the slowest decaying mode.
+def plant_responses(plant: Plant, C: FloatArray) -> FloatArray:
+    """Return the responses of sensor rows `C` (rows, n_x) on the slow part of a plant's pair, over the time
+    constant of the slowest decaying mode.
     """
     slow = slow_modes(plant.decay_1_s[: plant.modes])
     decay = plant.decay_1_s[slow]
-    horizon = horizon_s or 1.0 / float(np.min(decay[decay > 0]))
     scale = np.concatenate([np.sqrt(np.diag(plant.prior_P))[slow], plant.initial_sigma_W])
-    return responses(
-        decay,
-        settled_inputs(plant)[np.ix_(slow, np.flatnonzero(plant.estimated))],
-        C[:, slow],
-        scale,
-        horizon,
-    )
+    B = settled_inputs(plant)[np.ix_(slow, np.flatnonzero(plant.estimated))]
+    return responses(decay, B, C[:, slow], scale, 1.0 / float(np.min(decay[decay > 0])))
 
 
 def weakest_mode(plant: Plant) -> tuple[int, int, float]:

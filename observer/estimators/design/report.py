@@ -87,8 +87,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
         undetermined=undetermined,
         warnings=(
             *_gain_warnings(plant, whole, noise),
-            *_sight_warnings(names[sensor], mode, share),
-            *_loss_warnings(undetermined),
+            *_other_warnings(names[sensor], mode, share, undetermined),
         ),
     )
 
@@ -172,20 +171,20 @@ def _gain_warnings(
     return found
 
 
-def _sight_warnings(sensor: str, mode: int, share: float) -> list[str]:
-    if share >= _NEARLY_BLIND:
-        return []
-    return [
-        f"no sensor sees more than {share:.0%} of mode {mode} (best: {sensor}), it has a node near every "
-        "sensor; move one sensor (observer place)"
-    ]
-
-
-def _loss_warnings(undetermined: tuple[tuple[str, ...], ...]) -> list[str]:
+def _other_warnings(
+    sensor: str, mode: int, share: float, undetermined: tuple[tuple[str, ...], ...]
+) -> list[str]:
+    """Of a mode that is hardly seen, and of sensors that must not be lost."""
+    found = []
+    if share < _NEARLY_BLIND:
+        found.append(
+            f"no sensor sees more than {share:.0%} of mode {mode} (best: {sensor}), it has a node near every "
+            "sensor; move one sensor (observer place)"
+        )
     single = [lost[0] for lost in undetermined if len(lost) == 1]
-    if not single:
-        return []
-    return [
-        f"without {' or without '.join(single)} the heats can no longer be told apart and are only predicted"
-        "; add a sensor"
-    ]
+    if single:
+        found.append(
+            f"without {' or without '.join(single)} the heats can no longer be told apart and are only "
+            "predicted; add a sensor"
+        )
+    return found

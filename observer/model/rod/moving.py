@@ -49,12 +49,6 @@ class NutTable:
         none = np.zeros(0)
         return replace(self, mu_1_m=none, phase=none, scale=none, lag=0, mean_B=np.zeros(1))
 
-    def first_rows(self, rows: int) -> NutTable:
-        """The table with the lag's first output rows only."""
-        return replace(
-            self, table_C=np.ascontiguousarray(self.table_C[:, :rows]), mean_C=self.mean_C[:rows].copy()
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class NutState:
