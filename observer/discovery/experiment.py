@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ SEPARATES = 5.0
 """Standard deviations between the answers from which a test is worth its time."""
 
 
-@dataclass(frozen=True, slots=True)
-class Phase:
+class Phase(NamedTuple):
     """A stretch of a cycle: how long, how fast, between which positions; speed 0 rests."""
 
     duration_s: float
@@ -33,8 +33,7 @@ class Phase:
     high_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Habits:
+class Habits(NamedTuple):
     """How a machine has been run: its most frequent and fastest speed, stroke, lead, ambient."""
 
     usual_rpm: float

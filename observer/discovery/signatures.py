@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from observer.fit.problem import Problem, told_lags
 from observer.frames import FloatArray
 
 
-@dataclass(frozen=True)
-class Signature:
+class Signature(NamedTuple):
     """The whitened change (n,) of the prediction with one shape of a candidate."""
 
     candidate: Candidate
@@ -24,8 +23,7 @@ class Signature:
     change: FloatArray
 
 
-@dataclass(frozen=True)
-class Promise:
+class Promise(NamedTuple):
     """What a signature promises beside a fit.
 
     `strength` is that of the shape which explains most within the bounds, `drop` the fall of the deviance it

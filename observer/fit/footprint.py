@@ -7,7 +7,8 @@ a hypothesis that changes the modes costs a product of matrices.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,7 @@ PLACES = 33
 """Places along the screw among which the nut's time in a tick is shared out."""
 
 
-@dataclass(frozen=True, slots=True)
-class Footprint:
+class Footprint(NamedTuple):
     """What a nut's path leaves in the ticks of a run, for G tabulated wave numbers.
 
     `waves` (T, 2G): the mean over each tick, weighted by the nut's heat, of cos(μ(x − L/2)) and of its sine;

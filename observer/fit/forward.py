@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -150,8 +151,7 @@ class Forward:
         return run.means(plant, inputs, before, rows)
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(NamedTuple):
     """A configuration ready for predictions: its laws at strength 1, a key for what it says, the strengths
     (m,) apart, and the plant.
     """

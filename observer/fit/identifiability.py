@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ APART = 0.01
 """Sine of the angle below which one parameter's effect counts as a mixture of others'."""
 
 
-@dataclass(frozen=True, slots=True)
-class Obstacle:
+class Obstacle(NamedTuple):
     """A free parameter that the logs cannot tell: why, and what to do about it."""
 
     key: str

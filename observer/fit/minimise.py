@@ -7,7 +7,7 @@ derivatives over steps that are small; the bounded step itself is scipy's.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ TRIALS = 8
 """How often a step that leads astray is shortened."""
 
 
-@dataclass(frozen=True, slots=True)
-class Range:
+class Range(NamedTuple):
     """Where parameters (p,) may go: between bounds, and no further than `reach` in one step."""
 
     low: FloatArray
@@ -30,8 +29,7 @@ class Range:
         return np.maximum(self.low - theta, -self.reach), np.minimum(self.high - theta, self.reach)
 
 
-@dataclass(frozen=True, slots=True)
-class Stop:
+class Stop(NamedTuple):
     """When a fit is over: after so many steps, after one that brings a `little` drop of the sum of squares or
     is `small` in standard deviations of every parameter, or when it would not get to a `rival`'s sum of
     squares at its pace in the steps that are left.
@@ -43,8 +41,7 @@ class Stop:
     rival: float = np.inf
 
 
-@dataclass(frozen=True, slots=True)
-class Minimum:
+class Minimum(NamedTuple):
     """Where a fit ended: parameters (p,), the residual (n,) there, and its derivatives (n, p) nearby."""
 
     theta: FloatArray

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from observer.config import Config
 from observer.errors import ConfigError
@@ -17,8 +16,7 @@ from observer.tables.sections import Source
 FILM = "surface.convection_W_m2K"
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
+class Kind(NamedTuple):
     """What is known of a parameter beforehand: unit, a change that matters (`scale`), and bounds."""
 
     unit: str

@@ -10,7 +10,7 @@ Reeves (1964); the discrepancy principle of Alifanov (1974).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ _PATIENCE, _WORTH_IT = 20, 1e-3
 """A descent goes on while twenty iterations still take a thousandth off the misfit."""
 
 
-@dataclass(frozen=True, slots=True)
-class Descent:
+class Descent(NamedTuple):
     """Where a descent ended: the heats (T, m_e), the misfit |Z - H Q|², iterations, and if it was enough."""
 
     heat_W: FloatArray

@@ -10,7 +10,7 @@ Source: Li et al. (2022), equations 36 to 39.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ LARGEST_BYTES = 1.0e9
 """What H and the normal equations, with the copies made on the way, may take."""
 
 
-@dataclass(frozen=True, slots=True)
-class NormalEquations:
+class NormalEquations(NamedTuple):
     """G = (H S)ᵀ H S and b = (H S)ᵀ Z, both whitened, (n, n) and (n,) with n = T m_e; `square` is |Z|²."""
 
     G: FloatArray
@@ -31,8 +30,7 @@ class NormalEquations:
     square: float
 
 
-@dataclass(frozen=True, slots=True)
-class TikhonovSolution:
+class TikhonovSolution(NamedTuple):
     """Heats (T, m_e), and their σ under the prior that α stands for."""
 
     heat_W: FloatArray

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,7 @@ MOST_ASKED = 150
 DEFAULT_GRID_POINTS = 21
 
 
-@dataclass(frozen=True, slots=True)
-class KnownInput:
+class KnownInput(NamedTuple):
     """An input that is measured or configured: ambient, a prescribed end, the thermal error's reference.
 
     `modal` (N,) is its input to the modes, `steady(x)` its steady field per unit.

@@ -8,7 +8,7 @@ be indefinite.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(16)[1]
 TICKS_PER_S = 1e6
 
 
-@dataclass(frozen=True, slots=True)
-class StepMatrices:
+class StepMatrices(NamedTuple):
     """What a step of length `dt_s` does; n_x plant states, m_e estimated heats.
 
     `decay` (n_x,) e_i = exp(-λ_i dt); `hold` (n_x,) the response to an input of 1 held over the step, s;

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +15,7 @@ from observer.model.plant import Plant
 from observer.tables.sections import Description
 
 
-@dataclass(frozen=True, slots=True)
-class States:
+class States(NamedTuple):
     """e states that decay by themselves: `decay_1_s` (e,), input rows `B` (e, m) and `E` (e, p).
 
     They start at `seen` (e, n_x) of the states before them, give or take `prior_P` (e, e), of which

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +31,7 @@ AMBIENT, LEFT, RIGHT, REFERENCE = "ambient", "left", "right", "reference"
 """The names of the other known inputs: the ambient, the prescribed ends, the thermal error's reference."""
 
 
-@dataclass(frozen=True, slots=True)
-class KnownColumns:
+class KnownColumns(NamedTuple):
     """Which column of the known inputs z is what, None what a plant has not; `offset` (p,) tells the sensors'
     offsets.
     """

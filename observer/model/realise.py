@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from observer.config import Config
 from observer.effects.terms import EndConductance, Film, Heat, SpeedLoss, Term
@@ -12,8 +12,7 @@ from observer.tables.laws import Surface
 from observer.tables.sections import Boundary, Source
 
 
-@dataclass(frozen=True, slots=True)
-class Realised:
+class Realised(NamedTuple):
     """A configuration with its effects' films, ends and heats in place, and the terms that remain."""
 
     config: Config

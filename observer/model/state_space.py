@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -38,8 +37,7 @@ def state_space(plant: Plant) -> control.StateSpace:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class KimForm:
+class KimForm(NamedTuple):
     """dx/dt = A x + B q - D z,  y = C x + E z,  z = [l, dl/dt, r, dr/dt].
 
     `A` (N, N), `B` (N,) per W, `D` (N, 4), `C` (s, N), `E` (s, 4); x are the amplitudes of Θ = T − g l − h r.

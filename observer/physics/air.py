@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from observer.physics.constants import ZERO_DEGC_K
 
@@ -10,8 +10,7 @@ _PRESSURE_PA = 101_325.0
 _GAS_CONSTANT_J_kgK = 287.058
 
 
-@dataclass(frozen=True, slots=True)
-class Air:
+class Air(NamedTuple):
     """What of the air a film coefficient depends on; `viscosity_m2_s` is kinematic, `expansion_1_K` = 1/T."""
 
     viscosity_m2_s: float

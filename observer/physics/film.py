@@ -6,7 +6,7 @@ Pure functions of geometry, speed and temperatures. A Nusselt number becomes a f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +39,7 @@ def rayleigh(length_m: float, rise_K: float, air: Air) -> float:
     return grashof * air.prandtl
 
 
-@dataclass(frozen=True, slots=True)
-class WallRange:
+class WallRange(NamedTuple):
     """One line of the table of natural convection: Nu = C Ra^n for `low` ≤ Ra ≤ `high`."""
 
     C: float

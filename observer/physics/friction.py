@@ -6,7 +6,7 @@ Pure: speeds in rpm go in, torques in N m and heats in W come out. Every functio
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ SWITCH_MM2_S_RPM = 2000.0
 """Below this product of viscosity and speed the lubricant's torque no longer falls with the speed."""
 
 
-@dataclass(frozen=True, slots=True)
-class BearingType:
+class BearingType(NamedTuple):
     """What Palmgren's formula takes from the kind of bearing.
 
     f_1 = `load_factor` (P_0/C_0)^`load_exponent`; the load that acts is `axial` F_a − 0.1 F_r, but at least

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,7 @@ _ROUNDING = 1e-10
 _ITERATIONS = 10
 
 
-@dataclass(frozen=True, slots=True)
-class SlowPair:
+class SlowPair(NamedTuple):
     """The part of the augmented pair that is moved, its fast part decoupled.
 
     `slow` indexes the modes moved, `fast` the states that stay; `A` (n_s, n_s), `C` (s, n_s) of [slow modes |
@@ -52,8 +51,7 @@ class SlowPair:
     scale: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class LuenbergerGain:
+class LuenbergerGain(NamedTuple):
     """A gain `K` (n, s), with zero columns for absent sensors, and what it does.
 
     Poles in 1/s, of the whole closed loop; `noise_gain_W_K` (m_e,) is a heat's σ under white noise of 1 K on
@@ -71,8 +69,7 @@ class LuenbergerGain:
         return pole_error(self.poles_requested_1_s, self.poles_reached_1_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(NamedTuple):
     """Why there is no gain for a set of sensors; `sensors` are those present."""
 
     sensors: tuple[str, ...]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ from observer.model.plant import Plant
 _BETTER = 1.0 + 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class SiteSet:
+class SiteSet(NamedTuple):
     """Candidates chosen together: indices in the order of importance, and how well they see.
 
     `score_K` is the smallest singular value of the responses: the rms temperature that the worst-seen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
@@ -18,8 +18,7 @@ from observer.model.plant import Plant
 _RESIDUAL = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Steady:
+class Steady(NamedTuple):
     """Covariances (n, n) of an observer with a constant gain: before (`P_pred`) and after (`P`) each
     correction.
     """

@@ -7,7 +7,7 @@ and in its own modes, which is how a plant takes it in.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ ROUNDING = 1e-13
 """A rate below this part of the largest is that of nodes that lose nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class Network:
+class Network(NamedTuple):
     """n nodes: `capacity_J_K` (n,); `conductance_W_K` (n, n), the matrix K of the links, with those into the
     ambient on its diagonal; `ambient_W_K` (n,), g.
     """
@@ -28,8 +27,7 @@ class Network:
     ambient_W_K: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Transition:
+class Transition(NamedTuple):
     """T⁺ = `E` q + `C` T + `D` T_amb over a step, q and T_amb its means; shapes (n, n), (n, n), (n,)."""
 
     C: FloatArray
@@ -37,8 +35,7 @@ class Transition:
     E: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class NodeModes:
+class NodeModes(NamedTuple):
     """The network in coordinates that decay by themselves: T = `shape` ξ, ξ = `inverse` T.
 
     `decay_1_s` (n,); `shape` (n, n), each column at most 1; `inverse` (n, n); `input` (n, n), what 1 J into

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from observer.config import Config
 from observer.model.surface import surface_film_W_m2K
 from observer.tables.sections import Boundary
 
 
-@dataclass(frozen=True, slots=True)
-class End:
+class End(NamedTuple):
     """One end of the rod: `biot_1_m` = h_end / k; 0 is insulated, infinity is a prescribed temperature."""
 
     biot_1_m: float

@@ -8,7 +8,7 @@ W). Everything tends to the linear profiles of a bare rod as m → 0. (Carslaw &
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ NODES = 16
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(NODES)
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(NamedTuple):
     """Where a source deposits its heat: uniform from a to b; a point where a = b."""
 
     a_m: float
