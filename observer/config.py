@@ -144,18 +144,14 @@ class Config(Description):
 
 def _beyond_the_screw(config: Config) -> Iterator[str]:
     length_m = config.screw.length_m
-    places = [
-        (f"sensor {s.name}: position_m", s.position_m) for s in config.sensor if s.position_m is not None
-    ]
+    places = [(f"sensor {s.name}: position_m", s.position_m) for s in config.sensor]
     for source in config.source:
-        for key in ("position_m", "to_m"):
-            if getattr(source, key) is not None:
-                places.append((f"source {source.name}: {key}", getattr(source, key)))
-        if source.stroke_m is not None:
-            places.append((f"source {source.name}: stroke_m", source.stroke_m[1]))
-    places += [("output: positions_m", x) for x in config.output.positions_m or ()]
+        end_m = source.stroke_m and source.stroke_m[1]
+        for key, x_m in (("position_m", source.position_m), ("to_m", source.to_m), ("stroke_m", end_m)):
+            places.append((f"source {source.name}: {key}", x_m))
+    places += [("output: positions_m", x_m) for x_m in config.output.positions_m or ()]
     for place, x_m in places:
-        if x_m > length_m:
+        if x_m is not None and x_m > length_m:
             slip = f"; did you mean {x_m / 1000:g} ({x_m:g} mm)?" if x_m / 1000 <= length_m < x_m / 20 else ""
             yield f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m; mend one{slip}"
     for source in config.source:

@@ -82,35 +82,35 @@ ALONE = Crew(alone=True)
 class _Packer(pickle.Pickler):
     """Writes the problem that all tasks share as a mark."""
 
-    def __init__(self, file: io.BytesIO, problem: Problem) -> None:
-        super().__init__(file, pickle.HIGHEST_PROTOCOL)
-        self._problem = problem
+    problem: Problem
 
     def persistent_id(self, obj: Any) -> str | None:
         """Mark the problem."""
-        return "problem" if obj is self._problem else None
+        return "problem" if obj is self.problem else None
 
 
 class _Unpacker(pickle.Unpickler):
     """Puts this process' own problem where the mark is."""
 
-    def __init__(self, file: io.BytesIO, problem: Problem) -> None:
-        super().__init__(file)
-        self._problem = problem
+    problem: Problem
 
     def persistent_load(self, pid: Any) -> Problem:  # noqa: ARG002 - there is only one mark
         """Return the problem."""
-        return self._problem
+        return self.problem
 
 
 def _packed(value: object, problem: Problem) -> bytes:
     file = io.BytesIO()
-    _Packer(file, problem).dump(value)
+    packer = _Packer(file, pickle.HIGHEST_PROTOCOL)
+    packer.problem = problem
+    packer.dump(value)
     return file.getvalue()
 
 
 def _unpacked(data: bytes, problem: Problem) -> Any:
-    return _Unpacker(io.BytesIO(data), problem).load()
+    unpacker = _Unpacker(io.BytesIO(data))
+    unpacker.problem = problem
+    return unpacker.load()
 
 
 def _awake() -> None:

@@ -89,11 +89,7 @@ def menu(habits: Habits) -> Iterator[tuple[str, str, tuple[Phase, ...]]]:
         f"{fast:.0f} rpm for 40 min, rest for 20 min, {slow:.0f} rpm for 60 min, rest for 20 min",
         (rest(5), work(40, fast), rest(20), work(60, slow), rest(20)),
     )
-    yield (
-        "standstill",
-        "stand still with the drive on for 90 min, from cold",
-        (rest(90),),
-    )
+    yield "standstill", "stand still with the drive on for 90 min, from cold", (rest(90),)
     yield (
         "moved_stroke",
         f"{n:.0f} rpm for 40 min over the left third of the stroke, rest for 40 min, then the right third",

@@ -7,15 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from observer.effects.base import (
-    EffectTable,
-    Fitted,
-    Shape,
-    Target,
-    free_end,
-    point_heat,
-    source_free_to_warm,
-)
+from observer.effects import base
+from observer.effects.base import EffectTable, Fitted, Shape, Target
 from observer.effects.terms import Body, End, EndConductance, Term
 from observer.tables.quantities import Finite
 from observer.tables.sections import Description
@@ -38,7 +31,7 @@ class EndConduction(EffectTable):
     source = "Newton's law at the end face; Kim et al., the convective end"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        free_end(machine, self.target, self.kind)
+        base.free_end(machine, self.target, self.kind)
         return (EndConductance(self.target, self.conductance_W_K),)
 
 
@@ -67,8 +60,8 @@ class AttachedMass(EffectTable):
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         if self.target not in ("left", "right"):
-            at = source_free_to_warm(machine, self.target, self.kind)
+            at = base.source_free_to_warm(machine, self.target, self.kind)
             return (Body(at, self.capacity_J_K, self.conductance_W_K),)
-        name, end_m = f"{self.kind}.{self.target}", free_end(machine, self.target, self.kind)
+        name, end_m = f"{self.kind}.{self.target}", base.free_end(machine, self.target, self.kind)
         body = Body(name, self.capacity_J_K, self.conductance_W_K)
-        return (point_heat(name, end_m, heat_W=0.0), body)
+        return (base.point_heat(name, end_m, heat_W=0.0), body)

@@ -8,21 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from observer.effects.base import (
-    EffectTable,
-    Fitted,
-    Shape,
-    Target,
-    end_at,
-    free_end,
-    heats_screw,
-    named_source,
-    on_screw,
-    point_heat,
-    position,
-    source_free_to_warm,
-    speed_channel,
-)
+from observer.effects import base
+from observer.effects.base import EffectTable, Fitted, Shape, Target, position, speed_channel
 from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
@@ -53,9 +40,9 @@ class EndHeat(EffectTable):
     mimicked = True
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        end_m = free_end(machine, self.target, self.kind)
+        end_m = base.free_end(machine, self.target, self.kind)
         channel = speed_channel(machine, self.speed_channel, self.kind)
-        heat = point_heat(
+        heat = base.point_heat(
             f"{self.kind}.{self.target}", end_m, heat_W_rpm=abs(self.heat_W_rpm), speed_channel=channel
         )
         return (heat if self.heat_W_rpm >= 0 else Heat(heat.source.model_copy(update={"scale": -1.0})),)
@@ -76,8 +63,8 @@ class MotorHeat(EffectTable):
     source = "Yu et al., the motor as a heat source of the shaft"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        name, end_m = f"{self.kind}.{self.target}", free_end(machine, self.target, self.kind)
-        return (point_heat(name, end_m, heat_W=self.heat_W, drive_channel=self.drive_channel),)
+        name, end_m = f"{self.kind}.{self.target}", base.free_end(machine, self.target, self.kind)
+        return (base.point_heat(name, end_m, heat_W=self.heat_W, drive_channel=self.drive_channel),)
 
 
 class LocalHeat(EffectTable):
@@ -93,8 +80,8 @@ class LocalHeat(EffectTable):
     source = "a point source; Kim et al., eq. 1"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        on_screw(machine, "position_m", self.position_m, self.kind)
-        return (point_heat(self.kind, self.position_m, heat_W=self.heat_W),)
+        base.on_screw(machine, "position_m", self.position_m, self.kind)
+        return (base.point_heat(self.kind, self.position_m, heat_W=self.heat_W),)
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
@@ -104,7 +91,7 @@ class LocalHeat(EffectTable):
 
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
         """At an end, the heat of a drive."""
-        end = end_at(self.position_m, length_m)
+        end = base.end_at(self.position_m, length_m)
         return None if end is None else (MotorHeat, end)
 
 
@@ -128,7 +115,7 @@ class FrictionFade(EffectTable):
         return [name for name in super().places(machine, free) if name in heating]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        at = source_free_to_warm(machine, self.target, self.kind)
+        at = base.source_free_to_warm(machine, self.target, self.kind)
         return (Fade(at, self.per_K, self.reference_degC),)
 
 
@@ -158,7 +145,7 @@ class FrictionSpeed(EffectTable):
             ratio = np.maximum(np.abs(speed_rpm) / reference, 1e-3)
             return np.asarray(ratio**power)
 
-        if named_source(machine, self.target, self.kind).law not in SPEED_LAWS:
+        if base.named_source(machine, self.target, self.kind).law not in SPEED_LAWS:
             raise ConfigError(
                 f'effect "{self.kind}": the law of "{self.target}" does not go with speed; remove the effect'
             )
@@ -188,7 +175,7 @@ class RunIn(EffectTable):
         def factor(_speed_rpm: FloatArray, running_s: FloatArray) -> FloatArray:
             return np.asarray(1.0 + fraction * np.exp(-running_s / time_s))
 
-        return (LawFactor(named_source(machine, self.target, self.kind).name, factor),)
+        return (LawFactor(base.named_source(machine, self.target, self.kind).name, factor),)
 
 
 class Dwell(EffectTable):
@@ -205,10 +192,10 @@ class Dwell(EffectTable):
     source = "Li 2022: contact weighted by the time the nut dwells at a place"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        source = named_source(machine, self.target, self.kind)
+        source = base.named_source(machine, self.target, self.kind)
         if source.shape != "nut":
             raise ConfigError(
                 f'effect "{self.kind}": target "{source.name}" is no nut; name a source of that shape'
             )
-        heats_screw(source, self.kind)
+        base.heats_screw(source, self.kind)
         return (StrokeEnds(source.name, self.fraction),)

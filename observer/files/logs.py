@@ -99,7 +99,7 @@ def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool, accept_
     header = _header(path, data)
     wanted = _wanted(path, header, needed)
     data = _without_cut_row(path, data, header, cut, accept_truncated)
-    if STEP in header and FLAGS in header:
+    if _is_recording(header):
         data = _without_damage(path, data, accept_damaged)
     types = {name: pa.string() if _is_flags(name, header) else pa.float64() for name in wanted}
     numbered = [name or f"\0{i}" for i, name in enumerate(header)]  # unnamed columns are never wanted
@@ -162,12 +162,11 @@ def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[st
     missing = [name for name in dict.fromkeys(needed) if name not in header]
     if missing:
         names = ", ".join(f'"{name}"{_similar(name, header)}' for name in missing)
-        verb = "is" if len(missing) == 1 else "are"
-        noun = "column" if len(missing) == 1 else "columns"
+        noun, verb = ("column", "is") if len(missing) == 1 else ("columns", "are")
         raise LogError(
             f"{path}: {noun} {names} {verb} missing; add them to the log or name others in the configuration"
         )
-    own = {STEP, FLAGS, LATE} if STEP in header and FLAGS in header else set()
+    own = {STEP, FLAGS, LATE} if _is_recording(header) else set()
     keep = {TIME, *needed, *own} if needed else set(header)
     return [name for name in header if name in keep and name]
 
@@ -175,6 +174,10 @@ def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[st
 def _similar(name: str, header: Sequence[str]) -> str:
     close = difflib.get_close_matches(name, header, n=1)
     return f' (did you mean "{close[0]}"?)' if close else ""
+
+
+def _is_recording(header: Sequence[str]) -> bool:
+    return STEP in header and FLAGS in header
 
 
 def _is_flags(name: str, header: Sequence[str]) -> bool:
@@ -192,7 +195,7 @@ def _without_cut_row(path: Path, data: bytes, header: Sequence[str], cut: bool, 
     if not last.strip() and not cut:
         return data
     whole = len(next(csv.reader([last.decode("utf-8", "replace")]), [])) >= len(header)
-    if whole and not cut and not (STEP in header and FLAGS in header):
+    if whole and not cut and not _is_recording(header):
         return data
     if accept or start == 0:
         return data[:start]
@@ -277,7 +280,7 @@ def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
 def _checked(path: Path, table: Any, place: Callable[[int], str]) -> Log:
     """A log from a table of columns, once its times are seen to be finite and increasing."""
     names = table.column_names
-    recording = STEP in names and FLAGS in names
+    recording = _is_recording(names)
     time_s = _numbers(table, TIME)
     if not len(time_s):
         raise LogError(f"{path}: holds no rows; record at least one sample")

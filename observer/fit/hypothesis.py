@@ -84,13 +84,14 @@ class Fit:
     @property
     def half_width(self) -> FloatArray:
         """Half of the 95 % intervals (k,) of the effects' parameters."""
-        return self._half_widths()[len(self.scale) - len(self.parameters) :]
+        return self._half_widths[len(self.problem.keys) :]
 
     @property
     def half_width_free(self) -> FloatArray:
         """Half of the 95 % intervals (f,) of the free parameters."""
-        return self._half_widths()[: len(self.scale) - len(self.parameters)]
+        return self._half_widths[: len(self.problem.keys)]
 
+    @property
     def _half_widths(self) -> FloatArray:
         return np.asarray(NORMAL_95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 

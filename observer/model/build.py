@@ -76,7 +76,7 @@ def _plain_plant(config: Config, terms: Sequence[Term], nut_places: int) -> tupl
     B[N:] = np.diag(np.full(m, lag_decay_1_s))
     C = np.hstack([modal_rows(modes, places), np.column_stack([c for _, c in footprints])])
     E = np.vstack([np.column_stack([k.modal for k in known]), np.zeros((m, len(known)))])
-    smooth = _padded(smooth_field_covariance(modes), N + m)
+    smooth = np.pad(smooth_field_covariance(modes), (0, m))
     past = past_heat_covariance(modes, B[:N], np.array([s.initial_sigma_W for s in config.source]))
     # a lag starts at its law, but a machine that was just switched on has not settled there yet
     lags = np.diag(np.concatenate([np.zeros(N), [s.initial_sigma_W**2 for s in config.source]]))
@@ -95,7 +95,7 @@ def _plain_plant(config: Config, terms: Sequence[Term], nut_places: int) -> tupl
         ),
         moving=_moving_sources(config, modes, places, lag_decay_1_s, B, ends, nut_places),
         uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
-        prior_P=config.estimator.initial_sigma_K**2 * smooth + _padded(past, N + m) + lags,
+        prior_P=config.estimator.initial_sigma_K**2 * smooth + np.pad(past, (0, m)) + lags,
         smooth_P=config.estimator.initial_sigma_K**2 * smooth,
         noise_R_K2=np.array([s.noise_K**2 for s in config.sensor]),
         estimated=np.array([s.estimate for s in config.source]),
@@ -289,9 +289,3 @@ def _nut_rows(config: Config, modes: Modes, places: Places, source: Source, nut_
     stretches = [nut_stretch(x, nut_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
     rows = modal_rows(modes, places)
     return source.screw_share * np.array([_lag_row(config, modes, places, s, rows) for s in stretches])
-
-
-def _padded(matrix: FloatArray, size: int) -> FloatArray:
-    out = np.zeros((size, size))
-    out[: len(matrix), : len(matrix)] = matrix
-    return out

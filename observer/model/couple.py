@@ -17,7 +17,14 @@ from observer.model.network.sweep import spreads
 from observer.model.plant import LEFT, RIGHT, Plant
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
-from observer.model.rod.static import Stretch, ambient_field, end_field, quadrature_within, source_field
+from observer.model.rod.static import (
+    Stretch,
+    ambient_field,
+    end_field,
+    quadrature,
+    quadrature_within,
+    source_field,
+)
 from observer.model.rod.truncation import contributions
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description, Screw
@@ -179,10 +186,11 @@ def _films(modes: Modes, terms: Sequence[Term], rate: float) -> Films:
         return Films(np.zeros(0), np.zeros((0, N)), np.zeros(0))
     matrix, ambient = np.zeros((N, N)), np.zeros(N)
     for film in films:
-        nodes, weights = quadrature_within(modes.rod.length_m, Stretch(film.from_m, film.to_m))
-        theta = modes.theta(nodes)
+        nodes, weights = quadrature(modes.rod.length_m, [film.from_m, film.to_m])
+        inside = (nodes >= film.from_m) & (nodes <= film.to_m)
+        theta = modes.theta(nodes[inside])
         scale = film.extra_W_m2K * rate / modes.rod.diffusivity_m2_s
-        weighed = theta * (scale * weights)[:, None]
+        weighed = theta * (scale * weights[inside])[:, None]
         matrix += weighed.T @ theta
         ambient += weighed.sum(axis=0)
     rates, shapes = np.linalg.eigh(matrix)

@@ -5,14 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from observer.errors import UserError
-from observer.estimators.design.gains import (
-    LuenbergerGain,
-    Refusal,
-    design_bandwidth,
-    design_kim,
-    everything,
-    refusal,
-)
+from observer.estimators.design import gains
+from observer.estimators.design.gains import LuenbergerGain, Refusal
 from observer.estimators.design.riccati import steady_covariance
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
@@ -34,10 +28,10 @@ def design(
     refused.
     """
     if rule == "kim":
-        return design_kim(plant, step, present)
-    gain = design_bandwidth(plant, step, present, bandwidth_1_s)
+        return gains.design_kim(plant, step, present)
+    gain = gains.design_bandwidth(plant, step, present, bandwidth_1_s)
     if isinstance(gain, LuenbergerGain) and not noise_share(plant, gain, present) <= _NOISE_AT_MOST:
-        return refusal(
+        return gains.refusal(
             plant, present, "sensor noise alone would move a heat by more than its initial_sigma_W"
         )
     return gain
@@ -63,7 +57,7 @@ def bandwidth(plant: Plant, settings: EstimatorSettings) -> float:
     for omega in _SLOWEST_1_S * 10.0 ** (np.arange(_LADDER_STEPS) / _PER_DECADE):
         if omega * settings.period_s > 0.5:
             break
-        gain = design(plant, step, everything(plant), "bandwidth", float(omega))
+        gain = design(plant, step, gains.everything(plant), "bandwidth", float(omega))
         sigma = np.inf if isinstance(gain, Refusal) else _steady_heat_sigma(plant, step, gain.K)
         if sigma < best_sigma:
             best, best_sigma = float(omega), sigma

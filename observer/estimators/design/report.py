@@ -7,17 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from observer.estimators.design import gains
 from observer.estimators.design.bandwidth import bandwidth, design
-from observer.estimators.design.gains import (
-    POLE_TOLERANCE,
-    ComplexArray,
-    LuenbergerGain,
-    Refusal,
-    closed_loop,
-    everything,
-    noise_gain,
-    poles_of,
-)
+from observer.estimators.design.gains import LuenbergerGain, Refusal
 from observer.estimators.design.observability import plant_responses, smallest_singular_value, weakest_mode
 from observer.estimators.design.riccati import steady_kalman
 from observer.frames import BoolArray, FloatArray
@@ -47,7 +39,7 @@ class DesignReport:
     bandwidth_1_s: float | None
     eigenvalues_1_s: FloatArray
     poles_requested_1_s: FloatArray
-    poles_reached_1_s: ComplexArray
+    poles_reached_1_s: gains.ComplexArray
     noise_gain_W_K: dict[str, float]
     weakest_mode: int
     weakest_mode_sensor: str
@@ -66,7 +58,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
     omega = None
     if settings.kind == "luenberger" and settings.pole_rule == "bandwidth":
         omega = bandwidth(plant, settings)
-    whole = _design(plant, step, settings, everything(plant), omega)
+    whole = _design(plant, step, settings, gains.everything(plant), omega)
     requested, reached, noise = _outcome(plant, step, whole)
     mode, sensor, share = weakest_mode(plant)
     names = plant.layout.sensors
@@ -109,15 +101,15 @@ def _design(
 
 def _outcome(
     plant: Plant, step: StepMatrices, whole: LuenbergerGain | FloatArray | Refusal
-) -> tuple[FloatArray, ComplexArray, FloatArray]:
+) -> tuple[FloatArray, gains.ComplexArray, FloatArray]:
     """Poles requested, poles reached and noise gains."""
     if isinstance(whole, LuenbergerGain):
         return whole.poles_requested_1_s, whole.poles_reached_1_s, whole.noise_gain_W_K
     heats = int(plant.estimated.sum())
     if isinstance(whole, Refusal):
         return np.empty(0), np.empty(0, dtype=np.complex128), np.full(heats, np.nan)
-    M = closed_loop(plant, step, whole)
-    return np.empty(0), poles_of(M, step.dt_s), noise_gain(M, whole, heats)
+    M = gains.closed_loop(plant, step, whole)
+    return np.empty(0), gains.poles_of(M, step.dt_s), gains.noise_gain(M, whole, heats)
 
 
 def _undetermined(
@@ -133,7 +125,7 @@ def _undetermined(
     for lost in itertools.chain.from_iterable(itertools.combinations(range(s), r) for r in sizes):
         if any(known <= set(lost) for known in found):
             continue
-        present = everything(plant)
+        present = gains.everything(plant)
         present[list(lost)] = False
         if isinstance(_design(plant, step, settings, present, omega), Refusal):
             found.append(frozenset(lost))
@@ -156,7 +148,7 @@ def _gain_warnings(
             "(observer place) or lower bandwidth_1_s"
         ]
     found = []
-    if isinstance(whole, LuenbergerGain) and not whole.pole_error <= POLE_TOLERANCE:
+    if isinstance(whole, LuenbergerGain) and not whole.pole_error <= gains.POLE_TOLERANCE:
         found.append(
             f"the poles reached are up to {whole.pole_error:.2g} times off those requested: the gains are "
             'too large for double precision; use pole_rule = "bandwidth" or kind = "kalman"'
