@@ -1,6 +1,4 @@
-"""The same Kalman filter on filterpy's dense matrices: the engine "filterpy", and the compiled engine's
-oracle.
-"""
+"""The Kalman filter on filterpy's dense matrices: engine "filterpy", and the compiled engine's oracle."""
 
 from __future__ import annotations
 
@@ -19,9 +17,7 @@ from observer.model.discretise import StepMatrices
 
 
 class FilterpyEstimator(BlockEstimator):
-    """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections, Joseph form, the same gate and
-    rules.
-    """
+    """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections, Joseph form, the same rules."""
 
     def _take(self, chunk: Chunk, running: Running, out: Results, work: Work) -> None:
         from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (slow to import)

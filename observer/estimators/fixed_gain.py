@@ -1,6 +1,4 @@
-"""An observer with designed gains: which gain for which sensors and step length, and the run through the
-kernel.
-"""
+"""An observer with designed gains: which gain for which sensors and step, and the run through the kernel."""
 
 from __future__ import annotations
 

@@ -14,9 +14,7 @@ from observer.tables.estimator import EstimatorSettings
 
 
 class LuenbergerEstimator(FixedGainEstimator):
-    """x⁺ = x_pred + K (y - C x_pred) with K placed by the bandwidth rule or by Kim's; σ is propagated with
-    that K.
-    """
+    """x⁺ = x_pred + K (y - C x_pred), K placed by the bandwidth rule or Kim's; σ propagated with that K."""
 
     optimal = False
     refused = (

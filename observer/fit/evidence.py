@@ -94,9 +94,7 @@ class Evidence:
 
 
 def even(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
-    """Return the evidence of runs that are all fitted, with each sensor's noise as given, (s,), and nothing
-    slower.
-    """
+    """Return the evidence of runs that are all fitted, with each sensor's white noise as given, (s,)."""
     parts = []
     for i, run in enumerate(runs):
         mean, sensor = np.nonzero(_full(run.ticks.count))
@@ -164,9 +162,7 @@ def _folds(time_s: FloatArray, end_s: float, run: int, runs: int) -> NDArray[np.
 def _rises(
     run: NDArray[np.int64], sensor: NDArray[np.int64], measured: FloatArray, fold: NDArray[np.int64]
 ) -> FloatArray:
-    """How far each sensor rises over the start of each run, rms, (runs, s), K; a log's end that proves is
-    not looked at.
-    """
+    """How far each sensor rises over the start of each run, rms, (runs, s), K; the proof is not looked at."""
     out = np.zeros((int(run.max()) + 1, int(sensor.max()) + 1))
     for i in range(len(out)):
         for s in range(out.shape[1]):

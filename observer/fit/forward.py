@@ -120,9 +120,7 @@ class Forward:
         return changes
 
     def _with_tables(self, plant: Plant) -> Plant:
-        """The plant with the tables of the first: what the dropped modes add goes with 1/kA, and hardly
-        with the film.
-        """
+        """The plant with the first one's tables: what the dropped modes add goes with 1/kA, not the film."""
         lagging = ~plant.rows.C[:, : plant.modes].any(axis=1)
         moving = []
         for m, first in zip(plant.moving, self._tables, strict=True):
@@ -152,9 +150,7 @@ class Forward:
 
 
 class Setting(NamedTuple):
-    """A configuration ready for predictions: its laws at strength 1, a key for what it says, the strengths
-    (m,) apart, and the plant.
-    """
+    """A configuration ready for predictions: laws at strength 1, their strengths (m,), a key, the plant."""
 
     config: Config
     key: str

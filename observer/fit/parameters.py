@@ -114,9 +114,7 @@ def replaced(config: Config, values: Mapping[str, float]) -> Config:
 
 
 def put(config: Config, values: Mapping[str, float]) -> Config:
-    """Return the configuration with other values of parameters that may be free, within their bounds: not
-    checked anew.
-    """
+    """Return the configuration with other values of parameters that may be free: not checked anew."""
     for key, value in values.items():
         head, *middle, last = key.split(".")
         if head == "source":

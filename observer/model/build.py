@@ -230,9 +230,7 @@ def _known_inputs(modes: Modes, terms: Sequence[Term]) -> list[KnownInput]:
 
 
 def _known_rows(config: Config, modes: Modes, places: Places, known: list[KnownInput]) -> FloatArray:
-    """Output columns (R, p) of the known inputs: the dropped modes' share, a sensor's offset, and the error's
-    reference.
-    """
+    """Output columns (R, p) of the known inputs: the dropped modes' share, an offset, a reference."""
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, math.inf)
     sensors = [s.name for s in config.sensor]
 

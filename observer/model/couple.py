@@ -145,9 +145,7 @@ def _dropped(
 def _dropped_under(
     plant: Plant, modes: Modes, machine: Description, index: int
 ) -> tuple[FloatArray, FloatArray]:
-    """What the dropped modes hold of the mean temperature under a source, per W of each (m,) and per °C of
-    each known input (p,).
-    """
+    """What the dropped modes hold under a source, °C per W of each (m,), per °C of each known input (p,)."""
     rod, stretches = modes.rod, [mean_stretch(s, machine.screw) for s in machine.source]
     nodes, weights = _inside(modes, stretches[index], stretches)
     kept = weights @ modes.theta(nodes)

@@ -101,9 +101,7 @@ def hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
 
 @rarely
 def ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
-    """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u² with u = rate dt; a series where that
-    cancels.
-    """
+    """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u², u = rate dt; for small u a series."""
     u = rate_1_s * dt_s
     if u < 1e-2:
         return dt_s * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0 - u * (1.0 / 120.0 - u / 720.0))))

@@ -173,9 +173,7 @@ class Drive:
         )
 
     def _law(self, frames: FrameBlock, state: DriveState) -> tuple[FloatArray, FloatArray]:
-        """Each source's heat by its law at each tick, (K, m), W, NaN where a channel was not seen yet, and
-        how long it has run.
-        """
+        """Each source's heat by law at each tick, (K, m), W, NaN while not known, and how long it has run."""
         law = np.empty((len(frames), len(self._laws)))
         running_s = state.running_s
         for j, (columns, (_, heat_W)) in enumerate(zip(self._law_columns, self._laws, strict=True)):

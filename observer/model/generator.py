@@ -33,9 +33,7 @@ def generator(plant: Plant) -> FloatArray:
 
 
 def settled_rows(plant: Plant) -> FloatArray:
-    """Return what the output rows see of screw and sources, (R, N + m), once nodes and lagging sensors have
-    followed.
-    """
+    """Return what rows see of screw and sources, (R, N + m), once nodes and lagging sensors followed."""
     first = plant.lag_slice.stop
     if not plant.coupling.states:
         return plant.rows.C

@@ -32,9 +32,7 @@ AMBIENT, LEFT, RIGHT, REFERENCE = "ambient", "left", "right", "reference"
 
 
 class KnownColumns(NamedTuple):
-    """Which column of the known inputs z is what, None what a plant has not; `offset` (p,) tells the sensors'
-    offsets.
-    """
+    """Which column of the known inputs z is what, None what is not there; `offset` (p,), sensors' offsets."""
 
     ambient: int
     left_end: int | None
@@ -147,9 +145,7 @@ class Plant:
         return slice(self.modes, self.modes + len(self.source_names))
 
     def sensors_only(self) -> Plant:
-        """Return the plant with the rows of its sensors alone; its inputs are cut by
-        `Inputs.sensors_only`.
-        """
+        """Return the plant with its sensors' rows alone; its inputs are cut by `Inputs.sensors_only`."""
         s = self.rows.sensors
         moving = tuple(
             m.with_table(

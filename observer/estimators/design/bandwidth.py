@@ -24,9 +24,7 @@ _NOISE_AT_MOST = 1.0
 def design(
     plant: Plant, step: StepMatrices, present: BoolArray, rule: str, bandwidth_1_s: float
 ) -> LuenbergerGain | Refusal:
-    """Design by the rule of the configuration; under the bandwidth rule a gain that only makes noise is
-    refused.
-    """
+    """Design by the configured rule; under the bandwidth rule a gain that only makes noise is refused."""
     if rule == "kim":
         return gains.design_kim(plant, step, present)
     gain = gains.design_bandwidth(plant, step, present, bandwidth_1_s)

@@ -121,9 +121,7 @@ def lift(pair: SlowPair, K_slow: FloatArray, present: BoolArray) -> FloatArray:
 
 
 def bandwidth_poles(count: int, bandwidth_1_s: float, dt_s: float) -> FloatArray:
-    """Return distinct poles around -ω, 1/s: -ω (1, 1.15, 1.3, …), with ω at most 2/dt so that none is at z =
-    0.
-    """
+    """Return distinct poles around -ω, 1/s: -ω (1, 1.15, 1.3, …), ω at most 2/dt so that none is at z = 0."""
     omega = bandwidth_1_s if dt_s == 0 else min(bandwidth_1_s, _FASTEST_PER_STEP / dt_s)
     return np.asarray(-omega * (1.0 + _SPREAD * np.arange(count)))
 

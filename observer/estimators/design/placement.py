@@ -79,9 +79,7 @@ def rank_sensor_sites(plant: Plant, candidates: FloatArray, count: int) -> list[
 
 
 def _most_volume(seen: FloatArray, chosen: list[int]) -> int:
-    """Return the candidate that adds most to log det of the Gramian (with a floor, while it is still
-    singular).
-    """
+    """Return the candidate that adds most to log det of the Gramian, with a floor while that is singular."""
     n = seen.shape[-1]
     flat = seen[chosen].reshape(-1, n)
     base = flat.T @ flat
@@ -94,9 +92,7 @@ def _most_volume(seen: FloatArray, chosen: list[int]) -> int:
 
 
 def _exchange(seen: FloatArray, chosen: list[int]) -> list[int]:
-    """Replace one site at a time by the candidate that raises the smallest singular value most, until none
-    does.
-    """
+    """Replace one site at a time by the candidate that raises the smallest singular value most."""
     best = smallest_singular_value(seen[chosen])
     improved = True
     while improved:

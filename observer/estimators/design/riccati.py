@@ -19,9 +19,7 @@ _RESIDUAL = 1e-6
 
 
 class Steady(NamedTuple):
-    """Covariances (n, n) of an observer with a constant gain: before (`P_pred`) and after (`P`) each
-    correction.
-    """
+    """Covariances (n, n) under a constant gain: before (`P_pred`) and after (`P`) each correction."""
 
     P_pred: FloatArray
     P: FloatArray

@@ -159,9 +159,7 @@ def _remember(scalars, made_m_s, since_s):  # type: ignore[no-untyped-def]
 
 @rarely
 def _turn(scalars, there_m, run_m, stroke_m):  # type: ignore[no-untyped-def]
-    """Where the nut turned on its way from the last sample, given how far it ran; the new place itself, if it
-    came straight.
-    """
+    """Where the nut turned since the last sample, given how far it ran; the new place, if it did not."""
     here_m, before, speed_m_s = scalars[_HERE], scalars[_VELOCITY], scalars[_SPEED]
     made_m = there_m - here_m
     full = abs(made_m) >= FULL * run_m and made_m != 0.0
@@ -193,9 +191,7 @@ def _come(scalars, place_m, stroke_m):  # type: ignore[no-untyped-def]
 
 @rarely
 def on_the_way(here_m, run_m, low_m, high_m):  # type: ignore[no-untyped-def]
-    """Where a nut comes that runs so far to and fro between two places, and 1 or −1: whether it then runs as
-    at first or back.
-    """
+    """Where a nut comes that runs so far to and fro, and whether it then runs as at first, 1, or back, −1."""
     length_m = high_m - low_m
     along = (here_m + run_m - low_m) % (2.0 * length_m)
     back = along > length_m

@@ -91,9 +91,7 @@ def reference_rows(places: Places) -> FloatArray:
 def _running_integral(
     modes: Modes, grid_m: FloatArray, steady: Callable[[FloatArray], FloatArray], kinks: Stretch | None
 ) -> FloatArray:
-    """∫_0^x of a steady field at each place, by Gauss panels that break at the grid and at the field's
-    kinks.
-    """
+    """∫_0^x of a steady field at each place, by Gauss panels that break at the grid and at its kinks."""
     breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ())]
     nodes, weights = quadrature(modes.rod.length_m, breaks)
     running = np.concatenate([[0.0], np.cumsum(steady(nodes) * weights)])

@@ -47,9 +47,7 @@ class Rod:
 
     @property
     def floating(self) -> bool:
-        """Whether no heat can leave: both ends insulated and no film. The mean temperature then drifts
-        freely.
-        """
+        """Whether no heat can leave, both ends insulated and no film, so that the mean temperature drifts."""
         return self.left.insulated and self.right.insulated and self.fin_1_m == 0.0
 
 

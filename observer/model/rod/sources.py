@@ -37,9 +37,7 @@ def footprints(sources: Sequence[Source], screw: Screw) -> list[Stretch]:
 
 
 def design_stretches(source: Source, screw: Screw) -> list[Stretch]:
-    """The footprints that the number of modes must serve: a moving nut at both ends and the middle of its
-    stroke.
-    """
+    """The footprints that the modes must serve: a moving nut at both ends and the middle of its stroke."""
     if source.shape == "node":
         return []
     mean = mean_stretch(source, screw)

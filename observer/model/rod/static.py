@@ -77,9 +77,7 @@ def ambient_field(rod: Rod, x_m: FloatArray) -> FloatArray:
 
 
 def quadrature(length_m: float, breaks_m: Sequence[float], panels: int = 24) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights (k,) from 0 to a length, `NODES` to a panel, for a function with kinks at `breaks_m`
-    only.
-    """
+    """Nodes and weights (k,) from 0 to a length, `NODES` a panel, for functions with kinks at `breaks_m`."""
     edges = np.unique(np.clip([*np.linspace(0.0, length_m, panels + 1), *breaks_m], 0.0, length_m))
     half = np.diff(edges)[:, None] / 2
     nodes = edges[:-1, None] + half * (1 + _GAUSS_X)

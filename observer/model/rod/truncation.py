@@ -13,9 +13,7 @@ SMALL = 1e-9
 
 
 def contributions(modes: Modes, stretch: Stretch) -> FloatArray:
-    """Each mode's steady amplitude b_n/Λ_n per W of a source, (N,); 0 for the drifting mean of a floating
-    rod.
-    """
+    """Each mode's steady amplitude b_n/Λ_n per W of a source, (N,); 0 for a floating rod's drifting mean."""
     b = modal_input(modes, stretch)
     with np.errstate(divide="ignore"):
         return np.where(modes.decay_1_s > 0, b / np.where(modes.decay_1_s > 0, modes.decay_1_s, 1.0), 0.0)
