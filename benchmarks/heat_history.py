@@ -12,12 +12,12 @@ import numpy as np
 from benchmarks.plants import config_of, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
-from observer.frames import Inputs
+from observer.frames import FloatArray, Inputs
 from observer.history.conjugate_gradient import Convolution, descend
 from observer.history.history import HeatHistory
 from observer.history.smoother import smooth_heats
 from observer.history.stacked import Prior, StackedProblem, stacked_problem
-from observer.history.tikhonov import TikhonovSolution, normal_equations, solve
+from observer.history.tikhonov import normal_equations, solve
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
@@ -97,13 +97,13 @@ def _held(plant: Plant, inputs: Inputs, prior: Prior) -> tuple[Plant, Inputs]:
     return plant, inputs._replace(law_jump_W=np.tile(prior.step_W, (len(inputs), 1)))
 
 
-def _tikhonov(problem: StackedProblem, prior: Prior) -> TikhonovSolution:
+def _tikhonov(problem: StackedProblem, prior: Prior) -> tuple[FloatArray, FloatArray]:
     return solve(problem, prior, normal_equations(problem, prior), 1.0)
 
 
-def _apart(dense: TikhonovSolution, smoothed: HeatHistory) -> float:
+def _apart(dense: tuple[FloatArray, FloatArray], smoothed: HeatHistory) -> float:
     """The largest difference of heats and σ, as a share of the largest of each."""
-    pairs = ((dense.heat_W, smoothed.heat_W[1:]), (dense.sigma_W, smoothed.heat_sigma_W[1:]))
+    pairs = ((dense[0], smoothed.heat_W[1:]), (dense[1], smoothed.heat_sigma_W[1:]))
     return float(max(np.abs(a - b).max() / np.abs(a).max() for a, b in pairs))
 
 

@@ -7,7 +7,7 @@ is known of an effect stands in its class; nothing here knows one by its name.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ from observer.fit.hypothesis import Parameter
 from observer.tables.sections import Description
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(NamedTuple):
     """An effect at a target: the shapes to try, and what is fitted on the machine in question."""
 
     of: type[EffectTable]

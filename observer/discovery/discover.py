@@ -23,7 +23,6 @@ from observer.discovery.proof import Proof, prove
 from observer.discovery.remainder import Event, event
 from observer.discovery.search import Progress, Search, search
 from observer.discovery.verdict import Verdict, decide
-from observer.effects.base import EffectTable
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
@@ -91,11 +90,8 @@ def _experiment(problem: Problem, found: Search, verdict: Verdict, crew: Crew) -
     if verdict.kind == "not_identifiable":
         config = found.fit.config
         for unseen in found.blind[:MOST_ASKED]:
-            test = propose(problem, [config, _with(config, unseen.effect(unseen.shapes[0]))], crew)
+            more = (*config.effect, unseen.effect(unseen.shapes[0]))
+            test = propose(problem, [config, config.model_copy(update={"effect": more})], crew)
             if test.separation_sigma >= SEPARATES:
                 return test
     return None
-
-
-def _with(config: Config, effect: EffectTable) -> Config:
-    return config.model_copy(update={"effect": (*config.effect, effect)})

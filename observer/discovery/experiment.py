@@ -158,14 +158,12 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
 def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameBlock:
     """The frames of a cycle that starts at ambient temperature; sensors show nothing but that."""
     count = [round(p.duration_s / STEP_S) for p in phases]
+    count[-1] += 1
     speed, low, high = (
         np.repeat([float(getattr(p, key)) for p in phases], count) for key in ("speed_rpm", "low_m", "high_m")
     )
-    K = len(speed) + 1
-    speed = np.append(speed, speed[-1])
-    position = _shuttle(
-        speed * habits.lead_m / 60.0 * STEP_S, np.append(low, low[-1]), np.append(high, high[-1])
-    )
+    K = len(speed)
+    position = _shuttle(speed * habits.lead_m / 60.0 * STEP_S, low, high)
     known = {s.speed_channel: speed for s in config.source if s.speed_channel}
     known |= {s.drive_channel: np.ones(K) for s in config.source if s.drive_channel}
     known |= {s.position_channel: position for s in config.source if s.position_channel}

@@ -7,7 +7,7 @@ standard deviation says where and when something happened that the model does no
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ LEAST_SIGMA = 4.0
 """Windows beside the worst one that stand out so far belong to the same event."""
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
+class Event(NamedTuple):
     """Where and when something unmodelled was largest.
 
     The sensor nearest by, phase, run (from 0), and time within the run; the latent heat with its standard

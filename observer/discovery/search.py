@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -79,8 +79,7 @@ class Trial:
         )
 
 
-@dataclass(frozen=True)
-class Search:
+class Search(NamedTuple):
     """What a search found.
 
     `null` is the fit without effects, `fit` the last accepted one; `chosen` its effects, each with the trials

@@ -115,11 +115,10 @@ def gather(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
     rise_K = _rises(run, sensor, every.measured_degC, fold)
     white_K = np.sqrt(every.noise_K**2 + RESOLUTION_K**2)
     groups = []
-    for i in range(len(runs)):
-        for s in range(len(noise_K)):
-            for role in np.unique(fold[(run == i) & (sensor == s)]):
-                index = np.flatnonzero((run == i) & (sensor == s) & (fold == role))
-                groups.append((index, _whitening(every.time_s[index], white_K[index] ** 2, rise_K[i, s])))
+    for i, s in np.ndindex(len(runs), len(noise_K)):
+        for role in np.unique(fold[(run == i) & (sensor == s)]):
+            index = np.flatnonzero((run == i) & (sensor == s) & (fold == role))
+            groups.append((index, _whitening(every.time_s[index], white_K[index] ** 2, float(rise_K[i, s]))))
     return replace(every, noise_K=white_K, fold=fold, groups=tuple(groups))
 
 
@@ -164,13 +163,12 @@ def _rises(
 ) -> FloatArray:
     """How far each sensor rises over the start of each run, rms, (runs, s), K; the proof is not looked at."""
     out = np.zeros((int(run.max()) + 1, int(sensor.max()) + 1))
-    for i in range(len(out)):
-        for s in range(out.shape[1]):
-            whole = (run == i) & (sensor == s)
-            fitted = whole & (fold >= 0)
-            mine = measured[fitted if fitted.any() else whole]
-            if len(mine):
-                out[i, s] = np.sqrt(np.mean((mine - mine[0]) ** 2))
+    for i, s in np.ndindex(out.shape):
+        whole = (run == i) & (sensor == s)
+        fitted = whole & (fold >= 0)
+        mine = measured[fitted if fitted.any() else whole]
+        if len(mine):
+            out[i, s] = np.sqrt(np.mean((mine - mine[0]) ** 2))
     return out
 
 

@@ -50,14 +50,9 @@ def fit_process_noise(plant: Plant, logs: Sequence[Inputs]) -> FloatArray:
     walk = np.clip(walk + shift, low, high)
     if len(walk) > 1:
         for j in list(range(len(walk))) * _SWEEPS:
-            walk[j] = least(lambda v, j=j: cost(_with(walk, j, v)), low, high)  # type: ignore[misc]
+            own = np.arange(len(walk)) == j
+            walk[j] = least(lambda v, own=own: cost(np.where(own, v, walk)), low, high)  # type: ignore[misc]
     return np.asarray(10.0**walk)
-
-
-def _with(walk: FloatArray, j: int, value: float) -> FloatArray:
-    changed = walk.copy()
-    changed[j] = value
-    return changed
 
 
 def least(cost: Callable[[float], float], low: float, high: float) -> float:

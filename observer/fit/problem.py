@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -140,8 +141,7 @@ def told_lags(config: Config, *more: EffectTable) -> frozenset[str]:
     return frozenset(term.sensor for term in terms if isinstance(term, Lag))
 
 
-@dataclass(frozen=True, slots=True)
-class Marginal:
+class Marginal(NamedTuple):
     """(I + T Tᵀ)^{-1/2} = I − Q diag(1 − 1/√(1 + σ²)) Qᵀ for tolerances T = Q diag(σ) Vᵀ, (n, t)."""
 
     Q: FloatArray

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.errors import LogError
-from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, Quality
+from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 
@@ -63,7 +63,8 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     Raises `LogError` where an input or every sensor is without a value throughout.
     """
     frames = joined(blocks)
-    inputs = _inputs(config, frames)
+    drive = Drive(config, replace(build_plant(config), moving=()))  # nobody asks here where nuts are
+    inputs = drive.run(drive.initial(), frames)[1]
     known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
     if len(known) == 0:
         raise LogError(f"{name}: the ambient or a prescribed end has no value; add its channel to the log")
@@ -137,9 +138,3 @@ def tail(frames: FrameBlock, begin: int) -> FrameBlock:
 
 
 _ROWS = ("time_s", "dt_s", "values", "fresh", "quality", "age_s")
-
-
-def _inputs(config: Config, frames: FrameBlock) -> Inputs:
-    """What sensors and known inputs say; nuts are not followed, for nobody asks here where they are."""
-    drive = Drive(config, replace(build_plant(config), moving=()))
-    return drive.run(drive.initial(), frames)[1]

@@ -56,8 +56,7 @@ def _tikhonov(plant: Plant, problem: StackedProblem, options: MethodOptions) -> 
     prior = Prior.of(plant, problem.dt_s, 1 if options.order is None else options.order)
     normal = normal_equations(problem, prior)
     alpha, details = _regularisation(normal, problem, options)
-    found = solve(problem, prior, normal, alpha)
-    return found.heat_W, found.sigma_W, {**details, "regularisation": alpha}
+    return *solve(problem, prior, normal, alpha), {**details, "regularisation": alpha}
 
 
 def _regularisation(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,8 +13,7 @@ ParameterChoice = Literal["discrepancy", "gcv", "l-curve", "ico"]
 Gradient = Literal["adjoint", "central-differences"]
 
 
-@dataclass(frozen=True, slots=True)
-class MethodOptions:
+class MethodOptions(NamedTuple):
     """Which method, and what may be asked of it; None is the method's own default.
 
     `regularisation` multiplies the weight of the configured prior. `order` is that of the prior: 1 for heats

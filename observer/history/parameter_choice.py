@@ -7,7 +7,7 @@ matrix is Σ λ/(λ + α).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ ICO_DECADES = 12.0
 ICO_TRIALS, ICO_ROUNDS, ICO_TOLERANCE = 10, 40, 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class Spectrum:
+class Spectrum(NamedTuple):
     """Eigenvalues (n,), coefficients c (n,), |Z|², and how many values Z holds."""
 
     eigenvalues: FloatArray

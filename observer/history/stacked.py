@@ -13,7 +13,8 @@ Source: Li et al. (2022), equations 28 to 31, who know the field at the start; i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +30,7 @@ _NEGLIGIBLE = 1e-10
 _CHUNK = 4096
 
 
-@dataclass(frozen=True, slots=True)
-class Prior:
+class Prior(NamedTuple):
     """What is believed of the heats: q_l = keep q_{l-1} + a step of `step_W`, with `first_W` for the first.
 
     All (m_e,). Order 1 is the plant's own random walk, order 0 takes each step's heat by itself.
@@ -65,8 +65,7 @@ class Prior:
         return back
 
 
-@dataclass(frozen=True, slots=True)
-class StackedProblem:
+class StackedProblem(NamedTuple):
     """The equation of one log with K rows, s sensors and m_e heats over T = K - 1 steps.
 
     `time_s` (K,); `dt_s`; `response_K_W` (T, s, m_e), the temperatures at the ends of steps 1, 2, … after one

@@ -30,13 +30,6 @@ class NormalEquations(NamedTuple):
     square: float
 
 
-class TikhonovSolution(NamedTuple):
-    """Heats (T, m_e), and their σ under the prior that α stands for."""
-
-    heat_W: FloatArray
-    sigma_W: FloatArray
-
-
 def normal_equations(problem: StackedProblem, prior: Prior) -> NormalEquations:
     """Build H S and its normal equations.
 
@@ -54,8 +47,10 @@ def normal_equations(problem: StackedProblem, prior: Prior) -> NormalEquations:
     return NormalEquations(H.T @ H, H.T @ z, float(z @ z))
 
 
-def solve(problem: StackedProblem, prior: Prior, normal: NormalEquations, alpha: float) -> TikhonovSolution:
-    """Return w = (G + α I)⁻¹ b by Cholesky as heats, with σ from S (G + α I)⁻¹ Sᵀ.
+def solve(
+    problem: StackedProblem, prior: Prior, normal: NormalEquations, alpha: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return w = (G + α I)⁻¹ b by Cholesky as heats (T, m_e), and their σ from S (G + α I)⁻¹ Sᵀ.
 
     Raises `UserError` where α is too small for the factorisation.
     """
@@ -73,7 +68,7 @@ def solve(problem: StackedProblem, prior: Prior, normal: NormalEquations, alpha:
     A, _ = dpotri(A, lower=1, overwrite_c=1)
     shape = (problem.steps, problem.heats)
     covariance = np.tril(A) + np.tril(A, -1).T
-    return TikhonovSolution(prior.heats(w.reshape(shape)), _sigma(prior, covariance, shape))
+    return prior.heats(w.reshape(shape)), _sigma(prior, covariance, shape)
 
 
 def _sigma(prior: Prior, covariance: FloatArray, shape: tuple[int, int]) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,7 @@ _NEARLY_BLIND = 0.1
 _ABSURD_NOISE = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class DesignReport:
+class DesignReport(NamedTuple):
     """How a plant's estimator is designed and what that means.
 
     Poles in 1/s: `eigenvalues_1_s` (n,) of the plant with its heats, `poles_requested_1_s` (none for a Kalman

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,7 @@ from observer.tables.nodes import AMBIENT
 from observer.tables.sections import Description
 
 
-@dataclass(frozen=True, slots=True)
-class Attached:
+class Attached(NamedTuple):
     """A network beside the screw: its `names` (n,), the `network` by itself, what of each source's heat goes
     into each node, `shares` (n, m), and the `ties` (node, source, W/K) to the screw where a source stands.
     """

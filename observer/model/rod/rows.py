@@ -7,7 +7,7 @@ correction: the output column of the input's lag (heats) or of the input itself 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from observer.model.rod.supports import Restraint, restrained_rows
 UM_PER_M = 1e6
 
 
-@dataclass(frozen=True, slots=True)
-class Places:
+class Places(NamedTuple):
     """Where the output rows stand: sensors (s,), grid (g,), the expansion coefficient of the error's rows,
     and what holds the screw (nothing: it grows freely from x = 0).
     """

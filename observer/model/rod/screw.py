@@ -6,7 +6,6 @@ rho c A ∂T/∂t = k A ∂²T/∂x² − h P (T − T_amb) + Σ_j q_j w_j(x, t)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from observer.config import Config
@@ -30,8 +29,7 @@ class End(NamedTuple):
         return self.biot_1_m == 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Rod:
+class Rod(NamedTuple):
     """A uniform rod with a film on its lateral surface.
 
     `diffusivity_m2_s` is α = k/(ρ c); `conductance_W_m` is k A; `fin_1_m` is m = √(h P/(k A)), zero without a

@@ -18,7 +18,7 @@ stretch x·P/EF is taken off although the machine is set up with it; both are le
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,7 @@ UM_PER_M = 1e6
 _NEAR_SIGMAS = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Restraint:
+class Restraint(NamedTuple):
     """Supports as the grid sees them: U = free growth − `hold` · H(D), everything in µm.
 
     `hold` (g,) is j_Σ (1/j_1 + x/EF), 0 where the screw is fixed and 1 where all its growth is pushed back;
