@@ -18,7 +18,6 @@ from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
 from observer.tables.estimator import EstimatorSettings
-from observer.tables.limits import ChannelLimits
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
 from observer.tables.sections import Description
@@ -72,6 +71,26 @@ class Output(Section):
 
     positions_m: tuple[quantities.Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
     reference_degC: quantities.Air | None = None
+
+
+class ChannelLimits(Section):
+    """Limits of one channel, in its own unit; what is not given has a default by the kind of channel.
+
+    `rate_per_s` is the fastest change; `above_ambient_K`, `below_ambient_K` how far a thermocouple on the
+    screw may be from the air.
+    """
+
+    low: quantities.Finite | None = None
+    high: quantities.Finite | None = None
+    rate_per_s: quantities.Positive | None = None
+    above_ambient_K: quantities.Positive | None = None
+    below_ambient_K: quantities.Positive | None = None
+
+    @model_validator(mode="after")
+    def _something_passes(self) -> ChannelLimits:
+        if self.low is not None and self.high is not None and not self.low < self.high:
+            raise ValueError(f"low = {self.low} must be smaller than high = {self.high}")
+        return self
 
 
 _BESIDE_THE_MODEL = {
@@ -185,12 +204,9 @@ def _too_much_work(config: Config) -> Iterator[str]:
 
 def _growth_unknown(config: Config) -> Iterator[str]:
     wanted = (("supports", config.supports is not None), ("compensation", config.compensation.enabled))
-    if config.screw.expansion_1_K is None:
-        yield from (
-            f"{name} needs the screw's expansion coefficient; give screw.expansion_1_K"
-            for name, there in wanted
-            if there
-        )
+    for name, there in wanted:
+        if there and config.screw.expansion_1_K is None:
+            yield f"{name} needs the screw's expansion coefficient; give screw.expansion_1_K"
     for key, x_m in (
         ("travel_m", (config.compensation.travel_m or (0.0,))[-1]),
         ("reference_m", config.compensation.reference_m or 0.0),

@@ -60,10 +60,10 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     fit = search.fit
     form = FORM * (goodness(search.null) - goodness(fit))
     noise = proof.expected
-    unfit = goodness(fit) > noise + UNFIT + form or proof.whole.after > noise + PROOF_UNFIT + 2 * form
-    if unfit or proof.worse:
-        fitted = goodness(fit) > noise + UNFIT + form
-        return Verdict("unknown", fit, remains="in what was fitted" if fitted else "on data held back")
+    if goodness(fit) > noise + UNFIT + form:
+        return Verdict("unknown", fit, remains="in what was fitted")
+    if proof.whole.after > noise + PROOF_UNFIT + 2 * form or proof.worse:
+        return Verdict("unknown", fit, remains="on data held back")
     if not search.chosen:
         return Verdict("not_identifiable" if lacking else "none", fit, lacking=tuple(lacking))
     sets, fits = alternatives(search, noise)

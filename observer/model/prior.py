@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -43,10 +44,15 @@ def past_heat_covariance(modes: Modes, inputs: FloatArray, sigma_W: FloatArray) 
     σ of its unknown heat now, `sigma_W` (m,): r_n = b_n (1 − e^{−Λ_n t})/Λ_n.
     """
     covariance = np.zeros((len(modes), len(modes)))
-    decay = modes.decay_1_s[:, None]
-    for share in PAST:
-        t = share * modes.rod.length_m**2 / modes.rod.diffusivity_m2_s
-        gathered = np.where(decay > 0, -np.expm1(-decay * t) / np.where(decay > 0, decay, 1.0), t)
+    for gathered in gathered_s(modes.decay_1_s, modes.rod.length_m, modes.rod.diffusivity_m2_s):
         response = inputs * gathered * sigma_W
         covariance += response @ response.T
     return covariance
+
+
+def gathered_s(decay_1_s: FloatArray, length_m: float, diffusivity_m2_s: float) -> Iterator[FloatArray]:
+    """Yield what one watt or unit has made of modes (n,) after each of the times in `PAST`, (n, 1), s."""
+    decay = decay_1_s[:, None]
+    for share in PAST:
+        t = share * length_m**2 / diffusivity_m2_s
+        yield np.where(decay > 0, -np.expm1(-decay * t) / np.where(decay > 0, decay, 1.0), t)

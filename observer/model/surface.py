@@ -9,7 +9,6 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.physics import film
 from observer.physics.air import Air, air_at
-from observer.physics.radiation import radiation_film_W_m2K
 from observer.tables.laws import Surface
 
 SpeedFilm = Callable[[FloatArray], FloatArray]
@@ -28,7 +27,7 @@ def surface_film_W_m2K(surface: Surface, diameter_m: float) -> float:
     still = _still_W_m2K(surface, diameter_m)
     if turning is not None:
         still += float(turning(np.array([surface.speed_rpm]))[0])
-    return still + radiation_film_W_m2K(surface.emissivity, surface.air_degC, surface.rise_K)
+    return still + film.radiation_film_W_m2K(surface.emissivity, surface.air_degC, surface.rise_K)
 
 
 def turning_film(surface: Surface, diameter_m: float) -> SpeedFilm | None:

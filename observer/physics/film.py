@@ -1,4 +1,4 @@
-"""Film coefficients: convection of a screw at rest and turning, threads and end faces.
+"""Film coefficients: convection of a screw at rest and turning, threads, end faces, and radiation.
 
 Pure functions of geometry, speed and temperatures. A Nusselt number becomes a film by h = Nu k_air/length.
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from observer.frames import FloatArray
 from observer.physics.air import Air
-from observer.physics.constants import GRAVITY_M_S2, RAD_S_PER_RPM
+from observer.physics.constants import GRAVITY_M_S2, RAD_S_PER_RPM, ZERO_DEGC_K, STEFAN_BOLTZMANN_W_m2K4
 
 
 def rotating_nusselt(reynolds: FloatArray, prandtl: float) -> FloatArray:
@@ -119,3 +119,13 @@ def thread_factor(
     helix = math.sqrt(1.0 + (lead_m / (math.pi * diameter_m)) ** 2)
     surface = helix * (math.pi * ball_radius_m + land_m) / lead_m
     return surface if fin_efficiency is None else 1.0 + fin_efficiency * surface
+
+
+def radiation_film_W_m2K(emissivity: float, ambient_degC: float, rise_K: float) -> float:
+    """Return the film that loses as much as a grey surface radiates: ε σ (T_s + T_a)(T_s² + T_a²).
+
+    At a rise of zero this is the tangent 4 ε σ T_a³ of the grey body's loss (Lathe, eq. 4).
+    """
+    cold = ambient_degC + ZERO_DEGC_K
+    hot = cold + rise_K
+    return emissivity * STEFAN_BOLTZMANN_W_m2K4 * (hot + cold) * (hot**2 + cold**2)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from observer.model.surface import surface_film_W_m2K, turning_film
-from observer.physics import film, radiation
+from observer.physics import film
 from observer.physics.air import YU_AIR, air_at
 from observer.tables.laws import Surface
 
@@ -95,12 +95,12 @@ def test_linearised_radiation_loses_what_exact_radiation_loses(
     cold: float, rise: float, emissivity: float
 ) -> None:
     exact = emissivity * 5.670374419e-8 * ((cold + rise + 273.15) ** 4 - (cold + 273.15) ** 4)
-    assert radiation.radiation_film_W_m2K(emissivity, cold, rise) * rise == pytest.approx(exact, rel=1e-6)
+    assert film.radiation_film_W_m2K(emissivity, cold, rise) * rise == pytest.approx(exact, rel=1e-6)
 
 
 def test_radiation_by_hand() -> None:
     # 4 · 5.670374e-8 · 293.15³ = 5.714 W/(m² K) for a black body at 20 °C; Lathe's steel has ε = 0.2
-    assert radiation.radiation_film_W_m2K(0.2, 20.0) == pytest.approx(0.2 * 5.714, rel=1e-3)
+    assert film.radiation_film_W_m2K(0.2, 20.0, 0.0) == pytest.approx(0.2 * 5.714, rel=1e-3)
 
 
 def test_a_thread_has_the_surface_of_its_profile_along_the_helix() -> None:
@@ -146,7 +146,7 @@ def test_the_base_film_is_convection_times_factors_plus_radiation() -> None:
     still = film.horizontal_cylinder_nusselt(film.rayleigh(d, 8.0, air), air.prandtl)
     still *= air.conductivity_W_mK / d
     wanted = 3.0 * still * film.thread_factor(0.01, d, 0.003, 0.002)
-    wanted += radiation.radiation_film_W_m2K(0.2, 25.0, 8.0)
+    wanted += film.radiation_film_W_m2K(0.2, 25.0, 8.0)
     thread = {"thread_lead_m": 0.01, "ball_radius_m": 0.003, "land_m": 0.002}
     stated = {"factor": 3.0, "rise_K": 8.0, "air_degC": 25.0, "emissivity": 0.2}
     for law in ("churchill-chu", "rotating-cylinder", "kendoush"):

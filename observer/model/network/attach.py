@@ -11,7 +11,7 @@ from observer.effects.terms import Body, Term
 from observer.frames import FloatArray
 from observer.model.network.network import Network, assemble, node_modes
 from observer.model.network.resistance import conductance_W_K
-from observer.model.prior import PAST
+from observer.model.prior import gathered_s
 from observer.tables.nodes import AMBIENT
 from observer.tables.sections import Description
 
@@ -70,11 +70,8 @@ def past_covariance(
     As `prior.past_heat_covariance` for the screw, which is held at ambient temperature here; `sigma_W` (m,).
     """
     modes = node_modes(beside.held)
-    decay = modes.decay_1_s[:, None]
-    covariance = np.zeros((len(decay), len(decay)))
-    for share in PAST:
-        t = share * length_m**2 / diffusivity_m2_s
-        gathered = np.where(decay > 0, -np.expm1(-decay * t) / np.where(decay > 0, decay, 1.0), t)
+    covariance = np.zeros((len(beside.names), len(beside.names)))
+    for gathered in gathered_s(modes.decay_1_s, length_m, diffusivity_m2_s):
         response = modes.shape @ (gathered * (modes.input @ (beside.shares * sigma_W)))
         covariance += response @ response.T
     return covariance
