@@ -16,7 +16,7 @@ from drivers import can, canopen, devices, modbus, places, player
 from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.tables import keeping, laws, limits, mounting, nodes, publishing, quantities, sections
+from observer.tables import keeping, laws, mounting, nodes, publishing, quantities, sections
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
@@ -38,7 +38,7 @@ CONFIGURATION = {
     "`[output]`": config.Output,
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
-    "`[limits]`": limits.ChannelLimits,
+    "`[limits]`": config.ChannelLimits,
     "`[publish]`": publishing.Publish,
     "`[publish.tls]`": publishing.Tls,
     "`[publish.login]`": publishing.Login,
