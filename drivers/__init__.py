@@ -14,7 +14,6 @@ from drivers.can import CanSettings
 from drivers.canopen import CanopenSettings
 from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings
 from drivers.player import PlayerSettings
-from drivers.protocol import Driver
 
 DriverSettings = Annotated[
     ModbusTcpSettings | ModbusRtuSettings | CanSettings | CanopenSettings | PlayerSettings,
@@ -24,8 +23,3 @@ DriverSettings = Annotated[
 DRIVER_KINDS: tuple[str, ...] = tuple(
     get_args(table.model_fields["kind"].annotation)[0] for table in get_args(get_args(DriverSettings)[0])
 )
-
-
-def open_driver(name: str, settings: DriverSettings) -> Driver:
-    """Make the driver of a table; raises `UserError` where a file that it names cannot be used."""
-    return settings.open(name)

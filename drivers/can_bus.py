@@ -14,7 +14,7 @@ from typing import Any
 
 import can
 
-from drivers.places import Bus
+from drivers.places import CanTable
 from drivers.protocol import Clock, Decoded, Deliver, DriverStatus, faulty
 from drivers.recording import messages_of
 from drivers.slcan import TURN_S, StampedSlcanBus
@@ -40,7 +40,7 @@ Decode = Callable[[can.Message], Decoded | None]  # values and faults; None wher
 Stamps = Callable[[float, float], float]  # stamp and arrival to the time on the wire
 
 
-def stamps_of(wire: Bus) -> Stamps:
+def stamps_of(wire: CanTable) -> Stamps:
     """What the frames' own stamps on a bus mean, to be made anew at each opening."""
     kept = bool(wire.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
     if wire.interface in WALL_CLOCKED and not kept:
@@ -73,16 +73,9 @@ class BusDriver:
     become faulty readings each period.
     """
 
-    def __init__(
-        self,
-        name: str,
-        wire: Bus,
-        channels: tuple[str, ...],
-        decode: Decode,
-        pump: Pump = receive,
-    ) -> None:
+    def __init__(self, name: str, wire: CanTable, decode: Decode, pump: Pump = receive) -> None:
         self.name = name
-        self.channels = channels
+        self.channels = wire.delivered or ()
         self.period_s = wire.period_s
         self.status = DriverStatus()
         self._bus = wire
@@ -181,7 +174,7 @@ class BusDriver:
         self.status = dataclasses.replace(self.status, drops=self.status.drops + 1)
 
 
-def open_bus(wire: Bus) -> can.BusABC:
+def open_bus(wire: CanTable) -> can.BusABC:
     """Open the bus, listening only where the interface knows how.
 
     Raises one of `BUS_ERRORS`, or `ValueError` or `TypeError` for options the interface refuses.
@@ -192,6 +185,8 @@ def open_bus(wire: Bus) -> can.BusABC:
         options = {"sleep_after_open": 0.0, "timeout": RECEIVE_TIMEOUT_S / 2, "listen_only": wire.listens}
     elif wire.interface == "pcan" and wire.listens:
         options = {"state": can.BusState.PASSIVE}
+    if wire.bitrate is not None:
+        options["bitrate"] = wire.bitrate
     options |= wire.options
     if wire.interface == "slcan":
         return StampedSlcanBus(channel=wire.channel, **options)

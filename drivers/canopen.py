@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.can import CanTable
+from drivers.places import CanTable
 from drivers.protocol import Decoded, Driver
 from drivers.settings import ChannelName
 from observer.tables.quantities import Count, Finite
@@ -75,8 +75,8 @@ class CanopenSettings(CanTable):
         from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library only when it is used)
 
         if self.mode == "tpdo":
-            return BusDriver(name, self.bus, self.delivered, tpdo_decoder(self))
-        return BusDriver(name, self.bus, self.delivered, sdo_decoder(self), sdo_pump(self))
+            return BusDriver(name, self, tpdo_decoder(self))
+        return BusDriver(name, self, sdo_decoder(self), sdo_pump(self))
 
 
 def position_m(counts: int, settings: CanopenSettings) -> float:

@@ -1,4 +1,4 @@
-"""Registers to numbers and back; pure.
+"""Registers to numbers; pure.
 
 Words are unsigned 16-bit integers in the order of their addresses. A value that the device itself marks as
 bad decodes to NaN with a reason, whatever plausible number stands in its register.
@@ -33,16 +33,6 @@ def raw_of(words: Sequence[int], kind: str, word_order: str = "big") -> float:
     return number
 
 
-def words_of(raw: float, kind: str, word_order: str = "big") -> tuple[int, ...]:
-    """The words that hold a number: the inverse of `raw_of`.
-
-    Raises `struct.error` when an integer type cannot hold the number.
-    """
-    packed = struct.pack(_FORMAT[kind], raw if kind == "float32" else int(raw))
-    words = struct.unpack(f">{len(packed) // 2}H", packed)
-    return words if word_order == "big" else words[::-1]
-
-
 def decode(words: Mapping[int, int], channel: ModbusChannel) -> tuple[float, str | None]:
     """The value of a channel and its fault, from the registers by address.
 
@@ -68,13 +58,6 @@ def decode(words: Mapping[int, int], channel: ModbusChannel) -> tuple[float, str
     ):
         return math.nan, "out_of_range"
     return value, None
-
-
-def encode(value: float, channel: ModbusChannel) -> dict[int, int]:
-    """The registers by address that hold a value at the channel's resolution: the inverse of `decode`."""
-    raw = (value - channel.offset) / channel.scale
-    words = words_of(raw if channel.type == "float32" else round(raw), channel.type, channel.word_order)
-    return {channel.register_ + i: word for i, word in enumerate(words)}
 
 
 def spans(channel: ModbusChannel) -> list[Block]:

@@ -9,18 +9,9 @@ from pydantic import Field, model_validator
 
 from drivers.decode import spans
 from drivers.devices import MODBUS_INPUTS, modbus_input
-from drivers.places import Device, ModbusChannel
+from drivers.places import Device, ModbusChannel, check_channels
 from drivers.protocol import Driver
-from drivers.settings import (
-    ChannelName,
-    DriverTable,
-    InputOr,
-    PollPeriod,
-    Text,
-    Timeout,
-    check_each_its_own,
-    check_inputs,
-)
+from drivers.settings import ChannelName, DriverTable, InputOr, PollPeriod, Text, Timeout
 from observer.tables.quantities import Count, Number
 
 
@@ -36,8 +27,7 @@ class _Modbus(DriverTable):
 
     @model_validator(mode="after")
     def _inputs_belong_to_a_device(self) -> _Modbus:
-        check_inputs(self.device, MODBUS_INPUTS, self.channels)
-        check_each_its_own(self.channels)
+        check_channels(self.device, MODBUS_INPUTS, self.channels)
         if self.device is None and self.first_register:
             raise ValueError(
                 "first_register shifts a ready device map; without device, write the registers out"

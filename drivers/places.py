@@ -9,8 +9,19 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.settings import FaultName, Register, Scale, Settings, Text, Word
-from observer.tables.quantities import Finite
+from drivers.settings import (
+    DriverTable,
+    FaultName,
+    PollPeriod,
+    Register,
+    Scale,
+    Settings,
+    Text,
+    Timeout,
+    Word,
+)
+from observer.errors import raise_all
+from observer.tables.quantities import Count, Finite
 
 WORDS = {"int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2}
 
@@ -82,6 +93,37 @@ class CanChannel(Settings):
         return self.message, self.signal
 
 
+def check_channels(
+    device: str | None, inputs: Mapping[str, int], channels: Mapping[str, int | ModbusChannel | CanChannel]
+) -> None:
+    """Refuse input numbers that no ready map has, and two channels that take the very same value.
+
+    `inputs` says how many each map has.
+    """
+    problems = []
+    for channel, place in channels.items():
+        if not isinstance(place, int):
+            continue
+        if device is None:
+            problems.append(
+                f"channel {channel}: an input number needs device; name it, or write the place out"
+            )
+        elif place >= inputs[device]:
+            last = inputs[device] - 1
+            problems.append(f"channel {channel}: {device} has inputs 0 to {last}, not {place}")
+    raise_all(problems)
+    places: dict[object, list[str]] = {}
+    for channel, place in channels.items():
+        places.setdefault(place if isinstance(place, int) else place.where, []).append(channel)
+    raise_all(
+        [
+            f"channels {', '.join(same)} all read the same place; give each its own"
+            for same in places.values()
+            if len(same) > 1
+        ]
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Signals:
     """The signals that a driver takes, by channel, and the DBC file that describes their messages."""
@@ -91,20 +133,30 @@ class Signals:
     channels: Mapping[str, CanChannel]
 
 
-@dataclass(frozen=True, slots=True)
-class Bus:
-    """How python-can reaches a CAN bus; `options` go to the interface as they are.
+class CanTable(DriverTable):
+    """How python-can reaches a bus; `options` go to the interface as they are."""
 
-    `listens` says that nothing is ever sent; each channel comes every `period_s`, and what has said nothing
-    for `silence_s` is faulty.
-    """
+    interface: Text
+    channel: Text
+    bitrate: Annotated[Count, Field(ge=10_000, le=1_000_000)] | None = None
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    period_s: PollPeriod = 0.1
+    timeout_s: Timeout | None = None
 
-    interface: str
-    channel: str
-    options: Mapping[str, bool | int | float | str]
-    listens: bool
-    period_s: float
-    silence_s: float
+    @property
+    def listens(self) -> bool:
+        """Whether nothing is ever sent."""
+        return True
+
+    @property
+    def silence_s(self) -> float:
+        """What says nothing for longer is faulty; without a time-out, two silent periods are none yet."""
+        return self.timeout_s if self.timeout_s is not None else 2.0 * self.period_s
+
+    @property
+    def sample_s(self) -> float:
+        """How often each channel comes."""
+        return self.period_s
 
 
 @dataclass(frozen=True, slots=True)

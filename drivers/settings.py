@@ -9,9 +9,9 @@ importing any bus library.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Protocol, TypeVar
+from typing import Annotated, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -24,7 +24,6 @@ from pydantic import (
 )
 
 from drivers.protocol import Driver
-from observer.errors import raise_all
 from observer.frames import Reading
 from observer.tables.quantities import Count, Finite, Number, checked_channel
 
@@ -107,41 +106,3 @@ class DriverTable(Settings):
     def decodes(self, _recording: Path, _name: str) -> Iterator[Reading] | None:
         """The readings in a recording of the bus; None where this kind of driver has no recordings."""
         return None
-
-
-class PlaceOnWire(Protocol):
-    """A place written out."""
-
-    @property
-    def where(self) -> tuple[object, ...]:
-        """What two channels must not share."""
-
-
-def check_inputs(device: str | None, inputs: Mapping[str, int], channels: Mapping[str, object]) -> None:
-    """Refuse input numbers that no ready map has; `inputs` says how many each has."""
-    problems = []
-    for channel, place in channels.items():
-        if not isinstance(place, int):
-            continue
-        if device is None:
-            problems.append(
-                f"channel {channel}: an input number needs device; name it, or write the place out"
-            )
-        elif place >= inputs[device]:
-            last = inputs[device] - 1
-            problems.append(f"channel {channel}: {device} has inputs 0 to {last}, not {place}")
-    raise_all(problems)
-
-
-def check_each_its_own(channels: Mapping[str, int | PlaceOnWire]) -> None:
-    """Refuse two channels that take the very same value."""
-    places: dict[object, list[str]] = {}
-    for channel, place in channels.items():
-        places.setdefault(place if isinstance(place, int) else place.where, []).append(channel)
-    raise_all(
-        [
-            f"channels {', '.join(same)} all read the same place; give each its own"
-            for same in places.values()
-            if len(same) > 1
-        ]
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ import numpy as np
 from observer.config import Output
 from observer.errors import LogError, UserError
 from observer.files.logs import Log, read_log, suffix_of
-from observer.files.results import results_in
+from observer.files.results import results_in, write_json
 from observer.frames import EstimateBlock, FloatArray, FrameBlock
 from observer.history.options import MethodOptions
 from observer.installation import Installation, load
@@ -40,26 +39,24 @@ def replay(
 
     Returns the summary. Raises `LogError` or `ConfigError`.
     """
-    from observer.report.collect import Collector
+    from observer.report.collect import ReplaySamples
     from observer.report.overview import write_overview
     from observer.service.checkpoint import Fit
-    from observer.service.replay import Tee, estimates_of, nut_paths, start_of, write_results
+    from observer.service.replay import estimates_of, lasting, nut_paths, start_of, write_results
 
     log = _recorded(log_path, config, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
     machine = Machine.of(config)
     estimator = machine.estimator()
     start, told = start_of(log, Fit.of(config, machine.drive, estimator))
-    collector = Collector(config)
-    tee = Tee(machine.drive)
+    pipeline = machine.pipeline(estimator)
+    samples = ReplaySamples(config, estimator.layout)
     reasons: dict[str, int] = {}
 
     def blocks() -> Iterator[EstimateBlock]:
-        self_test = machine.self_test()
-        for block in estimates_of(
-            log, machine.plan, tee, estimator, self_test, progress, reasons.__setitem__, start
-        ):
-            collector.add(tee.inputs, block)
+        for block in estimates_of(log, machine.plan, pipeline, progress, start):
+            samples.take(pipeline.inputs, block)
             yield block
+        reasons.update(lasting(pipeline))
 
     more: dict[str, Any] = {
         "nut_path": nut_paths(config, log),
@@ -70,7 +67,7 @@ def replay(
     }
     with results_in(output) as part:
         summary = write_results(part, suffix, estimator.layout, blocks(), log, config.digest, more)
-        write_overview(part / "overview.png", config, collector.samples(), f"replay of {log_path.name}")
+        write_overview(part / "overview.png", config, samples, f"replay of {log_path.name}")
     return summary
 
 
@@ -98,7 +95,7 @@ def identify(
     Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
     from observer.history.identify import heat_history
-    from observer.report.heat_history import HistorySamples, write_heat_history
+    from observer.report.heat_history import write_heat_history
     from observer.service.identify import inputs_of, write_history
     from observer.service.replay import nut_paths
 
@@ -122,10 +119,8 @@ def identify(
     }
     with results_in(output) as part:
         summary = write_history(part, machine.plant.layout, history, log, more)
-        samples = HistorySamples.of(machine.plant.estimated, history, blocks)
-        write_heat_history(
-            part / "heat.png", config, samples, f"heats in {log_path.name}", f"by {options.method}"
-        )
+        title, by = f"heats in {log_path.name}", f"by {options.method}"
+        write_heat_history(part / "heat.png", config, history, blocks, title, by)
     return summary
 
 
@@ -138,18 +133,18 @@ def simulate(
     give the initial field. Returns the last predicted sensor temperatures in °C.
     """
     from observer.files.writer import write_log
-    from observer.report.collect import SimulationCollector
+    from observer.report.collect import Decimator, simulated
     from observer.report.overview import write_simulation_overview
     from observer.service.simulation import read_program, simulated_columns
 
     suffix_of(output)
     machine = Machine.of(config)
     log = read_program(program, config)
-    collector = SimulationCollector(config)
+    samples = Decimator()
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     done = 0
     for inputs, rows in predicted(machine.plant, machine.drive, frames_of_log(log, machine.plan), start_degC):
-        collector.add(inputs, rows, machine.plant.rows)
+        samples.add(simulated(inputs, rows, machine.plant.rows))
         parts.append((inputs.time_s, inputs.law_W, rows))
         done += len(inputs)
         progress(done, len(log))
@@ -160,7 +155,7 @@ def simulate(
     with results_in(output.parent) as part:
         columns = simulated_columns(config, machine.plant, log, time_s, law_W, rows)
         write_log(part / output.name, time_s, columns)
-        write_simulation_overview(part / "overview.png", config, collector.samples(), title)
+        write_simulation_overview(part / "overview.png", config, samples, title)
     return np.asarray(rows[-1, machine.plant.rows.sensor_slice])
 
 
@@ -185,8 +180,7 @@ def calibrate(
         result = calibration_result(found, noise) | {"doubts": odd}
         text = write_back(config_path.read_text(encoding="utf-8"), found.values | noise)
         (part / "config.toml").write_text(text, encoding="utf-8")
-        document = json.dumps(result, indent=2, allow_nan=False) + "\n"
-        (part / "calibration.json").write_text(document, encoding="utf-8")
+        write_json(part / "calibration.json", result)
     return result
 
 
@@ -231,8 +225,7 @@ def discover(
             text = write_back(config_path.read_text(encoding="utf-8"), values)
             text = with_effects(text, found.verdict.fit.config.effect[len(config.effect) :])
             (part / "config.toml").write_text(text, encoding="utf-8")
-        document = json.dumps(result, indent=2, allow_nan=False) + "\n"
-        (part / "result.json").write_text(document, encoding="utf-8")
+        write_json(part / "result.json", result)
         if report:
             progress("writing the report", 0.97)
             write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
@@ -256,7 +249,6 @@ def place(config: Installation, count: int, spacing_m: float | None) -> list[dic
 
 def wires(config: Installation) -> dict[str, Any]:
     """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
-    from drivers import open_driver
     from observer.service.one_look import look
     from observer.service.plausibility import Limits
 
@@ -265,4 +257,4 @@ def wires(config: Installation) -> dict[str, Any]:
     def doubt(channel: str, value: float) -> str | None:
         return limits.doubt(column[channel], value) if channel in column else None
 
-    return look([open_driver(key, settings) for key, settings in config.drivers.items()], doubt)
+    return look([settings.open(key) for key, settings in config.drivers.items()], doubt)

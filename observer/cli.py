@@ -6,15 +6,16 @@ import json
 import re
 import sys
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from observer.errors import UserError
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from observer.installation import Installation
     from observer.tables.publishing import Client
 
@@ -63,23 +64,15 @@ TimeoutOption = Annotated[float, typer.Option(min=0.1, help="How long to wait fo
 ClientOption = Annotated[
     Path | None, typer.Option("--client", help="Who asks: certificates and password (TOML).")
 ]
+LogArgument = Annotated[
+    Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
+]
+TruncatedOption = Annotated[bool, typer.Option(help="Drop a last row that was cut off.")]
+DamagedOption = Annotated[bool, typer.Option(help="Drop rows whose checksum is wrong.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="For programs.")]
 HashOption = Annotated[
     str | None, typer.Option(help="Hash of the configuration that is meant; else the one in force.")
 ]
-
-
-class Format(StrEnum):
-    """How estimates are written."""
-
-    csv = "csv"
-    parquet = "parquet"
-
-
-class LogFormat(StrEnum):
-    """How the daemon logs to standard error."""
-
-    text = "text"
-    json = "json"
 
 
 @app.command()
@@ -101,7 +94,7 @@ def demo(
 def run(
     config: ConfigOption,
     seconds: SecondsOption = None,
-    log_format: Annotated[LogFormat, typer.Option(help="How messages are written.")] = LogFormat.text,
+    log_format: Annotated[Literal["text", "json"], typer.Option(help="How messages are written.")] = "text",
 ) -> None:
     """Run the daemon beside the CNC until SIGTERM or Ctrl-C."""
     from observer.service.spare import import_sparingly
@@ -112,7 +105,7 @@ def run(
     from observer.service.messages import configure
     from observer.service.shutdown import leave
 
-    configure(as_json=log_format is LogFormat.json)
+    configure(as_json=log_format == "json")
     try:
         serve(load(config), seconds, config)
     except UserError as error:
@@ -123,14 +116,12 @@ def run(
 
 @app.command()
 def replay(
-    log: Annotated[
-        Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
-    ],
+    log: LogArgument,
     config: ConfigOption,
     output: OutputOption,
-    format: Annotated[Format, typer.Option(help="Format of the estimates.")] = Format.csv,
-    accept_truncated: Annotated[bool, typer.Option(help="Drop a last row that was cut off.")] = False,
-    accept_damaged: Annotated[bool, typer.Option(help="Drop rows whose checksum is wrong.")] = False,
+    format: Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")] = "csv",
+    accept_truncated: TruncatedOption = False,
+    accept_damaged: DamagedOption = False,
 ) -> None:
     """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
     from observer import app as parts
@@ -142,7 +133,7 @@ def replay(
             log,
             load(config),
             output,
-            f".{format.value}",
+            f".{format}",
             accept_truncated=accept_truncated,
             accept_damaged=accept_damaged,
             progress=progress,
@@ -157,14 +148,12 @@ def replay(
         typer.echo(f"not good in {steps} estimates: {reason}", err=True)
     _warn(summary["doubts"])
     _warn_of_paths(summary["nut_path"])
-    typer.echo(f"written to {output}: estimates.{format.value}, summary.json, overview.png")
+    typer.echo(f"written to {output}: estimates.{format}, summary.json, overview.png")
 
 
 @app.command()
 def identify(
-    log: Annotated[
-        Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
-    ],
+    log: LogArgument,
     config: ConfigOption,
     output: OutputOption,
     method: Annotated[
@@ -187,8 +176,8 @@ def identify(
         typer.Option(help="Of the conjugate gradients; adjoint by default."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
-    accept_truncated: Annotated[bool, typer.Option(help="Drop a last row that was cut off.")] = False,
-    accept_damaged: Annotated[bool, typer.Option(help="Drop rows whose checksum is wrong.")] = False,
+    accept_truncated: TruncatedOption = False,
+    accept_damaged: DamagedOption = False,
 ) -> None:
     """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
     from observer import app as parts
@@ -292,8 +281,8 @@ def discover(
 ) -> None:
     """Find the physical effect that the model lacks; add it, and prove that the gap shrinks."""
     from observer import app as parts
-    from observer.report.discovery import as_sentences
     from observer.report.progress import advancing
+    from observer.report.wording import as_sentences
 
     with advancing("discover") as progress:
         found, result = parts.discover(config, log, output, progress)
@@ -310,7 +299,7 @@ def check(
     wires: Annotated[
         bool, typer.Option(help="Instead, read every device once; exit code 0 if every channel came.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
     from observer.report.examine import examine
@@ -322,7 +311,11 @@ def check(
     from observer.report.check import findings
     from observer.report.check_text import as_text
 
-    found = findings(settings)
+    _show(findings(settings), as_json, as_text)
+
+
+def _show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:
+    """Print what was found, for programs or for people."""
     if as_json:
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
         return
@@ -333,17 +326,12 @@ def check(
 
 def _look_at_wires(settings: Installation, as_json: bool) -> None:
     """Show what comes from the devices; leaves with 0 if every channel came with a usable value, else 1."""
-    from rich.console import Console
-
     from observer import app as parts
     from observer.report.wires_text import as_text
     from observer.service.shutdown import leave
 
     found = parts.wires(settings)
-    if as_json:
-        typer.echo(json.dumps(found, indent=2, allow_nan=False))
-    else:
-        Console(highlight=False).print(as_text(found))
+    _show(found, as_json, as_text)
     leave(0 if found["good"] else 1)
 
 
@@ -352,7 +340,7 @@ def place(
     config: ConfigOption,
     sensors: Annotated[int, typer.Option(min=1, max=32, help="How many sensors to place.")],
     spacing_m: Annotated[float | None, typer.Option(min=1e-4, help="Spacing of the candidates.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Rank sensor positions by how well they tell field and heats (conditioning, not rank)."""
     from observer import app as parts

@@ -6,7 +6,6 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers import open_driver
 from observer.errors import ConfigError
 from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
@@ -90,7 +89,7 @@ def _reread(path: Path, now: Installation) -> _Ready:
     config = load(path)
     refuse_taken(set(listening(config.publish)) - set(listening(now.publish)), "publish.listen")
     for key, settings in config.drivers.items():
-        open_driver(key, settings)
+        settings.open(key)
     ready = _Ready.of(config)
     frame = Aligner(ready.machine.plan).tick(0.0)
     ready.compiler().warm(lambda: ready.machine.pipeline(ready.estimator).warm_up(frame))
@@ -119,7 +118,7 @@ def _service(
     )
     file = ready.checkpoint
     return Service(
-        drivers=tuple(open_driver(key, settings) for key, settings in config.drivers.items()),
+        drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
         drive=machine.drive,
         estimator=estimator,

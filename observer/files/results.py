@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from observer.errors import UserError
 
@@ -38,6 +40,11 @@ def results_in(folder: Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(part, ignore_errors=True)
         _remove_empty(made)
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a result for programs; raises `ValueError` on NaN, which JSON does not know."""
+    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _missing(folder: Path) -> list[Path]:

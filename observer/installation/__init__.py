@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from drivers import DriverSettings
 from observer.config import Config, effect_problems
@@ -19,6 +19,8 @@ from observer.installation.problems import as_message, problems_of
 from observer.tables.keeping import Checkpoint, Record
 from observer.tables.publishing import Client, Publish
 from observer.tables.quantities import Name
+
+Model = TypeVar("Model", bound=BaseModel)
 
 
 class Installation(Config):
@@ -78,22 +80,19 @@ def load(path: Path) -> Installation:
 
 def load_client(path: Path) -> Client:
     """Read and check how a command shows who it is; raises `ConfigError`."""
-    table = read_toml(path, "a client's file with --client")
-    try:
-        return Client.model_validate(table)
-    except ValidationError:
-        problems = problems_of(table, Client, Client.model_validate)
-        raise ConfigError(as_message(str(path), problems)) from None
+    return _checked(Client, read_toml(path, "a client's file with --client"), str(path))
 
 
 def parse(table: dict[str, Any], place: str = "configuration") -> Installation:
     """Check a configuration given as a table; `place` is named in errors (`ConfigError`)."""
-    try:
-        config = Installation.model_validate(table)
-    except ValidationError:
-        raise ConfigError(
-            as_message(place, problems_of(table, Installation, Installation.model_validate))
-        ) from None
+    config = _checked(Installation, table, place)
     if problems := effect_problems(config):
         raise ConfigError(as_message(place, problems))
     return config
+
+
+def _checked(model: type[Model], table: dict[str, Any], place: str) -> Model:
+    try:
+        return model.model_validate(table)
+    except ValidationError:
+        raise ConfigError(as_message(place, problems_of(table, model))) from None

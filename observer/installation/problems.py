@@ -7,7 +7,7 @@ of its range is mended as it was probably meant, and looked at again, for as lon
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,14 +38,12 @@ class _Found:
     explained: set[Path] = field(default_factory=set)
 
 
-def problems_of(
-    table: dict[str, Any], model: type[BaseModel], validate: Callable[[dict[str, Any]], object]
-) -> list[str]:
-    """Every problem of a table as “key: what is wrong; remedy”; empty where `validate` accepts it."""
+def problems_of(table: dict[str, Any], model: type[BaseModel]) -> list[str]:
+    """Every problem of a table as “key: what is wrong; remedy”; empty where the model accepts it."""
     found, first = _Found(), table
     for number in range(_PASSES):
         try:
-            validate(table)
+            model.model_validate(table)
             break
         except ValidationError as error:
             before = len(found.typos) + len(found.others)

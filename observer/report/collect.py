@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
-from observer.model.build import grid_of
 from observer.model.plant import Rows
 
 MOST = 2000
-IntArray = NDArray[np.int64]
 
 
 class Decimator:
@@ -82,76 +78,43 @@ def _halved(kept: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, Float
     return values[last], np.fmin.reduceat(low, first), np.fmax.reduceat(high, first)
 
 
-@dataclass(frozen=True, slots=True)
-class EstimateSamples:
-    """What the overview of a replay shows; n samples of `steps` steps.
+class ReplaySamples(Decimator):
+    """What the overview of a replay shows, of the blocks of a replay as they come.
 
-    `time_s` (n,); `heat_W`, `heat_low_W`, `heat_high_W`, `heat_sigma_W`, `law_W` (n, m_e); `field_degC`,
-    `field_sigma_K` (n, g); `error_um`, `error_sigma_um` (n, g) or (n, 0); `surprise_low`, `surprise_high`
-    (n, s), the extremes of innovation / σ; `sensor_quality` (n, s) and `quality` (n,), the worst of each
-    bucket; `good` the share of the steps of good quality.
+    With m_e estimated sources, g grid points and s sensors, the columns are `time_s` (n,); `heat_W`,
+    `heat_sigma_W`, `law_W` (n, m_e); `field_degC`, `field_sigma_K` (n, g); `error_um`, `error_sigma_um`
+    (n, g) or (n, 0); `surprise`, innovation / σ, and `sensor_quality` (n, s); `quality` (n,).
     """
 
-    layout: Layout
-    steps: int
-    good: float
-    time_s: FloatArray
-    heat_W: FloatArray
-    heat_low_W: FloatArray
-    heat_high_W: FloatArray
-    heat_sigma_W: FloatArray
-    law_W: FloatArray
-    field_degC: FloatArray
-    field_sigma_K: FloatArray
-    error_um: FloatArray
-    error_sigma_um: FloatArray
-    surprise_low: FloatArray
-    surprise_high: FloatArray
-    sensor_quality: IntArray
-    quality: IntArray
-
-
-class Collector:
-    """Takes the blocks of a replay as they come and keeps what its overview shows."""
-
-    def __init__(self, config: Config) -> None:
-        """Fix which columns are kept."""
-        self._layout = Layout(
-            tuple(s.name for s in config.source if s.estimate),
-            grid_of(config),
-            tuple(s.name for s in config.sensor),
-            config.screw.expansion_1_K is not None,
-        )
+    def __init__(self, config: Config, layout: Layout) -> None:
+        """Fix which columns are kept; `layout` is that of the estimates."""
+        super().__init__()
+        self.layout = layout
         self._estimated = np.flatnonzero([s.estimate for s in config.source])
         self._sensor_m = np.array([np.nan if s.position_m is None else s.position_m for s in config.sensor])
         self._noise_K = np.array([s.noise_K for s in config.sensor])
-        self._rows = Decimator()
         self._good = 0
 
-    def add(self, inputs: Inputs, estimates: EstimateBlock) -> None:
+    @property
+    def good(self) -> float:
+        """The share of the steps of good quality."""
+        return self._good / max(self.rows, 1)
+
+    def take(self, inputs: Inputs, estimates: EstimateBlock) -> None:
         """Take one block of inputs and the estimates made of them."""
         self._good += int(np.count_nonzero(estimates.quality == 0))
-        self._rows.add(
-            {
-                "time_s": estimates.time_s,
-                "heat_W": estimates.heat_W,
-                "heat_sigma_W": estimates.heat_sigma_W,
-                "law_W": inputs.law_W[:, self._estimated],
-                "field_degC": estimates.field_degC,
-                "field_sigma_K": estimates.field_sigma_K,
-                "error_um": estimates.error_um,
-                "error_sigma_um": estimates.error_sigma_um,
-                "surprise": estimates.innovation_K / self._innovation_sigma_K(estimates),
-                "sensor_quality": estimates.sensor_quality.astype(float),
-                "quality": estimates.quality.astype(float),
-            }
-        )
+        columns = {name: getattr(estimates, name) for name in _OF_ESTIMATES}
+        columns["law_W"] = inputs.law_W[:, self._estimated]
+        columns["surprise"] = estimates.innovation_K / self._innovation_sigma_K(estimates)
+        columns["sensor_quality"] = estimates.sensor_quality.astype(float)
+        columns["quality"] = estimates.quality.astype(float)
+        self.add(columns)
 
     def _innovation_sigma_K(self, estimates: EstimateBlock) -> FloatArray:
         """σ of the innovations (K, s) by the sensors' noise and the field's σ around them; that of a sensor
         beside the screw by its noise alone.
         """
-        grid_m = self._layout.position_m
+        grid_m = self.layout.position_m
         right = np.clip(np.searchsorted(grid_m, self._sensor_m), 1, len(grid_m) - 1)
         share = (self._sensor_m - grid_m[right - 1]) / (grid_m[right] - grid_m[right - 1])
         share, beside = np.clip(share, 0.0, 1.0), np.isnan(self._sensor_m)
@@ -160,69 +123,23 @@ class Collector:
         )
         return np.asarray(np.sqrt(np.where(beside, 0.0, sigma_K) ** 2 + self._noise_K**2))
 
-    def samples(self) -> EstimateSamples:
-        """Return what was kept."""
-        rows = self._rows
-        return EstimateSamples(
-            layout=self._layout,
-            steps=rows.rows,
-            good=self._good / max(rows.rows, 1),
-            heat_low_W=rows.low("heat_W"),
-            heat_high_W=rows.high("heat_W"),
-            surprise_low=rows.low("surprise"),
-            surprise_high=rows.high("surprise"),
-            sensor_quality=rows.high("sensor_quality").astype(np.int64),
-            quality=rows.high("quality").astype(np.int64),
-            **{name: rows.last(name) for name in _ESTIMATE_COLUMNS},
-        )
 
-
-_ESTIMATE_COLUMNS = (
-    "time_s", "heat_W", "heat_sigma_W", "law_W", "field_degC", "field_sigma_K", "error_um", "error_sigma_um",
+_OF_ESTIMATES = (
+    "time_s", "heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "error_um", "error_sigma_um",
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class SimulationSamples:
-    """What the overview of a simulation shows; n samples of `steps` steps.
+def simulated(inputs: Inputs, rows: FloatArray, meaning: Rows) -> dict[str, FloatArray]:
+    """What the overview of a simulation shows of a block of inputs and the output rows (K, R) they predict.
 
-    `time_s` (n,); `law_W` (n, m) of every source; `field_degC` (n, g); `error_um` (n, g) or (n, 0);
-    `predicted_degC` and `measured_degC` (n, s), the latter NaN where the program has no such channel.
+    `time_s` (K,); `law_W` (K, m) of every source; `field_degC` (K, g); `error_um` (K, g) or (K, 0);
+    `predicted_degC` and `measured_degC` (K, s), the latter NaN where the program has no such channel.
     """
-
-    position_m: FloatArray
-    steps: int
-    time_s: FloatArray
-    law_W: FloatArray
-    field_degC: FloatArray
-    error_um: FloatArray
-    predicted_degC: FloatArray
-    measured_degC: FloatArray
-
-
-class SimulationCollector:
-    """Takes the blocks of a simulation as they come and keeps what its overview shows."""
-
-    def __init__(self, config: Config) -> None:
-        """Start empty."""
-        self._grid_m = grid_of(config)
-        self._rows = Decimator()
-
-    def add(self, inputs: Inputs, rows: FloatArray, meaning: Rows) -> None:
-        """Take one block of inputs and the output rows (K, R) predicted from them."""
-        self._rows.add(
-            {
-                "time_s": inputs.time_s,
-                "law_W": inputs.law_W,
-                "field_degC": rows[:, meaning.field_slice],
-                "error_um": meaning.error_um(rows),
-                "predicted_degC": rows[:, meaning.sensor_slice],
-                "measured_degC": np.where(inputs.usable, inputs.y_degC, np.nan),
-            }
-        )
-
-    def samples(self) -> SimulationSamples:
-        """Return what was kept."""
-        rows = self._rows
-        columns = ("time_s", "law_W", "field_degC", "error_um", "predicted_degC", "measured_degC")
-        return SimulationSamples(self._grid_m, rows.rows, **{name: rows.last(name) for name in columns})
+    return {
+        "time_s": inputs.time_s,
+        "law_W": inputs.law_W,
+        "field_degC": rows[:, meaning.field_slice],
+        "error_um": meaning.error_um(rows),
+        "predicted_degC": rows[:, meaning.sensor_slice],
+        "measured_degC": np.where(inputs.usable, inputs.y_degC, np.nan),
+    }

@@ -18,40 +18,10 @@ from observer.fit.tolerance import LAG_S, PLACE_M, UNEVEN
 from observer.fit.tolerance import MATERIAL as MATERIAL_KNOWN
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
-from observer.report.page import (
-    Html,
-    code,
-    document,
-    figure,
-    paragraph,
-    safe,
-    section,
-    share,
-    table,
-    tiles,
-)
+from observer.report import wording
+from observer.report.page import Html, code, document, figure, paragraph, safe, section, share, table, tiles
 from observer.report.style import duration_text
-from observer.report.wording import (
-    PHASES,
-    REGRESSORS,
-    as_sentences,
-    event_of,
-    event_sentence,
-    experiment_sentence,
-    gap_sentence,
-    headline,
-    interval,
-    joined,
-    kelvin,
-    lack_of,
-    measured,
-    name_of,
-    not_told_sentence,
-    unit_text,
-)
 from observer.tables.sections import Sensor
-
-__all__ = ["as_sentences", "write_discovery_report"]
 
 PLACES = 5
 """How many of the worst places are told."""
@@ -94,19 +64,19 @@ def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any],
         _parameters(found, result),
         _limits(found, logs),
     ]
-    page = document(f"{headline(found.verdict, result)} – {machine.name}, axis {machine.axis}", parts)
+    page = document(f"{wording.headline(found.verdict, result)} – {machine.name}, axis {machine.axis}", parts)
     path.write_text(page, encoding="utf-8")
 
 
 def _shown(found: Discovery) -> Shown:
     problem, fit, null = found.problem, found.verdict.fit, found.search.null
-    names = tuple(name_of(effect) for effect in effects_of(fit))
+    names = tuple(wording.name_of(effect) for effect in effects_of(fit))
 
     def error_K(config: Config) -> FloatArray:
         return np.asarray(problem.evidence.measured_degC - problem.predicted(config))
 
     if names:
-        what = f"calibrated, with {joined(names)}"
+        what = f"calibrated, with {wording.joined(names)}"
         return Shown(names, "calibrated, no effect added", what, error_K(null.config), error_K(fit.config))
     return Shown((), "as configured", "calibrated", error_K(problem.config), error_K(fit.config))
 
@@ -119,17 +89,17 @@ def _header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
     )
     facts = [
         (f"Gap on data held back, {first[0]} → now", _arrow(gap[f"{first[1]}_rms_K"], gap["after_rms_K"])),
-        ("Noise of the sensors alone", kelvin(gap["floor_rms_K"])),
+        ("Noise of the sensors alone", wording.kelvin(gap["floor_rms_K"])),
         ("Logs", f"{len(logs)}, the last kept as proof" if len(logs) > 1 else "1, its end kept as proof"),
     ]
-    facts += [(name_of(e), _values(e)) for e in result["effects"]]
-    happened = event_of(result)
-    where = "" if happened is None else f" {event_sentence(happened, logs[happened['log'] - 1])}."
+    facts += [(wording.name_of(e), _values(e)) for e in result["effects"]]
+    happened = wording.event_of(result)
+    where = "" if happened is None else f" {wording.event_sentence(happened, logs[happened['log'] - 1])}."
     sure = "" if result["verdict"] in ("named", "none") else ' class="doubt"'
+    verdict, gap_left = wording.headline(found.verdict, result), wording.gap_sentence(result)
     return Html(
         f'<header{sure}><p class="of">{safe(of)}: what the model lacks</p>'
-        f"<h1>{safe(headline(found.verdict, result))}.</h1>{paragraph(f'{gap_sentence(result)}.{where}')}"
-        f"{tiles(facts)}</header>"
+        f"<h1>{safe(verdict)}.</h1>{paragraph(f'{gap_left}.{where}')}{tiles(facts)}</header>"
     )
 
 
@@ -141,14 +111,14 @@ def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
     for fit in fits if result["verdict"] == "ambiguous" else ():
         error_K = (problem.evidence.measured_degC - problem.predicted(fit.config))[proof]
         effects = effects_of(fit)
-        lacks = joined([lack_of(e["kind"], e["target"]) for e in effects])
-        names = Html(", ".join(code(name_of(e)) for e in effects))
-        rows.append([lacks, names, _lines([_values(e) for e in effects]), kelvin(_rms(error_K))])
+        lacks = wording.joined([wording.lack_of(e["kind"], e["target"]) for e in effects])
+        names = Html(", ".join(code(wording.name_of(e)) for e in effects))
+        rows.append([lacks, names, _lines([_values(e) for e in effects]), wording.kelvin(_rms(error_K))])
     test = result["experiment"]
     return section(
         "What would tell" if test is not None else "Answers that explain the logs equally well",
         table(["The model may lack", "effect", "parameters (95 %)", "gap left"], rows, (3,)),
-        paragraph(f"{experiment_sentence(test)}.") if test is not None else Html(""),
+        paragraph(f"{wording.experiment_sentence(test)}.") if test is not None else Html(""),
     )
 
 
@@ -171,11 +141,11 @@ def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence
     rows = [
         [
             p["sensor"],
-            PHASES.get(p["phase"], p["phase"]),
+            wording.PHASES.get(p["phase"], p["phase"]),
             _signed(p["mean_K"]),
-            kelvin(p["rms_K"]),
-            f"{REGRESSORS.get(p['regressor'], p['regressor'])}: "
-            + interval(p["correlation"], *p["correlation_ci95"]),
+            wording.kelvin(p["rms_K"]),
+            f"{wording.REGRESSORS.get(p['regressor'], p['regressor'])}: "
+            + wording.interval(p["correlation"], *p["correlation_ci95"]),
         ]
         for p in places
     ]
@@ -211,7 +181,7 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
         before_K, after_K = _rms(shown.before_K[mine]), _rms(shown.after_K[mine])
         floor_K = result["gap"]["per_sensor"][sensor.name]["floor_rms_K"]
         titles.append(f"{name}, °C: {_arrow(before_K, after_K)} rms")
-        cells.append([sensor.name, site(sensor), *map(kelvin, (before_K, after_K, floor_K))])
+        cells.append([sensor.name, site(sensor), *map(wording.kelvin, (before_K, after_K, floor_K))])
     drawn = [
         figure(panels.comparisons(track, lines, titles[i : i + PANELS], i), _caption(i, logs[run]))
         for i in range(0, len(titles), PANELS)
@@ -240,7 +210,7 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     best = chosen | {c.name for each in found.verdict.sets for c in each}
     rows = [
         [
-            Html(f"{code(name_of(t))}<br>{safe(lack_of(t['kind'], t['target']))}"),
+            Html(f"{code(wording.name_of(t))}<br>{safe(wording.lack_of(t['kind'], t['target']))}"),
             _values(t),
             f"{t['evidence']:,.0f}",
             share(t["held_out_share"]),
@@ -272,7 +242,7 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
 
 
 def _standing(trial: dict[str, Any], best: set[str], verdict: str) -> str:
-    if name_of(trial) in best:
+    if wording.name_of(trial) in best:
         return {"ambiguous": "as good", "unknown": "not enough"}.get(verdict, "chosen")
     if trial["at_bound"]:
         return "at a bound"
@@ -286,15 +256,16 @@ def _next_best(trials: Sequence[Trial]) -> tuple[str, str]:
 def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
     problem = found.problem
     given = dict(zip(problem.keys, problem.free_values(problem.config).tolist(), strict=True))
+
+    def row(name: str, p: dict[str, Any], before: str) -> list[str]:
+        return [code(name), wording.interval(p["value"], *p["ci95"]), wording.unit_text(p["unit"]), before]
+
     rows = [
-        [code(f"{name_of(e)}: {key}"), interval(p["value"], *p["ci95"]), unit_text(p["unit"]), "new"]
+        row(f"{wording.name_of(e)}: {key}", p, "new")
         for e in result["effects"]
         for key, p in e["parameters"].items()
     ]
-    rows += [
-        [code(key), interval(p["value"], *p["ci95"]), unit_text(p["unit"]), f"{given[key]:.4g}"]
-        for key, p in result["calibrated"].items()
-    ]
+    rows += [row(key, p, f"{given[key]:.4g}") for key, p in result["calibrated"].items()]
     written = " They stand in config.toml beside this page." if result["verdict"] == "named" else ""
     note = f"Fitted all together, with 95 % intervals.{written}"
     return section(
@@ -318,7 +289,7 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
         )
     told = "Every effect that was tried would show in these logs if it were strong enough."
     if found.search.blind:
-        told = f"{not_told_sentence(found.search.blind)}."
+        told = f"{wording.not_told_sentence(found.search.blind)}."
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "
@@ -338,7 +309,7 @@ def _duration(time_s: FloatArray) -> str:
 
 
 def _values(effect: dict[str, Any]) -> Html:
-    return _lines([f"{key} {measured(p)}" for key, p in effect["parameters"].items()])
+    return _lines([f"{key} {wording.measured(p)}" for key, p in effect["parameters"].items()])
 
 
 def _lines(parts: Sequence[str]) -> Html:
@@ -346,11 +317,11 @@ def _lines(parts: Sequence[str]) -> Html:
 
 
 def _arrow(before_K: float, after_K: float) -> str:
-    return f"{kelvin(before_K)} → {kelvin(after_K)}"
+    return f"{wording.kelvin(before_K)} → {wording.kelvin(after_K)}"
 
 
 def _signed(value_K: float) -> str:
-    return ("+" if value_K > 0 else "−") + kelvin(abs(value_K))
+    return ("+" if value_K > 0 else "−") + wording.kelvin(abs(value_K))
 
 
 def _rms(values: FloatArray) -> float:

@@ -23,7 +23,7 @@ _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
 def examine(path: Path) -> Installation:
     """Read a configuration and every file that its drivers need. Raises `ConfigError` with all problems."""
     table = read_toml(path)
-    problems = problems_of(table, Installation, Installation.model_validate)
+    problems = problems_of(table, Installation)
     config = None if problems else Installation.model_validate(table)
     settings = dict(_drivers(table)) if config is None else config.drivers
     if config is not None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from observer.config import Config
-from observer.frames import BoolArray, FloatArray, Inputs
+from observer.frames import FloatArray, Inputs
 from observer.history.history import HeatHistory
 from observer.report.collect import Decimator
 from observer.report.overview import page_of
@@ -23,73 +22,48 @@ if TYPE_CHECKING:
 _SENSORS_HEIGHT, _HEAT_HEIGHT = 2.6, 2.4
 
 
-@dataclass(frozen=True, slots=True)
-class HistorySamples:
-    """What the page shows, n samples of `steps` steps.
-
-    `heat_W`, `low_W`, `high_W`, `sigma_W`, `law_W` (n, m_e), with the extremes between two samples;
-    `measured_degC` (n, s); `residual_rms_K` (s,).
-    """
-
-    steps: int
-    time_s: FloatArray
-    heat_W: FloatArray
-    low_W: FloatArray
-    high_W: FloatArray
-    sigma_W: FloatArray
-    law_W: FloatArray
-    measured_degC: FloatArray
-    residual_rms_K: FloatArray
-
-    @classmethod
-    def of(cls, estimated: BoolArray, history: HeatHistory, blocks: Iterable[Inputs]) -> HistorySamples:
-        """Thin a history, and the inputs it was made from, to what a page can show.
-
-        `estimated` (m,) says which of the inputs' sources the history has.
-        """
-        rows, begin = Decimator(), 0
-        for block in blocks:
-            here = slice(begin, begin + len(block))
-            begin += len(block)
-            rows.add(
-                {
-                    "time_s": block.time_s,
-                    "heat_W": history.heat_W[here],
-                    "sigma_W": history.heat_sigma_W[here],
-                    "law_W": block.law_W[:, estimated],
-                    "measured_degC": np.where(block.usable, block.y_degC, np.nan),
-                }
-            )
-        used = np.maximum(np.isfinite(history.residual_K).sum(axis=0), 1)
-        return cls(
-            steps=rows.rows,
-            low_W=rows.low("heat_W"),
-            high_W=rows.high("heat_W"),
-            residual_rms_K=np.sqrt(np.nansum(history.residual_K**2, axis=0) / used),
-            **{name: rows.last(name) for name in ("time_s", "heat_W", "sigma_W", "law_W", "measured_degC")},
-        )
-
-
-def write_heat_history(path: Path, config: Config, samples: HistorySamples, title: str, method: str) -> None:
+def write_heat_history(
+    path: Path, config: Config, history: HeatHistory, blocks: Sequence[Inputs], title: str, method: str
+) -> None:
     """Draw a panel for each heat and one for the sensors; `title` says of what, `method` by which method.
 
-    The file is written whole or not at all.
+    `blocks` are the inputs that the history was made from. The file is written whole or not at all.
     """
     names = [s.name for s in config.source if s.estimate]
-    heading = f"{config.machine.name}, axis {config.machine.axis}: {title}"
+    samples = _samples(config, history, blocks)
     heights = (*(_HEAT_HEIGHT for _ in names), _SENSORS_HEIGHT)
-    with page_of(path, heading, samples, method, heights) as page:
+    with page_of(path, config, title, samples, method, heights) as page:
         for i, name in enumerate(names):
             _heat(page.axes[i], page.keys[i], page.t, samples, i, name)
-        _sensors(page.axes[-1], page.keys[-1], page.t, config, samples)
+        _sensors(page.axes[-1], page.keys[-1], page.t, config, samples, history)
 
 
-def _heat(axes: Axes, key: Axes, t: FloatArray, samples: HistorySamples, i: int, name: str) -> None:
-    heat, law, ink = samples.heat_W[:, i], samples.law_W[:, i], colour(i)
-    reach = Z95 * samples.sigma_W[:, i]
+def _samples(config: Config, history: HeatHistory, blocks: Sequence[Inputs]) -> Decimator:
+    """The history (m_e heats) and the inputs it was made from, thinned to what a page can show."""
+    samples, begin = Decimator(), 0
+    estimated = np.flatnonzero([s.estimate for s in config.source])
+    for block in blocks:
+        here = slice(begin, begin + len(block))
+        begin += len(block)
+        samples.add(
+            {
+                "time_s": block.time_s,
+                "heat_W": history.heat_W[here],
+                "sigma_W": history.heat_sigma_W[here],
+                "law_W": block.law_W[:, estimated],
+                "measured_degC": np.where(block.usable, block.y_degC, np.nan),
+            }
+        )
+    return samples
+
+
+def _heat(axes: Axes, key: Axes, t: FloatArray, samples: Decimator, i: int, name: str) -> None:
+    heat, law, ink = samples.last("heat_W")[:, i], samples.last("law_W")[:, i], colour(i)
+    reach = Z95 * samples.last("sigma_W")[:, i]
     axes.axhline(0.0, color=QUIET, lw=0.7)
     band = axes.fill_between(t, heat - reach, heat + reach, color=ink, alpha=0.18, lw=0)
-    axes.fill_between(t, samples.low_W[:, i], samples.high_W[:, i], color=ink, alpha=0.35, lw=0)
+    low_W, high_W = samples.low("heat_W")[:, i], samples.high("heat_W")[:, i]
+    axes.fill_between(t, low_W, high_W, color=ink, alpha=0.35, lw=0)
     handles, labels = [*axes.plot(t, heat, color=ink), band], [name, "95 %"]
     shown = [heat]
     if np.any(law):
@@ -107,12 +81,17 @@ def _with_usual_band(values: FloatArray, heat: FloatArray, reach: FloatArray) ->
     return np.column_stack([values, heat - usual, heat + usual])
 
 
-def _sensors(axes: Axes, key: Axes, t: FloatArray, config: Config, samples: HistorySamples) -> None:
+def _sensors(
+    axes: Axes, key: Axes, t: FloatArray, config: Config, samples: Decimator, history: HeatHistory
+) -> None:
     """Measured temperatures; the key says how far each is from what the heats explain."""
+    used = np.maximum(np.isfinite(history.residual_K).sum(axis=0), 1)
+    rms_K = np.sqrt(np.nansum(history.residual_K**2, axis=0) / used)
+    measured_degC = samples.last("measured_degC")
     handles, labels = [], []
     for i, sensor in enumerate(config.sensor):
-        handles += axes.plot(t, samples.measured_degC[:, i], color=colour(i), lw=1.0)
-        labels.append(f"{sensor.name}, {samples.residual_rms_K[i]:.2g} K")
-    limits_of(axes, samples.measured_degC)
+        handles += axes.plot(t, measured_degC[:, i], color=colour(i), lw=1.0)
+        labels.append(f"{sensor.name}, {rms_K[i]:.2g} K")
+    limits_of(axes, measured_degC)
     axes.set(title="Measured temperatures", ylabel="°C")
     key_of(key, handles, labels, title="unexplained, rms")

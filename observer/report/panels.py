@@ -9,7 +9,6 @@ import numpy as np
 
 from observer.config import Config
 from observer.frames import EstimateQuality, FloatArray, Quality
-from observer.report.collect import IntArray
 from observer.report.style import ESTIMATE_QUALITY, FIELD_MAP, INK, QUALITY, QUIET, colour, ordered_colours
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def at_positions(
 
 def surprises(
     axes: Axes, key: Axes, t: FloatArray, names: Sequence[str], extremes: tuple[FloatArray, FloatArray],
-    quality: IntArray, gate: float,
+    quality: FloatArray, gate: float,
 ) -> None:  # fmt: skip
     """Innovation / σ, each sensor in its own lane between its gates, and a bar where it was not good."""
     lanes = len(names)
@@ -141,7 +140,7 @@ def surprises(
     key_of(key, [*gates, *bars], [f"gate, ±{gate:g} σ", *(level.label for level in seen)])
 
 
-def quality_strip(axes: Axes, key: Axes, t: FloatArray, quality: IntArray) -> None:
+def quality_strip(axes: Axes, key: Axes, t: FloatArray, quality: FloatArray) -> None:
     """The quality of the estimate as a coloured strip."""
     from matplotlib.colors import ListedColormap  # noqa: PLC0415 - slow to import
     from matplotlib.patches import Patch  # noqa: PLC0415
@@ -157,7 +156,7 @@ def quality_strip(axes: Axes, key: Axes, t: FloatArray, quality: IntArray) -> No
     )
     axes.set_yticks([0.5], ["quality"])
     axes.grid(visible=False)
-    seen = sorted({int(EstimateQuality.GOOD), *np.unique(quality).tolist()})
+    seen = sorted({int(EstimateQuality.GOOD), *np.unique(quality).astype(int).tolist()})
     patches = [Patch(color=ESTIMATE_QUALITY[q]) for q in seen]
     key_of(key, patches, [EstimateQuality(q).label for q in seen])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from drivers.protocol import DriverStatus
@@ -17,26 +17,6 @@ from observer.service.record import RecordStatus
 
 _CLOCK_STEP_S = 0.5
 _FIGURES = re.compile(r"(?<![\w.])[-+]?\d[\d.]*(?:e[-+]?\d+)?")  # and no digit of a name, as of t3
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelHealth:
-    """One channel: its quality, the age of its last usable value (None before the first), its fault."""
-
-    quality: str
-    age_s: float | None
-    fault: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class DriverHealth:
-    """One driver: whether it is connected, and counts since the start."""
-
-    connected: bool
-    samples: int
-    drops: int
-    errors: int
-    reconnects: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,23 +48,15 @@ class Facts:
 class Health:
     """How the service fares.
 
-    `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `reasons` are sentences for people.
+    `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `reasons` are sentences for people. Of
+    each channel its `quality`, the `age_s` of its last usable value (None before the first) and its `fault`.
     """
 
     time_s: float
     state: str
     reasons: tuple[str, ...]
-    channels: Mapping[str, ChannelHealth]
-    drivers: Mapping[str, DriverHealth]
-    cycles: int
-    overruns: int
-    published: int
-    publish_drops: int
-    publish_reconnects: int
-    recorded: int
-    record_drops: int
-    recording: str | None
-    clock_offset_s: float
+    channels: Mapping[str, Mapping[str, Any]]
+    counts: Mapping[str, Any]
 
     @property
     def essence(self) -> tuple[Any, ...]:
@@ -92,36 +64,41 @@ class Health:
         figures within the reasons.
         """
         reasons = tuple(_FIGURES.sub("", reason) for reason in self.reasons)
-        return self.state, reasons, tuple((n, c.quality) for n, c in self.channels.items())
+        return self.state, reasons, tuple((n, c["quality"]) for n, c in self.channels.items())
 
     def document(self) -> dict[str, Any]:
         """The report as it is published."""
-        return asdict(self)
+        head = {"time_s": self.time_s, "state": self.state, "reasons": self.reasons}
+        return {**head, "channels": self.channels, **self.counts}
 
 
 def assess(facts: Facts) -> Health:
     """Judge the facts."""
-    reasons = tuple(_reasons(facts))
+    channels = _channels(facts)
+    reasons = tuple(_reasons(facts, channels))
     record = facts.record or RecordStatus()
-    return Health(
-        time_s=facts.time_s,
-        state=_state(facts, bool(reasons)),
-        reasons=reasons,
-        channels=_channels(facts),
-        drivers={
-            name: DriverHealth(s.connected, samples, s.drops, s.errors, s.reconnects)
-            for name, (s, samples) in facts.drivers.items()
+    counts = {
+        "drivers": {
+            name: {
+                "connected": status.connected,
+                "samples": samples,
+                "drops": status.drops,
+                "errors": status.errors,
+                "reconnects": status.reconnects,
+            }
+            for name, (status, samples) in facts.drivers.items()
         },
-        cycles=facts.cycles,
-        overruns=facts.overruns,
-        published=facts.publish.published,
-        publish_drops=facts.publish.dropped,
-        publish_reconnects=facts.publish.reconnects,
-        recorded=record.rows_written,
-        record_drops=record.rows_dropped,
-        recording=str(record.path) if record.path else None,
-        clock_offset_s=round(facts.clock_offset_s, 3),
-    )
+        "cycles": facts.cycles,
+        "overruns": facts.overruns,
+        "published": facts.publish.published,
+        "publish_drops": facts.publish.dropped,
+        "publish_reconnects": facts.publish.reconnects,
+        "recorded": record.rows_written,
+        "record_drops": record.rows_dropped,
+        "recording": str(record.path) if record.path else None,
+        "clock_offset_s": round(facts.clock_offset_s, 3),
+    }
+    return Health(facts.time_s, _state(facts, bool(reasons)), reasons, channels, counts)
 
 
 def _state(facts: Facts, has_reasons: bool) -> str:
@@ -134,26 +111,27 @@ def _state(facts: Facts, has_reasons: bool) -> str:
     return facts.estimate.label
 
 
-def _channels(facts: Facts) -> dict[str, ChannelHealth]:
+def _channels(facts: Facts) -> dict[str, dict[str, Any]]:
     if facts.frame is None:
         return {}
     frame = facts.frame
     return {
-        name: ChannelHealth(
-            Quality(frame.quality[-1, j]).label,
-            round(float(frame.age_s[-1, j]), 3) if math.isfinite(frame.age_s[-1, j]) else None,
-            facts.faults.get(name),
-        )
+        name: {
+            "quality": Quality(frame.quality[-1, j]).label,
+            "age_s": round(float(frame.age_s[-1, j]), 3) if math.isfinite(frame.age_s[-1, j]) else None,
+            "fault": facts.faults.get(name),
+        }
         for j, name in enumerate(frame.channels)
     }
 
 
-def _reasons(facts: Facts) -> Iterator[str]:
+def _reasons(facts: Facts, channels: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     if facts.failure:
         yield f"the estimator's step failed: {facts.failure}"
-    for name, channel in _channels(facts).items():
-        if channel.quality != Quality.GOOD.label:
-            yield f"channel {name} is {channel.quality}" + (f" ({channel.fault})" if channel.fault else "")
+    for name, channel in channels.items():
+        quality, fault = channel["quality"], channel["fault"]
+        if quality != Quality.GOOD.label:
+            yield f"channel {name} is {quality}" + (f" ({fault})" if fault else "")
     yield from map(sentence, facts.findings)
     for name, (status, _) in facts.drivers.items():
         if not status.connected:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from observer.errors import LogError
 from observer.files.logs import TIME, Log
+from observer.files.results import write_json
 from observer.files.writer import Column, TableWriter
 from observer.frames import FloatArray, Inputs, Layout
 from observer.history.history import HeatHistory
@@ -46,8 +46,7 @@ def write_history(
     with TableWriter(output / "heat.csv") as writer:
         writer.write(columns)
     summary = _summary(layout, history, log) | dict(more)
-    document = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-    (output / "summary.json").write_text(document, encoding="utf-8")
+    write_json(output / "summary.json", summary)
     return summary
 
 

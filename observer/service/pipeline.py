@@ -22,7 +22,12 @@ class Drive(Protocol[DriveState]):
 
 
 class Pipeline(Generic[DriveState]):
-    """Keeps the states of a drive, an estimator and its self-test from block to block."""
+    """Keeps the states of a drive, an estimator and its self-test from block to block.
+
+    `inputs` are what drove the plant in the last of them.
+    """
+
+    inputs: Inputs
 
     def __init__(
         self, drive: Drive[DriveState], estimator: Estimator, self_test: SelfTest | None = None
@@ -45,6 +50,7 @@ class Pipeline(Generic[DriveState]):
         if test is not None and test_state is not None:
             test_state, estimates = test.run(test_state, motion, inputs, estimates)
         self._drive_state, self._estimator_state, self._test_state = drive_state, estimator_state, test_state
+        self.inputs = inputs
         return estimates
 
     @property

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
@@ -114,17 +115,18 @@ class Limits:
         )
         return f"implausible: {value:.6g} is {limit}" + (f"; {hint}" if hint else "")
 
+    def beyond(self, channel: int, value: Any, ambient_degC: float) -> Iterator[tuple[Breach, Any]]:
+        """Whether a value is beyond each of the limits that one alone can tell; of an array, which are."""
+        yield Breach.LOW, value < self.low[channel]
+        yield Breach.HIGH, value > self.high[channel]
+        yield Breach.ABOVE_AMBIENT, value - ambient_degC > self.above_K[channel]
+        yield Breach.BELOW_AMBIENT, ambient_degC - value > self.below_K[channel]
+
     def doubt(self, channel: int, value: float) -> str | None:
         """Say of a single value how it is beyond its limits; None where it may be right."""
-        ambient_degC = self.ambient_degC
-        for breach, beyond in (
-            (Breach.LOW, value < self.low[channel]),
-            (Breach.HIGH, value > self.high[channel]),
-            (Breach.ABOVE_AMBIENT, value - ambient_degC > self.above_K[channel]),
-            (Breach.BELOW_AMBIENT, ambient_degC - value > self.below_K[channel]),
-        ):
+        for breach, beyond in self.beyond(channel, value, self.ambient_degC):
             if beyond:
-                return self.sentence(channel, breach, value, ambient_degC)
+                return self.sentence(channel, breach, value, self.ambient_degC)
         return None
 
 
@@ -149,23 +151,19 @@ def _limits(config: Config, channel: str, kind: Kind) -> tuple[float, ...]:
     """Low, high, rate, and how far above and below ambient, of one channel."""
     length_m, most_rpm = config.screw.length_m, DN_MM_RPM / (1000.0 * config.screw.diameter_m)
     low, high = {
-        Kind.SCREW: SCREW_RANGE_DEGC,
-        Kind.NODE: SCREW_RANGE_DEGC,
-        Kind.END: SCREW_RANGE_DEGC,
         Kind.AMBIENT: AMBIENT_RANGE_DEGC,
         Kind.POSITION: (-BEYOND_ENDS * length_m, (1.0 + BEYOND_ENDS) * length_m),
         Kind.SPEED: (-most_rpm, most_rpm),
         Kind.OTHER: (-math.inf, math.inf),
-    }[kind]
+    }.get(kind, SCREW_RANGE_DEGC)
     rate = RATE_K_S if kind in {Kind.SCREW, Kind.NODE} else math.inf
     # A heater on a test bench warms a rod as no friction does.
     near = kind is Kind.SCREW and all(source.power_channel is None for source in config.source)
     above_K, below_K = (ABOVE_AMBIENT_K, BELOW_AMBIENT_K) if near else (math.inf, math.inf)
-    own = config.limits.get(channel)
+    default, own = (low, high, rate, above_K, below_K), config.limits.get(channel)
     if own is None:
-        return low, high, rate, above_K, below_K
+        return default
     stated = (own.low, own.high, own.rate_per_s, own.above_ambient_K, own.below_ambient_K)
-    default = (low, high, rate, above_K, below_K)
     return tuple(d if s is None else s for s, d in zip(stated, default, strict=True))
 
 
@@ -233,12 +231,7 @@ def doubts_of_log(
             continue
         column = values[:, channels.index(name)]
         column = column[np.isfinite(column)]
-        for breach, beyond in (
-            (Breach.LOW, column < limits.low[j]),
-            (Breach.HIGH, column > limits.high[j]),
-            (Breach.ABOVE_AMBIENT, column - ambient_degC > limits.above_K[j]),
-            (Breach.BELOW_AMBIENT, ambient_degC - column > limits.below_K[j]),
-        ):
+        for breach, beyond in limits.beyond(j, column, ambient_degC):
             if beyond.any():
                 typical = float(np.median(column[beyond]))
                 share = f" ({np.mean(beyond):.0%} of its values)" if np.mean(beyond) < 0.995 else ""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,15 +12,15 @@ import numpy as np
 
 from observer.config import Config
 from observer.errors import LogError
-from observer.estimators.protocol import Estimator
-from observer.estimators.selftest import Fault, SelfTest
+from observer.estimators.selftest import Fault
 from observer.files.logs import SUFFIXES, TIME, Log
+from observer.files.results import write_json
 from observer.files.writer import Column, TableWriter
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Inputs, Layout, Quality
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
 from observer.model.rod.moving import judge_path
 from observer.service.align import AlignPlan, blocks_of_log
 from observer.service.checkpoint import START_SUFFIX, Fit, Snapshot, UnfitError, load, recent
-from observer.service.pipeline import Drive, Pipeline
+from observer.service.pipeline import Pipeline
 from observer.service.reasons import sentence
 
 Progress = Callable[[int, int], None]
@@ -31,21 +29,12 @@ _LABELS = np.array([quality.label for quality in EstimateQuality])
 
 
 def estimates_of(
-    log: Log,
-    plan: AlignPlan,
-    drive: Drive[Any],
-    estimator: Estimator,
-    self_test: SelfTest | None,
-    progress: Progress,
-    reasons: Callable[[str, int], None] = lambda _sentence, _steps: None,
-    start: Snapshot | None = None,
+    log: Log, plan: AlignPlan, pipeline: Pipeline[Any], progress: Progress, start: Snapshot | None = None
 ) -> Iterator[EstimateBlock]:
-    """The estimates of a log in blocks, from a cold start or from `start`.
+    """The estimates of a log in blocks, by a pipeline that begins cold or, with `start`, there.
 
-    `progress` is told the rows done and their total, `reasons` at the end what the self-test found, as a
-    sentence, and in how many steps.
+    `progress` is told the rows done and their total.
     """
-    pipeline = Pipeline(drive, estimator, self_test)
     if start is not None:
         pipeline.restore(start.drive, start.estimator)
     total = len(log) if log.step is None else int(log.step.sum())
@@ -57,9 +46,11 @@ def estimates_of(
         yield pipeline.step(frames)
         done += len(frames)
         progress(done, total)
-    for finding, steps in pipeline.history:
-        if finding.fault is not Fault.UNKNOWN:
-            reasons(sentence(finding), steps)
+
+
+def lasting(pipeline: Pipeline[Any]) -> dict[str, int]:
+    """What the self-test has found, as sentences, and in how many steps; not what only was not known yet."""
+    return {sentence(found): n for found, n in pipeline.history if found.fault is not Fault.UNKNOWN}
 
 
 def start_of(log: Log, fit: Fit) -> tuple[Snapshot | None, str]:
@@ -75,21 +66,8 @@ def start_of(log: Log, fit: Fit) -> tuple[Snapshot | None, str]:
     return snapshot, f"warm, from {beside.name}, {log.time_s[0] - snapshot.tick_s:.3f} s before the first row"
 
 
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """A replay in numbers; the same for the same log and configuration."""
-
-    log: str
-    config: str
-    rows: int
-    duration_s: float
-    quality: dict[str, int]
-    heat_mean_W: dict[str, float | None]
-    sensors: dict[str, dict[str, Any]]
-
-
 class Tally:
-    """Adds up blocks of estimates into a summary."""
+    """Adds blocks of estimates up to a replay in numbers: the same for the same log and configuration."""
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
@@ -114,7 +92,7 @@ class Tally:
         self._sum += np.nansum(block.innovation_K, axis=0)
         self._squares += np.nansum(block.innovation_K**2, axis=0)
 
-    def summary(self, log: Log, digest: str) -> Summary:
+    def summary(self) -> dict[str, Any]:
         """All that was counted."""
         bias_K, rms_K = _mean(self._sum, self._count), _mean(self._squares, self._count)
         sensors = {
@@ -127,15 +105,13 @@ class Tally:
                 self._layout.sensors, rms_K, bias_K, self._sensor_quality, strict=True
             )
         }
-        return Summary(
-            log.path.name,
-            digest,
-            self._rows,
-            self._times[-1] - self._times[0] if self._times else 0.0,
-            {q.label: int(n) for q, n in zip(EstimateQuality, self._quality, strict=True)},
-            dict(zip(self._layout.sources, _mean(self._heat, self._heat_count), strict=True)),
-            sensors,
-        )
+        return {
+            "rows": self._rows,
+            "duration_s": self._times[-1] - self._times[0] if self._times else 0.0,
+            "quality": {q.label: int(n) for q, n in zip(EstimateQuality, self._quality, strict=True)},
+            "heat_mean_W": dict(zip(self._layout.sources, _mean(self._heat, self._heat_count), strict=True)),
+            "sensors": sensors,
+        }
 
 
 def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
@@ -182,12 +158,10 @@ def write_results(
         for block in blocks:
             writer.write(result_columns(layout, block))
             tally.add(block)
-        summary = asdict(tally.summary(log, digest)) | dict(more)
+        summary = {"log": log.path.name, "config": digest, **tally.summary(), **more}
         if not summary["rows"]:
             raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
-    part = output / ".summary.json.part"
-    part.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(output / "summary.json")
+    write_json(output / "summary.json", summary)
     return summary
 
 
@@ -200,20 +174,3 @@ def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
             column = log.values[:, log.channels.index(source.position_channel)]
             found[source.name] = judge_path(column, high - low)
     return found
-
-
-class Tee:
-    """A drive that remembers the inputs it gave last."""
-
-    def __init__(self, drive: Drive[Any]) -> None:
-        self._drive = drive
-        self.inputs: Inputs
-
-    def initial(self) -> Any:
-        """Give the state before the first frame."""
-        return self._drive.initial()
-
-    def run(self, state: Any, frames: FrameBlock) -> tuple[Any, Inputs]:
-        """K steps."""
-        state, self.inputs = self._drive.run(state, frames)
-        return state, self.inputs

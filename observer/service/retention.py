@@ -53,31 +53,28 @@ class Recording:
     ended_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Disk:
-    """Space on the disk of the recordings, in bytes."""
-
-    total: int
-    free: int
-
-
 def to_remove(
-    files: Iterable[Recording], keep: Retention, disk: Disk, now_s: float, *, by_age: bool
+    files: Iterable[Recording], keep: Retention, total: int, free: int, now_s: float, *, by_age: bool
 ) -> Iterator[Recording]:
-    """Give the files that are to go, the oldest first; without `by_age` the clock cannot be trusted yet."""
+    """Give the files that are to go, the oldest first; without `by_age` the clock cannot be trusted yet.
+
+    `total` and `free` are the bytes of the disk; a small one is not to be emptied for what stays free on a
+    large one.
+    """
     ordered = sorted(files, key=lambda file: (file.ended_s, file.path.name))
-    in_all, free = sum(file.size for file in ordered), disk.free
+    in_all, wanted_free = sum(file.size for file in ordered), min(keep.free_bytes, total / 10)
     for file in ordered:
         old = by_age and file.ended_s > CLOCK_SET_S and now_s - file.ended_s > keep.keep_s
-        if old or in_all > keep.keep_bytes or free < _wanted_free(keep, disk):
+        if old or in_all > keep.keep_bytes or free < wanted_free:
             in_all, free = in_all - file.size, free + file.size
             yield file
 
 
 def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool) -> tuple[Path, ...]:
     """Remove what is not kept; returns what went. Raises `OSError`."""
-    gone = []
-    for file in to_remove(recordings(folder, name), keep, disk_of(folder), now_s, by_age=by_age):
+    gone, disk = [], shutil.disk_usage(folder)
+    files = recordings(folder, name)
+    for file in to_remove(files, keep, disk.total, disk.free, now_s, by_age=by_age):
         if not is_being_written(file.path):
             file.path.unlink(missing_ok=True)
             file.path.with_suffix(START_SUFFIX).unlink(missing_ok=True)
@@ -87,7 +84,7 @@ def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool
 
 def shortage(folder: Path, keep: Retention) -> str | None:
     """Say in a sentence that the disk is nearly full, None while it is not. Raises `OSError`."""
-    disk = disk_of(folder)
+    disk = shutil.disk_usage(folder)
     least = min(keep.free_bytes or _LEAST_FREE_GB * 1e9, disk.total / 10)
     if disk.free >= least:
         return None
@@ -111,12 +108,6 @@ def recordings(folder: Path, name: str) -> list[Recording]:
     return found
 
 
-def disk_of(folder: Path) -> Disk:
-    """The space there is. Raises `OSError`."""
-    usage = shutil.disk_usage(folder)
-    return Disk(usage.total, usage.free)
-
-
 def is_being_written(path: Path) -> bool:
     """Whether a service holds the file open for writing; one that cannot be asked counts as held."""
     try:
@@ -138,8 +129,3 @@ def _size(path: Path) -> int:
     """How much lies beside a recording."""
     beside = path.with_suffix(START_SUFFIX)
     return beside.lstat().st_size if beside.exists() else 0
-
-
-def _wanted_free(keep: Retention, disk: Disk) -> float:
-    """A small disk is not to be emptied for what stays free on a large one."""
-    return min(keep.free_bytes, disk.total / 10)

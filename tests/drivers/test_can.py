@@ -16,7 +16,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers import open_driver
 from drivers.can import CanSettings
 from drivers.dbc import load_decoder
 from drivers.devices import DBC_OF
@@ -151,7 +150,7 @@ def test_the_bundled_files_are_there():
 
 async def test_frames_become_readings_stamped_by_the_services_clock():
     with virtual_bus() as bus:
-        async with running(open_driver("axis", settings()), now=lambda: 42.5) as axis:
+        async with running(settings().open("axis"), now=lambda: 42.5) as axis:
             await axis.until(lambda _: axis.driver.status.connected)
             bus.send(frame(0.25, 800.0))
             reading = await axis.until(lambda r: not r.faults)
@@ -165,7 +164,7 @@ async def test_frames_that_wait_for_a_busy_program_have_the_times_of_their_sendi
         return time.time()
 
     with virtual_bus() as bus:
-        async with running(open_driver("axis", settings()), now) as axis:
+        async with running(settings().open("axis"), now) as axis:
             await axis.until(lambda _: axis.driver.status.connected)
             sent = []
             for k in range(10):
@@ -180,7 +179,7 @@ async def test_frames_that_wait_for_a_busy_program_have_the_times_of_their_sendi
 
 async def test_a_silent_bus_is_a_fault_each_period_until_it_speaks_again():
     with virtual_bus() as bus:
-        async with running(open_driver("axis", settings())) as axis:
+        async with running(settings().open("axis")) as axis:
             await axis.until(lambda _: axis.driver.status.connected)
             bus.send(frame())
             await axis.good("nut_position_m")
@@ -197,7 +196,7 @@ async def test_one_message_that_is_missing_does_not_hide_behind_another():
     channels = {"a_degC": 0, "b_degC": 4}
     tc_settings = settings(dbc=None, device="peak_mu_thermocouple1", channels=channels, timeout_s=0.5)
     with virtual_bus() as bus:
-        async with running(open_driver("tc", tc_settings)) as tc:
+        async with running(tc_settings.open("tc")) as tc:
             await tc.until(lambda _: tc.driver.status.connected)
             half = can.Message(arbitration_id=0x100, is_extended_id=False, data=bytes(8))
             bus.send(half)
@@ -211,7 +210,7 @@ async def test_one_message_that_is_missing_does_not_hide_behind_another():
 async def test_frames_that_nobody_can_take_in_time_are_counted(monkeypatch):
     monkeypatch.setattr("drivers.can_bus.MAX_PENDING", 5)
     with virtual_bus() as bus:
-        async with running(open_driver("axis", settings())) as axis:
+        async with running(settings().open("axis")) as axis:
             await axis.until(lambda _: axis.driver.status.connected)
             await eventually(lambda: _overwhelm(bus) or axis.driver.status.drops)
 
@@ -224,7 +223,7 @@ def _overwhelm(bus):
 
 
 async def test_an_interface_that_cannot_be_opened_is_tried_again_and_flagged():
-    driver = open_driver("axis", settings(interface="slcan", channel="/no/such/device"))
+    driver = settings(interface="slcan", channel="/no/such/device").open("axis")
     async with running(driver) as axis:
         assert await axis.fault("nut_position_m") == "disconnected"
         await axis.until(lambda _: driver.status.errors >= 2)
@@ -256,7 +255,7 @@ class Adapter:
 async def test_an_adapter_is_opened_to_listen_only_and_found_again(tmp_path):
     path = tmp_path / "ttyACM0"
     adapter = Adapter(path)
-    driver = open_driver("axis", settings(interface="slcan", channel=str(path), bitrate=500_000))
+    driver = settings(interface="slcan", channel=str(path), bitrate=500_000).open("axis")
     async with running(driver) as axis:
         await axis.until(lambda _: driver.status.connected)
         adapter.send(frame(0.125))
@@ -278,7 +277,7 @@ async def test_a_burst_of_an_adapter_that_stamps_is_spread_as_it_was_on_the_wire
     """Ten frames 20 ms apart come at once, over the turn of the adapter's minute."""
     path = tmp_path / "ttyACM0"
     adapter = Adapter(path)
-    driver = open_driver("axis", settings(interface="slcan", channel=str(path)))
+    driver = settings(interface="slcan", channel=str(path)).open("axis")
     begin_s = time.monotonic()
 
     def stamp(time_s):
@@ -302,7 +301,7 @@ async def test_a_burst_of_an_adapter_that_stamps_is_spread_as_it_was_on_the_wire
 async def test_garbage_between_frames_does_not_become_a_value(tmp_path):
     path = tmp_path / "ttyACM0"
     adapter = Adapter(path)
-    driver = open_driver("axis", settings(interface="slcan", channel=str(path)))
+    driver = settings(interface="slcan", channel=str(path)).open("axis")
     async with running(driver) as axis:
         await axis.until(lambda _: driver.status.connected)
         for garbage in (b"t20", b"tXYZ8", b"\xff\xfe", b"T0000", b"t2018zz"):
@@ -325,7 +324,7 @@ async def test_frames_cross_the_pty_wire_between_two_adapters():
     wire = PtyWire()
     try:
         with can.Bus(interface="slcan", channel=wire.devices[0], sleep_after_open=0) as sender:
-            driver = open_driver("axis", settings(interface="slcan", channel=wire.devices[1]))
+            driver = settings(interface="slcan", channel=wire.devices[1]).open("axis")
             async with running(driver) as axis:
                 await axis.until(lambda _: driver.status.connected)
                 good = await eventually(

@@ -9,7 +9,6 @@ import canopen
 import pytest
 from canopen.objectdictionary import INTEGER32, ODVariable
 
-from drivers import open_driver
 from drivers.canopen import CanopenSettings
 from tests.drivers.harness import running
 
@@ -39,7 +38,7 @@ def settings(**more):
 )
 async def test_process_data_is_listened_to(where, identifier, data):
     with can.Bus(interface="virtual", channel="drive") as bus:
-        async with running(open_driver("drive", settings(**where))) as drive:
+        async with running(settings(**where).open("drive")) as drive:
             await drive.until(lambda _: drive.driver.status.connected)
             bus.send(can.Message(arbitration_id=identifier + 1, data=data, is_extended_id=False))
             bus.send(can.Message(arbitration_id=identifier, data=data[:-1], is_extended_id=False))
@@ -72,7 +71,7 @@ async def test_the_position_is_uploaded_each_period():
     drive = Drive()
     spy = can.Bus(interface="virtual", channel="drive")
     try:
-        async with running(open_driver("drive", settings(mode="sdo"))) as reader:
+        async with running(settings(mode="sdo").open("drive")) as reader:
             assert await reader.good("nut_position_m") == pytest.approx(0.35)
             drive.node.sdo[0x6064].raw = -100_000
             await reader.until(lambda r: r.values["nut_position_m"] == pytest.approx(0.0, abs=1e-9))
@@ -90,14 +89,14 @@ async def test_the_position_is_uploaded_each_period():
 async def test_a_drive_without_the_object_is_a_fault_with_its_abort_code():
     drive = Drive(has_position=False)
     try:
-        async with running(open_driver("drive", settings(mode="sdo"))) as reader:
+        async with running(settings(mode="sdo").open("drive")) as reader:
             assert await reader.fault("nut_position_m") == "sdo_abort_06020000"
     finally:
         await asyncio.to_thread(drive.close)
 
 
 async def test_a_drive_that_does_not_answer_is_silent():
-    async with running(open_driver("drive", settings(mode="sdo"))) as reader:
+    async with running(settings(mode="sdo").open("drive")) as reader:
         while (fault := await reader.fault("nut_position_m")) == "disconnected":  # the bus opens first
             pass
         assert fault == "silent"

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import modbus_link, open_driver
+from drivers import modbus_link
 from drivers.modbus import ModbusRtuSettings
 from tests.drivers.harness import running
 from tests.patience import Stopwatch
@@ -107,14 +107,14 @@ async def replies_that_come_late(line, rtu):
 
 
 async def test_registers_arrive_over_the_serial_line():
-    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+    async with rtu_device(list(range(15))) as line, running(settings(line, 5).open("rtu")) as rtu:
         reading = await rtu.until(lambda r: not r.faults)
         assert reading.values == {f"r{i}_1": 3.0 * i for i in range(5)}
         assert rtu.driver.status.connected
 
 
 async def test_late_replies_never_yield_another_registers_value():
-    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+    async with rtu_device(list(range(15))) as line, running(settings(line, 5).open("rtu")) as rtu:
         await replies_that_come_late(line, rtu)
         assert any("timeout" in r.faults.values() for r in rtu.readings)
         await rtu.until(lambda _: sum(not r.faults for r in rtu.readings) > 5)
@@ -128,13 +128,13 @@ async def test_without_the_quiet_gap_late_replies_do_yield_wrong_values(monkeypa
         return True
 
     monkeypatch.setattr(modbus_link.ModbusLink, "settle", at_once)
-    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+    async with rtu_device(list(range(15))) as line, running(settings(line, 5).open("rtu")) as rtu:
         await replies_that_come_late(line, rtu)
         assert wrong_values(rtu.readings) != []
 
 
 async def test_a_line_that_is_cut_is_flagged_each_period_and_comes_back():
-    async with rtu_device(list(range(15))) as line, running(open_driver("rtu", settings(line, 5))) as rtu:
+    async with rtu_device(list(range(15))) as line, running(settings(line, 5).open("rtu")) as rtu:
         await rtu.good("r4_1")
         line.cut = True
         assert await rtu.fault("r4_1") == "timeout"
@@ -153,7 +153,7 @@ async def test_an_adapter_that_is_unplugged_is_looked_for_until_it_is_back(tmp_p
     path = tmp_path / "ttyUSB0"
     async with rtu_device(list(range(15))) as first:
         path.symlink_to(first.client)
-        driver = open_driver("rtu", settings(first, 5).model_copy(update={"port": str(path)}))
+        driver = settings(first, 5).model_copy(update={"port": str(path)}).open("rtu")
         async with running(driver) as rtu:
             await rtu.good("r0_1")
             path.unlink()

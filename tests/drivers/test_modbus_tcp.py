@@ -8,7 +8,6 @@ import pytest
 from pymodbus.constants import ExcCodes
 from pymodbus.transport import ModbusProtocol
 
-from drivers import open_driver
 from drivers.modbus import ModbusTcpSettings
 from tests.drivers.harness import device, running
 from tests.patience import Stopwatch, eventually
@@ -38,7 +37,7 @@ async def test_values_of_both_functions_arrive_with_the_clock_of_the_service():
     }
     async with (
         device(holding=[0, 0xE240, 0x0001], inputs=[215]) as peer,
-        running(open_driver("tc", settings(peer.port, channels)), now=lambda: 42.5) as tc,
+        running(settings(peer.port, channels).open("tc"), now=lambda: 42.5) as tc,
     ):
         reading = await tc.until(lambda r: not r.faults)
     assert reading.time_s == 42.5
@@ -55,9 +54,7 @@ async def test_a_reading_has_the_time_at_which_the_reply_came_not_that_of_a_busy
 
     monkeypatch.setattr(ModbusProtocol, "data_received", data_received)
     async with device(inputs=[215]) as peer:
-        driver = open_driver(
-            "tc", settings(peer.port, {"t1_degC": {"register": 0}}, period_s=9.0, timeout_s=5.0)
-        )
+        driver = settings(peer.port, {"t1_degC": {"register": 0}}, period_s=9.0, timeout_s=5.0).open("tc")
         async with running(driver, time.monotonic) as tc:
             reading = await tc.until(lambda r: not r.faults)
     assert any(abs(reading.time_s - time_s) < 0.1 for time_s in came_s)
@@ -69,7 +66,7 @@ async def test_only_read_functions_are_ever_sent_and_neighbours_go_together():
     }
     async with (
         device(holding=[1] * 4, inputs=[1] * 4) as peer,
-        running(open_driver("tc", settings(peer.port, channels))) as tc,
+        running(settings(peer.port, channels).open("tc")) as tc,
     ):
         await tc.good("t0_degC")
         peer.refuse = ExcCodes.DEVICE_BUSY
@@ -85,7 +82,7 @@ async def test_only_read_functions_are_ever_sent_and_neighbours_go_together():
 
 async def test_an_exception_reply_faults_its_own_request_only():
     channels = {"t1_degC": {"register": 0}, "far_degC": {"register": 500}}
-    async with device(inputs=[7]) as peer, running(open_driver("tc", settings(peer.port, channels))) as tc:
+    async with device(inputs=[7]) as peer, running(settings(peer.port, channels).open("tc")) as tc:
         reading = await tc.until(lambda r: "t1_degC" not in r.faults)
         assert reading.values["t1_degC"] == 7
         assert reading.faults == {"far_degC": "exception_2"}
@@ -97,7 +94,7 @@ async def test_an_exception_reply_faults_its_own_request_only():
 async def test_an_open_thermocouple_is_a_fault_and_its_neighbour_is_not():
     channels = {"t1_degC": 0, "t2_degC": 1}
     async with device(inputs=[0x60, 0x7FFF, 0x00, 250]) as peer:
-        driver = open_driver("tc", settings(peer.port, channels, device="wago_750_458"))
+        driver = settings(peer.port, channels, device="wago_750_458").open("tc")
         async with running(driver) as tc:
             reading = await tc.until(lambda r: r.faults.get("t1_degC") != "disconnected")
     assert reading.faults == {"t1_degC": "open_circuit"}
@@ -109,7 +106,7 @@ async def test_an_open_thermocouple_is_a_fault_and_its_neighbour_is_not():
 async def test_unplugged_and_back_within_a_second_and_flagged_in_between(away_s):
     async with (
         device(inputs=[5]) as peer,
-        running(open_driver("tc", settings(peer.port, {"t_degC": {"register": 0}}))) as tc,
+        running(settings(peer.port, {"t_degC": {"register": 0}}).open("tc")) as tc,
     ):
         await tc.good("t_degC")
         await peer.stop()
@@ -129,7 +126,7 @@ async def test_unplugged_and_back_within_a_second_and_flagged_in_between(away_s)
 async def test_a_peer_that_was_never_there_is_waited_for():
     async with device(inputs=[5]) as peer:
         await peer.stop()
-        async with running(open_driver("tc", settings(peer.port, {"t_degC": {"register": 0}}))) as tc:
+        async with running(settings(peer.port, {"t_degC": {"register": 0}}).open("tc")) as tc:
             assert await tc.fault("t_degC") == "disconnected"
             await peer.start()
             await tc.good("t_degC", timeout_s=1.0)
@@ -138,7 +135,7 @@ async def test_a_peer_that_was_never_there_is_waited_for():
 
 async def test_a_hung_device_is_a_fault_every_period_although_its_timeout_is_longer():
     async with device(inputs=[5]) as peer:
-        driver = open_driver("tc", settings(peer.port, {"t_degC": {"register": 0}}, timeout_s=0.5))
+        driver = settings(peer.port, {"t_degC": {"register": 0}}, timeout_s=0.5).open("tc")
         async with running(driver) as tc:
             await tc.good("t_degC")
             peer.delay_s = 30.0
@@ -155,7 +152,7 @@ async def test_late_replies_never_become_another_registers_value():
     """Each register holds its own address; a reply taken for another request would show."""
     channels = {f"r{i}_1": {"register": 3 * i} for i in range(5)}
     async with device(inputs=list(range(15))) as peer:
-        driver = open_driver("tc", settings(peer.port, channels, timeout_s=0.05))
+        driver = settings(peer.port, channels, timeout_s=0.05).open("tc")
         async with running(driver) as tc:
             for delay_s in (0.0, 0.06, 0.0, 0.12, 0.02, 0.08, 0.0):
                 peer.delay_s = delay_s
@@ -175,7 +172,7 @@ async def test_a_server_that_talks_nonsense_is_flagged_and_survived():
     server = await asyncio.start_server(nonsense, "127.0.0.1", 0)
     port = server.sockets[0].getsockname()[1]
     try:
-        async with running(open_driver("tc", settings(port, {"t_degC": {"register": 0}}))) as tc:
+        async with running(settings(port, {"t_degC": {"register": 0}}).open("tc")) as tc:
             await tc.until(lambda _: tc.driver.status.errors > 1)
             assert all(r.faults for r in tc.readings)
             assert not tc.driver.status.connected
@@ -194,7 +191,7 @@ async def test_a_server_that_hangs_up_at_once_is_not_hammered():
     server = await asyncio.start_server(hang_up, "127.0.0.1", 0)
     port = server.sockets[0].getsockname()[1]
     try:
-        async with running(open_driver("tc", settings(port, {"t_degC": {"register": 0}}))) as tc:
+        async with running(settings(port, {"t_degC": {"register": 0}}).open("tc")) as tc:
             await eventually(lambda: connections)
             first_s = time.monotonic()
             await eventually(lambda: connections >= 4)
@@ -207,7 +204,7 @@ async def test_a_server_that_hangs_up_at_once_is_not_hammered():
 async def test_cancelling_ends_at_once_even_while_the_device_hangs():
     async with device(inputs=[5]) as peer:
         peer.delay_s = 30.0
-        driver = open_driver("tc", settings(peer.port, {"t_degC": {"register": 0}}, timeout_s=10.0))
+        driver = settings(peer.port, {"t_degC": {"register": 0}}, timeout_s=10.0).open("tc")
         async with running(driver) as tc:
             await tc.fault("t_degC")
             watch = Stopwatch()

@@ -7,7 +7,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers import open_driver
 from drivers.player import PlayerSettings
 from observer.errors import LogError
 from tests.drivers.harness import running
@@ -22,7 +21,7 @@ def log(tmp_path):
 
 
 async def test_rows_come_in_the_rhythm_of_their_times_and_then_the_end_is_said(log):
-    driver = open_driver("log", PlayerSettings(kind="player", path=log))
+    driver = PlayerSettings(kind="player", path=log).open("log")
     assert driver.channels == ("t1_degC", "n_rpm")
     assert driver.period_s == pytest.approx(0.1)
     start_s = time.time()
@@ -39,13 +38,13 @@ async def test_rows_come_in_the_rhythm_of_their_times_and_then_the_end_is_said(l
 
 
 async def test_a_choice_of_channels(log):
-    driver = open_driver("log", PlayerSettings(kind="player", path=log, channels=("n_rpm",)))
+    driver = PlayerSettings(kind="player", path=log, channels=("n_rpm",)).open("log")
     async with running(driver) as player:
         await player.until(lambda r: r.values == {"n_rpm": 30.0})
 
 
 async def test_rows_handed_on_late_have_the_times_at_which_they_were_due(log):
-    driver = open_driver("log", PlayerSettings(kind="player", path=log))
+    driver = PlayerSettings(kind="player", path=log).open("log")
     async with running(driver, time.monotonic) as player:
         await player.until(lambda r: r.values["n_rpm"] == 0.0)
         time.sleep(0.5)  # the event loop has something else to do
@@ -57,7 +56,7 @@ async def test_rows_handed_on_late_have_the_times_at_which_they_were_due(log):
 async def test_a_log_whose_rows_are_all_due_leaves_others_their_turn(tmp_path):
     path = tmp_path / "dense.csv"
     path.write_text("time_s,n_rpm\n" + "".join(f"{1e-7 * k:.7f},1\n" for k in range(5_000)))
-    driver = open_driver("log", PlayerSettings(kind="player", path=path))
+    driver = PlayerSettings(kind="player", path=path).open("log")
     turns = 0
     async with running(driver) as player:
         while not any(r.faults for r in player.readings):
@@ -85,7 +84,7 @@ def test_any_file_is_played_or_refused_in_one_sentence(tmp_path, suffix, content
     path.write_bytes(content)
     refusal = str(path)
     try:
-        open_driver("log", PlayerSettings(kind="player", path=path))
+        PlayerSettings(kind="player", path=path).open("log")
     except LogError as error:
         refusal = str(error)
     assert str(path) in refusal
@@ -94,7 +93,7 @@ def test_any_file_is_played_or_refused_in_one_sentence(tmp_path, suffix, content
 
 async def test_rows_are_due_by_the_injected_clock(log):
     """A clock that stands still plays the first row and no other."""
-    driver = open_driver("log", PlayerSettings(kind="player", path=log))
+    driver = PlayerSettings(kind="player", path=log).open("log")
     asked = []
     async with running(driver, now=lambda: asked.append("the time") or 7.0) as player:
         await player.until(lambda r: r.time_s == 7.0)
@@ -105,4 +104,4 @@ async def test_rows_are_due_by_the_injected_clock(log):
 
 def test_a_column_the_log_has_not_is_named(log):
     with pytest.raises(LogError, match='no column "x_m"; the log has t1_degC, n_rpm'):
-        open_driver("log", PlayerSettings(kind="player", path=log, channels=("x_m",)))
+        PlayerSettings(kind="player", path=log, channels=("x_m",)).open("log")

@@ -3,7 +3,7 @@ import tomllib
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from drivers import DriverSettings, open_driver
+from drivers import DriverSettings
 from drivers.devices import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
 from observer.errors import UserError
 
@@ -48,7 +48,7 @@ EXAMPLES = {
 
 @pytest.mark.parametrize("text", EXAMPLES.values(), ids=EXAMPLES.keys())
 def test_examples_are_accepted_and_open(text):
-    driver = open_driver("d", SETTINGS.validate_python(tomllib.loads(text)))
+    driver = SETTINGS.validate_python(tomllib.loads(text)).open("d")
     assert driver.channels
     assert not driver.status.connected
 
@@ -124,5 +124,5 @@ def test_a_dbc_file_that_does_not_fit_is_one_sentence(dbc, message, signal, word
         }
     )
     with pytest.raises(UserError, match=words) as caught:
-        open_driver("axis", settings)
+        settings.open("axis")
     assert "\n" not in str(caught.value)

@@ -12,7 +12,6 @@ from contextlib import asynccontextmanager
 import pytest
 import zenoh
 
-from drivers import open_driver
 from drivers.can import CanSettings
 from drivers.modbus import ModbusTcpSettings
 from drivers.places import CanChannel
@@ -47,7 +46,7 @@ class Machine:
             period_s=0.05,
             timeout_s=0.5,
         )
-        return open_driver("thermocouples", settings)
+        return settings.open("thermocouples")
 
     def axis(self):
         channels = {
@@ -63,7 +62,7 @@ class Machine:
             period_s=0.02,
             timeout_s=0.3,
         )
-        return open_driver("axis", settings)
+        return settings.open("axis")
 
 
 @asynccontextmanager

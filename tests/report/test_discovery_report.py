@@ -21,9 +21,9 @@ from observer.discovery.verdict import Verdict
 from observer.effects.catalogue import BY_KIND, LIBRARY
 from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
-from observer.report.discovery import as_sentences, site, write_discovery_report
+from observer.report.discovery import site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
-from observer.report.wording import headline, interval
+from observer.report.wording import as_sentences, headline, interval
 from observer.tables.sections import Sensor
 from tests.discovery.cases import machine, made_log
 

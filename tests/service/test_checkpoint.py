@@ -75,17 +75,8 @@ def test_a_restored_pipeline_goes_on_to_the_last_bit(machine, rig, fit):
     """What a replay does with the file beside a recording."""
     estimator, snapshot, log, _, second = rig
     rest = replace(log, time_s=log.time_s[2000:], values=log.values[2000:])
-    again = list(
-        estimates_of(
-            rest,
-            machine.plan,
-            machine.drive,
-            estimator,
-            machine.self_test(),
-            lambda *_: None,
-            start=unpack(pack(snapshot, fit), fit),
-        )
-    )
+    pipeline, begun = machine.pipeline(estimator), unpack(pack(snapshot, fit), fit)
+    again = list(estimates_of(rest, machine.plan, pipeline, lambda *_: None, begun))
     assert np.concatenate([b.heat_W for b in again]).tobytes() == second.heat_W.tobytes()
     assert np.concatenate([b.field_sigma_K for b in again]).tobytes() == second.field_sigma_K.tobytes()
 
@@ -102,19 +93,8 @@ def test_a_gap_of_ten_seconds_is_predicted_over(machine, minutes):
     snapshot = Snapshot(float(last.time_s[-1]), *pipeline.snapshot())
     later = slice(rows + 19, rows + 60)
     after = replace(log, time_s=log.time_s[later], values=log.values[later])
-    first = next(
-        iter(
-            estimates_of(
-                after,
-                machine.plan,
-                machine.drive,
-                estimator,
-                machine.self_test(),
-                lambda *_: None,
-                start=snapshot,
-            )
-        )
-    )
+    again = machine.pipeline(estimator)
+    first = next(iter(estimates_of(after, machine.plan, again, lambda *_: None, snapshot)))
     assert first.time_s[0] - last.time_s[-1] == 10.0
     assert first.quality[0] == EstimateQuality.GOOD
     assert (np.abs(first.heat_W[0] - last.heat_W[-1]) < 0.6 * first.heat_sigma_W[0]).all()

@@ -18,6 +18,7 @@ from observer.service.clock import ServiceClock
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
 from observer.service.loop import Service, serve
+from observer.service.pipeline import Pipeline
 from observer.service.record import Recorder
 from observer.service.replay import estimates_of
 from tests.patience import eventually
@@ -70,19 +71,17 @@ async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
     log = read_log(path, CHANNELS)
     np.testing.assert_array_equal(np.diff(log.time_s) > 0, True)
     live = np.concatenate([block.field_degC for _, block in service.publisher.estimates])
-    drive, told = FakeDrive(), lambda done, total: None
-    replayed = np.concatenate(
-        [block.field_degC for block in estimates_of(log, service.plan, drive, FakeEstimator(), None, told)]
-    )
+
+    def replay(log):
+        pipeline = Pipeline(FakeDrive(), FakeEstimator())
+        blocks = estimates_of(log, service.plan, pipeline, lambda done, total: None)
+        return np.concatenate([block.field_degC for block in blocks])
+
+    replayed = replay(log)
     assert live.tobytes() == replayed.tobytes()
     assert len(live) >= 20
     without = replace(log, flags=tuple((flags or "").partition("!")[0] for flags in log.flags))
-    forgotten = np.concatenate(
-        [
-            block.field_degC
-            for block in estimates_of(without, service.plan, drive, FakeEstimator(), None, told)
-        ]
-    )
+    forgotten = replay(without)
     assert forgotten.tobytes() != live.tobytes()  # the resets were needed
 
 

@@ -83,7 +83,7 @@ def test_a_channel_that_is_not_good_is_named(quality):
     )
     assert health.reasons == (f"channel t2_degC is {quality.label} (open_circuit)",)
     assert health.state == "degraded"
-    assert health.channels["t2_degC"].age_s is None
+    assert health.channels["t2_degC"]["age_s"] is None
     to_json(health.document())
 
 

@@ -12,6 +12,7 @@ from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
 from observer.service.clock import ServiceClock
 from observer.service.loop import Service, serve
+from observer.service.pipeline import Pipeline
 from observer.service.record import Recorder
 from observer.service.renew import Renewals
 from observer.service.replay import estimates_of
@@ -191,9 +192,8 @@ async def test_the_replay_of_the_recording_is_the_live_run_to_the_last_bit(tmp_p
     await _serve(service, lambda: not slow and not fast)
     (path,) = tmp_path.glob("m-x-*.csv")
     log = read_log(path, CHANNELS)
-    replayed = list(
-        estimates_of(log, service.plan, FakeDrive(), FakeEstimator(), None, lambda done, total: None)
-    )
+    pipeline = Pipeline(FakeDrive(), FakeEstimator())
+    replayed = list(estimates_of(log, service.plan, pipeline, lambda done, total: None))
     live = [block for _, block in service.publisher.estimates]
     assert sum(len(block) for block in replayed) == len(live) >= 20
     for name in ("time_s", "heat_W", "field_degC", "innovation_K", "sensor_quality", "quality"):

@@ -26,9 +26,8 @@ def _log(rows: int = 10_000) -> Log:
 def _replay(log: Log, output: Path, suffix: str = ".csv", told=None):
     told = [] if told is None else told
     estimator = FakeEstimator()
-    blocks = estimates_of(
-        log, plan(), FakeDrive(), estimator, None, lambda done, total: told.append((done, total))
-    )
+    pipeline = Pipeline(FakeDrive(), estimator)
+    blocks = estimates_of(log, plan(), pipeline, lambda done, total: told.append((done, total)))
     return write_results(output, suffix, estimator.layout, blocks, log, "abc123")
 
 
@@ -106,7 +105,7 @@ def test_a_failure_in_the_middle_leaves_nothing(tmp_path):
             tmp_path,
             ".csv",
             estimator.layout,
-            estimates_of(log, plan(), FakeDrive(), estimator, None, fail),
+            estimates_of(log, plan(), Pipeline(FakeDrive(), estimator), fail),
             log,
             "",
         )

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 
 from observer.service import retention
-from observer.service.retention import Disk, Recording, Retention, tidy, to_remove
+from observer.service.retention import Recording, Retention, tidy, to_remove
 from observer.tables.keeping import Record
 
 NOW_S = 1.8e9
 DAY_S = 86_400.0
-LARGE = Disk(100_000_000_000, 50_000_000_000)
+LARGE = (100_000_000_000, 50_000_000_000)  # bytes in all, and free
 FILES = [Recording(Path(f"m-x-2027010{k}T000000Z.csv"), 1_000, NOW_S - (10 - k) * DAY_S) for k in range(1, 8)]
 
 
-def _gone(keep: Retention, disk: Disk = LARGE, *, by_age: bool = True) -> list[Recording]:
-    return list(to_remove(reversed(FILES), keep, disk, NOW_S, by_age=by_age))
+def _gone(keep: Retention, disk: tuple[int, int] = LARGE, *, by_age: bool = True) -> list[Recording]:
+    return list(to_remove(reversed(FILES), keep, *disk, NOW_S, by_age=by_age))
 
 
 def test_everything_stays_unless_something_says_otherwise():
@@ -29,19 +29,19 @@ def test_everything_stays_unless_something_says_otherwise():
 def test_by_age_by_size_and_for_free_space_the_oldest_first():
     assert _gone(Retention(keep_s=5 * DAY_S)) == FILES[:4]
     assert _gone(Retention(keep_bytes=3_500)) == FILES[:4]
-    assert _gone(Retention(free_bytes=2e9), Disk(100_000_000_000, 1_999_998_500)) == FILES[:2]
+    assert _gone(Retention(free_bytes=2e9), (100_000_000_000, 1_999_998_500)) == FILES[:2]
 
 
 def test_an_age_counts_only_by_a_clock_that_can_be_trusted():
     keep = Retention(5 * DAY_S)
     assert _gone(keep, by_age=False) == []
     unset = [Recording(Path("m-x-19700101T000100Z.csv"), 1_000, 60.0)]
-    assert list(to_remove(unset, keep, LARGE, NOW_S, by_age=True)) == []
+    assert list(to_remove(unset, keep, *LARGE, NOW_S, by_age=True)) == []
 
 
 def test_a_small_disk_is_not_emptied_for_what_stays_free_on_a_large_one():
-    assert _gone(Retention(free_bytes=1e9), Disk(500_000_000, 60_000_000)) == []
-    assert len(_gone(Retention(free_bytes=1e9), Disk(500_000_000, 49_998_500))) == 2
+    assert _gone(Retention(free_bytes=1e9), (500_000_000, 60_000_000)) == []
+    assert len(_gone(Retention(free_bytes=1e9), (500_000_000, 49_998_500))) == 2
 
 
 @pytest.fixture
