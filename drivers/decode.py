@@ -26,10 +26,14 @@ class Block:
     count: int
 
 
-def raw_of(words: Sequence[int], kind: str, word_order: str = "big") -> float:
-    """The number in the words of one value, before scaling."""
-    ordered = words if word_order == "big" else words[::-1]
-    number: float = struct.unpack(_FORMAT[kind], struct.pack(f">{len(ordered)}H", *ordered))[0]
+def bytes_of(words: Sequence[int], word_order: str = "big") -> bytes:
+    """The words of one value, the most significant byte first."""
+    return struct.pack(f">{len(words)}H", *(words if word_order == "big" else words[::-1]))
+
+
+def raw_of(data: bytes, kind: str) -> float:
+    """The number that the bytes of a value stand for, before scaling."""
+    number: float = struct.unpack(_FORMAT[kind], data)[0]
     return number
 
 
@@ -45,12 +49,11 @@ def decode(words: Mapping[int, int], channel: ModbusChannel) -> tuple[float, str
             if status & bits == bits:
                 return math.nan, fault
     own = [words[channel.register_ + i] for i in range(WORDS[channel.type])]
-    code = 0
-    for word in own if channel.word_order == "big" else own[::-1]:
-        code = code << 16 | word
+    data = bytes_of(own, channel.word_order)
+    code = int.from_bytes(data, "big")
     if code in channel.fault_codes:
         return math.nan, channel.fault_codes[code]
-    value = channel.scale * raw_of(own, channel.type, channel.word_order) + channel.offset
+    value = channel.scale * raw_of(data, channel.type) + channel.offset
     if not math.isfinite(value):
         return math.nan, "not_a_number"
     if not (channel.low is None or value >= channel.low) or not (

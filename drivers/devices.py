@@ -23,13 +23,7 @@ DBC_OF = {
 
 def modbus_input(device: str, number: int, first_register: int = 0) -> ModbusChannel:
     """Where a ready map has an input; `first_register` is where the module's block begins."""
-    place = {"icpdas_m7018": _m7018, "wago_750_458": _wago_750_458, "micro800_tc2": _micro800_tc2}[device](
-        number
-    )
-    shift = {"register_": place.register_ + first_register}
-    if place.status_register is not None:
-        shift["status_register"] = place.status_register + first_register
-    return place.model_copy(update=shift)
+    return _MODBUS[device](number, first_register)
 
 
 def dbc_file(path: Path) -> Path:
@@ -43,24 +37,24 @@ def can_input(device: str, number: int) -> CanChannel:
     return {"css_canmod_temp": _canmod_temp, "peak_mu_thermocouple1": _mu_thermocouple1}[device](number)
 
 
-def _m7018(number: int) -> ModbusChannel:
+def _m7018(number: int, first: int) -> ModbusChannel:
     """ICP DAS M-7018, engineering format of 0.1 °C: input registers 30001–30008."""
     return ModbusChannel(
-        register=number, scale=0.1, fault_codes={0x7FFF: "open_circuit", 0x8000: "under_range"}
+        register=first + number, scale=0.1, fault_codes={0x7FFF: "open_circuit", 0x8000: "under_range"}
     )
 
 
-def _wago_750_458(number: int) -> ModbusChannel:
+def _wago_750_458(number: int, first: int) -> ModbusChannel:
     """WAGO 750-458, 0.1 °C, word-aligned process image: status byte in the word before each data word.
 
     The module clamps a value beyond its range to the end of the range and says so in the status byte only:
     0x41 under, 0x42 over, 0x60 wire break; 0x80 marks register communication, whose data is no temperature.
     """
     return ModbusChannel(
-        register=2 * number + 1,
+        register=first + 2 * number + 1,
         scale=0.1,
         fault_codes={0x7FFF: "open_circuit", 0x8000: "cold_junction"},
-        status_register=2 * number,
+        status_register=first + 2 * number,
         status_faults={
             0x80: "register_communication",
             0x20: "open_circuit",
@@ -71,17 +65,17 @@ def _wago_750_458(number: int) -> ModbusChannel:
     )
 
 
-def _micro800_tc2(number: int) -> ModbusChannel:
+def _micro800_tc2(number: int, first: int) -> ModbusChannel:
     """Rockwell 2080-TC2, its words mapped to registers in order: two data words, two information words.
 
     Counts are 10 · (t + 270 °C), so 0.1 °C with an offset of −270 °C (Rockwell 2080-UM004, appendix 3).
     """
     return ModbusChannel(
-        register=number,
+        register=first + number,
         type="uint16",
         scale=0.1,
         offset=-270.0,
-        status_register=2 + number,
+        status_register=first + 2 + number,
         status_faults={
             1 << 5: "open_circuit",
             1 << 6: "under_range",
@@ -91,6 +85,9 @@ def _micro800_tc2(number: int) -> ModbusChannel:
             1 << 15: "module_error",
         },
     )
+
+
+_MODBUS = {"icpdas_m7018": _m7018, "wago_750_458": _wago_750_458, "micro800_tc2": _micro800_tc2}
 
 
 def _canmod_temp(number: int) -> CanChannel:

@@ -101,7 +101,9 @@ class ModbusLink:
         Raises `LinkTimeoutError`, `LinkLostError`, `BadReplyError` or `DeviceExceptionError`; after the
         first two the link must not be used before `settle`.
         """
-        answer = asyncio.ensure_future(self._request(block))
+        client = self._client
+        read = client.read_holding_registers if block.function == "holding" else client.read_input_registers
+        answer = asyncio.ensure_future(read(block.first, count=block.count, device_id=self._unit_id))
         lost = asyncio.ensure_future(self.lost.wait())
         try:
             await asyncio.wait({answer, lost}, return_when=asyncio.FIRST_COMPLETED)
@@ -116,14 +118,6 @@ class ModbusLink:
             answer.cancel()
             lost.cancel()
         return _registers(response, block)
-
-    async def _request(self, block: Block) -> ModbusPDU:
-        read = (
-            self._client.read_holding_registers
-            if block.function == "holding"
-            else self._client.read_input_registers
-        )
-        return await read(block.first, count=block.count, device_id=self._unit_id)
 
     async def settle(self) -> bool:
         """After a timeout, make a late reply harmless; False when that needs a new connection."""

@@ -60,7 +60,10 @@ class ModbusDriver:
                     deliver(faulty(self.channels, "timeout" if self._link else "disconnected", now()))
                 await asyncio.sleep(next_s - loop.time())
         finally:
-            await _end(keeper, poll)
+            running = [keeper] if poll is None else [keeper, poll]
+            for task in running:
+                task.cancel()
+            await asyncio.gather(*running, return_exceptions=True)
             if self._link:
                 self._link.close()
 
@@ -110,7 +113,9 @@ class ModbusDriver:
             except (BadReplyError, LinkTimeoutError) as error:
                 faults[block] = "timeout" if isinstance(error, LinkTimeoutError) else "bad_reply"
                 self.status = dataclasses.replace(self.status, connected=False)
-                await self._settle(link, error)
+                self._note(error)
+                if not await link.settle():  # a late reply may still come
+                    link.close()
             except LinkLostError as error:
                 faults[block] = "disconnected"
                 self._note(error)
@@ -124,14 +129,7 @@ class ModbusDriver:
             self.status = dataclasses.replace(self.status, connected=True, reconnects=again)
             self._answered_before = True
 
-    async def _settle(self, link: ModbusLink, error: Exception) -> None:
-        """Keep the line quiet after a reply that was late or wrong, or give the connection up."""
-        self._note(error)
-        if not await link.settle():
-            link.close()
-
     def _note(self, error: Exception) -> None:
-        """Count an error and remember its words."""
         self.status = dataclasses.replace(self.status, errors=self.status.errors + 1, last_error=str(error))
 
     def _reading(
@@ -157,11 +155,3 @@ def _touches(channel: ModbusChannel, block: Block) -> bool:
         span.function == block.function and block.first <= span.first < block.first + block.count
         for span in spans(channel)
     )
-
-
-async def _end(*tasks: asyncio.Task[None] | asyncio.Task[Reading] | None) -> None:
-    """Cancel tasks and wait until they have ended."""
-    running = [task for task in tasks if task is not None]
-    for task in running:
-        task.cancel()
-    await asyncio.gather(*running, return_exceptions=True)

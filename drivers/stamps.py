@@ -65,8 +65,10 @@ class DeviceClock:
         offset_s = arrival_s - stamp_s
         self._note(offset_s, arrival_s)
         delay_s = offset_s - min(block.second_s for block in self._blocks)
-        if delay_s > FURTHEST_S:
-            self._start_anew(offset_s, arrival_s)
+        if delay_s > FURTHEST_S:  # nothing is known of the clocks but this frame
+            self._blocks.clear()
+            self._note(offset_s, arrival_s)
+            self._trusted = False
         if standing or not self._trusted:
             return arrival_s
         return arrival_s - max(delay_s, 0.0)
@@ -97,10 +99,3 @@ class DeviceClock:
         if not self._trusted:
             self._blocks.clear()
             self._blocks.append(ended)
-
-    def _start_anew(self, offset_s: float, arrival_s: float) -> None:
-        """Forget what was: nothing is known of the clocks but this frame."""
-        self._blocks.clear()
-        self._blocks.append(_Block(arrival_s))
-        self._blocks[-1].take(offset_s)
-        self._trusted = False

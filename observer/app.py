@@ -17,7 +17,7 @@ from observer.history.options import MethodOptions
 from observer.installation import Installation, load
 from observer.service.align import AlignPlan, doubts, frames_of_log
 from observer.service.machine import Machine
-from observer.service.open_loop import open_loop_rms_K, predicted
+from observer.service.open_loop import open_loop_rms_K, predicted, read_program, simulated_columns
 
 if TYPE_CHECKING:  # the other commands start without the search
     from observer.discovery.discover import Discovery
@@ -31,20 +31,19 @@ def replay(
     output: Path,
     suffix: str,
     *,
-    accept_truncated: bool = False,
-    accept_damaged: bool = False,
     progress: Progress,
+    **accept: bool,
 ) -> dict[str, Any]:
     """Run a log through the live path; write estimates, `summary.json` and `overview.png` into `output`.
 
-    Returns the summary. Raises `LogError` or `ConfigError`.
+    `accept` is handed to `read_log`. Returns the summary. Raises `LogError` or `ConfigError`.
     """
     from observer.report.collect import ReplaySamples
     from observer.report.overview import write_overview
     from observer.service.checkpoint import Fit
     from observer.service.replay import estimates_of, lasting, nut_paths, start_of, write_results
 
-    log = _recorded(log_path, config, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
+    log = _recorded(log_path, config, **accept)
     machine = Machine.of(config)
     estimator = machine.estimator()
     start, told = start_of(log, Fit.of(config, machine.drive, estimator))
@@ -71,13 +70,13 @@ def replay(
     return summary
 
 
-def _recorded(path: Path, config: Installation, *, accept_truncated: bool, accept_damaged: bool) -> Log:
+def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
     """Read a log, or a recording of a CAN bus."""
     from observer.service.can_log import is_can_recording, read_can_log
 
     if is_can_recording(path):
         return read_can_log(path, config)
-    return read_log(path, config.channels, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
+    return read_log(path, config.channels, **accept)
 
 
 def identify(
@@ -86,13 +85,12 @@ def identify(
     output: Path,
     options: MethodOptions,
     *,
-    accept_truncated: bool = False,
-    accept_damaged: bool = False,
     progress: Callable[[str], None],
+    **accept: bool,
 ) -> dict[str, Any]:
     """Estimate the heats over a whole log at once; write `heat.csv`, `summary.json` and `heat.png`.
 
-    Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
+    `accept` is handed to `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
     from observer.history.identify import heat_history
     from observer.report.heat_history import write_heat_history
@@ -101,7 +99,7 @@ def identify(
 
     options.check()
     progress("reading the log")
-    log = _recorded(log_path, config, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
+    log = _recorded(log_path, config, **accept)
     # no field is reported, so the inputs of a long log need not carry its rows
     ends_only = Output(positions_m=(0.0, config.screw.length_m))
     machine = Machine.of(config.model_copy(update={"output": ends_only}))
@@ -135,7 +133,6 @@ def simulate(
     from observer.files.writer import write_log
     from observer.report.collect import Decimator, simulated
     from observer.report.overview import write_simulation_overview
-    from observer.service.simulation import read_program, simulated_columns
 
     suffix_of(output)
     machine = Machine.of(config)

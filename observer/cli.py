@@ -7,16 +7,17 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 
 from observer.errors import UserError
+from observer.service.shutdown import leave
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from observer.installation import Installation
+    from observer.publish.ask import Answer
     from observer.tables.publishing import Client
 
 app = typer.Typer(
@@ -85,7 +86,6 @@ def demo(
 ) -> None:
     """Run the main job on a simulated machine: real Modbus and CAN, estimates beside the truth."""
     from observer.demo import run_demo
-    from observer.service.shutdown import leave
 
     leave(run_demo(seconds, listen, plain or not sys.stdout.isatty()))
 
@@ -103,7 +103,6 @@ def run(
     from observer.daemon import serve
     from observer.installation import load
     from observer.service.messages import configure
-    from observer.service.shutdown import leave
 
     configure(as_json=log_format == "json")
     try:
@@ -302,14 +301,16 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
+    from observer import app as parts
+    from observer.report.check_text import as_text, wires_as_text
     from observer.report.examine import examine
 
     settings = examine(config)
     if wires:
-        _look_at_wires(settings, as_json)
-        return
+        found = parts.wires(settings)
+        _show(found, as_json, wires_as_text)
+        leave(0 if found["good"] else 1)
     from observer.report.check import findings
-    from observer.report.check_text import as_text
 
     _show(findings(settings), as_json, as_text)
 
@@ -322,17 +323,6 @@ def _show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -
     from rich.console import Console
 
     Console(highlight=False).print(as_text(found))
-
-
-def _look_at_wires(settings: Installation, as_json: bool) -> None:
-    """Show what comes from the devices; leaves with 0 if every channel came with a usable value, else 1."""
-    from observer import app as parts
-    from observer.report.wires_text import as_text
-    from observer.service.shutdown import leave
-
-    found = parts.wires(settings)
-    _show(found, as_json, as_text)
-    leave(0 if found["good"] else 1)
 
 
 @app.command()
@@ -369,7 +359,6 @@ def watch(
     client: ClientOption = None,
 ) -> None:
     """Subscribe to a running service and show heats, field and quality in the terminal."""
-    from observer.service.shutdown import leave
     from observer.view import watch as show
 
     leave(show(connect, machine, axis, seconds, _client(client)))
@@ -392,14 +381,15 @@ def health(
 ) -> None:
     """Ask the running service how it fares; exit code 0 if it lives and gives estimates, else 1."""
     from observer.publish.ask import ask_health
-    from observer.service.shutdown import leave
 
     answer = ask_health(connect, machine, axis, timeout_s, _client(client))
-    if answer.document is None:
-        typer.echo(answer.problem)
-        leave(1)
-    typer.echo(json.dumps(answer.document))
-    leave(0 if str(answer.document.get("state")) in {"starting", "good", "degraded"} else 1)
+    _tell(answer, lambda document: str(document.get("state")) in {"starting", "good", "degraded"})
+
+
+def _tell(answer: Answer, is_good: Callable[[dict[str, Any]], bool]) -> NoReturn:
+    """Print what a service answered, and leave with 0 if that is good, else 1."""
+    typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
+    leave(0 if answer.document is not None and is_good(answer.document) else 1)
 
 
 _COMMANDS = {
@@ -421,14 +411,12 @@ def _giving(kind: str) -> Callable[..., None]:
         config_hash: HashOption = None,
     ) -> None:
         from observer.publish.ask import command
-        from observer.service.shutdown import leave
 
         for option, name in (("--machine", machine), ("--axis", axis)):
             if "*" in name:
                 raise UserError(f"{option}: {name} may be several; name the one that is meant")
         answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash)
-        typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
-        leave(0 if answer.document is not None and answer.document.get("done") is True else 1)
+        _tell(answer, lambda document: document.get("done") is True)
 
     return give
 

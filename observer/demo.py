@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import select
 import subprocess
 import sys
 import sysconfig
@@ -55,32 +56,46 @@ def live_view(listen: str, machine: str, axis: str, plain: bool) -> Iterator[Non
 
     Should it end before, the service goes on and says so.
     """
-    view = subprocess.Popen(
-        [sys.executable, "-m", "observer.view", listen, machine, axis, *["--plain"] * plain],
-        stdin=subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C is for the service, which ends the view
-    )
-    assert view.stdin is not None
-    ending = threading.Event()
+    with _child("observer.view", listen, machine, axis, *["--plain"] * plain, end_s=VIEW_END_S) as view:
+        ending = threading.Event()
 
-    def watch_over() -> None:
-        code = view.wait()
-        if not ending.is_set():
-            _mend_terminal()
-            print(f"observer: the view has ended (exit code {code}); the service goes on", file=sys.stderr)
+        def watch_over() -> None:
+            code = view.wait()
+            if not ending.is_set():
+                _mend_terminal()
+                print(
+                    f"observer: the view has ended (exit code {code}); the service goes on", file=sys.stderr
+                )
 
-    threading.Thread(target=watch_over, name="view", daemon=True).start()
-    try:
-        yield
-    finally:
-        ending.set()
-        view.stdin.close()
+        threading.Thread(target=watch_over, name="view", daemon=True).start()
         try:
-            view.wait(VIEW_END_S)
+            yield
+        finally:
+            ending.set()
+
+
+@contextlib.contextmanager
+def _child(*command: str, end_s: float, stdout: int | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a module in a process of its own, which ends when its standard input closes."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", *command],
+        stdin=subprocess.PIPE,
+        stdout=stdout,
+        start_new_session=True,  # Ctrl-C is for the service, which ends the others
+    )
+    assert process.stdin is not None
+    try:
+        yield process
+    finally:
+        process.stdin.close()
+        try:
+            process.wait(end_s)
         except subprocess.TimeoutExpired:
-            view.kill()
-            view.wait()
+            process.kill()
+            process.wait()
             _mend_terminal()
+        if process.stdout is not None:
+            process.stdout.close()
 
 
 def _mend_terminal() -> None:
@@ -99,38 +114,13 @@ def demo_file() -> Path:
 @contextlib.contextmanager
 def simulated_machine(*options: str) -> Iterator[dict[str, Any]]:
     """Start the simulated machine; yields its wires, and ends it by closing its standard input."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "drivers.simulated", *options],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C ends the service first, which then ends the machine
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    try:
-        line = _first_line(process, START_S)
+    with _child("drivers.simulated", *options, end_s=3.0, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        said, _, _ = select.select([process.stdout], [], [], START_S)
+        line = process.stdout.readline() if said else b""
         if not line:
             raise UserError("demo: the simulated machine did not start; see the lines above for its reason")
         yield json.loads(line)
-    finally:
-        process.stdin.close()
-        try:
-            process.wait(3.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        process.stdout.close()
-
-
-def _first_line(process: subprocess.Popen[bytes], timeout_s: float) -> bytes:
-    lines: list[bytes] = []
-    assert process.stdout is not None
-    reader = threading.Thread(
-        target=lambda out: lines.append(out.readline()), args=(process.stdout,), daemon=True
-    )
-    reader.start()
-    reader.join(timeout_s)
-    return lines[0] if lines else b""
 
 
 def connected(config: Installation, wires: Mapping[str, Any], listen: str) -> Installation:

@@ -27,7 +27,14 @@ def contiguous(array: Any, dtype: Any = np.float64) -> Any:
     return array if array.flags.writeable else array.copy()
 
 
-class Quality(enum.IntEnum):
+class _Labelled(enum.IntEnum):
+    @property
+    def label(self) -> str:
+        """The lower-case name used in logs and messages."""
+        return self.name.lower()
+
+
+class Quality(_Labelled):
     """Quality of one channel's value; on its way through the house it only ever gets worse."""
 
     GOOD = 0
@@ -35,13 +42,8 @@ class Quality(enum.IntEnum):
     STALE = 2
     REJECTED = 3
 
-    @property
-    def label(self) -> str:
-        """The lower-case name used in logs and messages."""
-        return self.name.lower()
 
-
-class EstimateQuality(enum.IntEnum):
+class EstimateQuality(_Labelled):
     """Quality of a whole estimate, the better before the worse."""
 
     GOOD = 0
@@ -49,11 +51,6 @@ class EstimateQuality(enum.IntEnum):
     DEGRADED = 2
     STALE = 3
     INVALID = 4
-
-    @property
-    def label(self) -> str:
-        """The lower-case name used in logs and messages."""
-        return self.name.lower()
 
 
 class NutPath(NamedTuple):

@@ -98,7 +98,7 @@ class Process:
             for _ in range(step - before):
                 self._machine.advance(STEP_S)
             if not self._faults.silence_can:
-                position_m = self._machine.nut_position_after_m(loop.time() - start_s - step * STEP_S)
+                position_m = self._machine.nut_position_m(loop.time() - start_s - step * STEP_S)
                 axis.send(position_m, speed_rpm(self._machine.time_s), STEP_S)
             if before // self._steps_per_period != step // self._steps_per_period:
                 self._sample()
@@ -147,13 +147,7 @@ class Process:
 def main() -> None:
     """Start the machine."""
     logging.basicConfig(level=logging.CRITICAL)
-
-    args = arguments()
-
-    async def run() -> None:
-        await Process(args).run()
-
-    asyncio.run(run())
+    asyncio.run(Process(arguments()).run())
 
 
 if __name__ == "__main__":

@@ -76,13 +76,8 @@ class Machine:
         self._screw.step(dt_s, q_W)
         self.time_s += dt_s
 
-    @property
-    def nut_position_m(self) -> float:
-        """Where the centre of the nut is: back and forth over the stroke."""
-        return self.nut_position_after_m(0.0)
-
-    def nut_position_after_m(self, ahead_s: float) -> float:
-        """Where the centre of the nut will be a fraction of a step from now."""
+    def nut_position_m(self, ahead_s: float = 0.0) -> float:
+        """Where the centre of the nut, which goes back and forth over the stroke, is or soon will be."""
         low_m = STROKE_M[0] + NUT_LENGTH_M / 2
         reach_m = STROKE_M[1] - STROKE_M[0] - NUT_LENGTH_M
         travel_m = self._travel_m + LEAD_M * speed_rpm(self.time_s) / 60 * ahead_s
@@ -95,5 +90,5 @@ class Machine:
         return dict(zip(SENSORS, noisy.tolist(), strict=True))
 
     def _under_nut(self) -> FloatArray:
-        centre_m = self.nut_position_m
+        centre_m = self.nut_position_m()
         return self._screw.spread(centre_m - NUT_LENGTH_M / 2, centre_m + NUT_LENGTH_M / 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from dataclasses import asdict
 
 import zenoh
 
@@ -31,16 +32,14 @@ class TruthPublisher:
 
     def put(self, true: Heats, sequence: int) -> None:
         """Publish these heats, with the time of now."""
-        sources = {
-            "nut": true.nut_W,
-            "left_bearing": true.left_bearing_W,
-            "right_bearing": true.right_bearing_W,
-        }
         self._next = json.dumps(
             {
                 "time_s": time.time(),
                 "sequence": sequence,
-                "sources": {name: {"heat_W": heat_W, "sigma_W": 0.0} for name, heat_W in sources.items()},
+                "sources": {
+                    key.removesuffix("_W"): {"heat_W": heat_W, "sigma_W": 0.0}
+                    for key, heat_W in asdict(true).items()
+                },
                 "quality": "good",
             }
         )

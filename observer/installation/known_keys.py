@@ -40,7 +40,8 @@ def keys_at(path: Sequence[int | str], table: Any, model: type[BaseModel]) -> li
         if fields:  # else a number in a list, or a name in a table of tables: the models stay what they are
             models = [m for f in fields for m in _models_in(f.annotation)]
     kind = table.get("kind") if isinstance(table, dict) else None
-    chosen = [m for m in models if "kind" in m.model_fields and kind in _choices(m)]
+    kinds = [(m, m.model_fields["kind"]) for m in models if "kind" in m.model_fields]
+    chosen = [m for m, field in kinds if kind in get_args(field.annotation)]
     return [f.alias or name for m in chosen or models for name, f in m.model_fields.items()]
 
 
@@ -61,10 +62,6 @@ def within(table: Any, part: int | str) -> Any:
     if isinstance(part, int):
         return table[part] if isinstance(table, list | tuple) and part < len(table) else None
     return table.get(part) if isinstance(table, dict) else None
-
-
-def _choices(model: type[BaseModel]) -> tuple[Any, ...]:
-    return get_args(model.model_fields["kind"].annotation)
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -7,6 +7,7 @@ of its range is mended as it was probably meant, and looked at again, for as lon
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -175,10 +176,14 @@ def _readable(name: str) -> str:
     return name if name.isprintable() and len(name) <= 64 else shown(name)
 
 
+def _holder(table: Any, path: Path) -> Any:
+    """The table or list in which a place is."""
+    return functools.reduce(within, path[:-1], table)
+
+
 def _rename(table: Any, path: Path, new: str | None) -> None:
     """Give an unknown key the name that was probably meant; without one, remove it."""
-    for part in path[:-1]:
-        table = within(table, part)
+    table = _holder(table, path)
     if isinstance(table, dict):
         value = table.pop(path[-1], None)
         if new is not None:
@@ -193,8 +198,7 @@ def _likely(path: Path, value: object) -> float | str | None:
 
 def _put(table: Any, path: Path, value: float | str | None) -> None:
     """Put in what was probably meant; without that, remove the value, so that its default holds."""
-    for part in path[:-1]:
-        table = within(table, part)
+    table = _holder(table, path)
     if isinstance(table, dict):
         table.pop(path[-1], None)
         if value is not None:

@@ -49,10 +49,6 @@ class Budget:
         self._left -= count
 
 
-def _told(_: Outcome) -> None:
-    """Nothing: who asked has been told already."""
-
-
 class Answers:
     """What is known of one axis, for those who ask, and the commands of those who may give them."""
 
@@ -148,11 +144,9 @@ class Answers:
         refused = self._refusal(key, query)
         if len(self._commands) >= _WAITING:
             refused = "too many commands wait; ask again in a second"
-        elif (
-            str(query.key_expr) == f"{self._prefix}/{key}"
-        ):  # a wildcard is no command, so it is not on record
+        elif str(query.key_expr) == f"{self._prefix}/{key}":  # a wildcard is no command, so not on record
             by = plain_name(query.parameters.get("by") or "") or "somebody"
-            answer = _told if refused is not None else partial(self._answer_later, kind, query)
+            answer = partial(self._answer_later, kind, query)
             self._commands.append(Command(kind, by, time.monotonic(), answer, refused))
         if refused is not None:
             with query:

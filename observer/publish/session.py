@@ -6,8 +6,9 @@ import json
 import ssl
 import stat
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import zenoh
@@ -28,38 +29,38 @@ _STALLED_US = 1_000_000  # an asker who does not take his answer is cut off, so 
 
 
 def session_config(
-    mode: str, connect: tuple[str, ...], listen: tuple[str, ...], most_bytes: int = _CLIENT_MOST_BYTES
+    mode: str,
+    connect: tuple[str, ...],
+    listen: tuple[str, ...],
+    most_bytes: int = _CLIENT_MOST_BYTES,
+    more: Mapping[str, Any] = MappingProxyType({}),
 ) -> zenoh.Config:
     """A Zenoh configuration that talks to the named endpoints and to nobody else.
 
-    A message of more than `most_bytes` is thrown away as it comes in.
+    A message of more than `most_bytes` is thrown away as it comes in; `more` are other keys of Zenoh's.
     """
-    return _config(
-        {
-            "mode": mode,
-            "connect/endpoints": list(connect),
-            "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
-            "connect/exit_on_failure": mode == "client",
-            "connect/retry": {
-                "period_init_ms": RETRY_MS,
-                "period_max_ms": RETRY_MS,
-                "period_increase_factor": 1,
-            },
-            "listen/endpoints": list(listen),
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/autoconnect": {"router": [], "peer": []},
-            "open/return_conditions/connect_scouted": False,
-            "transport/link/tx/lease": LEASE_MS,
-            "transport/link/tx/queue/congestion_control/block/wait_before_close": _STALLED_US,
-            "transport/link/rx/max_message_size": most_bytes,
-            "transport/unicast/max_sessions": _SESSIONS,
-            "transport/shared_memory/enabled": False,
-        }
-    )
-
-
-def _config(settings: dict[str, Any], config: zenoh.Config | None = None) -> zenoh.Config:
-    config = zenoh.Config() if config is None else config
+    config = zenoh.Config()
+    settings = {
+        "mode": mode,
+        "connect/endpoints": list(connect),
+        "connect/timeout_ms": _CONNECT_MS if mode == "client" else -1,
+        "connect/exit_on_failure": mode == "client",
+        "connect/retry": {
+            "period_init_ms": RETRY_MS,
+            "period_max_ms": RETRY_MS,
+            "period_increase_factor": 1,
+        },
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/autoconnect": {"router": [], "peer": []},
+        "open/return_conditions/connect_scouted": False,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": _STALLED_US,
+        "transport/link/rx/max_message_size": most_bytes,
+        "transport/unicast/max_sessions": _SESSIONS,
+        "transport/shared_memory/enabled": False,
+        **more,
+    }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
@@ -67,14 +68,11 @@ def _config(settings: dict[str, Any], config: zenoh.Config | None = None) -> zen
 
 def service_config(settings: Publish) -> zenoh.Config:
     """The session of a service. Raises `ConfigError` where a file of keys or passwords cannot be used."""
-    config = session_config(settings.mode, settings.connect, listening(settings), MOST_BYTES)
-    if settings.tls is not None:
-        _config(_tls(settings.tls, "publish.tls", listens=bool(settings.listen)), config)
-    if settings.login is not None:
-        _config(_login(settings.login, "publish.login"), config)
+    more = _tls(settings.tls or Tls(), "publish.tls", listens=bool(settings.listen))
+    more |= _login(settings.login or Login(), "publish.login")
     if settings.access is not None:
-        _config({"access_control": access_control(settings.access)}, config)
-    return config
+        more["access_control"] = access_control(settings.access)
+    return session_config(settings.mode, settings.connect, listening(settings), MOST_BYTES, more)
 
 
 def ear_config(settings: Publish) -> zenoh.Config | None:
@@ -87,12 +85,9 @@ def ear_config(settings: Publish) -> zenoh.Config | None:
 
 def client_config(connect: tuple[str, ...], client: Client | None = None) -> zenoh.Config:
     """The session of a command. Raises `ConfigError` where a file of keys or passwords cannot be used."""
-    config = session_config("client", connect, ())
-    if client is not None and client.tls is not None:
-        _config(_tls(client.tls, "tls", listens=False), config)
-    if client is not None and client.login is not None:
-        _config(_login(client.login, "login"), config)
-    return config
+    shown = client or Client()
+    more = _tls(shown.tls or Tls(), "tls", listens=False) | _login(shown.login or Login(), "login")
+    return session_config("client", connect, (), more=more)
 
 
 def listening(settings: Publish) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -22,11 +23,10 @@ class Decimator:
     """
 
     def __init__(self, most: int = MOST) -> None:
-        """Start empty."""
         self.rows = 0
         self._most = most
         self._stride = 1
-        self._kept: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
+        self._kept: dict[str, FloatArray] = {}  # last, low and high values, (3, n) or (3, n, c)
 
     def add(self, columns: Mapping[str, FloatArray]) -> None:
         """Take a block: arrays (K,) or (K, c), the same names in every block."""
@@ -38,7 +38,7 @@ class Decimator:
         last = np.append(first[1:], length) - 1
         joins = self.rows % self._stride > 0
         for name, values in columns.items():
-            new = (values[last], np.fmin.reduceat(values, first), np.fmax.reduceat(values, first))
+            new = _extremes(values, values, values, first, last)
             self._kept[name] = _appended(self._kept[name], new, joins) if self.rows else new
         self.rows += length
         while -(-self.rows // self._stride) > self._most:
@@ -47,35 +47,34 @@ class Decimator:
 
     def last(self, name: str) -> FloatArray:
         """The rows kept of a column."""
-        return self._kept[name][0]
+        return np.asarray(self._kept[name][0])
 
     def low(self, name: str) -> FloatArray:
         """The smallest value in each bucket."""
-        return self._kept[name][1]
+        return np.asarray(self._kept[name][1])
 
     def high(self, name: str) -> FloatArray:
         """The largest value in each bucket."""
-        return self._kept[name][2]
+        return np.asarray(self._kept[name][2])
 
 
-def _appended(
-    old: tuple[FloatArray, ...], new: tuple[FloatArray, ...], joins: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _extremes(values: FloatArray, low: FloatArray, high: FloatArray, first: Any, last: Any) -> FloatArray:
+    """The last, the least and the largest value in each bucket, given where they begin and end."""
+    return np.stack([values[last], np.fmin.reduceat(low, first), np.fmax.reduceat(high, first)])
+
+
+def _appended(old: FloatArray, new: FloatArray, joins: bool) -> FloatArray:
     """Old and new buckets in a row; if `joins`, the first new one continues the last old one."""
-    (a, a_low, a_high), (b, b_low, b_high) = old, new
     if joins:
-        b_low[0] = np.fmin(a_low[-1], b_low[0])
-        b_high[0] = np.fmax(a_high[-1], b_high[0])
-        a, a_low, a_high = a[:-1], a_low[:-1], a_high[:-1]
-    return np.concatenate([a, b]), np.concatenate([a_low, b_low]), np.concatenate([a_high, b_high])
+        new[1, 0] = np.fmin(old[1, -1], new[1, 0])
+        new[2, 0] = np.fmax(old[2, -1], new[2, 0])
+    return np.concatenate([old[:, : old.shape[1] - joins], new], axis=1)
 
 
-def _halved(kept: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _halved(kept: FloatArray) -> FloatArray:
     """Neighbouring buckets merged; an odd one at the end stays, half full."""
-    values, low, high = kept
-    first = np.arange(0, len(values), 2)
-    last = np.minimum(first + 1, len(values) - 1)
-    return values[last], np.fmin.reduceat(low, first), np.fmax.reduceat(high, first)
+    first = np.arange(0, kept.shape[1], 2)
+    return _extremes(kept[0], kept[1], kept[2], first, np.minimum(first + 1, kept.shape[1] - 1))
 
 
 class ReplaySamples(Decimator):
@@ -87,7 +86,6 @@ class ReplaySamples(Decimator):
     """
 
     def __init__(self, config: Config, layout: Layout) -> None:
-        """Fix which columns are kept; `layout` is that of the estimates."""
         super().__init__()
         self.layout = layout
         self._estimated = np.flatnonzero([s.estimate for s in config.source])

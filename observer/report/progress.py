@@ -10,6 +10,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -20,9 +21,7 @@ from rich.progress import (
 @contextmanager
 def counting(name: str) -> Iterator[Callable[[int, int], None]]:
     """A bar for work of known length: call with the rows done and their total."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with _bar(MofNCompleteColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task(name, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
@@ -30,11 +29,14 @@ def counting(name: str) -> Iterator[Callable[[int, int], None]]:
 @contextmanager
 def advancing(name: str) -> Iterator[Callable[[str, float], None]]:
     """A bar for work in stages: call with what is being done and the part of all that lies behind."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with _bar(TaskProgressColumn(), TimeElapsedColumn()) as bar:
         task = bar.add_task(name, total=1.0)
         yield lambda text, done: bar.update(task, completed=done, description=f"{name}: {text}")
+
+
+def _bar(*told: ProgressColumn) -> Progress:
+    columns, console = (TextColumn("{task.description}"), BarColumn(), *told), Console(stderr=True)
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 @contextmanager

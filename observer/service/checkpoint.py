@@ -125,8 +125,8 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
     """A snapshot with all its moments moved, for a service whose time was set anew."""
-    moved = replace(snapshot, tick_s=snapshot.tick_s + by_s, drive=_moved(snapshot.drive, by_s))
-    return replace(moved, estimator=_moved(snapshot.estimator, by_s))
+    drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
+    return replace(snapshot, tick_s=snapshot.tick_s + by_s, drive=drive, estimator=estimator)
 
 
 def _document(data: bytes) -> Mapping[str, Any]:

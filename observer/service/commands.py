@@ -45,7 +45,7 @@ class Commands:
         time_s = math.nextafter(tick_s, -math.inf)  # the row of a reset stands before the tick's
         for command in commands:
             if command.refused is not None:
-                self._audit(command, Outcome(False, command.refused, time_s))
+                self._close(command, Outcome(False, command.refused, time_s))
             elif time.monotonic() - command.asked_s > self._fresh_s:
                 self._close(command, Outcome(False, "not done: it waited for too long; ask again", time_s))
             elif command.kind == "reset":
@@ -80,10 +80,8 @@ class Commands:
         return Outcome(True, "disarmed" if before is None else f"it was off already: {before}", time_s)
 
     def _close(self, command: Command, outcome: Outcome) -> None:
-        command.answer(outcome)
-        self._audit(command, outcome)
-
-    def _audit(self, command: Command, outcome: Outcome) -> None:
+        if command.refused is None:  # else who asked has been told already
+            command.answer(outcome)
         log.info("command", command=command.kind, done=outcome.done, text=outcome.text, by=command.by)
         if self._recorder is not None:
             used = self._row(Reading(outcome.time_s, {}))

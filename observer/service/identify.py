@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from observer.errors import LogError
-from observer.files.logs import TIME, Log
+from observer.files.logs import Log
 from observer.files.results import write_json
-from observer.files.writer import Column, TableWriter
+from observer.files.writer import TableWriter
 from observer.frames import FloatArray, Inputs, Layout
 from observer.history.history import HeatHistory
 from observer.model.drive import Drive
 from observer.service.align import AlignPlan, frames_of_log
+from observer.service.replay import heat_columns
 
 
 def inputs_of(log: Log, plan: AlignPlan, drive: Drive) -> list[Inputs]:
@@ -39,20 +40,10 @@ def write_history(
             f"{log.path}: no sensor has a value while all inputs are known, so no heat can be told; check "
             "the sensors' channels"
         )
-    columns: dict[str, Column] = {TIME: history.time_s}
-    for j, name in enumerate(layout.sources):
-        columns[f"heat_{name}_W"] = history.heat_W[:, j]
-        columns[f"heat_{name}_sigma_W"] = history.heat_sigma_W[:, j]
     with TableWriter(output / "heat.csv") as writer:
-        writer.write(columns)
-    summary = _summary(layout, history, log) | dict(more)
-    write_json(output / "summary.json", summary)
-    return summary
-
-
-def _summary(layout: Layout, history: HeatHistory, log: Log) -> dict[str, Any]:
+        writer.write(heat_columns(layout, history))
     names = layout.sources
-    return {
+    summary = {
         "log": log.path.name,
         "rows": len(history),
         "duration_s": float(history.time_s[-1] - history.time_s[0]),
@@ -67,7 +58,10 @@ def _summary(layout: Layout, history: HeatHistory, log: Log) -> dict[str, Any]:
         },
         **history.details,
         "warnings": list(history.warnings),
+        **more,
     }
+    write_json(output / "summary.json", summary)
+    return summary
 
 
 def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | None]:

@@ -35,9 +35,7 @@ class _Seen:
     readings: int = 0
     first_s: float = math.nan
     last_s: float = math.nan
-    value: dict[str, float] = field(default_factory=dict)
-    fault: dict[str, str] = field(default_factory=dict)
-    arrived_s: dict[str, float] = field(default_factory=dict)
+    newest: dict[str, tuple[float, str | None, float]] = field(default_factory=dict)
     usable: set[str] = field(default_factory=set)
 
     def take(self, reading: Reading) -> None:
@@ -47,12 +45,9 @@ class _Seen:
         self.first_s = now_s if math.isnan(self.first_s) else self.first_s
         self.last_s = now_s
         for channel, value in reading.values.items():
-            fault = reading.faults.get(channel)
-            self.value[channel], self.arrived_s[channel] = value, now_s
-            self.fault.pop(channel, None)
-            if fault is not None or not math.isfinite(value):
-                self.fault[channel] = fault or "not_a_number"
-            else:
+            fault = reading.faults.get(channel, None if math.isfinite(value) else "not_a_number")
+            self.newest[channel] = value, fault, now_s
+            if fault is None:
                 self.usable.add(channel)
 
     def rate_Hz(self) -> float | None:
@@ -106,14 +101,14 @@ def _told(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, An
 
 
 def _channel(channel: str, seen: _Seen, now_s: float, implausible: Implausible) -> dict[str, Any]:
-    if channel not in seen.arrived_s:
+    if channel not in seen.newest:
         return {"value": None, "fault": "never_came", "age_s": None, "implausible": None, "usable": False}
-    fault, value = seen.fault.get(channel), seen.value[channel]
+    value, fault, arrived_s = seen.newest[channel]
     doubt = None if fault else implausible(channel, value)
     return {
         "value": None if fault else value,
         "fault": fault,
-        "age_s": now_s - seen.arrived_s[channel],
+        "age_s": now_s - arrived_s,
         "implausible": doubt,
         "usable": fault is None and doubt is None,
     }

@@ -76,13 +76,6 @@ class Limits:
     ambient_degC: float = math.nan
 
     @classmethod
-    def none(cls, channels: int) -> Limits:
-        """No limits for that many channels."""
-        wide = np.full(channels, np.inf)
-        both = np.column_stack([-wide, wide])
-        return cls((Kind.OTHER,) * channels, -wide, wide, wide, wide, wide, np.zeros(channels), both)
-
-    @classmethod
     def of(cls, config: Config) -> Limits:
         """The limits of a configuration's channels, in their order."""
         kinds = kinds_of(config)

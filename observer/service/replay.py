@@ -17,6 +17,7 @@ from observer.files.logs import SUFFIXES, TIME, Log
 from observer.files.results import write_json
 from observer.files.writer import Column, TableWriter
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
+from observer.history.history import HeatHistory
 from observer.model.rod.moving import judge_path
 from observer.service.align import AlignPlan, blocks_of_log
 from observer.service.checkpoint import START_SUFFIX, Fit, Snapshot, UnfitError, load, recent
@@ -66,64 +67,59 @@ def start_of(log: Log, fit: Fit) -> tuple[Snapshot | None, str]:
     return snapshot, f"warm, from {beside.name}, {log.time_s[0] - snapshot.tick_s:.3f} s before the first row"
 
 
-class Tally:
-    """Adds blocks of estimates up to a replay in numbers: the same for the same log and configuration."""
+def _counts(block: EstimateBlock) -> tuple[Any, ...]:
+    """What a summary adds up, of one block."""
+    heat_W, innovation_K = block.heat_W, block.innovation_K
+    return (
+        len(block),
+        np.bincount(block.quality, minlength=len(EstimateQuality)),
+        np.array([np.bincount(codes, minlength=len(Quality)) for codes in block.sensor_quality.T]),
+        np.isfinite(heat_W).sum(axis=0),
+        np.nansum(heat_W, axis=0),
+        np.isfinite(innovation_K).sum(axis=0),
+        np.nansum(innovation_K, axis=0),
+        np.nansum(innovation_K**2, axis=0),
+    )
 
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
-        sensors, sources = len(layout.sensors), len(layout.sources)
-        self._times: list[float] = []
-        self._rows = 0
-        self._quality = np.zeros(len(EstimateQuality), np.int64)
-        self._sensor_quality = np.zeros((sensors, len(Quality)), np.int64)
-        self._heat, self._heat_count = np.zeros(sources), np.zeros(sources)
-        self._count, self._sum, self._squares = np.zeros(sensors), np.zeros(sensors), np.zeros(sensors)
 
-    def add(self, block: EstimateBlock) -> None:
-        """Count a block in."""
-        self._rows += len(block)
-        self._times = [*self._times[:1], *block.time_s[[0, -1]].tolist()]
-        self._quality += np.bincount(block.quality, minlength=len(EstimateQuality))
-        for j, codes in enumerate(block.sensor_quality.T):
-            self._sensor_quality[j] += np.bincount(codes, minlength=len(Quality))
-        self._heat += np.nansum(block.heat_W, axis=0)
-        self._heat_count += np.isfinite(block.heat_W).sum(axis=0)
-        self._count += np.isfinite(block.innovation_K).sum(axis=0)
-        self._sum += np.nansum(block.innovation_K, axis=0)
-        self._squares += np.nansum(block.innovation_K**2, axis=0)
-
-    def summary(self) -> dict[str, Any]:
-        """All that was counted."""
-        bias_K, rms_K = _mean(self._sum, self._count), _mean(self._squares, self._count)
-        sensors = {
+def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -> dict[str, Any]:
+    """A replay in numbers: the same for the same log and configuration."""
+    totals: list[Any] = [sum(column) for column in zip(*counts, strict=True)]
+    rows, quality, sensor_quality, heats, heat_W, values, sum_K, squares_K2 = totals
+    bias_K, squares_K2 = _mean(sum_K, values), _mean(squares_K2, values)
+    sensors = zip(layout.sensors, squares_K2, bias_K, sensor_quality, strict=True)
+    return {
+        "rows": rows,
+        "duration_s": duration_s,
+        "quality": {q.label: int(n) for q, n in zip(EstimateQuality, quality, strict=True)},
+        "heat_mean_W": dict(zip(layout.sources, _mean(heat_W, heats), strict=True)),
+        "sensors": {
             name: {
                 "innovation_rms_K": None if square is None else square**0.5,
                 "innovation_bias_K": bias,
-                "quality": {q.label: int(n) for q, n in zip(Quality, counts, strict=True)},
+                "quality": {q.label: int(n) for q, n in zip(Quality, codes, strict=True)},
             }
-            for name, square, bias, counts in zip(
-                self._layout.sensors, rms_K, bias_K, self._sensor_quality, strict=True
-            )
-        }
-        return {
-            "rows": self._rows,
-            "duration_s": self._times[-1] - self._times[0] if self._times else 0.0,
-            "quality": {q.label: int(n) for q, n in zip(EstimateQuality, self._quality, strict=True)},
-            "heat_mean_W": dict(zip(self._layout.sources, _mean(self._heat, self._heat_count), strict=True)),
-            "sensors": sensors,
-        }
+            for name, square, bias, codes in sensors
+        },
+    }
 
 
 def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
     return [float(t / n) if n else None for t, n in zip(total, count, strict=True)]
 
 
+def heat_columns(layout: Layout, found: EstimateBlock | HeatHistory) -> dict[str, Column]:
+    """The time and the heats as the columns of a table."""
+    columns: dict[str, Column] = {TIME: found.time_s}
+    for j, name in enumerate(layout.sources):
+        columns[f"heat_{name}_W"] = found.heat_W[:, j]
+        columns[f"heat_{name}_sigma_W"] = found.heat_sigma_W[:, j]
+    return columns
+
+
 def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
     """The columns of `estimates.csv` for a block."""
-    columns: dict[str, Column] = {TIME: block.time_s}
-    for j, name in enumerate(layout.sources):
-        columns[f"heat_{name}_W"] = block.heat_W[:, j]
-        columns[f"heat_{name}_sigma_W"] = block.heat_sigma_W[:, j]
+    columns = heat_columns(layout, block)
     places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
     for j, mm in enumerate(places):
         columns[f"field_{mm}_degC"] = block.field_degC[:, j]
@@ -153,14 +149,16 @@ def write_results(
     Returns the content of `summary.json`: the summary, and `more` that the caller knows of the log. Raises
     `LogError` where they cannot be written, or when there is no estimate to write.
     """
-    tally = Tally(layout)
+    counts, times = [], []
     with TableWriter(output / f"estimates{suffix}") as writer:
         for block in blocks:
             writer.write(result_columns(layout, block))
-            tally.add(block)
-        summary = {"log": log.path.name, "config": digest, **tally.summary(), **more}
-        if not summary["rows"]:
+            counts.append(_counts(block))
+            times += block.time_s[[0, -1]].tolist()
+        if not counts:
             raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
+    numbers = _summary(layout, counts, times[-1] - times[0])
+    summary = {"log": log.path.name, "config": digest, **numbers, **more}
     write_json(output / "summary.json", summary)
     return summary
 

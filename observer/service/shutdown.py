@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import NoReturn
 
 GRACE_S = 1.7
@@ -32,7 +32,7 @@ class StopSignals:
         self._heard = False
         self._stop: Callable[[], None] | None = None
         self._reload: Callable[[], None] | None = None
-        self._terminals = [fd for fd in range(3) if _is_terminal(fd)]
+        self._terminals = [fd for fd in range(3) if os.isatty(fd)]
 
     def when_asked(self, reload: Callable[[], None]) -> None:
         """Call `reload` at each SIGHUP from now on."""
@@ -47,7 +47,8 @@ class StopSignals:
 
     def __enter__(self) -> StopSignals:
         self._there.setblocking(False)
-        self._handlers = {s: signal.signal(s, _ignored) for s in _HEARD}
+        # nothing: the wake-up descriptor tells the thread
+        self._handlers = {s: signal.signal(s, lambda *_: None) for s in _HEARD}
         self._fd = signal.set_wakeup_fd(self._there.fileno(), warn_on_full_buffer=False)
         threading.Thread(target=self._listen, name="signals", daemon=True).start()
         return self
@@ -99,21 +100,10 @@ class StopSignals:
 _HEARD = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
-def _is_terminal(fd: int) -> bool:
-    try:
-        return os.isatty(fd)
-    except OSError:
-        return False
-
-
 def _is_hung_up(terminal: int) -> bool:
     poll = select.poll()
     poll.register(terminal, select.POLLIN)
     return any(what & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, what in poll.poll(0))
-
-
-def _ignored(_number: int, _frame: FrameType | None) -> None:
-    """Nothing: the wake-up descriptor has told the thread already."""
 
 
 def leave(code: int) -> NoReturn:

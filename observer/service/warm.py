@@ -44,7 +44,7 @@ class Compiler:
     def warm(self, run: Callable[[], object]) -> None:
         """Call `run`, which uses every kernel; what it lacks is compiled before."""
         try:
-            with _compiling_nothing():
+            with event.install_listener("numba:compile", _Refusing()):
                 run()
         except NotCompiledError:
             gc.enable()  # a start that takes long, and may have to compile here, has garbage
@@ -98,8 +98,3 @@ class _Refusing(event.Listener):
 
     def on_end(self, _event: Any) -> None:
         """Nothing: it never begins."""
-
-
-def _compiling_nothing() -> Any:
-    """A block in which `NotCompiledError` is raised instead of compiling."""
-    return event.install_listener("numba:compile", _Refusing())

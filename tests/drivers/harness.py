@@ -14,7 +14,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 import drivers
-from drivers import Driver
+from drivers.protocol import Driver
 from observer.frames import Reading
 from tests.patience import PATIENCE_S, Stopwatch
 

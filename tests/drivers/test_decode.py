@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.decode import MAX_REGISTERS, Block, decode, raw_of, read_plan, spans
+from drivers.decode import MAX_REGISTERS, Block, bytes_of, decode, raw_of, read_plan, spans
 from drivers.devices import modbus_input
 from drivers.places import WORDS, ModbusChannel
 
@@ -31,23 +31,23 @@ def test_integers_survive_the_registers(kind, order, data):
     number = data.draw(st.integers(*LIMITS[kind]))
     words = words_of(number, kind, order)
     assert len(words) == WORDS[kind]
-    assert raw_of(words, kind, order) == number
+    assert raw_of(bytes_of(words, order), kind) == number
 
 
 @given(st.floats(width=32, allow_nan=False), ORDERS)
 def test_floats_survive_the_registers(number, order):
-    assert raw_of(words_of(number, "float32", order), "float32", order) == number
+    assert raw_of(bytes_of(words_of(number, "float32", order), order), "float32") == number
 
 
 @given(st.lists(st.integers(0, 0xFFFF), min_size=2, max_size=2), st.sampled_from(["int32", "uint32"]))
 def test_word_order_swaps_words_and_nothing_else(words, kind):
-    assert raw_of(words, kind, "little") == raw_of(words[::-1], kind, "big")
+    assert raw_of(bytes_of(words, "little"), kind) == raw_of(bytes_of(words[::-1], "big"), kind)
 
 
 def test_the_byte_order_is_that_of_the_wire():
-    assert raw_of([0x0001, 0x0002], "uint32") == 0x00010002
-    assert raw_of([0xFFFF], "int16") == -1
-    assert raw_of([0x3F80, 0x0000], "float32") == 1.0
+    assert raw_of(bytes_of([0x0001, 0x0002]), "uint32") == 0x00010002
+    assert raw_of(bytes_of([0xFFFF]), "int16") == -1
+    assert raw_of(bytes_of([0x3F80, 0x0000]), "float32") == 1.0
 
 
 @given(st.floats(-200, 1300), st.sampled_from([0.1, 0.01, 0.0625, -0.5]), st.floats(-300, 300), ORDERS)

@@ -47,14 +47,14 @@ def test_the_share_under_a_stretch_sums_to_one_wherever_it_lies():
 
 def test_the_nut_stays_in_its_stroke_and_moves_by_the_lead():
     axis = Machine(seed=1)
-    before_m = axis.nut_position_m
+    before_m = axis.nut_position_m()
     moved_m = []
     for _ in range(2000):
         axis.advance(0.02)
-        assert STROKE_M[0] <= axis.nut_position_m - 0.04
-        assert axis.nut_position_m + 0.04 <= STROKE_M[1]
-        moved_m.append(abs(axis.nut_position_m - before_m))
-        before_m = axis.nut_position_m
+        assert STROKE_M[0] <= axis.nut_position_m() - 0.04
+        assert axis.nut_position_m() + 0.04 <= STROKE_M[1]
+        moved_m.append(abs(axis.nut_position_m() - before_m))
+        before_m = axis.nut_position_m()
     # 1500 rpm, 10 mm: 5 mm in 20 ms, less only where it turns
     assert max(moved_m) == pytest.approx(0.005)
     assert np.median(moved_m) == pytest.approx(0.005)

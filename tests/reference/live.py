@@ -60,7 +60,7 @@ def sent(seconds: float, seed: int = 1) -> Arrivals:
     for k in range(1, round(seconds / STEP_S) + 1):
         axis.advance(STEP_S)
         at_s = EPOCH_S + axis.time_s - begin_s
-        motion = {"nut_position_m": axis.nut_position_m, "screw_speed_rpm": speed_rpm(axis.time_s)}
+        motion = {"nut_position_m": axis.nut_position_m(), "screw_speed_rpm": speed_rpm(axis.time_s)}
         out.append((at_s, Reading(at_s, motion)))
         if k % round(POLL_S / STEP_S) == 0:
             rounded = {name: round(value, 1) for name, value in axis.thermocouples_degC().items()}

@@ -104,7 +104,7 @@ def test_one_sensor_one_step_and_no_expansion_make_a_picture_too(tmp_path: Path)
 def test_nothing_half_written_is_left(samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config, _ = rig()
     broken = copy.copy(samples[0])
-    broken._kept = broken._kept | {"heat_sigma_W": [part[:-1] for part in broken._kept["heat_sigma_W"]]}
+    broken._kept = broken._kept | {"heat_sigma_W": broken._kept["heat_sigma_W"][:, :-1]}
     with pytest.raises(ValueError, match="broadcast"):
         write_overview(tmp_path / "overview.png", config, broken, "broken")
     assert list(tmp_path.iterdir()) == []

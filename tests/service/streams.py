@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from observer.frames import FrameBlock, Reading
 from observer.service.align import Aligner, AlignPlan, Position
-from observer.service.plausibility import Limits
+from observer.service.plausibility import Kind, Limits
 from observer.service.record import header, row_of_reading
 
 CHANNELS = ("t1_degC", "t2_degC", "nut_position_m")
+WIDE = np.full(len(CHANNELS), np.inf)  # no limits
 
 
 def plan(*, expected_s=(0.5, 0.5, 0.02), noise_K=(0.05, 0.05, math.nan), period_s=0.5) -> AlignPlan:
@@ -21,7 +22,7 @@ def plan(*, expected_s=(0.5, 0.5, 0.02), noise_K=(0.05, 0.05, math.nan), period_
         np.array(expected_s, float),
         np.array(noise_K, float),
         period_s,
-        Limits.none(len(CHANNELS)),
+        Limits((Kind.OTHER,) * 3, -WIDE, WIDE, WIDE, WIDE, WIDE, np.zeros(3), np.column_stack([-WIDE, WIDE])),
     )
 
 
