@@ -301,12 +301,13 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
-    from observer import app as parts
     from observer.report.check_text import as_text, wires_as_text
     from observer.report.examine import examine
 
     settings = examine(config)
     if wires:
+        from observer import app as parts
+
         found = parts.wires(settings)
         _show(found, as_json, wires_as_text)
         leave(0 if found["good"] else 1)
