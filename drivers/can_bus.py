@@ -148,7 +148,6 @@ class BusDriver:
         raise RuntimeError(f"driver {self.name}: its thread ended unexpectedly; see the error above")
 
     def _arrived(self, frame: can.Message, time_s: float, deliver: Deliver) -> None:
-        """Decode a frame and deliver its channels."""
         self._pending -= 1
         decoded = self._decode(frame)
         if decoded is None or not decoded[0]:

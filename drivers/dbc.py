@@ -60,7 +60,6 @@ class DbcDecoder:
 
 
 def _decoded(message: Any, channels: tuple[tuple[str, CanChannel], ...], data: bytes) -> Decoded:
-    """Values and faults of the channels in the bytes of a message."""
     raw = message.decode(data, decode_choices=False, scaling=False)
     values: dict[str, float] = {}
     faults: dict[str, str] = {}

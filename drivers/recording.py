@@ -21,6 +21,7 @@ _REMEDY = "copy the recording again, or convert what is left of it to a new file
 # What the readers of python-can raise when bytes make no sense.
 _DAMAGE = (BLFParseError, can.CanError, sqlite3.Error, struct.error, zlib.error, LookupError, EOFError)
 _BLF_HEADER = 144
+_TAIL = 200
 # Formats of which a complete file can be told from a cut one only by its last line.
 LINE_FORMATS = (".log", ".csv", ".trc")
 
@@ -104,9 +105,8 @@ def _cut_asc(tail: bytes) -> str | None:
     return None if last.startswith("end trigger") else 'its closing line "End TriggerBlock" is missing'
 
 
-def _tail(path: Path, length: int = 200) -> bytes:
-    """The last bytes of a file."""
+def _tail(path: Path) -> bytes:
     with path.open("rb") as file:
         size = file.seek(0, 2)
-        file.seek(max(0, size - length))
+        file.seek(max(0, size - _TAIL))
         return file.read()

@@ -71,7 +71,6 @@ def replay(
 
 
 def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
-    """Read a log, or a recording of a CAN bus."""
     from observer.service.can_log import is_can_recording, read_can_log
 
     if is_can_recording(path):
@@ -103,7 +102,9 @@ def identify(
     # no field is reported, so the inputs of a long log need not carry its rows
     ends_only = Output(positions_m=(0.0, config.screw.length_m))
     machine = Machine.of(config.model_copy(update={"output": ends_only}))
-    blocks = inputs_of(log, machine.plan, machine.drive)
+    frames = list(frames_of_log(log, machine.plan))
+    blocks, odd = inputs_of(frames, machine.drive), doubts(log, frames, config)
+    del frames  # the method needs the memory
     progress(options.method)
     try:
         history = heat_history(machine.plant, config.estimator, blocks, options)
@@ -113,7 +114,7 @@ def identify(
         "config": config.digest,
         "method": options.method,
         "nut_path": nut_paths(config, log),
-        "doubts": doubts(log, frames_of_log(log, machine.plan), config),
+        "doubts": odd,
     }
     with results_in(output) as part:
         summary = write_history(part, machine.plant.layout, history, log, more)

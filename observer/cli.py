@@ -366,7 +366,6 @@ def watch(
 
 
 def _client(path: Path | None) -> Client | None:
-    """Read who asks."""
     from observer.installation import load_client
 
     return None if path is None else load_client(path)

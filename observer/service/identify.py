@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +12,16 @@ from observer.errors import LogError
 from observer.files.logs import Log
 from observer.files.results import write_json
 from observer.files.writer import TableWriter
-from observer.frames import FloatArray, Inputs, Layout
+from observer.frames import FloatArray, FrameBlock, Inputs, Layout
 from observer.history.history import HeatHistory
 from observer.model.drive import Drive
-from observer.service.align import AlignPlan, frames_of_log
 from observer.service.replay import heat_columns
 
 
-def inputs_of(log: Log, plan: AlignPlan, drive: Drive) -> list[Inputs]:
-    """Return what drives the plant over a whole log, in blocks, by the path that a live reading takes."""
+def inputs_of(log: Iterable[FrameBlock], drive: Drive) -> list[Inputs]:
+    """Return what drives the plant over the frames of a log, by the path that a live reading takes."""
     state, blocks = drive.initial(), []
-    for frames in frames_of_log(log, plan):
+    for frames in log:
         state, inputs = drive.run(state, frames)
         blocks.append(inputs)
     return blocks

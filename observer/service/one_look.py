@@ -88,7 +88,6 @@ def _enough(driver: Driver, seen: _Seen) -> bool:
 
 
 def _told(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, Any]:
-    """What came from one driver."""
     now_s, status = time.monotonic(), driver.status
     return {
         "connected": status.connected,

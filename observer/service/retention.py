@@ -126,6 +126,5 @@ def is_being_written(path: Path) -> bool:
 
 
 def _size(path: Path) -> int:
-    """How much lies beside a recording."""
     beside = path.with_suffix(START_SUFFIX)
     return beside.lstat().st_size if beside.exists() else 0
