@@ -170,6 +170,10 @@ def test_it_works_from_a_fiftieth_of_its_fastest_on() -> None:
     np.testing.assert_array_equal(found.running_s, [0.0, 0.0, 30.0, 60.0, 60.0])
     still = course_of(settings(), stepped([0.0, 1e-12, 0.0]))
     assert not still.working.any(), "what is nothing is no work, be it the most there is"
+    config = settings()
+    config.source = [SimpleNamespace(speed_channel=None, power_channel="P_W", position_channel=None)]
+    unheated = course_of(config, stepped([0.0] * 3, more={"P_W": [0.0, 1e-12, 0.0]}))
+    assert not unheated.working.any()
 
 
 def test_a_mean_is_over_its_frames_and_a_gap_is_standstill() -> None:
@@ -210,9 +214,11 @@ def test_power_is_work_as_well_and_the_ambient_is_what_is_known_of_it() -> None:
     assert (nothing_known.ambient_degC.tolist(), nothing_known.position_m.tolist()) == ([20.0], [0.0])
 
 
-@pytest.mark.parametrize(("rest", "phase"), [(50, "dwell"), (53, "cool_down")])
-def test_a_rest_of_less_than_25_minutes_with_work_after_it_is_a_dwell(rest: int, phase: str) -> None:
-    found = course_of(settings(), stepped([0.0, 0.0, *[900.0] * 20, *[0.0] * rest, *[900.0] * 5]))
+@pytest.mark.parametrize(("rest_s", "phase"), [(1499.5, "dwell"), (1500.0, "cool_down")])
+def test_a_rest_of_less_than_25_minutes_with_work_after_it_is_a_dwell(rest_s: float, phase: str) -> None:
+    rest = 51  # means, from the end of the first to that of the last
+    speeds = [0.0, 0.0, *[900.0] * 20, *[0.0] * rest, *[900.0] * 5]
+    found = course_of(settings(), stepped(speeds, period_s=rest_s / (rest - 1)))
     named = [PHASES[p] for p in found.phase]
     assert set(named[:2]) == {"isothermal"}
     assert set(named[22 : 22 + rest]) == {phase}
@@ -232,6 +238,8 @@ def test_heating_up_is_from_a_seventh_of_the_fastest_on() -> None:
     with_gaps[[7, 8, 30]] = np.nan
     run = stepped([900.0] * 61, level_degC=with_gaps)
     run.ticks.measured_degC[50, 0] = np.nan
+    np.testing.assert_array_equal(course_of(settings(), run).phase, found.phase)
+    run.ticks.measured_degC[:, 0] = np.nan  # one sensor is enough
     np.testing.assert_array_equal(course_of(settings(), run).phase, found.phase)
 
 

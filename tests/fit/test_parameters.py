@@ -4,11 +4,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from observer.config import Config
 from observer.errors import ConfigError
-from observer.fit.parameters import FILM, candidates, free_keys, get, kind_of, replaced
+from observer.fit.parameters import (
+    FILM,
+    KINDS,
+    bounds_of,
+    candidates,
+    free_keys,
+    get,
+    kind_of,
+    put,
+    replaced,
+    rounded,
+    scale_of,
+)
 from observer.installation import Installation
-from tests.discovery.cases import machine
+from tests.discovery.cases import machine, table
 
+FRICTION = {"name": "nut", "shape": "point", "position_m": 0.2, "speed_channel": "n_rpm", "torque_Nm": 0.4}
 CONVECTIVE = {"right": {"kind": "convective", "coefficient_W_m2K": 50.0}}
 
 
@@ -66,3 +80,67 @@ def test_the_wires_of_a_configuration_stay_when_a_value_is_replaced() -> None:
     assert isinstance(other, Installation)
     assert other.drivers == config.drivers
     assert get(other, FILM) == 12.0
+
+
+def with_a_torque() -> Config:
+    return machine(source=[*table()["source"], FRICTION], boundary=CONVECTIVE)
+
+
+@pytest.mark.parametrize("key", candidates(with_a_torque()))
+def test_a_value_that_is_put_is_the_same_as_one_that_is_replaced(key: str) -> None:
+    config = with_a_torque()
+    value = 0.5 * get(config, key)
+    quick, checked = put(config, {key: value}), replaced(config, {key: value})
+    assert get(quick, key) == value
+    assert quick.model_dump() == checked.model_dump()
+
+
+@pytest.mark.parametrize(
+    ("key", "small", "low", "high"),
+    [
+        (FILM, 1.0, 0.0, 1000.0),
+        ("surface.factor", 0.1, 1e-3, 100.0),
+        ("boundary.right.coefficient_W_m2K", 10.0, 1e-3, 1e5),
+        ("screw.diameter_m", 0.002, 1e-3, 1.0),
+        ("screw.conductivity_W_mK", 2.0, 1.0, 1000.0),
+        ("screw.density_kg_m3", 200.0, 500.0, 25_000.0),
+        ("screw.specific_heat_J_kgK", 20.0, 50.0, 5000.0),
+        ("source.nut.torque_Nm", 0.02, 0.0, 1000.0),
+        ("source.nut.share", 0.05, 0.0, 1.0),
+        ("source.bearing.l.heat_W_rpm", 0.001, 0.0, 100.0),
+        ("source.nut.scale", 0.1, 0.0, 100.0),
+    ],
+)
+def test_a_parameter_is_sought_within_its_bounds_in_steps_of_its_size(
+    key: str, small: float, low: float, high: float
+) -> None:
+    """Its own size or, where it is next to nothing, a fifth of a change that matters."""
+    config = with_a_torque()
+    if key == "surface.factor":
+        config = config.model_copy(
+            update={"surface": config.surface.model_copy(update={"law": "laminar", "factor": 1.0})}
+        )
+    assert bounds_of(config, key) == (low, high)
+    assert scale_of(put(config, {key: 2 * small}), key) == pytest.approx(2 * small)
+    assert scale_of(put(config, {key: 0.0}), key) == pytest.approx(small)
+    beyond = put(config, {key: 2 * high})
+    assert bounds_of(beyond, key) == (low, 2 * high), "a configured value is always within"
+    assert bounds_of(put(config, {key: low - 1.0}), key) == (low - 1.0, high)
+
+
+def test_every_kind_of_parameter_is_positive_and_has_a_size() -> None:
+    for kinds in KINDS.values():
+        for kind in kinds.values():
+            assert 0.0 <= kind.low < kind.high
+            assert kind.scale > 0.0
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (123456.7, 123460.0), (0.001234567, 0.0012346), (-9.999996, -10.0), (99999.4, 99999.0), (0.0, 0.0),
+        (float("inf"), float("inf")), (1.0, 1.0),
+    ],
+)  # fmt: skip
+def test_five_digits_are_kept(value: float, shown: float) -> None:
+    assert rounded(value) == shown

@@ -31,6 +31,7 @@ KALMAN = _at(
     "-k",
     "not 200_000",
 )
+SETTLED = _at("tests/estimators/test_settled.py")
 GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py", compiled=True)
 
 NEAREST: dict[str, Nearest] = {
@@ -39,6 +40,8 @@ NEAREST: dict[str, Nearest] = {
     "observer/discovery/proof.py": _at("tests/discovery/test_verdict.py"),
     "observer/discovery/search.py": _at("tests/discovery/test_search.py", compiled=True),
     "observer/discovery/verdict.py": _at("tests/discovery/test_verdict.py"),
+    "observer/estimators/compiled/cruise_kernel.py": SETTLED,
+    "observer/estimators/compiled/fixed_gain_kernel.py": SETTLED,
     "observer/estimators/compiled/judging.py": KALMAN,
     "observer/estimators/compiled/kalman_kernel.py": KALMAN,
     "observer/estimators/compiled/kernels.py": KALMAN,
@@ -48,8 +51,11 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/calibrate.py": _at("tests/fit/test_calibrate.py", compiled=True),
     "observer/fit/evidence.py": _at("tests/fit/test_evidence.py", compiled=True),
     "observer/fit/footprint.py": _at("tests/fit/test_footprint.py", compiled=True),
-    "observer/fit/interval.py": _at("tests/fit/test_interval.py", compiled=True),
+    "observer/fit/hypothesis.py": _at("tests/fit/test_tolerance.py", compiled=True),
+    "observer/fit/interval.py": _at("tests/fit/test_interval.py"),
+    "observer/fit/minimise.py": _at("tests/fit/test_minimise.py"),
     "observer/fit/parameters.py": _at("tests/fit/test_parameters.py"),
+    "observer/fit/problem.py": _at("tests/fit/test_tolerance.py", compiled=True),
     "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),
     "observer/fit/tolerance.py": _at("tests/fit/test_tolerance.py", compiled=True),
     "observer/model/discretise.py": _at("tests/model/test_discretise.py"),

@@ -1,0 +1,256 @@
+"""Observers whose covariance has settled, step by step against dense matrices; small, to be interpreted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from observer.estimators import build_estimator
+from observer.estimators.protocol import EstimatorState
+from observer.frames import EstimateQuality, Quality
+from observer.model.discretise import augmented, quantise, step_matrices
+from observer.model.plant import Rows
+from observer.tables.estimator import EstimatorSettings
+from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
+
+KINDS = [("kalman", "constant"), ("luenberger", "compiled")]
+WIDE = 1e9
+STEPS = 24
+
+
+def small(moving=(), **changes):
+    """Two of three heats estimated, and rows that see the ambient directly as well."""
+    plant = rod(
+        modes=4, sensors_m=(0.05, 0.3, 0.55), estimated=(True, False, True), moving=moving, grid=3, **changes
+    )
+    F = 0.1 + 0.05 * np.arange(len(plant.rows.C))[:, None]
+    return replace(plant, rows=Rows(plant.rows.C, F, plant.rows.sensors, plant.rows.grid))
+
+
+def built(plant, kind, engine, gate_sigma=WIDE):
+    return build_estimator(
+        plant, EstimatorSettings(kind=kind, engine=engine, bandwidth_1_s=0.005, gate_sigma=gate_sigma)
+    )
+
+
+def table_of(estimator):
+    return estimator._engine._bank.table
+
+
+def settled(plant, estimator):
+    """A state with the steady covariance of all sensors."""
+    x = np.random.default_rng(7).normal(size=len(plant.decay_1_s) + int(plant.estimated.sum()))
+    x[: len(plant.decay_1_s)] += AMBIENT_DEGC * plant.uniform
+    none = np.zeros(plant.rows.sensors)
+    return EstimatorState(x, table_of(estimator).P[0].copy(), True, none, none, none, 0.0)
+
+
+def lively(plant, steps=STEPS, nut_m=None):
+    """A warming ambient, laws that are never 0, no jumps that are told; every step of full length."""
+    u = inputs(plant, steps=steps, missing=0.0, nut_m=nut_m)
+    u.dt_s[:] = 0.5
+    u.law_W[:] = 15.0 + 5.0 * np.sin(np.arange(steps)[:, None] + np.arange(u.law_W.shape[1]))
+    u.law_jump_W[:] = 0.0
+    u.z_start[:, 0] = AMBIENT_DEGC + 0.5 * np.arange(steps)
+    u.z_end[:, 0] = u.z_start[:, 0] + 0.4
+    return u
+
+
+def at(plant, u, k):
+    """The plant with its moving columns as they are at step k."""
+    B, C = plant.B.copy(), plant.rows.C.copy()
+    for i, source in enumerate(plant.moving):
+        B[:, source.index] = u.moving_B[k, i]
+        C[:, plant.modes + source.index] = u.moving_C[k, i]
+    return replace(plant, B=B, rows=Rows(C, plant.rows.F, plant.rows.sensors, plant.rows.grid))
+
+
+def dense(plant, u, x, K):
+    """x⁺ = x_pred + K ν with the same gain at every step: states, innovations, heats, fields."""
+    found, n_x, s = [], len(plant.decay_1_s), plant.rows.sensors
+    for k in range(len(u)):
+        now = at(plant, u, k)
+        step = step_matrices(plant, float(quantise(u.dt_s[k])))
+        x = augmented(now, step)[0] @ x
+        x[:n_x] += step.hold * (now.B @ u.law_W[k] + plant.E @ u.z_start[k])
+        x[:n_x] += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
+        nu = u.y_degC[k] - now.rows.C[:s] @ x[:n_x] - plant.rows.F[:s] @ u.z_end[k]
+        x = x + K @ nu
+        field = now.rows.C[s:] @ x[:n_x] + plant.rows.F[s:] @ u.z_end[k]
+        found.append((x, nu, u.law_W[k, plant.estimated] + x[n_x:], field))
+    return [np.array(part) for part in zip(*found, strict=True)]
+
+
+@pytest.mark.parametrize("moving", [(), (1,), (0,)])
+@pytest.mark.parametrize(("kind", "engine"), KINDS)
+def test_a_settled_observer_is_its_gain_and_nothing_else(kind, engine, moving):
+    plant = small(moving)
+    estimator = built(plant, kind, engine)
+    u = lively(plant, nut_m=0.3 + 0.2 * np.sin(np.arange(STEPS)))
+    first, gains = settled(plant, estimator), table_of(estimator)
+    last, block = estimator.run(first, u)
+    x, nu, heats, field = dense(plant, u, first.x_hat, gains.K[0])
+    # Rounding of sums in another order.
+    np.testing.assert_allclose(last.x_hat, x[-1], rtol=0, atol=1e-11 * np.abs(x).max())
+    np.testing.assert_allclose(block.innovation_K, nu, rtol=0, atol=1e-11 * np.abs(x).max())
+    np.testing.assert_allclose(block.heat_W, heats, rtol=0, atol=1e-11 * np.abs(x).max())
+    np.testing.assert_allclose(block.field_degC, field, rtol=0, atol=1e-11 * np.abs(x).max())
+    np.testing.assert_array_equal(block.law_W, u.law_W[:, plant.estimated])
+    np.testing.assert_array_equal(last.P, first.P)
+    np.testing.assert_array_equal(block.heat_sigma_W, np.tile(gains.heat_sigma[0], (STEPS, 1)))
+    np.testing.assert_array_equal(block.field_sigma_K, np.tile(gains.field_sigma[0], (STEPS, 1)))
+    np.testing.assert_allclose(block.innovation_sigma_K, np.tile(np.sqrt(gains.S[0]), (STEPS, 1)), rtol=1e-12)
+    assert (block.quality == EstimateQuality.GOOD).all()
+    assert (block.sensor_quality == Quality.GOOD).all()
+
+
+@pytest.mark.parametrize(("kind", "engine"), KINDS)
+def test_the_steady_sigmas_are_those_of_the_steady_covariance(kind, engine):
+    plant = small()
+    estimator = built(plant, kind, engine)
+    gains, s, n_x = table_of(estimator), plant.rows.sensors, len(plant.decay_1_s)
+    P = gains.P[0]
+    F, Q = augmented(plant, step_matrices(plant, 0.5))
+    C, rows = plant.rows.C[:s], plant.rows.C[s:]
+    predicted = (F @ P @ F.T + Q)[:n_x, :n_x]
+    np.testing.assert_allclose(gains.S[0], np.diag(C @ predicted @ C.T) + plant.noise_R_K2, rtol=1e-8)
+    np.testing.assert_allclose(gains.heat_sigma[0], np.sqrt(np.diag(P)[n_x:]), rtol=1e-12)
+    np.testing.assert_allclose(
+        gains.field_sigma[0], np.sqrt(np.diag(rows @ P[:n_x, :n_x] @ rows.T)), rtol=1e-9
+    )
+
+
+def same_sigma(block, gains):
+    """At which steps the σ are those of the steady state, to the last bit."""
+    return list((block.heat_sigma_W == gains.heat_sigma[0]).all(axis=1))
+
+
+def spoiled(what, u):
+    """Make step 8 one that is not like the others."""
+    match what:
+        case "missing":
+            u.usable[8, 1], u.quality[8, 1] = False, Quality.MISSING
+        case "no sample":
+            u.usable[8, 1] = False
+        case "longer":
+            u.dt_s[8] = 0.6
+        case "another rung":
+            u.dt_s[8] = 1.0
+        case "jump":
+            u.law_jump_W[8, 2] = 100.0
+        case "nut lost":
+            u.degraded[8] = 2
+        case "no law":
+            u.law_W[8, 1] = np.nan
+        case "no ambient":
+            u.z_end[8, 0] = np.inf
+        case "refused":
+            u.y_degC[8, 1] += 1e6
+        case "input degraded":
+            u.degraded[8] = 1
+        case "jump of a heat that is not estimated":
+            u.law_jump_W[8, 1] = 100.0
+
+
+@pytest.mark.parametrize("what", ["missing", "no sample", "longer", "another rung", "jump", "refused"])
+@pytest.mark.parametrize(("kind", "engine"), KINDS)
+def test_what_makes_the_covariance_move(kind, engine, what):
+    """Up to that step σ are the steady ones. The Kalman filter's are larger then; the Luenberger gain is not
+    the best, and may even be worse than that of fewer sensors.
+    """
+    plant = small(walk_W_sqrt_s=3.0)
+    estimator = built(plant, kind, engine, gate_sigma=1e5 if what == "refused" else WIDE)
+    u = lively(plant, steps=60)
+    spoiled(what, u)
+    state = settled(plant, estimator)
+    gains = table_of(estimator)
+    _, block = estimator.run(state, u)
+    steady = same_sigma(block, gains)
+    assert all(steady[:8])
+    assert not steady[8]
+    if kind == "kalman":
+        assert (block.heat_sigma_W[8] > gains.heat_sigma[0]).any()
+
+
+@pytest.mark.parametrize("what", ["input degraded", "jump of a heat that is not estimated"])
+def test_what_leaves_the_covariance_as_it_is(what):
+    plant = small()
+    estimator = built(plant, "kalman", "constant")
+    u = lively(plant)
+    spoiled(what, u)
+    _, block = estimator.run(settled(plant, estimator), u)
+    assert all(same_sigma(block, table_of(estimator)))
+    expected = np.full(STEPS, EstimateQuality.GOOD)
+    expected[8] = EstimateQuality.DEGRADED if what == "input degraded" else EstimateQuality.GOOD
+    np.testing.assert_array_equal(block.quality, expected)
+
+
+@pytest.mark.parametrize(("share", "quiet"), [(0.9e-3, True), (1.1e-3, False)])
+def test_a_jump_of_a_thousandth_of_its_variance_is_no_jump(share, quiet):
+    """Beyond, that step is corrected by the gain of the moment, which is a little larger."""
+    plant = small()
+    estimator = built(plant, "kalman", "constant")
+    gains, u, state = table_of(estimator), lively(plant, steps=10), settled(plant, estimator)
+    u.law_jump_W[8, 2] = np.sqrt(share) * gains.heat_sigma[0, 1] / plant.law_uncertainty[1]
+    _, block = estimator.run(state, u)
+    heats = dense(plant, u, state.x_hat, gains.K[0])[2]
+    apart = np.abs(block.heat_W / heats - 1)
+    assert (apart[:8] < 1e-11).all()
+    assert (apart[8] < 1e-11).all() == quiet
+
+
+@pytest.mark.parametrize("what", ["no law", "no ambient"])
+def test_a_step_that_is_no_number_is_left_out(what):
+    plant = small()
+    estimator = built(plant, "kalman", "constant")
+    u = lively(plant)
+    spoiled(what, u)
+    _, block = estimator.run(settled(plant, estimator), u)
+    assert list(np.flatnonzero(block.quality == EstimateQuality.INVALID)) == [8]
+    assert np.isfinite(np.delete(block.heat_W, 8, axis=0)).all()
+
+
+def test_what_overflows_is_marked_as_not_known():
+    plant = small()
+    estimator = built(plant, "kalman", "constant")
+    state = settled(plant, estimator)
+    state.x_hat[-1] = np.inf
+    u = lively(plant, steps=3)
+    u.usable[:, :] = u.quality[:, :] == Quality.GOOD
+    _, block = estimator.run(state, u)
+    assert (block.quality == EstimateQuality.INVALID).all()
+    assert np.isnan(block.heat_W).all()
+
+
+@pytest.mark.parametrize(("kind", "engine"), KINDS)
+@pytest.mark.parametrize(
+    ("excess", "near"), [(0.01, True), (-0.01, True), (0.0, True), (0.04, False), (-0.04, False)]
+)
+def test_a_covariance_within_two_per_cent_has_settled(kind, engine, excess, near):
+    """A step changes this one by little: what begins beside its steady value ends so."""
+    plant = small(walk_W_sqrt_s=0.01)
+    estimator = built(plant, kind, engine)
+    state = settled(plant, estimator)
+    _, block = estimator.run(replace(state, P=(1 + excess) * state.P), lively(plant, steps=1))
+    assert same_sigma(block, table_of(estimator)) == [near]
+
+
+@pytest.mark.parametrize(("kind", "engine"), KINDS)
+def test_one_variance_that_is_off_is_enough(kind, engine):
+    plant = small(walk_W_sqrt_s=0.01)
+    estimator = built(plant, kind, engine)
+    state = settled(plant, estimator)
+    state.P[-1, -1] *= 1.04
+    _, block = estimator.run(state, lively(plant, steps=1))
+    assert same_sigma(block, table_of(estimator)) == [False]
+
+
+def test_an_observer_settles_again_after_a_sample_was_missed():
+    plant = small(walk_W_sqrt_s=3.0)
+    estimator = built(plant, "kalman", "constant")
+    u = lively(plant, steps=20)
+    spoiled("missing", u)
+    _, block = estimator.run(settled(plant, estimator), u)
+    assert same_sigma(block, table_of(estimator)) == [True] * 8 + [False] + [True] * 11
