@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from observer.frames import Inputs, Layout
@@ -155,3 +157,38 @@ def inputs(plant, steps=200, seed=0, dt_s=0.5, missing=0.1, nut_m=None, uneven=F
         loss_1_s=np.zeros(steps),
         loss_degC=np.zeros(steps),
     )
+
+
+def small(moving=(), grid=3, **changes):
+    """Two of three heats estimated, and two known inputs that the rows see directly as well."""
+    estimated, sensors_m = (True, False, True), (0.05, 0.3, 0.55)
+    plant = rod(sensors_m, modes=4, estimated=estimated, moving=moving, grid=grid, **changes)
+    F = 0.1 + 0.05 * np.resize(np.arange(5), len(plant.rows.C))
+    alternating = np.where(np.arange(len(plant.E)) % 2, -0.3, 0.3)[:, None] * plant.E.max()
+    return replace(
+        plant,
+        E=np.hstack([plant.E, alternating]),
+        rows=Rows(plant.rows.C, np.column_stack([F, F[::-1]]), plant.rows.sensors, plant.rows.grid),
+        known_names=("ambient", "end"),
+        coupling=no_coupling(len(plant.E), plant.B.shape[1], 2),
+    )
+
+
+def lively(plant, steps=24, nut_m=None):
+    """Known inputs that ramp, laws that are never 0, no jumps that are told; every step of full length."""
+    u = inputs(plant, steps=steps, missing=0.0, nut_m=nut_m)
+    z = np.column_stack([AMBIENT_DEGC + 0.5 * np.arange(steps), 30.0 - 0.2 * np.arange(steps)])
+    u = u._replace(degraded=np.zeros(steps, dtype=np.int8), z_start=z, z_end=z + np.array([0.4, -0.1]))
+    u.dt_s[:] = 0.5
+    u.law_W[:] = 15.0 + 5.0 * np.sin(np.arange(steps)[:, None] + np.arange(u.law_W.shape[1]))
+    u.law_jump_W[:] = 0.0
+    return u
+
+
+def at(plant, u, k):
+    """The plant with its moving columns as they are at step k."""
+    B, C = plant.B.copy(), plant.rows.C.copy()
+    for i, source in enumerate(plant.moving):
+        B[:, source.index] = u.moving_B[k, i]
+        C[:, plant.modes + source.index] = u.moving_C[k, i]
+    return replace(plant, B=B, rows=Rows(C, plant.rows.F, plant.rows.sensors, plant.rows.grid))

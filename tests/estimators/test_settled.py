@@ -11,22 +11,12 @@ from observer.estimators import build_estimator
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateQuality, Quality
 from observer.model.discretise import augmented, quantise, step_matrices
-from observer.model.plant import Rows
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
+from tests.estimators.plants import AMBIENT_DEGC, at, lively, small
 
 KINDS = [("kalman", "constant"), ("luenberger", "compiled")]
 WIDE = 1e9
 STEPS = 24
-
-
-def small(moving=(), **changes):
-    """Two of three heats estimated, and rows that see the ambient directly as well."""
-    plant = rod(
-        modes=4, sensors_m=(0.05, 0.3, 0.55), estimated=(True, False, True), moving=moving, grid=3, **changes
-    )
-    F = 0.1 + 0.05 * np.arange(len(plant.rows.C))[:, None]
-    return replace(plant, rows=Rows(plant.rows.C, F, plant.rows.sensors, plant.rows.grid))
 
 
 def built(plant, kind, engine, gate_sigma=WIDE):
@@ -45,26 +35,6 @@ def settled(plant, estimator):
     x[: len(plant.decay_1_s)] += AMBIENT_DEGC * plant.uniform
     none = np.zeros(plant.rows.sensors)
     return EstimatorState(x, table_of(estimator).P[0].copy(), True, none, none, none, 0.0)
-
-
-def lively(plant, steps=STEPS, nut_m=None):
-    """A warming ambient, laws that are never 0, no jumps that are told; every step of full length."""
-    u = inputs(plant, steps=steps, missing=0.0, nut_m=nut_m)
-    u.dt_s[:] = 0.5
-    u.law_W[:] = 15.0 + 5.0 * np.sin(np.arange(steps)[:, None] + np.arange(u.law_W.shape[1]))
-    u.law_jump_W[:] = 0.0
-    u.z_start[:, 0] = AMBIENT_DEGC + 0.5 * np.arange(steps)
-    u.z_end[:, 0] = u.z_start[:, 0] + 0.4
-    return u
-
-
-def at(plant, u, k):
-    """The plant with its moving columns as they are at step k."""
-    B, C = plant.B.copy(), plant.rows.C.copy()
-    for i, source in enumerate(plant.moving):
-        B[:, source.index] = u.moving_B[k, i]
-        C[:, plant.modes + source.index] = u.moving_C[k, i]
-    return replace(plant, B=B, rows=Rows(C, plant.rows.F, plant.rows.sensors, plant.rows.grid))
 
 
 def dense(plant, u, x, K):
@@ -120,6 +90,60 @@ def test_the_steady_sigmas_are_those_of_the_steady_covariance(kind, engine):
     np.testing.assert_allclose(
         gains.field_sigma[0], np.sqrt(np.diag(rows @ P[:n_x, :n_x] @ rows.T)), rtol=1e-9
     )
+
+
+def test_before_it_has_settled_a_fixed_gain_is_that_of_the_sensors_that_are_left():
+    """x⁺ = x + K ν and P⁺ = (I − K C) P (I − K C)ᵀ + K R Kᵀ, on dense matrices, far from the steady P."""
+    plant = small(walk_W_sqrt_s=0.01)
+    estimator = built(plant, "luenberger", "compiled")
+    u, first = lively(plant, steps=10), settled(plant, estimator)
+    first = replace(first, P=4.0 * first.P)
+    for k, lost in ((2, [0]), (3, [2]), (4, [0, 1, 2]), (6, [1])):
+        u.usable[k, lost], u.quality[k, lost] = False, Quality.MISSING
+    u.usable[8, 1] = False  # no sample at this tick: the gain of all waits for it
+    last, block = estimator.run(first, u)
+    gains, n_x, s = table_of(estimator), len(plant.decay_1_s), plant.rows.sensors
+    step = step_matrices(plant, 0.5)
+    F, Q = augmented(plant, step)
+    H, x, P = np.hstack([plant.rows.C[:s], np.zeros((s, 2))]), first.x_hat, first.P
+    keys = set()
+    for k in range(len(u)):
+        x, P = F @ x, F @ P @ F.T + Q
+        x[:n_x] += step.hold * (plant.B @ u.law_W[k] + plant.E @ u.z_start[k])
+        x[:n_x] += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
+        if u.usable[k].any():
+            key = (8 << s) + sum(1 << i for i in range(s) if u.quality[k, i] == Quality.GOOD)
+            K = gains.K[list(gains.key).index(key)] * u.usable[k]
+            nu = np.where(u.usable[k], u.y_degC[k] - H @ x - plant.rows.F[:s] @ u.z_end[k], 0.0)
+            x, keep = x + K @ nu, np.eye(len(x)) - K @ H
+            P = keep @ P @ keep.T + K @ np.diag(plant.noise_R_K2) @ K.T
+            keys.add(key)
+        np.testing.assert_allclose(block.heat_sigma_W[k], np.sqrt(np.diag(P)[n_x:]), rtol=1e-8)
+        np.testing.assert_allclose(block.heat_W[k], u.law_W[k, plant.estimated] + x[n_x:], rtol=1e-8)
+    assert len(keys) == 4
+    assert set(gains.key.tolist()) == keys, "no gain is designed that is not used"
+    np.testing.assert_allclose(last.P, P, rtol=0, atol=1e-9 * np.abs(P).max())
+
+
+@pytest.mark.parametrize("silent", [0, 2])
+def test_until_it_has_settled_a_constant_gain_is_the_kalman_filter(silent):
+    plant = small(law_uncertainty=0.0)
+    u = lively(plant, steps=8)
+    for lost in (slice(0, silent), slice(5, 6)):
+        u.usable[lost], u.quality[lost] = False, Quality.MISSING
+    states, blocks = [], []
+    for engine in ("compiled", "constant"):
+        estimator = built(plant, "kalman", engine)
+        state, block = estimator.run(estimator.initial(), u)
+        states.append(state)
+        blocks.append(block)
+    for name in ("heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "innovation_K", "quality", "law_W"):
+        ours, theirs = (getattr(b, name) for b in blocks)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9, err_msg=name)
+    np.testing.assert_allclose(states[1].P, states[0].P, rtol=0, atol=1e-9 * np.abs(states[0].P).max())
+    assert (blocks[1].quality[:silent] == EstimateQuality.INVALID).all()
+    assert np.isfinite(blocks[1].heat_W[silent:]).all()
+    assert states[1].started
 
 
 def same_sigma(block, gains):
@@ -210,6 +234,15 @@ def test_a_step_that_is_no_number_is_left_out(what):
     _, block = estimator.run(settled(plant, estimator), u)
     assert list(np.flatnonzero(block.quality == EstimateQuality.INVALID)) == [8]
     assert np.isfinite(np.delete(block.heat_W, 8, axis=0)).all()
+
+
+def test_a_sensor_that_was_refused_is_heard_again():
+    """Its first good sample is no step of the steady state: it is counted."""
+    plant = small()
+    estimator = built(plant, "kalman", "constant")
+    suspect = np.array([0.0, 2.0, 0.0])
+    last, _ = estimator.run(replace(settled(plant, estimator), suspect=suspect), lively(plant, steps=3))
+    np.testing.assert_array_equal(last.suspect, np.zeros(3))
 
 
 def test_what_overflows_is_marked_as_not_known():

@@ -51,3 +51,11 @@ def test_runs_do_not_touch() -> None:
     apart, together = correlation_time(e, [50, 50])[0], correlation_time(e, [100])[0]
     assert apart == pytest.approx(1 + 2 * sum((50 - k) / 50 for k in range(1, 25)))
     assert together != pytest.approx(apart)
+
+
+def test_what_is_fitted_is_taken_off_the_degrees_of_freedom() -> None:
+    """Signs that alternate resemble nothing: each value counts, and each parameter costs one."""
+    signs = np.where(np.arange(10)[:, None] % 2, 1.0, -1.0) * [1.0, 2.0]
+    J = np.random.default_rng(2).normal(size=(10, 2, 3))
+    assert covariance(J, signs, [10])[1] == pytest.approx(17.0)
+    assert covariance(J[:2], signs[:2], [2])[1] == pytest.approx(1.0), "one at the least"

@@ -25,13 +25,9 @@ def _at(*tests: str, compiled: bool = False) -> Nearest:
     return Nearest(tests, compiled)
 
 
-KALMAN = _at(
-    "tests/estimators/test_gate.py",
-    "tests/estimators/test_kalman.py",
-    "-k",
-    "not 200_000",
-)
+KALMAN = _at("tests/estimators/test_steps.py")
 SETTLED = _at("tests/estimators/test_settled.py")
+PARTS = _at("tests/fit/test_parts.py")
 GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py", compiled=True)
 
 NEAREST: dict[str, Nearest] = {
@@ -49,15 +45,15 @@ NEAREST: dict[str, Nearest] = {
     "observer/estimators/design/riccati.py": GAINS,
     "observer/estimators/selftest.py": _at("tests/estimators/test_selftest.py", compiled=True),
     "observer/fit/calibrate.py": _at("tests/fit/test_calibrate.py", compiled=True),
-    "observer/fit/evidence.py": _at("tests/fit/test_evidence.py", compiled=True),
+    "observer/fit/evidence.py": PARTS,
     "observer/fit/footprint.py": _at("tests/fit/test_footprint.py", compiled=True),
-    "observer/fit/hypothesis.py": _at("tests/fit/test_tolerance.py", compiled=True),
+    "observer/fit/hypothesis.py": PARTS,
     "observer/fit/interval.py": _at("tests/fit/test_interval.py"),
     "observer/fit/minimise.py": _at("tests/fit/test_minimise.py"),
     "observer/fit/parameters.py": _at("tests/fit/test_parameters.py"),
-    "observer/fit/problem.py": _at("tests/fit/test_tolerance.py", compiled=True),
+    "observer/fit/problem.py": PARTS,
     "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),
-    "observer/fit/tolerance.py": _at("tests/fit/test_tolerance.py", compiled=True),
+    "observer/fit/tolerance.py": PARTS,
     "observer/model/discretise.py": _at("tests/model/test_discretise.py"),
     "observer/model/rod/path.py": _at("tests/model/test_path.py"),
     "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
