@@ -14,7 +14,7 @@ _COMPILER = "libllvmlite.so"
 
 
 def import_sparingly() -> None:
-    """Import structlog without rich's tracebacks, numba without YAML, coverage and scipy's BLAS, which no kernel uses.
+    """Import structlog without rich's tracebacks, numba without YAML, coverage and scipy's BLAS.
 
     No garbage is looked for until `leave_in_peace`: what is imported stays.
     """
