@@ -10,9 +10,9 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 NOTHING = 1e-12
 """Whatever is nearer to 0 counts as 0: no quantity here is told so finely, but denormal numbers overflow."""
@@ -96,7 +96,25 @@ Conductance = Annotated[Positive, AfterValidator(within(1e-9, 1e7, "conductance 
 Factor = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "factor", or_zero=True))]
 
 
+def _same(value: Any, default: Any) -> bool:
+    """Whether a value is its key's default, of its kind: true is not 1, but 1 is 1.0."""
+    numbers = (int, float)
+    alike = type(value) is type(default) or (type(value) in numbers and type(default) in numbers)
+    return alike and bool(value == default)
+
+
 class Section(BaseModel):
     """A table of the configuration: frozen, and unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_what_goes_without_saying(cls, table: Any) -> Any:
+        """Leave out keys that repeat their default: a configuration that was read back is the same."""
+        if not isinstance(table, dict):
+            return table
+        default = {field.alias or key: field.default for key, field in cls.model_fields.items()}
+        return {
+            key: value for key, value in table.items() if key not in default or not _same(value, default[key])
+        }

@@ -26,7 +26,7 @@ def built(plant, kind, engine, gate_sigma=WIDE):
 
 
 def table_of(estimator):
-    return estimator._engine._bank.table
+    return estimator._bank.table
 
 
 def settled(plant, estimator):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -64,7 +63,7 @@ def slack() -> Least:
 
 def test_what_is_linear_takes_one_step() -> None:
     least = straight(0.1)
-    found = least.fit([5.0, 5.0], stop=replace(LONG, steps=1))
+    found = least.fit([5.0, 5.0], stop=LONG._replace(steps=1))
     np.testing.assert_allclose(found.theta, np.linalg.lstsq(A, least.measured)[0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.residual, least.measured - A @ found.theta, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(found.jacobian, -A)
@@ -144,7 +143,7 @@ def test_no_step_is_longer_than_its_reach() -> None:
 def test_it_is_over_after_its_steps() -> None:
     for steps in (0, 1, 3):
         least = valley()
-        least.fit([-1.2, 1.0], stop=replace(LONG, steps=steps))
+        least.fit([-1.2, 1.0], stop=LONG._replace(steps=steps))
         assert len(least.slopes) == steps + 1
 
 
@@ -154,7 +153,7 @@ def test_a_little_drop_ends_it() -> None:
     ends = []
     for little in (0.4, 0.0):
         least = Least(lambda t: t, lambda _: np.eye(2), np.array([1.0, 0.0]))
-        ends.append(least.fit([0.0, 0.0], within, replace(LONG, little=little, steps=6)).theta[0])
+        ends.append(least.fit([0.0, 0.0], within, LONG._replace(little=little, steps=6)).theta[0])
     # (1 − x)² drops by 0.19, 0.17, … at each tenth
     assert ends == pytest.approx([0.1, 0.6])
 
@@ -164,7 +163,7 @@ def test_a_step_small_beside_its_standard_deviation_ends_it() -> None:
     ends = []
     for weight, small in ((1.0, 0.11), (1.0, 0.09), (2.0, 0.11)):
         least = Least(lambda t: t, lambda _: np.eye(2), np.array([1.0, 0.0]), weight)
-        ends.append(least.fit([0.0, 0.0], within, replace(LONG, small=small, steps=5)).theta[0])
+        ends.append(least.fit([0.0, 0.0], within, LONG._replace(small=small, steps=5)).theta[0])
     assert ends == pytest.approx([0.1, 0.5, 0.5])  # σ is 1, and a half where the weight is 2
 
 
@@ -174,7 +173,7 @@ def test_one_that_cannot_catch_up_with_its_rival_is_given_up() -> None:
     ends = []
     for steps, rival in ((6, -0.1), (6, -0.2), (5, 0.04), (5, 0.06)):
         least = Least(lambda t: t, lambda _: np.eye(2), np.array([1.0, 0.0]))
-        found = least.fit([0.0, 0.0], within, replace(LONG, steps=steps, rival=rival))
+        found = least.fit([0.0, 0.0], within, LONG._replace(steps=steps, rival=rival))
         ends.append(round(float(found.theta[0]), 6))
     assert ends[1] == 0.1
     assert ends[0] > 0.1

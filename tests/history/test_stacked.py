@@ -77,14 +77,14 @@ def test_tikhonov_at_the_smoothers_prior_is_the_smoother():
     plant, u, _ = logged(steps=200)
     problem, _ = stacked_problem(plant, [u])
     prior = Prior.of(plant, DT_S, 1)
-    batch = solve(problem, prior, normal_equations(problem, prior), 1.0)
+    heat_W, sigma_W = solve(problem, prior, normal_equations(problem, prior), 1.0)
     same_plant, same_u = held(plant, u, prior)
     smooth = smooth_heats(same_plant, EstimatorSettings(gate_sigma=1e9), [same_u])
     np.testing.assert_allclose(
-        batch.heat_W, smooth.heat_W[1:], rtol=0, atol=1e-6 * np.abs(batch.heat_W).max()
+        heat_W, smooth.heat_W[1:], rtol=0, atol=1e-6 * np.abs(heat_W).max()
     )
-    np.testing.assert_allclose(batch.sigma_W, smooth.heat_sigma_W[1:], rtol=1e-6)
-    left = problem.rise_K - Convolution(problem.response_K_W).forward(batch.heat_W)
+    np.testing.assert_allclose(sigma_W, smooth.heat_sigma_W[1:], rtol=1e-6)
+    left = problem.rise_K - Convolution(problem.response_K_W).forward(heat_W)
     np.testing.assert_allclose(problem.unexplained(left), smooth.residual_K, rtol=0, atol=1e-6)
 
 
@@ -104,12 +104,12 @@ def test_choices_by_the_spectrum_are_those_by_solving():
     normal = normal_equations(problem, prior)
     spectrum = Spectrum.of(normal, problem.measurements)
     for alpha in (1e-2, 1.0, 1e3):
-        found = solve(problem, prior, normal, alpha).heat_W
+        found = solve(problem, prior, normal, alpha)[0]
         left = problem.whiten(problem.rise_K - H.forward(found))
         assert spectrum.misfit(alpha) == pytest.approx(np.vdot(left, left), rel=1e-6)
     assert spectrum.misfit(by_discrepancy(spectrum)) == pytest.approx(problem.measurements, rel=1e-4)
     errors = {
-        alpha: np.mean((solve(problem, prior, normal, alpha).heat_W - heat_W[1:]) ** 2)
+        alpha: np.mean((solve(problem, prior, normal, alpha)[0] - heat_W[1:]) ** 2)
         for alpha in (by_gcv(spectrum), by_l_curve(spectrum), *spectrum.trials()[::7])
     }
     best = min(errors.values())
@@ -129,8 +129,8 @@ def test_ico_as_printed_goes_to_the_smallest_parameter_allowed():
     for low, (alpha, kept) in ends.items():
         assert alpha == pytest.approx(low, rel=1e-3), "forty halvings all went down"
         assert len(kept) == 40
-    wrong = solve(problem, prior, normal, ends[1e-3][0]).heat_W
-    better = solve(problem, prior, normal, by_discrepancy(spectrum)).heat_W
+    wrong = solve(problem, prior, normal, ends[1e-3][0])[0]
+    better = solve(problem, prior, normal, by_discrepancy(spectrum))[0]
     assert np.std(wrong - heat_W[1:]) > 2.0 * np.std(better - heat_W[1:])
     assert by_ico(spectrum, 3)[0] == by_ico(spectrum, 3)[0]
     assert by_ico(spectrum, 3)[0] != by_ico(spectrum, 4)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from observer import installation
+from observer.publish.codec import config_json
 from observer.report.check import findings
 
 ROOT = Path(__file__).parents[2]
@@ -29,6 +31,13 @@ def test_every_example_loads(path: Path) -> None:
 def test_the_hash_of_an_example_stays(name: str, digest: str) -> None:
     """Commands name the configuration by it: where a table stands in the code must not change it."""
     assert installation.load(ROOT / "config" / name).digest == digest
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.name)
+def test_what_a_service_answers_for_its_configuration_is_one(path: Path) -> None:
+    loaded = installation.load(path)
+    answered = json.loads(config_json(loaded, "ab12cd34"))
+    assert installation.parse(answered["config"]).digest == answered["hash"] == loaded.digest
 
 
 def test_kim_uses_the_diffusivity_of_the_table() -> None:

@@ -9,11 +9,11 @@ import time
 import pytest
 import zenoh
 
-from observer.config import Publish
 from observer.publish.codec import decode_estimate, decode_estimates
 from observer.publish.session import session_config
 from observer.publish.watch import Subscription
 from observer.publish.zenoh import ZenohPublisher
+from observer.tables.publishing import Publish
 from tests.patience import HERE, PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
 from tests.publish.blocks import LAYOUT, block

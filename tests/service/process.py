@@ -8,13 +8,13 @@ import sys
 import time
 from pathlib import Path
 
-from observer.config import Publish
 from observer.publish.zenoh import ZenohPublisher
 from observer.service.clock import ServiceClock
 from observer.service.lives import run
 from observer.service.loop import Service
 from observer.service.record import Recorder
 from observer.service.shutdown import leave
+from observer.tables.publishing import Publish
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator
 from tests.service.streams import CHANNELS, plan
 
