@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import socket
 import statistics
@@ -80,7 +81,7 @@ def _send(session: zenoh.Session) -> dict[str, list[int]]:
         kind: session.declare_publisher(f"{PREFIX}/{kind}", congestion_control=drop, express=True)
         for kind in ("estimate", "bare")
     }
-    estimate = _path()
+    estimate, readings = _path(), _readings(2 * MESSAGES)
     payload = b""
     sent: dict[str, list[int]] = {kind: [] for kind in publishers}
     due_s = time.monotonic()
@@ -90,28 +91,39 @@ def _send(session: zenoh.Session) -> dict[str, list[int]]:
         time.sleep(max(0.0, due_s - time.monotonic()))
         sent[kind].append(time.monotonic_ns())
         if kind == "estimate":
-            payload = estimate(i)
+            payload = estimate(readings[i])
         publishers[kind].put(payload)
     return sent
 
 
-def _path() -> Callable[[int], bytes]:
+def _readings(count: int) -> list[Reading]:
+    """What the drivers deliver, made beforehand."""
+    rng = np.random.default_rng(2)
+    return [
+        Reading(
+            PERIOD_S * i,
+            {f"t{n}_degC": float(t) for n, t in enumerate(20.0 + 0.1 * rng.standard_normal(SENSORS), 1)}
+            | {"nut_position_m": float(0.5 + 0.2 * np.sin(0.01 * i)), "screw_speed_rpm": 1500.0},
+        )
+        for i in range(count)
+    ]
+
+
+def _path() -> Callable[[Reading], bytes]:
     """What the service does with a sample: align, drive, estimate, encode."""
     config = axis_config()
     plant = build_plant(config)
     aligner = Aligner(AlignPlan.of(config))
     pipeline = Pipeline(Drive(config, plant), KalmanEstimator(plant, config.estimator))
     encoder = EstimateEncoder(plant.layout, "ab12cd34")
-    rng = np.random.default_rng(2)
+    sequence = itertools.count()
 
-    def step(i: int) -> bytes:
-        values = {f"t{n}_degC": float(t) for n, t in enumerate(20.0 + 0.1 * rng.standard_normal(SENSORS), 1)}
-        values |= {"nut_position_m": 0.5 + 0.2 * np.sin(0.01 * i), "screw_speed_rpm": 1500.0}
-        aligner.ingest(Reading(PERIOD_S * i, values))
-        block: EstimateBlock = pipeline.step(aligner.tick(PERIOD_S * i + 1e-6))
-        return encoder.cbor(block, 0, i)
+    def step(reading: Reading) -> bytes:
+        aligner.ingest(reading)
+        block: EstimateBlock = pipeline.step(aligner.tick(reading.time_s + 1e-6))
+        return encoder.cbor(block, 0, next(sequence))
 
-    step(0)
+    step(Reading(-PERIOD_S, _readings(1)[0].values))
     return step
 
 

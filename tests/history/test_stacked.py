@@ -80,9 +80,7 @@ def test_tikhonov_at_the_smoothers_prior_is_the_smoother():
     heat_W, sigma_W = solve(problem, prior, normal_equations(problem, prior), 1.0)
     same_plant, same_u = held(plant, u, prior)
     smooth = smooth_heats(same_plant, EstimatorSettings(gate_sigma=1e9), [same_u])
-    np.testing.assert_allclose(
-        heat_W, smooth.heat_W[1:], rtol=0, atol=1e-6 * np.abs(heat_W).max()
-    )
+    np.testing.assert_allclose(heat_W, smooth.heat_W[1:], rtol=0, atol=1e-6 * np.abs(heat_W).max())
     np.testing.assert_allclose(sigma_W, smooth.heat_sigma_W[1:], rtol=1e-6)
     left = problem.rise_K - Convolution(problem.response_K_W).forward(heat_W)
     np.testing.assert_allclose(problem.unexplained(left), smooth.residual_K, rtol=0, atol=1e-6)
