@@ -9,7 +9,7 @@ from observer.config import Config
 from observer.effects.terms import EndConductance, Film, Heat, SpeedLoss, Term
 from observer.model.surface import surface_film_W_m2K, turning_film
 from observer.tables.laws import Surface
-from observer.tables.quantities import NOTHING
+from observer.tables.quantities import LEAST_END_FILM_W_m2K
 from observer.tables.sections import Boundary, Source
 
 
@@ -93,4 +93,4 @@ def _conducting(end: Boundary, conductance_W_K: float, config: Config) -> Bounda
     """The end with a conductance to the ambient beside what it has; G = h A."""
     area_m2 = math.pi * config.screw.diameter_m**2 / 4
     film = (end.coefficient_W_m2K or 0.0) + conductance_W_K / area_m2
-    return Boundary(kind="convective", coefficient_W_m2K=film) if film >= NOTHING else end
+    return Boundary(kind="convective", coefficient_W_m2K=film) if film >= LEAST_END_FILM_W_m2K else end

@@ -81,7 +81,8 @@ Density = Annotated[Positive, AfterValidator(within(100.0, 30e3, "density in kg/
 SpecificHeat = Annotated[Positive, AfterValidator(within(10.0, 2e4, "specific heat in J/kgK"))]
 Expansion = Annotated[Positive, AfterValidator(within(1e-9, 1e-3, "expansion coefficient in 1/K"))]
 Film = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "film in W/m²K", or_zero=True))]
-EndFilm = Annotated[Positive, AfterValidator(within(1e-6, 1e8, "film in W/m²K"))]
+LEAST_END_FILM_W_m2K = 1e-6
+EndFilm = Annotated[Positive, AfterValidator(within(LEAST_END_FILM_W_m2K, 1e8, "film in W/m²K"))]
 Air = Annotated[Temperature, AfterValidator(within(-100.0, 200.0, "air temperature in °C"))]
 Torque = Annotated[NonNegative, AfterValidator(within(0.0, 1e4, "friction torque in Nm", or_zero=True))]
 HeatPerSpeed = Annotated[NonNegative, AfterValidator(within(0.0, 1e3, "heat in W/rpm", or_zero=True))]

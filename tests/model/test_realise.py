@@ -13,9 +13,12 @@ from tests.discovery.cases import table
 
 def end_with(conductance_W_K: float) -> tuple[str, float | None]:
     """What a left end becomes that was insulated and conducts; its kind and its film."""
-    effect = {"kind": "end_conduction", "target": "left", "conductance_W_K": conductance_W_K}
-    config = parse(table(effect=[effect], boundary={"left": {"kind": "insulated"}}))
-    end = realise(config).config.boundary.left
+    told = {"kind": "end_conduction", "target": "left", "conductance_W_K": 1.0}
+    config = parse(table(effect=[told], boundary={"left": {"kind": "insulated"}}))
+    fitted = config.effect[0].model_copy(
+        update={"conductance_W_K": conductance_W_K}
+    )  # as a fit does, unchecked
+    end = realise(config.model_copy(update={"effect": (fitted,)})).config.boundary.left
     return end.kind, end.coefficient_W_m2K
 
 
