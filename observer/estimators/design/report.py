@@ -78,7 +78,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
         undetermined=undetermined,
         warnings=(
             *_gain_warnings(plant, whole, noise),
-            *_other_warnings(names[sensor], mode, share, undetermined),
+            *_sensor_warnings(names[sensor], mode, share, undetermined),
         ),
     )
 
@@ -162,7 +162,7 @@ def _gain_warnings(
     return found
 
 
-def _other_warnings(
+def _sensor_warnings(
     sensor: str, mode: int, share: float, undetermined: tuple[tuple[str, ...], ...]
 ) -> list[str]:
     """Of a mode that is hardly seen, and of sensors that must not be lost."""
