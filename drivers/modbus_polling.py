@@ -18,6 +18,7 @@ from drivers.places import Device, ModbusChannel
 from drivers.protocol import Clock, Deliver, DriverStatus, faulty
 from observer.frames import Reading
 
+_ASK_AGAIN_S = 0.1
 RETRY_S = 0.25  # pause between attempts to connect, so that a returned peer is met within a second
 
 
@@ -60,10 +61,13 @@ class ModbusDriver:
                     deliver(faulty(self.channels, "timeout" if self._link else "disconnected", now()))
                 await asyncio.sleep(next_s - loop.time())
         finally:
-            running = [keeper] if poll is None else [keeper, poll]
-            for task in running:
-                task.cancel()
-            await asyncio.gather(*running, return_exceptions=True)
+            running = {keeper} if poll is None else {keeper, poll}
+            while running:
+                for task in running:
+                    task.cancel()
+                # a connection that opens at this very moment swallows it (`asyncio.wait_for` before 3.12)
+                ended, running = await asyncio.wait(running, timeout=_ASK_AGAIN_S)
+                await asyncio.gather(*ended, return_exceptions=True)
             if self._link:
                 self._link.close()
 

@@ -201,6 +201,22 @@ async def test_a_server_that_hangs_up_at_once_is_not_hammered():
         server.close()
 
 
+async def test_ending_is_asked_for_again_where_an_opening_connection_swallows_it(monkeypatch):
+    """As `asyncio.wait_for` before Python 3.12 does where the connection is there at that very moment."""
+    swallowed = []
+
+    async def open_or_swallow(link):
+        try:
+            await asyncio.sleep(3600)
+        except asyncio.CancelledError:
+            swallowed.append(link)
+
+    monkeypatch.setattr("drivers.modbus_link.ModbusLink.open", open_or_swallow)
+    async with running(settings(1, {"t_degC": {"register": 0}}).open("tc")):
+        await asyncio.sleep(0.05)
+    assert len(swallowed) == 1
+
+
 async def test_cancelling_ends_at_once_even_while_the_device_hangs():
     async with device(inputs=[5]) as peer:
         peer.delay_s = 30.0
