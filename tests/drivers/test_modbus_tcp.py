@@ -203,17 +203,18 @@ async def test_a_server_that_hangs_up_at_once_is_not_hammered():
 
 async def test_ending_is_asked_for_again_where_an_opening_connection_swallows_it(monkeypatch):
     """As `asyncio.wait_for` before Python 3.12 does where the connection is there at that very moment."""
-    swallowed = []
+    opening, swallowed = [], []
 
     async def open_or_swallow(link):
+        opening.append(link)
         try:
-            await asyncio.sleep(3600)
+            await asyncio.Event().wait()
         except asyncio.CancelledError:
             swallowed.append(link)
 
     monkeypatch.setattr("drivers.modbus_link.ModbusLink.open", open_or_swallow)
     async with running(settings(1, {"t_degC": {"register": 0}}).open("tc")):
-        await asyncio.sleep(0.05)
+        await eventually(lambda: opening)
     assert len(swallowed) == 1
 
 
