@@ -23,7 +23,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak discover-campaign config-mutants mutants figures container-check lock dist sbom clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak learning-campaign discover-campaign config-mutants mutants figures container-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -64,6 +64,9 @@ month: $(READY)  ## two simulated months of a machine as configured: at most one
 
 soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"
 	$(BIN)/python -m tests.soak $(ARGS)
+
+learning-campaign: $(READY)  ## what learning is worth on 128 machines, or go on where it was stopped
+	$(BIN)/python -m tests.learning.trial
 
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
 	$(BIN)/python -m tests.campaign $(ARGS)

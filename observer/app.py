@@ -44,7 +44,7 @@ def replay(
     from observer.service.replay import estimates_of, lasting, nut_paths, start_of, write_results
 
     log = _recorded(log_path, config, **accept)
-    machine = Machine.of(config)
+    machine = Machine.of(config, learns=True)
     estimator = machine.estimator()
     start, told = start_of(log, Fit.of(config, machine.drive, estimator))
     pipeline = machine.pipeline(estimator)

@@ -15,7 +15,7 @@ def main() -> None:
     """Compile, and end at once when the service that waits for it has ended."""
     config = Installation.model_validate_json(sys.stdin.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    machine = Machine.of(config)
+    machine = Machine.of(config, learns=True)
     machine.pipeline(machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
 
 

@@ -21,6 +21,7 @@ from observer.tables.estimator import EstimatorSettings
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
 from observer.tables.sections import Description
+from observer.tables.tolerance import Tolerance
 
 MOST_ROWS = 1500
 """Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
@@ -104,6 +105,7 @@ class Config(Description):
     machine: Machine = Machine()
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
     model: Model = Model()
+    tolerance: Tolerance = Tolerance()
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
     discover: Discover = Discover()

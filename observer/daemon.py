@@ -68,7 +68,7 @@ class _Ready:
             raise ConfigError(problems[0])
         if config.record.directory is not None:
             refuse_unwritable(config.record.directory, "record.directory")
-        machine = Machine.of(config)
+        machine = Machine.of(config, learns=True)
         estimator = machine.estimator()
         return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
 

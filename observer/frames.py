@@ -176,12 +176,13 @@ _KINDS = [_SMALL.get(name, np.float64) for name in Inputs._fields]
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What the columns of an estimate are: names of the estimated sources, grid, sensors."""
+    """What the columns of an estimate are: names of the estimated sources, grid, sensors, what is learnt."""
 
     sources: tuple[str, ...]
     position_m: FloatArray
     sensors: tuple[str, ...]
     has_error: bool
+    learned: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +193,8 @@ class EstimateBlock:
     `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an
     expansion coefficient; `innovation_K` (K, s) and its standard deviation `innovation_sigma_K`, NaN where no
     value arrived; `sensor_quality` (K, s); `quality` (K,), of type `EstimateQuality`; `law_W` (K, m_e), each
-    heat by its law at the temperature of the moment.
+    heat by its law at the temperature of the moment; `learned`, `learned_sigma` (K, l), what has been learnt
+    of the machine, in the units of its names.
     """
 
     time_s: FloatArray
@@ -207,6 +209,8 @@ class EstimateBlock:
     quality: QualityArray
     innovation_sigma_K: FloatArray
     law_W: FloatArray
+    learned: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    learned_sigma: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         return len(self.time_s)

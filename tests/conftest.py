@@ -31,7 +31,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     settings = installation.load(DEMO)
     for kind in ("kalman", "luenberger"):
         estimator = settings.estimator.model_copy(update={"kind": kind})
-        machine = app.Machine.of(settings.model_copy(update={"estimator": estimator}))
+        machine = app.Machine.of(settings.model_copy(update={"estimator": estimator}), learns=True)
         machine.pipeline(machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
     _, nothing = machine.drive.run(machine.drive.initial(), Aligner(machine.plan).tick(0.0))
     smooth_heats(machine.plant, settings.estimator, [nothing])

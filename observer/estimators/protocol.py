@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
+
+import numpy as np
 
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 
@@ -12,11 +14,13 @@ from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 class EstimatorState:
     """Where an estimator stands after a step.
 
-    Shapes, with n = n_x + m_e (plant states, then the estimated heats' deviations from their laws):
-    `x_hat` (n,), `P` (n, n). `started` is false until the first usable measurement. `suspect` (s,) counts
+    Shapes, with n = n_x + m_e + L (plant states, then the estimated heats' deviations from their laws, then
+    what is learnt or allowed for): `x_hat` (n,), `P` (n, n). `started` is false until the first usable measurement. `suspect` (s,) counts
     the steps for which each sensor has been refused in a row, `refused_s` (s,) for how long, and
     `opened_K` (s,) how far off it was when the state was last opened for it; `silent` counts the steps in a
-    row in which no sensor was good; for `lost_s` the place of a nut has not been known.
+    row in which no sensor was good; for `lost_s` the place of a nut has not been known. `around`
+    (n_x + m_e + 2 s,) is where the effects of what is learnt are taken, with what each sensor would read there
+    without and with a lag; empty where nothing is learnt.
     """
 
     x_hat: FloatArray
@@ -28,6 +32,7 @@ class EstimatorState:
     time_s: float
     silent: int = 0
     lost_s: float = 0.0
+    around: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 class Estimator(Protocol):

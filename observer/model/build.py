@@ -15,6 +15,7 @@ from observer.errors import ConfigError
 from observer.frames import FloatArray, Layout
 from observer.model.couple import with_coupling
 from observer.model.coupling import no_coupling
+from observer.model.learn import with_learning
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant, Rows
 from observer.model.prior import past_heat_covariance, smooth_field_covariance
 from observer.model.realise import realise
@@ -45,17 +46,18 @@ class KnownInput(NamedTuple):
     steady: Callable[[FloatArray], FloatArray]
 
 
-def build_plant(config: Config, *, nut_places: int = TABLE_POINTS) -> Plant:
+def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool = False) -> Plant:
     """Return the plant of a configuration with its effects. Raises `ConfigError` where one cannot stand.
 
-    `nut_places` is how many places of a nut its lag's output column is tabulated for.
+    `nut_places` is how many places of a nut its lag's output column is tabulated for. With `learns` the plant
+    has what its estimator learns or allows for, too.
     """
     machine = realise(config)
     plant, modes = _plain_plant(machine.config, machine.terms, nut_places)
     if machine.config.node or any(isinstance(t, COUPLING_TERMS) for t in machine.terms):
         sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
-        return with_coupling(plant, modes, machine.config, machine.terms, sigma_W)
-    return plant
+        plant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W)
+    return with_learning(plant, machine.config, modes) if learns else plant
 
 
 def _plain_plant(config: Config, terms: Sequence[Term], nut_places: int) -> tuple[Plant, Modes]:

@@ -20,6 +20,7 @@ import numpy as np
 
 from observer.frames import BoolArray, FloatArray, Layout
 from observer.model.coupling import Coupling
+from observer.model.learning import Learning
 from observer.model.rod.moving import NutTable
 from observer.model.rod.supports import Restraint, fold
 
@@ -114,7 +115,8 @@ class Plant:
     walk, and a step of law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
     noise on the field. `mode_index` (N,) are the numbers of the modes kept, counted from 1;
     `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time;
-    `coupling` is what couples the states to each other beyond the diagonal.
+    `coupling` is what couples the states to each other beyond the diagonal, and `learning` what is only
+    roughly known, None where all is taken as the configuration says.
     """
 
     layout: Layout
@@ -138,6 +140,7 @@ class Plant:
     known_names: tuple[str, ...]
     diffusion_rate_1_s: float
     coupling: Coupling
+    learning: Learning | None = None
 
     @property
     def lag_slice(self) -> slice:

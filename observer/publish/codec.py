@@ -68,6 +68,7 @@ class EstimateEncoder:
         self._instance = instance
         self._sources, sensors = list(layout.sources), list(layout.sensors)
         self._position_m = _rounded(layout.position_m)
+        self._learned = list(layout.learned)
         m, g, s = len(self._sources), len(layout.position_m), len(sensors)
         error = g if layout.has_error else 0
         before = {
@@ -118,6 +119,12 @@ class EstimateEncoder:
             "sigma_um": _rounded(block.error_sigma_um[k]),
         }
         return self._json(block, k, sequence, body)
+
+    def learned(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
+        """The `learned` document."""
+        pairs = zip(_rounded(block.learned[k]), _rounded(block.learned_sigma[k]), strict=True)
+        told = [{"value": value, "sigma": sigma} for value, sigma in pairs]
+        return self._json(block, k, sequence, {"parameters": dict(zip(self._learned, told, strict=True))})
 
     def _json(self, block: EstimateBlock, k: int, sequence: int, body: dict[str, Any]) -> bytes:
         quality = _QUALITY[block.quality[k]]

@@ -21,7 +21,7 @@ from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client
 
-KEYS = ("estimate", "heat", "field", "error", "health", "truth/heat")
+KEYS = ("estimate", "heat", "field", "error", "learned", "health", "truth/heat")
 _STYLE = {"good": "green", "degraded": "yellow", "stale": "yellow", "starting": "cyan"}
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _UNKNOWN = "–"
@@ -105,6 +105,8 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     if "error" in latest:
         parts += [_profile(latest["error"], "error", "error_um", "sigma_um", "µm")]
     parts += [_sensors(latest.get("estimate", {}))]
+    if "learned" in latest:
+        parts += [_learned(latest["learned"])]
     parts += [Text(f"• {_word(reason)}", style="yellow") for reason in _items(health.get("reasons"))]
     return Group(*parts)
 
@@ -196,6 +198,21 @@ def _sensors(estimate: Mapping[str, Any]) -> Table:
         shown = Text(_word(quality), style=_style(_word(quality)))
         table.add_row(Text(_word(name)), shown, _number(_float(innovation_K), 3))
     return table
+
+
+def _learned(document: Mapping[str, Any]) -> Text:
+    """What has been learnt of the machine in one paragraph, value ± σ of each."""
+    told = [
+        f"{_word(name)} {_short(_table(entry).get('value'))} ± {_short(_table(entry).get('sigma'))}"
+        for name, entry in list(_table(document.get("parameters")).items())[:_LONGEST_LIST]
+    ]
+    return Text("learnt: " + (", ".join(told) or _UNKNOWN))
+
+
+def _short(value: object) -> str:
+    """A number of three digits."""
+    number = _float(value)
+    return _UNKNOWN if number is None else f"{number:.3g}"
 
 
 def _number(value: float | None, digits: int) -> str:

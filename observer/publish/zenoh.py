@@ -33,6 +33,7 @@ from observer.publish.session import (
 from observer.tables.publishing import Publish
 
 _LOOK_S = 0.05
+_LEARNED_S = 1.0
 _LINKED_S = 1.5  # a peer's link to its router is there by then, or the router is not
 _GONE_S = LEASE_MS / 1000 + 1.0  # the token of a service that has died is gone by then
 
@@ -84,9 +85,9 @@ class ZenohPublisher:
         self._instance = instance
         self._compensates = compensates
         self._encoder = EstimateEncoder(layout, instance)
-        self._has_error = layout.has_error
+        self._has_error, self._learns = layout.has_error, bool(layout.learned)
         self._answers = Answers(self._prefix, config_json.encode(), settings.history, instance)
-        self._field_slot = -math.inf
+        self._field_slot = self._learned_slot = -math.inf
         self._link: _Link | None = None
         self._connected = self._was_connected = self._settled = False
         self._published = self._dropped = self._reconnects = 0
@@ -123,7 +124,9 @@ class ZenohPublisher:
         return self._answers.commands()
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
-        """Publish a block of one estimate: `estimate` and `heat`; `field` and `error` at their rate."""
+        """Publish a block of one estimate: `estimate` and `heat`; `field` and `error` at their rate, and once
+        a second what has been `learned`.
+        """
         estimate = self._encoder.cbor(block, 0, sequence)
         self._answers.estimates.append(estimate)
         self._put("estimate", estimate)
@@ -134,6 +137,10 @@ class ZenohPublisher:
             self._put("field", self._encoder.field(block, 0, sequence))
             if self._has_error:
                 self._put("error", self._encoder.error(block, 0, sequence))
+        second = math.floor(block.time_s[0] / _LEARNED_S)
+        if self._learns and second != self._learned_slot:
+            self._learned_slot = second
+            self._put("learned", self._encoder.learned(block, 0, sequence))
 
     def health(self, document: Mapping[str, Any]) -> None:
         """Publish a health document, which also answers those who ask for it."""
@@ -231,6 +238,7 @@ class ZenohPublisher:
             "field",
             "error",
             "health",
+            *(["learned"] if self._learns else []),
             *(["compensation"] if self._compensates else []),
         )
         publishers = {

@@ -27,9 +27,9 @@ class Machine:
     plan: AlignPlan
 
     @classmethod
-    def of(cls, config: Config) -> Machine:
-        """Build the parts of a configuration."""
-        plant = build_plant(config)
+    def of(cls, config: Config, *, learns: bool = False) -> Machine:
+        """Build the parts of a configuration; with `learns`, of one whose estimator learns as it asks for."""
+        plant = build_plant(config, learns=learns and config.estimator.learns)
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
 
     def self_test(self) -> SelfTest:

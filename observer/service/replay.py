@@ -131,6 +131,9 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
     for j, name in enumerate(layout.sensors):
         columns[f"innovation_{name}_K"] = block.innovation_K[:, j]
         columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]
+    for j, name in enumerate(layout.learned):
+        columns[f"learned_{name}"] = block.learned[:, j]
+        columns[f"learned_{name}_sigma"] = block.learned_sigma[:, j]
     columns["quality"] = _LABELS[block.quality]
     return columns
 

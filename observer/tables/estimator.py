@@ -7,10 +7,15 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from observer.tables.quantities import NonNegative, Number, Positive, Rise, Section
+from observer.tables.tolerance import Learnable
 
 
 class EstimatorSettings(Section):
-    """How heats and field are estimated."""
+    """How heats and field are estimated.
+
+    `learn` is what the compiled Kalman filter finds out while it runs; the rest of what `[tolerance]` knows
+    only roughly it allows for.
+    """
 
     kind: Literal["kalman", "luenberger"] = "kalman"
     period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
@@ -19,6 +24,12 @@ class EstimatorSettings(Section):
     gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
     initial_sigma_K: Rise = 2.0
     field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
+    learn: Annotated[tuple[Learnable, ...], Field(max_length=20)] = ("convection", "offset_K")
     # Luenberger
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
     bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
+
+    @property
+    def learns(self) -> bool:
+        """Whether the estimator is one that takes tolerances into its state."""
+        return self.kind == "kalman" and self.engine == "compiled"

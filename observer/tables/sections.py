@@ -149,13 +149,16 @@ def owner(source: Source, sources: Sequence[Source]) -> Source:
 
 
 class Sensor(Section):
-    """A thermocouple on the screw, or on a node beside it."""
+    """A thermocouple on the screw, or on a node beside it; `offset_K` is one standard deviation of what it
+    reads too much, where that is another than `[tolerance]` says of all.
+    """
 
     name: quantities.Name
     channel: quantities.Channel
     position_m: quantities.Position | None = None
     on: quantities.Name | None = None
     noise_K: quantities.Noise = 0.1
+    offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
 
     @model_validator(mode="after")
     def _somewhere(self) -> Sensor:

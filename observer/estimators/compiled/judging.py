@@ -137,7 +137,7 @@ def doubt_nut(p, u, k, lost_s, P):
 @rarely
 def _share_of_prior(p, C, i, nu):
     """The share of the prior that makes an innovation of sensor i one of three standard deviations."""
-    n_x, variance = C.shape[1], 0.0
+    n_x, variance = len(p.uniform), 0.0
     for a in range(n_x):
         for b in range(n_x):
             variance += C[i, a] * p.prior_P[a, b] * C[i, b]
@@ -146,13 +146,18 @@ def _share_of_prior(p, C, i, nu):
 
 @rarely
 def add_prior(p, P, share):
-    """Add a share of the prior's covariance of field and heats to P."""
-    n_x = len(p.uniform)
+    """Add a share of the prior's covariance of field, heats and what is learnt to P; of the last no more than
+    makes it that of the prior.
+    """
+    n_x, first = len(p.uniform), len(p.uniform) + len(p.source)
     for a in range(n_x):
         for b in range(n_x):
             P[a, b] += share * p.prior_P[a, b]
     for j in range(len(p.source)):
         P[n_x + j, n_x + j] += share * p.initial_W2[j]
+    for q in range(len(p.learn.sigma)):
+        variance = p.learn.sigma[q] ** 2
+        P[first + q, first + q] += max(0.0, min(share * variance, variance - P[first + q, first + q]))
 
 
 @inlined
@@ -209,6 +214,8 @@ def invalidate(out, k):
     out.heat_sigma[k, :] = np.nan
     out.field[k, :] = np.nan
     out.field_sigma[k, :] = np.nan
+    out.learned[k, :] = np.nan
+    out.learned_sigma[k, :] = np.nan
     out.quality[k] = ESTIMATE_INVALID
 
 
@@ -245,7 +252,7 @@ def write_sigmas(P, heat_sigma, field_sigma, k, work):
     """σ = √(c P cᵀ) of every heat and output row into row k; return whether all are numbers."""
     rows, variance, lost = work.rows, work.value, 0
     n_x = len(rows)
-    for j in range(P.shape[0] - n_x):
+    for j in range(heat_sigma.shape[1]):
         heat_sigma[k, j] = np.sqrt(P[n_x + j, n_x + j])
         lost += 0 if np.isfinite(heat_sigma[k, j]) else 1
     if field_sigma.shape[1] <= _FEW:

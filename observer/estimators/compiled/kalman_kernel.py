@@ -30,6 +30,7 @@ from observer.estimators.compiled.kernels import (
     predict,
     start,
 )
+from observer.estimators.compiled.learning import begin, draw_near, follow, give_back, keep, tell
 from observer.model.advance import move_columns, put_laws
 
 
@@ -43,6 +44,7 @@ def run_kalman(p, t, u, step, state, gate_sigma, out, work):
     s = u.y_degC.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
     nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
+    learns = len(p.learn.kind) > 0
     mirror(P)
     for k in range(len(step)):
         present = find_usable(u, k, usable)
@@ -52,9 +54,13 @@ def run_kalman(p, t, u, step, state, gate_sigma, out, work):
         move_columns(p, u, k, B, C)
         if state.flags[0] == 0:
             start(p, C, u, k, usable, x, P, nu)
+            if learns:
+                begin(p, u, k, usable, C, x, P, state.around)
             put_laws(p, u, k, B, x, work.law)
             state.flags[0] = 1
         else:
+            if learns:
+                follow(p, t, step[k], u, k, B, C, state.around, x, work)
             predict(p, t, step[k], u, k, B, x, P, work)
             doubt_nut(p, u, k, state.lost_s, P)
         out.log_likelihood[k] = 0.0
@@ -71,10 +77,15 @@ def run_kalman(p, t, u, step, state, gate_sigma, out, work):
             if reopen(p, C, u.dt_s[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or opened:
                 covariance_with_sensors(C, P, s, g)
                 compare(p, C, u, k, usable, g, x, nu, S)
+            keep(p, x, P, work.kept)
             out.log_likelihood[k] = joint_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
+            give_back(p, x, P, work.kept)
+        if learns:
+            draw_near(p, u.dt_s[k], x, state.around)
         out.quality[k] = judge(u, k, usable, accepted, state, out)
         move_rows(p, u, k, work.rows)
         known = write_values(p, u, k, x, work, out)
         known = write_sigmas(P, out.heat_sigma, out.field_sigma, k, work) and known
+        tell(p, x, P, k, work, out)
         if not known:
             invalidate(out, k)

@@ -14,6 +14,7 @@ import numpy as np
 
 from observer.compiled import inlined, rarely
 from observer.estimators.compiled.judging import add_prior
+from observer.estimators.compiled.learning import advance_learning
 from observer.model.advance import add_scaled, advance, couple_covariance
 
 _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
@@ -22,7 +23,10 @@ _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 @inlined
 def predict(p, t, d, u, k, B, x, P, work):
     """One step of state and covariance; what couples the states acts in two halves around it."""
-    advance(p, t, d, u, k, B, x, work)
+    if len(p.learn.kind) > 0:
+        advance_learning(p, t, d, u, k, B, x, work)
+    else:
+        advance(p, t, d, u, k, B, x, work)
     if p.coupling.active:
         couple_covariance(p, u, k, u.z_start[k], B, 0, P, work)
     predict_covariance(p, t, d, u, k, B, P, work)
@@ -39,20 +43,20 @@ def predict_covariance(p, t, d, u, k, B, P, work):
         P⁺ = (d dᵀ)∘P + Σ_j (H_j G_jᵀ + G_j H_jᵀ) + Q.
 
     Written so, P stays symmetric to the last bit without being made so. Rows are worked out over their padded
-    width, where d, G and H are zero.
+    width, where d, G and H are zero. What is learnt of the machine acts through columns too, which are in G.
     """
     n_x, m_e, (n, width) = B.shape[1], len(p.source), P.shape
-    G, H = work.G, work.H
+    G, H, columns = work.G, work.H, len(p.source) + p.learn.machine
     for j in range(m_e):
         index = p.source[j]
         jump = p.law_uncertainty[j] * u.law_jump_W[k, index]
         P[n_x + j, n_x + j] += jump * jump
         for a in range(n_x):
             G[j, a] = B[index, a] * t.couple[d, j, a]
-    for j in range(m_e):
+    for j in range(columns):
         for b in range(width):
             H[j, b] = t.decay[d, b] * P[n_x + j, b]
-        for i in range(m_e):
+        for i in range(columns):
             shared = 0.5 * P[n_x + j, n_x + i]
             for b in range(width):
                 H[j, b] += shared * G[i, b]
@@ -60,27 +64,35 @@ def predict_covariance(p, t, d, u, k, B, P, work):
         scale = t.decay[d, a]
         for b in range(width):
             P[a, b] = scale * t.decay[d, b] * P[a, b] + t.noise[d, a, b]
-    add_pairs(H, G, m_e, P)
+    add_pairs(H, G, columns, n_x, P)
     for i in range(len(p.moving)):
         if p.moving_heat[i] >= 0:
             add_walk(B, p.moving[i], t, d, p.moving_heat[i], P)
 
 
 @inlined
-def add_pairs(H, G, count, P):
-    """P += Σ_j (H_j G_jᵀ + G_j H_jᵀ), two of them at a time."""
+def add_pairs(H, G, count, n_x, P):
+    """P += Σ_j (H_j G_jᵀ + G_j H_jᵀ), two of them at a time; G is zero beyond the first n_x of its entries."""
     n, width = P.shape
     for j in range(0, count - 1, 2):
-        for a in range(n):
+        for a in range(n_x):
             h0, g0, h1, g1 = H[j, a], G[j, a], H[j + 1, a], G[j + 1, a]
             for b in range(width):
                 P[a, b] += (h0 * G[j, b] + g0 * H[j, b]) + (h1 * G[j + 1, b] + g1 * H[j + 1, b])
+        for a in range(n_x, n):
+            h0, h1 = H[j, a], H[j + 1, a]
+            for b in range(n_x):
+                P[a, b] += h0 * G[j, b] + h1 * G[j + 1, b]
     if count % 2 == 1:
         j = count - 1
-        for a in range(n):
+        for a in range(n_x):
             h0, g0 = H[j, a], G[j, a]
             for b in range(width):
                 P[a, b] += h0 * G[j, b] + g0 * H[j, b]
+        for a in range(n_x, n):
+            h0 = H[j, a]
+            for b in range(n_x):
+                P[a, b] += h0 * G[j, b]
 
 
 @inlined
@@ -129,7 +141,11 @@ def sensor_covariance(C, i, P, g):
     """g_i = P c_i."""
     for b in range(P.shape[1]):
         g[i, b] = 0.0
-    add_scaled(g[i], P, C[i], C.shape[1])
+    for a in range(C.shape[1]):
+        c = C[i, a]
+        if c != 0.0:  # of what is learnt, a sensor sees its own only
+            for b in range(P.shape[1]):
+                g[i, b] += c * P[a, b]
 
 
 @inlined
@@ -141,7 +157,7 @@ def covariance_with_sensors(C, P, s, g):
 
 @inlined
 def project(C, i, g, j):
-    """c_iᵀ g_j over the plant states."""
+    """c_iᵀ g_j over the states that sensors see."""
     total = 0.0
     for a in range(C.shape[1]):
         total += C[i, a] * g[j, a]
@@ -155,7 +171,7 @@ def start(p, C, u, k, usable, x, P, levels):
     That temperature is the median over the usable sensors, so that one broken sensor does not set it.
     `levels` (s,) is scratch.
     """
-    n_x = C.shape[1]
+    n_x = len(p.uniform)
     x[:] = 0.0
     for j in range(u.law_W.shape[1]):
         x[p.modes + j] = u.law_W[k, j]
@@ -264,7 +280,7 @@ def joseph_covariance(C, i, g, K, r, P, half, rest):
     bound once P has fourteen digits to lose: copying one triangle over the other is not enough (seen in the
     tests, and in filterpy).
     """
-    (n, width), n_x = P.shape, C.shape[1]
+    (n, width), seen = P.shape, C.shape[1]
     for b in range(width):
         half[b] = 0.5 * g[i, b]
         rest[b] = r * K[b]
@@ -272,7 +288,7 @@ def joseph_covariance(C, i, g, K, r, P, half, rest):
         gain, expected = K[a], half[a]
         for b in range(width):
             P[a, b] -= expected * K[b] + gain * half[b]
-    for a in range(n_x):
+    for a in range(seen):
         c = C[i, a]
         for b in range(width):
             rest[b] -= c * P[a, b]

@@ -11,13 +11,15 @@ from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.model import advance
 from observer.model.advance import pad_rows
-from observer.model.coupling import Coupling
+from observer.model.coupling import Coupling, packed
+from observer.model.learning import LearningArrays, nothing_learnt
 from observer.model.plant import Plant
 from observer.model.rod.supports import fold
 
 IntArray = NDArray[np.int64]
-# Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it.
-_REGISTER = 16
+# Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows of
+# 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
+_REGISTER, _CROWDED = 16, 64
 
 
 class PlantArrays(NamedTuple):
@@ -45,6 +47,7 @@ class PlantArrays(NamedTuple):
     moving: IntArray
     moving_heat: IntArray
     coupling: Coupling
+    learn: LearningArrays
 
 
 class Running(NamedTuple):
@@ -57,12 +60,14 @@ class Running(NamedTuple):
     opened_K: FloatArray
     lost_s: FloatArray
     flags: IntArray
+    around: FloatArray
 
 
 class Work(NamedTuple):
     """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
     at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
-    coupling began from, `none` (n_x, 0), `sweep` as in `advance`, and the arrays of one step.
+    coupling began from, `none` (n_x, 0), `sweep` as in `advance`, and the arrays of one step. `C` has the
+    columns of all states where something is learnt, and of the plant's where not.
     """
 
     B: FloatArray
@@ -95,6 +100,8 @@ class Work(NamedTuple):
     accepted: NDArray[np.bool_]
     suspect: FloatArray
     A: FloatArray
+    before_around: FloatArray
+    kept: FloatArray
 
 
 class Results(NamedTuple):
@@ -110,11 +117,17 @@ class Results(NamedTuple):
     log_likelihood: FloatArray
     innovation_sigma: FloatArray
     law: FloatArray
+    learned: FloatArray
+    learned_sigma: FloatArray
 
 
 def padded_width(columns: int) -> int:
     """Return the width of an array's rows in memory that the inner loops run over."""
-    return advance.padded_width(columns, _REGISTER)
+    width = advance.padded_width(columns, _REGISTER)
+    if width % _CROWDED == 0:
+        half = advance.padded_width(columns, _REGISTER // 2)
+        return half + _REGISTER // 2 if half % _CROWDED == 0 else half
+    return width
 
 
 def pack_plant(plant: Plant) -> PlantArrays:
@@ -140,14 +153,30 @@ def pack_plant(plant: Plant) -> PlantArrays:
         contiguous([s.index for s in plant.moving], np.int64),
         contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),
         plant.coupling,
+        _learning(plant),
     )
+
+
+def _learning(plant: Plant) -> LearningArrays:
+    """What of the plant is only roughly known, as kernels take it."""
+    if plant.learning is None:
+        return nothing_learnt(len(plant.decay_1_s), plant.rows.sensors)
+    return packed(plant.learning.arrays)  # type: ignore[no-any-return]
+
+
+def states_of(plant: Plant) -> int:
+    """Return how many states an estimator of the plant has: its own, the heats' and what is learnt."""
+    learnt = 0 if plant.learning is None else len(plant.learning.arrays.kind)
+    return len(plant.decay_1_s) + int(plant.estimated.sum()) + learnt
 
 
 def initial_state(plant: Plant) -> EstimatorState:
     """Return the state before the first usable measurement."""
-    n = len(plant.decay_1_s) + int(plant.estimated.sum())
-    never = np.zeros(plant.rows.sensors)
-    return EstimatorState(np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"))
+    n, never = states_of(plant), np.zeros(plant.rows.sensors)
+    around = 0 if plant.learning is None else len(plant.decay_1_s) + int(plant.estimated.sum()) + 2 * len(never)
+    return EstimatorState(
+        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=np.zeros(around)
+    )
 
 
 def thaw(state: EstimatorState) -> Running:
@@ -161,16 +190,18 @@ def thaw(state: EstimatorState) -> Running:
         np.array(state.opened_K, dtype=float),
         np.array([state.lost_s]),
         flags,
+        np.array(state.around),
     )
 
 
 def scratch(arrays: PlantArrays) -> Work:
     """Allocate the kernels' scratch."""
     n_x, m_e, s = arrays.B.shape[1], len(arrays.source), len(arrays.R_K2)
-    width = padded_width(n_x + m_e)
+    n, learn = n_x + m_e + len(arrays.learn.kind), arrays.learn
+    width, columns = padded_width(n), m_e + learn.machine
     return Work(
         B=arrays.B.copy(),
-        C=arrays.C.copy(),
+        C=pad_rows(arrays.C, n) if len(learn.kind) else arrays.C.copy(),
         rows=arrays.rows.copy(),
         value=np.zeros(arrays.rows.shape[1]),
         shared=np.zeros(arrays.rows.shape[1]),
@@ -178,12 +209,12 @@ def scratch(arrays: PlantArrays) -> Work:
         driven=np.zeros(n_x),
         couple=np.zeros((n_x, n_x)),
         shift=np.zeros(n_x),
-        was=np.zeros((n_x + m_e, width)),
+        was=np.zeros((n, width)),
         before=np.zeros((2, n_x)),
         none=np.zeros((n_x, 0)),
         sweep=np.zeros((0, 0, 0, 0)),
-        G=np.zeros((m_e, width)),
-        H=np.zeros((m_e, width)),
+        G=np.zeros((columns, width)),
+        H=np.zeros((columns, width)),
         M=np.zeros((m_e, width)),
         L=np.zeros((s, s)),
         W=np.zeros((s, width)),
@@ -198,7 +229,9 @@ def scratch(arrays: PlantArrays) -> Work:
         usable=np.zeros(s, dtype=np.bool_),
         accepted=np.zeros(s, dtype=np.bool_),
         suspect=np.zeros(s),
-        A=np.zeros((n_x + m_e, width)),
+        A=np.zeros((n, width)),
+        before_around=np.zeros(n_x + m_e),
+        kept=np.zeros((len(learn.held), len(learn.held) + 1)),
     )
 
 
@@ -215,13 +248,14 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
         time_s,
         int(running.flags[1]),
         float(running.lost_s[0]),
+        running.around,
     )
 
 
 def empty_results(plant: Plant, steps: int) -> Results:
     """Allocate results for that many steps; the kernels write every row of them."""
     m_e, s = int(plant.estimated.sum()), plant.rows.sensors
-    wide = len(plant.rows.C) - s
+    wide, learnt = len(plant.rows.C) - s, len(_learning(plant).kind)
     return Results(
         heat=np.empty((steps, m_e)),
         heat_sigma=np.empty((steps, m_e)),
@@ -233,6 +267,8 @@ def empty_results(plant: Plant, steps: int) -> Results:
         log_likelihood=np.empty(steps),
         innovation_sigma=np.empty((steps, s)),
         law=np.empty((steps, m_e)),
+        learned=np.empty((steps, learnt)),
+        learned_sigma=np.empty((steps, learnt)),
     )
 
 
@@ -245,6 +281,10 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
     """Give the results their names."""
     g = plant.rows.grid
     error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
+    learned, learned_sigma = results.learned, results.learned_sigma
+    if (known := plant.learning) is not None:
+        learned = known.value + known.unit * learned[:, known.states]
+        learned_sigma = known.unit * learned_sigma[:, known.states]
     return EstimateBlock(
         time_s=time_s,
         heat_W=results.heat,
@@ -258,4 +298,6 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
         quality=results.quality,
         innovation_sigma_K=results.innovation_sigma,
         law_W=results.law,
+        learned=learned,
+        learned_sigma=learned_sigma,
     )

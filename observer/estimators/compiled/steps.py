@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from observer.compiled import cached_loop
-from observer.estimators.compiled.packing import IntArray, padded_width
+from observer.estimators.compiled.packing import IntArray, padded_width, states_of
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.model.advance import pad_rows
 from observer.model.discretise import TICKS_PER_S, StepMatrices, fixed_noise, quantise, step_matrices
+from observer.model.learning import WANDER_S
 from observer.model.plant import Plant
 
 _STEPS_IN_TABLE = 64
@@ -21,7 +23,7 @@ _STEPS_REMEMBERED = 512
 class StepTable(NamedTuple):
     """Step matrices of D different step lengths, stacked and padded.
 
-    `decay` (D, width) is that of the plant's states and then of the heats, `noise` (D, n, width) all of the
+    `decay` (D, width) is that of the plant's states, the heats and what is learnt, `noise` (D, n, width) all of the
     noise but what the walks of moving heats leave in the plant's states.
     """
 
@@ -68,10 +70,11 @@ class StepCache:
         def stack(name: str) -> FloatArray:
             return np.stack([getattr(step, name) for step, _ in found])
 
-        width = padded_width(len(self._plant.decay_1_s) + int(self._plant.estimated.sum()))
+        width = padded_width(states_of(self._plant))
+        fade = np.array([_fade(self._plant, dt_s) for dt_s in lengths_s])
         walk_xx = stack("walk_xx")
         return StepTable(
-            pad_rows(np.hstack([stack("decay"), stack("heat_decay")]), width),
+            pad_rows(np.hstack([stack("decay"), stack("heat_decay"), fade]), width),
             stack("hold"),
             stack("ramp"),
             stack("heat_decay"),
@@ -83,12 +86,21 @@ class StepCache:
 
 
 def _noise(plant: Plant, step: StepMatrices, still: BoolArray) -> FloatArray:
-    """Covariance (n, n) that a step adds to states and heats but through the heats that move, symmetric to
-    the last bit.
+    """Covariance (n, n) that a step adds to states, heats and what is learnt, but through the heats that move,
+    symmetric to the last bit.
     """
     cross = np.where(still[:, None], plant.B[:, plant.estimated].T * step.walk_dx, 0.0)
     Q = np.block([[fixed_noise(plant, step, still), cross.T], [cross, np.diag(step.walk_dd)]])
+    if plant.learning is not None:
+        wandered = plant.learning.arrays.sigma**2 * (1.0 - _fade(plant, step.dt_s) ** 2)
+        Q = block_diag(Q, np.diag(wandered))
     return np.asarray(0.5 * (Q + Q.T))
+
+
+def _fade(plant: Plant, dt_s: float) -> FloatArray:
+    """What a step leaves of each state that is learnt, (L,)."""
+    learnt = 0 if plant.learning is None else len(plant.learning.arrays.kind)
+    return np.full(learnt, np.exp(-dt_s / WANDER_S))
 
 
 class Chunk(NamedTuple):

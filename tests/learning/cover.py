@@ -1,0 +1,60 @@
+"""What an observer makes of a day, held against its truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from observer.config import Config
+from observer.files.logs import Log
+from observer.frames import EstimateBlock, FloatArray
+from observer.service.align import frames_of_log
+from observer.service.machine import Machine
+from tests.learning.machines import Day
+from tests.truth.machine.logs import CHANNELS
+
+FROM_S = 600.0
+"""Estimates are judged from ten minutes on."""
+QUANTITIES = ("heats", "nut", "field", "error")
+TWO_SIDED_95 = 1.96
+
+
+def log_of(day: Day) -> Log:
+    """A day as the log that its user has."""
+    values = np.column_stack([day.sensor_degC, day.nut_m, day.speed_rpm, day.air_degC])
+    return Log(Path("day.csv"), day.time_s, CHANNELS, values)
+
+
+def estimates(config: Config, day: Day) -> EstimateBlock:
+    """What the observer of a configuration estimates over a day."""
+    machine = Machine.of(config, learns=True)
+    pipeline = machine.pipeline(machine.estimator())
+    blocks = [pipeline.step(frames) for frames in frames_of_log(log_of(day), machine.plan)]
+    fields = EstimateBlock.__dataclass_fields__
+    return EstimateBlock(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in fields})
+
+
+def misses(block: EstimateBlock, day: Day) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Error and σ of each quantity from ten minutes on, (n, …)."""
+    late = day.time_s - day.time_s[0] >= FROM_S
+    heat = (block.heat_W - day.heat_W)[late], block.heat_sigma_W[late]
+    return {
+        "heats": heat,
+        "nut": (heat[0][:, :1], heat[1][:, :1]),
+        "field": ((block.field_degC - day.field_degC)[late], block.field_sigma_K[late]),
+        "error": ((block.error_um - day.error_um)[late, 1:], block.error_sigma_um[late, 1:]),
+    }
+
+
+def judged(config: Config, day: Day) -> dict[str, tuple[float, float, float]]:
+    """The rms error of each quantity, the part of it that lies within the 95 % interval, and the mean σ."""
+    found = misses(estimates(config, day), day)
+    return {
+        name: (
+            float(np.sqrt(np.mean(error**2))),
+            float(np.mean(np.abs(error) <= TWO_SIDED_95 * sigma)),
+            float(np.mean(sigma)),
+        )
+        for name, (error, sigma) in found.items()
+    }

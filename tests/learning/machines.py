@@ -1,0 +1,135 @@
+"""Machines off their configuration as real ones are, from the independent truth, with what no log shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from tests.truth.machine.cycles import RUNS, START_m, STEP_s, build_schedule, draw_air, programme, steps_of
+from tests.truth.machine.logs import configuration
+from tests.truth.machine.machine import SENSOR_M, SLICES, Machine, stream
+from tests.truth.machine.physics import FloatArray, Physics, plain_physics
+from tests.truth.machine.run import run_machine
+from tests.truth.machine.sensing import shown, true_readings
+
+GRID_M = np.linspace(0.0, 1.0, 21)
+FINE_M = np.linspace(0.0, 1.0, 201)
+"""Where the truth is integrated: heat that enters an end makes the field steep there."""
+EXPANSION_um_K_m = 11.8
+CONFIG = configuration(())
+PERIOD_STEPS = 2
+"""Rows of a log, in steps of the truth: one a second."""
+WARM_S = 2700.0
+"""How long a machine has run before the log of a warm start begins."""
+
+
+@dataclass(frozen=True)
+class Rough:
+    """How far machines are from their configuration: relative to what it says, or in K, W/K and m."""
+
+    film: float = 0.30
+    material: float = 0.03
+    laws: float = 0.25
+    run_in: float = 0.3
+    offset_K: float = 0.3
+    place_m: float = 0.002
+    ambient_K: float = 0.5
+    end_W_K: float = 0.1
+
+
+AS_CONFIGURED = Rough(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Day(NamedTuple):
+    """A log of one machine with its truth: rows (n,), channels as the truth's logs, heats (n, 3) in W, the
+    field (n, 21) at `GRID_M`, and the thermal error (n, 21) in µm from the air at the start of the log.
+    """
+
+    time_s: FloatArray
+    sensor_degC: FloatArray
+    nut_m: FloatArray
+    speed_rpm: FloatArray
+    air_degC: FloatArray
+    heat_W: FloatArray
+    field_degC: FloatArray
+    error_um: FloatArray
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """One machine, where its sensors really sit, and by how much its air is warmer than the log says."""
+
+    machine: Machine
+    sensor_m: FloatArray
+    ambient_K: float
+
+
+def draw(seed: int, number: int, rough: Rough) -> Specimen:
+    """Draw a machine; sensors lag by 2 to 4 s on all but those that are as configured."""
+    rng = stream(seed, "rough", str(number))
+    plain = plain_physics(SLICES)
+    physics = plain._replace(
+        conductivity_W_mK=plain.conductivity_W_mK * (1.0 + rng.uniform(-1.0, 1.0) * rough.material),
+        capacity_J_m3K=plain.capacity_J_m3K * (1.0 + rng.uniform(-1.0, 1.0) * rough.material),
+        film_W_m2K=plain.film_W_m2K * (1.0 + rng.choice([-1.0, 1.0]) * rough.film),
+        end_W_K=rng.uniform(0.0, 1.0, 2) * rough.end_W_K,
+        friction_W_rpm=plain.friction_W_rpm * (1.0 + rng.choice([-1.0, 1.0], 3) * rough.laws),
+        run_in=rng.uniform(0.0, 1.0, 3) * rough.run_in,
+        run_in_s=rng.uniform(900.0, 3600.0, 3),
+    )
+    lag_s = rng.uniform(2.0, 4.0, 5) if rough.place_m else np.zeros(5)
+    offset_K = rough.offset_K * rng.standard_normal(5)
+    sensor_m = SENSOR_M + rough.place_m * rng.standard_normal(5)
+    ambient_K = rough.ambient_K * rng.standard_normal()
+    return Specimen(Machine(physics, lag_s, offset_K, np.zeros(5)), sensor_m, float(ambient_K))
+
+
+def day(specimen: Specimen, seed: int, number: int, run: str, *, warm: bool = False) -> Day:
+    """Run it through one of the programmes "a", "b", "c"; a warm start begins in the middle of it."""
+    if run not in RUNS:
+        raise ValueError(f"run {run}: there are {RUNS}")
+    rng = stream(seed, "day", str(number), run)
+    phases = programme("standard", run, rng)
+    felt = draw_air(float(rng.uniform(18.0, 25.0)), steps_of(phases), rng)
+    schedule = build_schedule(phases, START_m[run], felt)
+    physics = specimen.machine.physics
+    result = run_machine(physics, schedule, np.concatenate([specimen.sensor_m, FINE_M]))
+    section, fine = result.section_degC[:, :5], result.section_degC[:, 5:]
+    reading = true_readings(specimen.machine, section, felt, np.ones_like(section), STEP_s)
+    rows = np.arange(int(WARM_S / STEP_s) if warm else 0, len(felt), PERIOD_STEPS)
+    step = np.minimum(rows, len(schedule.speed_rpm) - 1)
+    speed_rpm = schedule.speed_rpm
+    air_degC = np.round(felt - specimen.ambient_K, 2)[rows]
+    return Day(
+        time_s=rows * STEP_s,
+        sensor_degC=shown(reading[rows], rng),
+        nut_m=np.round(result.nut_m[rows], 4),
+        speed_rpm=speed_rpm[step],
+        air_degC=air_degC,
+        heat_W=_friction_W(physics, speed_rpm)[step],
+        field_degC=fine[rows][:, ::10],
+        error_um=_growth_um(fine[rows] - air_degC[0])[:, ::10],
+    )
+
+
+def _friction_W(physics: Physics, speed_rpm: FloatArray) -> FloatArray:
+    """The heats (K, 3) over each step: with speed, and larger while the machine runs in."""
+    turned_s = np.cumsum(np.where(speed_rpm != 0.0, STEP_s, 0.0)) - 0.5 * STEP_s
+    more = 1.0 + physics.run_in * np.exp(-turned_s[:, None] / physics.run_in_s)
+    return np.asarray(physics.friction_W_rpm * np.abs(speed_rpm)[:, None] * more)
+
+
+def _growth_um(rise_K: FloatArray) -> FloatArray:
+    """The growth (n, 201) of a free screw from its left end, by the trapezoids of the fine grid."""
+    mean = 0.5 * (rise_K[:, 1:] + rise_K[:, :-1]) * np.diff(FINE_M)
+    return np.asarray(EXPANSION_um_K_m * np.hstack([np.zeros((len(mean), 1)), np.cumsum(mean, axis=1)]))
+
+
+def config_of(text: str = CONFIG, more: str = "") -> Config:
+    """The configuration that the machine's user has, with more tables."""
+    import tomllib  # noqa: PLC0415
+
+    return Config.model_validate(tomllib.loads(text + more))

@@ -1,0 +1,115 @@
+"""The campaign of machines that are off their configuration: what learning does for the estimates of each.
+
+Half of them start cold, half in the middle of their day; each day runs once as delivered, and once by a
+configuration that takes everything for known. Rows that are there already are not run again.
+"""
+
+from __future__ import annotations
+
+import csv
+import multiprocessing
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from tests.learning.cover import QUANTITIES, judged
+from tests.learning.machines import AS_CONFIGURED, Rough, config_of, day, draw
+
+FIRST_SEED = 4000
+MACHINES = 64
+KNOWN = (
+    "[tolerance]\nconductivity = 0.0\nheat_capacity = 0.0\nconvection = 0.0\nambient_K = 0.0\nend_W_K = 0.0\n"
+    "position_m = 0.0\noffset_K = 0.0\nlag_s = 0.0\n[estimator]\nlearn = []\n"
+)
+GROUPS = {"rough": Rough(), "as configured": AS_CONFIGURED}
+COLUMNS = ("group", "machine", "start", "quantity", "learns", "rms", "covered", "sigma")
+DOCS = Path(__file__).parents[2] / "docs"
+RESULTS, PAGE = DOCS / "learning" / "results.csv", DOCS / "explanation" / "learning.md"
+MARKS = ("<!-- the campaign's table, written by make learning-campaign -->", "<!-- its end -->")
+
+
+def tried(what: tuple[str, int]) -> list[dict[str, str]]:
+    """One machine's rows."""
+    group, number = what
+    warm = number % 2 == 1
+    one = day(draw(FIRST_SEED, number, GROUPS[group]), FIRST_SEED, number, "abc"[number % 3], warm=warm)
+    rows = []
+    for learns, more in (("yes", ""), ("no", KNOWN)):
+        found = judged(config_of(more=more), one)
+        for quantity in QUANTITIES:
+            rms, covered, sigma = (f"{value:.4f}" for value in found[quantity])
+            cells = (group, str(number), "warm" if warm else "cold", quantity, learns, rms, covered, sigma)
+            rows.append(dict(zip(COLUMNS, cells, strict=True)))
+    return rows
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """The rows that are there."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def table(rows: list[dict[str, str]]) -> str:
+    """The campaign in a table, a line for each group and quantity."""
+    lines = [
+        "| machines | quantity | rms error, known → learnt | ratio | 95 % intervals hold, mean | on the worst "
+        "machine | σ, known → learnt |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for group in GROUPS:
+        for quantity in QUANTITIES:
+            of = {
+                learns: np.array(
+                    [
+                        [float(r["rms"]), float(r["covered"]), float(r["sigma"])]
+                        for r in rows
+                        if (r["group"], r["quantity"], r["learns"]) == (group, quantity, learns)
+                    ]
+                )
+                for learns in ("yes", "no")
+            }
+            rms = {learns: float(np.sqrt(np.mean(a[:, 0] ** 2))) for learns, a in of.items()}
+            unit = {"heats": "W", "nut": "W", "field": "K", "error": "µm"}[quantity]
+            lines.append(
+                f"| {len(of['yes'])} {group} | {quantity} | {rms['no']:.2f} → {rms['yes']:.2f} {unit} | "
+                f"{rms['yes'] / rms['no']:.2f} | {100 * of['yes'][:, 1].mean():.0f} % (known: "
+                f"{100 * of['no'][:, 1].mean():.0f} %) | {100 * of['yes'][:, 1].min():.0f} % | "
+                f"{of['no'][:, 2].mean():.2f} → {of['yes'][:, 2].mean():.2f} {unit} |"
+            )
+    return "\n".join(lines)
+
+
+def write(path: Path, rows: list[dict[str, str]]) -> None:
+    """Write the rows, in the order of their machines."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(sorted(rows, key=lambda r: (r["group"], int(r["machine"]))))
+
+
+def put_into(page: Path, text: str) -> None:
+    """Replace what stands between the page's marks."""
+    before, rest = page.read_text(encoding="utf-8").split(MARKS[0])
+    page.write_text(f"{before}{MARKS[0]}\n{text}\n{MARKS[1]}{rest.split(MARKS[1])[1]}", encoding="utf-8")
+
+
+def main() -> None:
+    """Run what is missing, two at a time, and write the table into the page."""
+    rows = read(RESULTS)
+    done = {(r["group"], int(r["machine"])) for r in rows}
+    todo = [(g, i) for g in GROUPS for i in range(MACHINES) if (g, i) not in done]
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        for count, found in enumerate(pool.imap_unordered(tried, todo), start=1):
+            rows += found
+            write(RESULTS, rows)
+            sys.stderr.write(f"\r{count} of {len(todo)} machines")
+    sys.stderr.write("\n")
+    put_into(PAGE, table(rows))
+
+
+if __name__ == "__main__":
+    main()
