@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.frames import FloatArray
 from observer.model.couple import surface_rate
 from observer.model.extend import padded
 from observer.model.learning import Kind, Learning, LearningArrays
@@ -88,7 +87,9 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> list[_State]:
     states = [
         _State("convection", Kind.CONVECTION, 0, film, "surface.convection_W_m2K", film_W_m2K, film_W_m2K),
         _State("conductivity", Kind.CONDUCTIVITY, 0, known.conductivity, "screw.conductivity_W_mK", k, k),
-        _State("heat_capacity", Kind.HEAT_CAPACITY, 0, known.heat_capacity, "screw.specific_heat_J_kgK", c, c),
+        _State(
+            "heat_capacity", Kind.HEAT_CAPACITY, 0, known.heat_capacity, "screw.specific_heat_J_kgK", c, c
+        ),
         _State("ambient_K", Kind.AMBIENT, 0, known.ambient_K, "ambient.offset_K"),
     ]
     for i, (end, side) in enumerate(((modes.rod.left, "left"), (modes.rod.right, "right"))):

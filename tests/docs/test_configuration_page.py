@@ -16,7 +16,7 @@ from drivers import can, canopen, devices, modbus, places, player
 from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.tables import keeping, laws, mounting, nodes, publishing, quantities, sections
+from observer.tables import keeping, laws, mounting, nodes, publishing, quantities, sections, tolerance
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
@@ -31,6 +31,7 @@ CONFIGURATION = {
     "`[[node]]`": nodes.Node,
     "`[[link]]`": nodes.Link,
     "`[[sensor]]`": sections.Sensor,
+    "`[tolerance]`": tolerance.Tolerance,
     "`[model]`": config.Model,
     "`[estimator]`": config.EstimatorSettings,
     "`[calibrate]`": config.Calibrate,

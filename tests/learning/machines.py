@@ -130,6 +130,6 @@ def _growth_um(rise_K: FloatArray) -> FloatArray:
 
 def config_of(text: str = CONFIG, more: str = "") -> Config:
     """The configuration that the machine's user has, with more tables."""
-    import tomllib  # noqa: PLC0415
+    import tomllib
 
     return Config.model_validate(tomllib.loads(text + more))

@@ -40,7 +40,7 @@ def test_a_second_service_is_refused_until_the_first_has_gone(mode):
         assert f"another service runs as {PREFIX}; end it" in second.status.taken
         assert second.status.reason == second.status.taken
         second.publish(block(), 0)
-        assert (second.status.published, second.status.dropped) == (0, 4)
+        assert (second.status.published, second.status.dropped) == (0, 5)
         assert first.close(5.0)
         wait(lambda: second.status.connected and second.status.taken is None)
         assert second.close(5.0)

@@ -23,6 +23,7 @@ def _latest(**changes):
         "heat": json.loads(encoder.heat(one, 0, 1)),
         "field": json.loads(encoder.field(one, 0, 1)),
         "error": json.loads(encoder.error(one, 0, 1)),
+        "learned": json.loads(encoder.learned(one, 0, 1)),
     }
 
 
@@ -36,10 +37,11 @@ def test_shows_heats_field_error_sensors_and_reasons():
     latest = _latest(quality=2)
     latest["heat"]["sources"]["nut"] = {"heat_W": 61.234, "sigma_W": 2.0}
     latest["truth/heat"] = {"sources": {"nut": {"heat_W": 59.234, "sigma_W": 0}}}
+    latest["learned"]["parameters"] = {"sensor.t1.offset_K": {"value": 0.314, "sigma": 0.1}}
     latest["health"] = {"state": "degraded", "reasons": ["channel t2_degC is stale"]}
     text = _shown(latest)
     for words in ("quality degraded", "61.23", "2.00", "59.23", "1.0", "left_bearing", "field", "°C", "error",
-                  "µm", "t2", "channel t2_degC is stale", "service degraded"):  # fmt: skip
+                  "µm", "t2", "learnt: sensor.t1.offset_K 0.314 ± 0.1", "channel t2_degC is stale", "service degraded"):  # fmt: skip
         assert words in text
 
 
@@ -96,14 +98,14 @@ def test_what_is_not_renewed_is_stale(monkeypatch):
 _leaf = st.none() | st.booleans() | st.integers() | st.just(10**400) | st.floats() | st.text(max_size=20)
 _words = st.sampled_from(
     ["heat_W", "sigma_W", "sources", "nut", "quality", "state", "reasons", "temperature_degC", "sigma_K",
-     "error_um", "sigma_um", "sensors", "sensor_quality", "innovation_K", "[/red]", "\x1b[2J"]
+     "error_um", "sigma_um", "sensors", "sensor_quality", "innovation_K", "parameters", "value", "sigma", "[/red]", "\x1b[2J"]
 )  # fmt: skip
 _anything = st.recursive(
     _leaf,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(_words, inner, max_size=6),
     max_leaves=12,
 )
-_documents = st.dictionaries(st.sampled_from(KEYS), st.dictionaries(_words, _anything, max_size=8))
+_documents = st.dictionaries(st.sampled_from(KEYS), st.dictionaries(_words, _anything, max_size=5))
 
 
 @given(_documents)

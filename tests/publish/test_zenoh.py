@@ -77,7 +77,8 @@ def test_a_subscriber_gets_every_message_of_the_contract(publisher):
         latest = _wait(
             lambda: (d := subscription.latest()).get("health") and d["error"]["sequence"] == 77 and d
         )
-    assert {"estimate", "heat", "field", "error", "health"} == set(latest)
+    assert {"estimate", "heat", "field", "error", "learned", "health"} == set(latest)
+    assert set(latest["learned"]["parameters"]["sensor.t1.offset_K"]) == {"value", "sigma"}
     assert {latest[key]["sequence"] for key in ("estimate", "heat", "field", "error")} == {77}
     assert {latest[key]["time_s"] for key in ("estimate", "heat", "field", "error")} == {1.9e9}
     assert latest["field"]["position_m"] == pytest.approx(latest["estimate"]["position_m"].tolist(), rel=1e-5)
@@ -104,9 +105,10 @@ def test_field_and_error_keep_their_rate_by_the_time_of_the_estimate():
     for k in range(1000):
         publisher.publish(block(1.8e9 + 0.01 * k), k)
     counts = {
-        key: sum(sent_key == key for sent_key, _ in sent) for key in ("estimate", "heat", "field", "error")
+        key: sum(sent_key == key for sent_key, _ in sent)
+        for key in ("estimate", "heat", "field", "error", "learned")
     }
-    assert counts == {"estimate": 1000, "heat": 1000, "field": 20, "error": 20}
+    assert counts == {"estimate": 1000, "heat": 1000, "field": 20, "error": 20, "learned": 10}
 
 
 def _get(endpoint, selector):

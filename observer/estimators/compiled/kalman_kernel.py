@@ -44,7 +44,6 @@ def run_kalman(p, t, u, step, state, gate_sigma, out, work):
     s = u.y_degC.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
     nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
-    learns = len(p.learn.kind) > 0
     mirror(P)
     for k in range(len(step)):
         present = find_usable(u, k, usable)
@@ -54,13 +53,11 @@ def run_kalman(p, t, u, step, state, gate_sigma, out, work):
         move_columns(p, u, k, B, C)
         if state.flags[0] == 0:
             start(p, C, u, k, usable, x, P, nu)
-            if learns:
-                begin(p, u, k, usable, C, x, P, state.around)
+            begin(p, u, k, usable, C, x, P, state.around)
             put_laws(p, u, k, B, x, work.law)
             state.flags[0] = 1
         else:
-            if learns:
-                follow(p, t, step[k], u, k, B, C, state.around, x, work)
+            follow(p, t, step[k], u, k, B, C, state.around, x, work)
             predict(p, t, step[k], u, k, B, x, P, work)
             doubt_nut(p, u, k, state.lost_s, P)
         out.log_likelihood[k] = 0.0
@@ -80,8 +77,7 @@ def run_kalman(p, t, u, step, state, gate_sigma, out, work):
             keep(p, x, P, work.kept)
             out.log_likelihood[k] = joint_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
             give_back(p, x, P, work.kept)
-        if learns:
-            draw_near(p, u.dt_s[k], x, state.around)
+        draw_near(p, u.dt_s[k], x, state.around)
         out.quality[k] = judge(u, k, usable, accepted, state, out)
         move_rows(p, u, k, work.rows)
         known = write_values(p, u, k, x, work, out)

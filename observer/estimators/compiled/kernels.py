@@ -72,7 +72,7 @@ def predict_covariance(p, t, d, u, k, B, P, work):
 
 @inlined
 def add_pairs(H, G, count, n_x, P):
-    """P += Σ_j (H_j G_jᵀ + G_j H_jᵀ), two of them at a time; G is zero beyond the first n_x of its entries."""
+    """P += Σ_j (H_j G_jᵀ + G_j H_jᵀ), two of them at a time; G is zero beyond its first n_x entries."""
     n, width = P.shape
     for j in range(0, count - 1, 2):
         for a in range(n_x):

@@ -21,7 +21,7 @@ from observer.model.learning import Kind
 FOLLOWS_S = 1200.0
 """How slowly `around` follows the estimate."""
 _CONVECTION, _CONDUCTIVITY = int(Kind.CONVECTION), int(Kind.CONDUCTIVITY)
-_HEAT_CAPACITY, _AMBIENT, _END = int(Kind.HEAT_CAPACITY), int(Kind.AMBIENT), int(Kind.END)
+_AMBIENT, _END = int(Kind.AMBIENT), int(Kind.END)
 _LAW, _OFFSET, _PLACE = int(Kind.LAW), int(Kind.OFFSET), int(Kind.PLACE)
 _SURE = 3.0
 _STILL = 0.1  # part of a heat's first σ that is left where the machine stands still
@@ -32,6 +32,8 @@ def follow(p, t, d, u, k, B, C, around, x, work):
     """Take `around` over step k; put what the machine's parameters do over it into the rows of `work.G` that
     follow those of the heats, and what those of the sensors do to readings into C.
     """
+    if len(p.learn.kind) == 0:
+        return
     n_x, m_e = B.shape[1], len(p.source)
     before, machine = work.before_around, p.learn.machine
     for a in range(n_x + m_e):
@@ -70,20 +72,26 @@ def drive(p, u, k, B, i, x, work, c):
             colder_K -= learn.ends_C[of, a] * x[a]
         for a in range(p.modes):
             c[a] = learn.ends_B[of, a] * colder_K
-    elif kind == _HEAT_CAPACITY:
-        for a in range(p.modes):
+    else:
+        drive_of_screw(p, u, k, B, kind, x, work, c)
+
+
+@inlined
+def drive_of_screw(p, u, k, B, kind, x, work, c):
+    """The same of the film, the conductivity and the heat capacity."""
+    learn, n_x = p.learn, B.shape[1]
+    for a in range(p.modes):
+        by_film = learn.film_1_s * (learn.uniform[a] * u.z_start[k, learn.ambient] - x[a])
+        if kind == _CONVECTION:
+            c[a] = by_film
+        elif kind == _CONDUCTIVITY:
+            c[a] = -learn.decay_1_s[a] * x[a] - by_film
+            for q in range(len(p.E)):
+                c[a] += p.E[q, a] * u.z_start[k, q]
+        else:
             c[a] = learn.decay_1_s[a] * x[a] - work.driven[a]
             for j in range(len(p.source)):
                 c[a] -= B[p.source[j], a] * x[n_x + j]
-    else:
-        for a in range(p.modes):
-            by_film = learn.film_1_s * (learn.uniform[a] * ambient_degC - x[a])
-            if kind == _CONVECTION:
-                c[a] = by_film
-            else:
-                c[a] = -learn.decay_1_s[a] * x[a] - by_film
-                for q in range(len(p.E)):
-                    c[a] += p.E[q, a] * u.z_start[k, q]
 
 
 @rarely
@@ -167,6 +175,8 @@ def give_back(p, x, P, kept):
 @inlined
 def draw_near(p, dt_s, x, around):
     """Have `around` follow the estimate."""
+    if len(p.learn.kind) == 0:
+        return
     share = -np.expm1(-dt_s / FOLLOWS_S)
     for a in range(len(p.uniform) + len(p.source)):
         around[a] += share * (x[a] - around[a])
@@ -179,6 +189,8 @@ def begin(p, u, k, usable, C, x, P, around):
     A machine that stood overnight has one temperature, the air's, and what its sensors say then is what they
     and the air's thermometer read too much.
     """
+    if len(p.learn.kind) == 0:
+        return
     if stands(p, u, k, usable):
         rest(p, u, k, x, P)
     first, s = len(p.uniform) + len(p.source), len(p.R_K2)
@@ -192,7 +204,7 @@ def begin(p, u, k, usable, C, x, P, around):
 
 @inlined
 def stands(p, u, k, usable):
-    """Whether no law makes heat, and every sensor says what the air's temperature is, within what is known."""
+    """Whether no law makes heat, and every sensor tells the air's temperature, within what is known."""
     ambient_K, seen = 0.0, 0
     for q in range(p.learn.machine):
         if p.learn.kind[q] == _AMBIENT:

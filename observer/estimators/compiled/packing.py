@@ -17,8 +17,8 @@ from observer.model.plant import Plant
 from observer.model.rod.supports import fold
 
 IntArray = NDArray[np.int64]
-# Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows of
-# 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
+# Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows
+# of 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
 _REGISTER, _CROWDED = 16, 64
 
 
@@ -173,7 +173,9 @@ def states_of(plant: Plant) -> int:
 def initial_state(plant: Plant) -> EstimatorState:
     """Return the state before the first usable measurement."""
     n, never = states_of(plant), np.zeros(plant.rows.sensors)
-    around = 0 if plant.learning is None else len(plant.decay_1_s) + int(plant.estimated.sum()) + 2 * len(never)
+    around = (
+        0 if plant.learning is None else len(plant.decay_1_s) + int(plant.estimated.sum()) + 2 * len(never)
+    )
     return EstimatorState(
         np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=np.zeros(around)
     )
