@@ -36,7 +36,7 @@ _REST_K = 0.1
 
 def with_learning(plant: Plant, config: Config, modes: Modes) -> Plant:
     """Return the plant with what its estimator learns or allows for; as it is where that is nothing."""
-    states = [s for s in (*_of_machine(plant, config, modes), *_of_sensors(plant, config)) if s.sigma > 0.0]
+    states = [s for s in (*_of_machine(config, modes), *_of_sensors(config)) if s.sigma > 0.0]
     if not states:
         return plant
     learnt = [i for i, s in enumerate(states) if s.key in config.estimator.learn]
@@ -78,7 +78,7 @@ def _film_1_s(modes: Modes) -> float:
     return modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2
 
 
-def _of_machine(plant: Plant, config: Config, modes: Modes) -> list[_State]:
+def _of_machine(config: Config, modes: Modes) -> list[_State]:
     """The machine's own: film, material, ambient, ends, and the scale of every law."""
     known, screw = config.tolerance, config.screw
     film_W_m2K = _film_1_s(modes) / surface_rate(screw)
@@ -106,7 +106,7 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> list[_State]:
     return states
 
 
-def _of_sensors(plant: Plant, config: Config) -> list[_State]:
+def _of_sensors(config: Config) -> list[_State]:
     """The sensors' own."""
     return [
         state

@@ -9,7 +9,8 @@ from pydantic import Field
 from observer.tables.quantities import NonNegative, Section
 
 Learnable = Literal[
-    "convection", "conductivity", "heat_capacity", "ambient_K", "end_W_K", "law", "offset_K", "position_m", "lag_s"
+    "convection", "conductivity", "heat_capacity", "ambient_K", "end_W_K", "law", "offset_K", "position_m",
+    "lag_s",
 ]  # fmt: skip
 """What an estimator may learn: the keys of `Tolerance`, and `law`, the scale of each heat's law."""
 

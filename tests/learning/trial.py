@@ -55,8 +55,8 @@ def read(path: Path) -> list[dict[str, str]]:
 def table(rows: list[dict[str, str]]) -> str:
     """The campaign in a table, a line for each group and quantity."""
     lines = [
-        "| machines | quantity | rms error, known → learnt | ratio | 95 % intervals hold, mean | on the worst "
-        "machine | σ, known → learnt |",
+        "| machines | quantity | rms error, known → learnt | ratio | 95 % intervals hold, mean | on the "
+        "worst machine | σ, known → learnt |",
         "|---|---|---|---|---|---|---|",
     ]
     for group in GROUPS:

@@ -41,7 +41,8 @@ def test_shows_heats_field_error_sensors_and_reasons():
     latest["health"] = {"state": "degraded", "reasons": ["channel t2_degC is stale"]}
     text = _shown(latest)
     for words in ("quality degraded", "61.23", "2.00", "59.23", "1.0", "left_bearing", "field", "°C", "error",
-                  "µm", "t2", "learnt: sensor.t1.offset_K 0.314 ± 0.1", "channel t2_degC is stale", "service degraded"):  # fmt: skip
+                  "µm", "t2", "learnt: sensor.t1.offset_K 0.314 ± 0.1",
+                  "channel t2_degC is stale", "service degraded"):  # fmt: skip
         assert words in text
 
 
@@ -98,7 +99,8 @@ def test_what_is_not_renewed_is_stale(monkeypatch):
 _leaf = st.none() | st.booleans() | st.integers() | st.just(10**400) | st.floats() | st.text(max_size=20)
 _words = st.sampled_from(
     ["heat_W", "sigma_W", "sources", "nut", "quality", "state", "reasons", "temperature_degC", "sigma_K",
-     "error_um", "sigma_um", "sensors", "sensor_quality", "innovation_K", "parameters", "value", "sigma", "[/red]", "\x1b[2J"]
+     "error_um", "sigma_um", "sensors", "sensor_quality", "innovation_K", "parameters",
+     "value", "sigma", "[/red]", "\x1b[2J"]
 )  # fmt: skip
 _anything = st.recursive(
     _leaf,

@@ -15,7 +15,7 @@ import numpy as np
 from observer.compiled import inlined, rarely
 from observer.estimators.compiled.judging import add_prior
 from observer.estimators.compiled.learning import advance_learning
-from observer.model.advance import add_scaled, advance, couple_covariance
+from observer.model.advance import add_scaled, couple_covariance
 
 _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 
@@ -23,10 +23,7 @@ _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 @inlined
 def predict(p, t, d, u, k, B, x, P, work):
     """One step of state and covariance; what couples the states acts in two halves around it."""
-    if len(p.learn.kind) > 0:
-        advance_learning(p, t, d, u, k, B, x, work)
-    else:
-        advance(p, t, d, u, k, B, x, work)
+    advance_learning(p, t, d, u, k, B, x, len(p.learn.kind), work)
     if p.coupling.active:
         couple_covariance(p, u, k, u.z_start[k], B, 0, P, work)
     predict_covariance(p, t, d, u, k, B, P, work)

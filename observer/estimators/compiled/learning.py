@@ -15,7 +15,7 @@ import numpy as np
 
 from observer.compiled import inlined, rarely
 from observer.estimators.compiled.judging import add_prior
-from observer.model.advance import add_scaled, advance, advance_diagonal, couple_half, put_laws
+from observer.model.advance import add_scaled, advance_diagonal, couple_half, put_laws
 from observer.model.learning import Kind
 
 FOLLOWS_S = 1200.0
@@ -38,7 +38,7 @@ def follow(p, t, d, u, k, B, C, around, x, work):
     before, machine = work.before_around, p.learn.machine
     for a in range(n_x + m_e):
         before[a] = around[a]
-    advance(p, t, d, u, k, B, around, work)
+    advance_learning(p, t, d, u, k, B, around, 0, work)
     for i in range(machine):
         column = work.G[m_e + i]
         column[:] = 0.0
@@ -136,15 +136,16 @@ def below(p, u, k, C, i, around):
 
 
 @rarely
-def advance_learning(p, t, d, u, k, B, x, work):
-    """Take the whole state over step k: as `advance` does, with what the parameters add, which fade."""
+def advance_learning(p, t, d, u, k, B, x, learnt, work):
+    """Take a state over step k as `advance` does, with what so many parameters behind it add, which fade."""
     n_x, first = B.shape[1], B.shape[1] + len(p.source)
     if p.coupling.active:
         couple_half(p, u, k, u.z_start[k], B, x, 0, work)
     put_laws(p, u, k, B, x, work.law)
     advance_diagonal(p, t, d, u, k, B, x, work)
-    add_scaled(x[:n_x], work.G[len(p.source) :], x[first:], p.learn.machine)
-    for q in range(len(p.learn.kind)):
+    if learnt > 0:
+        add_scaled(x[:n_x], work.G[len(p.source) :], x[first:], p.learn.machine)
+    for q in range(learnt):
         x[first + q] *= t.decay[d, first + q]
     if p.coupling.active:
         couple_half(p, u, k, u.z_end[k], B, x, 1, work)

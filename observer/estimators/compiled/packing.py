@@ -173,11 +173,11 @@ def states_of(plant: Plant) -> int:
 def initial_state(plant: Plant) -> EstimatorState:
     """Return the state before the first usable measurement."""
     n, never = states_of(plant), np.zeros(plant.rows.sensors)
-    around = (
-        0 if plant.learning is None else len(plant.decay_1_s) + int(plant.estimated.sum()) + 2 * len(never)
-    )
+    around = np.zeros(0)
+    if plant.learning is not None:
+        around = np.zeros(n - len(plant.learning.arrays.kind) + 2 * len(never))
     return EstimatorState(
-        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=np.zeros(around)
+        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=around
     )
 
 

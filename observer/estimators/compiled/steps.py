@@ -23,8 +23,8 @@ _STEPS_REMEMBERED = 512
 class StepTable(NamedTuple):
     """Step matrices of D different step lengths, stacked and padded.
 
-    `decay` (D, width) is that of the plant's states, the heats and what is learnt, `noise` (D, n, width) all of the
-    noise but what the walks of moving heats leave in the plant's states.
+    `decay` (D, width) is that of the plant's states, the heats and what is learnt, `noise` (D, n, width) all
+    of the noise but what the walks of moving heats leave in the plant's states.
     """
 
     decay: FloatArray
@@ -86,8 +86,8 @@ class StepCache:
 
 
 def _noise(plant: Plant, step: StepMatrices, still: BoolArray) -> FloatArray:
-    """Covariance (n, n) that a step adds to states, heats and what is learnt, but through the heats that move,
-    symmetric to the last bit.
+    """Covariance (n, n) that a step adds to states, heats and what is learnt, but through the heats that
+    move, symmetric to the last bit.
     """
     cross = np.where(still[:, None], plant.B[:, plant.estimated].T * step.walk_dx, 0.0)
     Q = np.block([[fixed_noise(plant, step, still), cross.T], [cross, np.diag(step.walk_dd)]])
