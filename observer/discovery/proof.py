@@ -36,12 +36,21 @@ class Proof:
 
     Before: with the free parameters calibrated and no effect added. `as_given_rms_K`: with the configuration
     as it was given. `expected`: what noise alone makes of the mean squared whitened error.
+    `beyond_tolerances_rms_K`: the gap before and after without what the tolerances make of it, as the data
+    that were fitted tell them.
     """
 
     whole: SensorGap
     per_sensor: dict[str, SensorGap]
     as_given_rms_K: float
     expected: float
+    beyond_tolerances_rms_K: tuple[float, float]
+
+    @property
+    def grown(self) -> bool:
+        """Whether the gap has grown in kelvin, beyond what noise makes of it."""
+        before_K, after_K = self.beyond_tolerances_rms_K
+        return after_K > before_K + self.whole.floor_rms_K
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -75,6 +84,10 @@ def prove(null: Fit, fit: Fit) -> Proof:
         per_sensor={name: gap(mine) for name, mine in sensors.items() if mine.any()},
         as_given_rms_K=_rms(given[rows]),
         expected=evidence.expected,
+        beyond_tolerances_rms_K=(
+            _rms((before - null.within_tolerances_K)[rows]),
+            _rms((after - fit.within_tolerances_K)[rows]),
+        ),
     )
 
 

@@ -74,6 +74,7 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
         "where": _where(found),
         "ranking": [_trial(t) for t in found.search.ranking],
         "not_told": [c.name for c in found.search.blind],
+        "partial": _partial(found),
         "experiment": test and asdict(test) | {"separation_sigma": rounded(test.separation_sigma)},
     }
 
@@ -124,6 +125,27 @@ def _where(found: Discovery) -> list[dict[str, Any]]:
         "heat_sigma_W": rounded(e.sigma_W),
     }
     return [first, *places]
+
+
+def _partial(found: Discovery) -> dict[str, Any] | None:
+    """Of an unknown the effect that explains most: its share of the misfit, and what it leaves, in K, most on
+    which sensor.
+    """
+    trials = [t for t in found.search.ranking if t.drop > 0.0]
+    if found.verdict.kind != "unknown" or not trials:
+        return None
+    best = max(trials, key=lambda t: t.drop)
+    problem = found.problem
+    used, sensors = problem.evidence.used, problem.config.sensor
+    left_K = problem.evidence.measured_degC - problem.predicted(best.fit.config)
+    of_sensor = [left_K[used & (problem.evidence.sensor == i)] for i in range(len(sensors))]
+    rms_K = [float(np.sqrt(np.mean(own**2))) if len(own) else 0.0 for own in of_sensor]
+    return {
+        **effects_of(best.fit)[-1],
+        "share": rounded(best.drop / found.search.null.deviance),
+        "remains_rms_K": rounded(float(np.sqrt(np.mean(left_K[used] ** 2)))),
+        "most_on": sensors[int(np.argmax(rms_K))].name,
+    }
 
 
 def _trial(trial: Trial) -> dict[str, Any]:

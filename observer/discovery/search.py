@@ -64,8 +64,20 @@ class Trial:
     @property
     def accepted(self) -> bool:
         """Whether it explains enough, on data held out as well, within its bounds."""
-        sound = not self.fit.at_bound and self.told
+        sound = not self.fit.at_bound and self.told and self.there
         return self.score >= self.least and self.held_out >= MATERIAL and sound
+
+    @property
+    def there(self) -> bool:
+        """Whether the 95 % interval of every strength leaves out where there is no effect."""
+        each = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
+        own = [
+            (self.candidate.fitted[p.key].neutral, value, half)
+            for p, value, half in each
+            if isinstance(self.fit.config.effect[p.effect], self.candidate.of)
+            and p.key in self.candidate.fitted
+        ]
+        return all(neutral is None or abs(value - neutral) > half for neutral, value, half in own)
 
     @property
     def told(self) -> bool:

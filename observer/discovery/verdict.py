@@ -62,7 +62,7 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     noise = proof.expected
     if goodness(fit) > noise + UNFIT + form:
         return Verdict("unknown", fit, remains="in what was fitted")
-    if proof.whole.after > noise + PROOF_UNFIT + 2 * form or proof.worse:
+    if proof.whole.after > noise + PROOF_UNFIT + 2 * form or proof.worse or proof.grown:
         return Verdict("unknown", fit, remains="on data held back")
     if not search.chosen:
         return Verdict("not_identifiable" if lacking else "none", fit, lacking=tuple(lacking))

@@ -14,8 +14,9 @@ from pydantic import Field
 
 from observer.effects.terms import Heat, Term
 from observer.errors import ConfigError
+from observer.tables.laws import SPEED_LAWS
 from observer.tables.quantities import Section
-from observer.tables.sections import Description, Source, law_channels
+from observer.tables.sections import Description, Source, owner
 
 Target = Annotated[str, Field(min_length=1, max_length=64)]
 Shape = Mapping[str, float]
@@ -110,7 +111,7 @@ class EffectTable(Section):
         if cls.targets == "sensor":
             return [s.name for s in machine.sensor]
         if cls.targets == "source":
-            return [s.name for s in machine.source if law_channels(s, machine.source)]
+            return [s.name for s in machine.source if _rubs(s, machine.source)]
         ends = [e for e in ("left", "right") if getattr(machine.boundary, e).kind != "prescribed"]
         nuts = [s.name for s in machine.source if s.shape == "nut" and s.screw_share > 0.0]
         return {"end": ends, "nut": nuts, "place": ends + nuts}[cls.targets]
@@ -155,6 +156,13 @@ class Unnamed:
     def terms(self, machine: Description) -> tuple[Term, ...]:
         """Return the terms, whatever the machine."""
         return self.added
+
+
+def _rubs(source: Source, sources: Sequence[Source]) -> bool:
+    """Whether a source's heat is that of friction: by a law of speed, its own or the one it is a part of."""
+    if source.law == "heat_of":
+        source = owner(source, sources)
+    return source.law in SPEED_LAWS
 
 
 def end_at(position_m: float, length_m: float) -> str | None:

@@ -52,9 +52,10 @@ class StrokeEnds(NamedTuple):
 
 
 class AmbientShift(NamedTuple):
-    """The air near the screw departs from what is known of it, by so much an hour."""
+    """The air near the screw departs from what is known of it, by so much an hour and by a constant."""
 
     rate_K_h: float
+    offset_K: float = 0.0
 
 
 class Offset(NamedTuple):

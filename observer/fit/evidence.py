@@ -25,8 +25,12 @@ a share of the sensor's rms rise."""
 BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.003, 0.0006
 """The same of what beats between a nut's motion and the sampling of its position."""
 TRUSTED, LEAST_SAMPLES = 3.0, 200
-RESOLUTION_K = 0.003
-"""What quantisation leaves of a mean over half a minute."""
+LEFT_OF_STEP, LEAST_K = 0.29, 0.003
+"""What the steps of a log leave of a mean over half a minute: 1/√12 of a step, and at least so much."""
+FEW, MOSTLY, ENOUGH = 0.1, 0.9, 8
+"""Values stand in steps where most of their distances are whole multiples of what few of them are below, and
+there are enough of them.
+"""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,8 @@ def gather(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
     each = [_folds(every.time_s[every.run == i], end_s, i, len(runs)) for i, end_s in enumerate(ends_s)]
     run, sensor, fold = every.run, every.sensor, np.concatenate(each)
     rise_K = _rises(run, sensor, every.measured_degC, fold)
-    white_K = np.sqrt(every.noise_K**2 + RESOLUTION_K**2)
+    left_K = np.maximum(LEFT_OF_STEP * resolution(runs, len(noise_K)), LEAST_K)
+    white_K = np.sqrt(every.noise_K**2 + left_K[sensor] ** 2)
     groups = []
     for i, s in np.ndindex(len(runs), len(noise_K)):
         for role in np.unique(fold[(run == i) & (sensor == s)]):
@@ -137,6 +142,18 @@ def shown_noise(runs: Sequence[SteppedRun], noise_K: FloatArray) -> FloatArray:
         if len(step_K) >= LEAST_SAMPLES:
             shown_K = float(np.sqrt(np.mean(np.clip(step_K, -6 * noise_K[s], 6 * noise_K[s]) ** 2) / 2))
             out[s] = min(max(shown_K, noise_K[s] / TRUSTED), noise_K[s] * TRUSTED)
+    return out
+
+
+def resolution(runs: Sequence[SteppedRun], sensors: int) -> FloatArray:
+    """Return the steps (s,) in which the sensors' values stand in the logs, K; 0 where they show none."""
+    out = np.zeros(sensors)
+    for s in range(sensors):
+        values = np.concatenate([r.run.values_degC[r.run.usable[:, s], s] for r in runs])
+        apart = np.diff(np.unique(np.round(values, 6)))
+        if len(apart) >= ENOUGH and (few := np.quantile(apart, FEW)) > 0.0:
+            whole = apart / few
+            out[s] = few if np.mean(np.abs(whole - np.rint(whole)) < 0.02) > MOSTLY else 0.0
     return out
 
 

@@ -75,6 +75,18 @@ class Fit:
         return self.marginal(used)(self.residual[used])
 
     @cached_property
+    def within_tolerances_K(self) -> FloatArray:
+        """What the tolerances most probably make of every row, (n,), K, as the used rows tell."""
+        slack = self.problem.slack
+        if slack is None or not slack.columns.shape[1]:
+            return np.zeros(len(self.residual))
+        kept = np.array([name not in told_lags(self.config) for name in slack.lag_of])
+        used = self.problem.evidence.used
+        T = slack.columns[used][:, kept]
+        taken = np.linalg.solve(T.T @ T + np.eye(T.shape[1]), T.T @ self.residual[used])
+        return np.asarray(slack.changes_K[:, kept] @ taken)
+
+    @cached_property
     def covariance(self) -> FloatArray:
         """The covariance (p, p) of free and effects' parameters in their units."""
         used = self.problem.evidence.used

@@ -26,11 +26,12 @@ MOST_KEPT = 64
 
 @dataclass(frozen=True)
 class Slack:
-    """What is known within a tolerance only: whitened changes (n, t) of the prediction with one standard
-    deviation of each, and of which sensor it is the lag, if of one.
+    """What is known within a tolerance only: changes (n, t) of the prediction with one standard deviation of
+    each, whitened and in K, and of which sensor it is the lag, if of one.
     """
 
     columns: FloatArray
+    changes_K: FloatArray
     lag_of: tuple[str | None, ...]
     _kept: Kept[Marginal] = field(default_factory=lambda: Kept(MOST_KEPT), init=False, repr=False)
 
@@ -103,11 +104,14 @@ class Problem:
         here, slacks, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
         for changed, kind in tolerances(config):
             change = self.predicted(changed) - here
-            own = self.by_sensor(change) if kind != "screw" else [change]
+            own = {"whole": lambda c: [c], "ambient": self.by_run}.get(kind, self.by_sensor)(change)
             slacks += own
             lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
         gaps = [self.evidence.rows(change) for change in self.forward.by_gaps(config)]
-        return replace(self, slack=Slack(self._columns([*slacks, *gaps]), (*lag_of, *[None] * len(gaps))))
+        every = [*slacks, *gaps]
+        changes_K = np.column_stack(every) if every else np.zeros((len(here), 0))
+        lags = (*lag_of, *[None] * len(gaps))
+        return replace(self, slack=Slack(self._columns(every), changes_K, lags))
 
     def derivatives(self, config: Config) -> Derivatives:
         """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
@@ -124,9 +128,13 @@ class Problem:
         sensors = range(len(self.config.sensor))
         return [np.where(self.evidence.sensor == s, change, 0.0) for s in sensors]
 
+    def by_run(self, change: FloatArray) -> list[FloatArray]:
+        """Split a change (n,) into one of each run alone."""
+        return [np.where(self.evidence.run == i, change, 0.0) for i in range(len(self.forward.runs))]
+
     def marginal(self, rows: BoolArray, told: frozenset[str]) -> Marginal:
         """Return the map that marginalises the tolerances on some rows, but for the lags of some sensors."""
-        slack = self.slack or Slack(self._columns([]), ())
+        slack = self.slack or Slack(self._columns([]), self._columns([]), ())
         return slack.marginal(rows, told)
 
     def _columns(self, columns: Sequence[FloatArray]) -> FloatArray:

@@ -1,7 +1,7 @@
 """What is known of any machine only within a tolerance, and must not be taken for a missing effect.
 
-Each is a small change of the configuration with a standard deviation of its own: it may vary inside every
-hypothesis, at a price (a Gaussian prior), and is neither reported nor written back.
+Each is a small change of the configuration with the standard deviation that its `[tolerance]` tells: it may
+vary inside every hypothesis, at a price (a Gaussian prior), and is neither reported nor written back.
 """
 
 from __future__ import annotations
@@ -13,46 +13,55 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.base import Unnamed
-from observer.effects.terms import Lag, StretchFilm
+from observer.effects.terms import AmbientShift, Lag, Offset, StretchFilm, Term
 from observer.tables.sections import Sensor
 
-Kind = Literal["screw", "place", "lag"]
+Kind = Literal["whole", "place", "lag", "ambient"]
 
-MATERIAL = 0.02
-"""Conductivity and heat capacity as printed in tables."""
-PLACE_M = 1e-3
-"""Where a sensor sits."""
 UNEVEN = 0.01
 """A film's unevenness along the screw, as a part of itself."""
 STRETCHES = 4
-LAG_S = 4.0
-"""A thermocouple's own lag."""
 
 
 def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
     """Yield the configuration changed by one standard deviation of a tolerance, and of what it is one.
 
-    "place" and "lag" are one for each sensor, all changed at once.
+    "place" and "lag" are one for each sensor, all changed at once; "ambient" is one for each log.
     """
-    screw = config.screw
-    for key in ("conductivity_W_mK", "specific_heat_J_kgK"):
-        value = getattr(screw, key) * (1 + MATERIAL)
-        yield config.model_copy(update={"screw": screw.model_copy(update={key: value})}), "screw"
-    moved = [_moved_inward(s, screw.length_m) for s in config.sensor]
-    yield config.model_copy(update={"sensor": tuple(moved)}), "place"
+    screw, known = config.screw, config.tolerance
+    for key, off in (
+        ("conductivity_W_mK", known.conductivity),
+        ("specific_heat_J_kgK", known.heat_capacity),
+    ):
+        if off > 0.0:
+            value = getattr(screw, key) * (1 + off)
+            yield config.model_copy(update={"screw": screw.model_copy(update={key: value})}), "whole"
+    if known.position_m > 0.0:
+        moved = [_moved_inward(s, screw.length_m, known.position_m) for s in config.sensor]
+        yield config.model_copy(update={"sensor": tuple(moved)}), "place"
     film = config.surface.convection_W_m2K
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            extra = Unnamed((StretchFilm(a, b, UNEVEN * film),))
-            yield config.model_copy(update={"effect": (*config.effect, extra)}), "screw"
-    lags = Unnamed(tuple(Lag(s.name, LAG_S) for s in config.sensor))
-    yield config.model_copy(update={"effect": (*config.effect, lags)}), "lag"
+            yield _with(config, StretchFilm(a, b, UNEVEN * film)), "whole"
+    for sensor in config.sensor:
+        offset_K = known.offset_K if sensor.offset_K is None else sensor.offset_K
+        if offset_K > 0.0:
+            yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
+    if known.ambient_K > 0.0:
+        yield _with(config, AmbientShift(0.0, known.ambient_K)), "ambient"
+    if known.lag_s > 0.0:
+        yield _with(config, *(Lag(s.name, known.lag_s) for s in config.sensor)), "lag"
 
 
-def _moved_inward(sensor: Sensor, length_m: float) -> Sensor:
+def _with(config: Config, *terms: Term) -> Config:
+    """The configuration with terms that no effect of it tells."""
+    return config.model_copy(update={"effect": (*config.effect, Unnamed(terms))})
+
+
+def _moved_inward(sensor: Sensor, length_m: float, by_m: float) -> Sensor:
     """The sensor a little nearer to the middle of the screw; one beside the screw stays."""
     if sensor.position_m is None:
         return sensor
-    by_m = PLACE_M if sensor.position_m < length_m / 2 else -PLACE_M
-    return sensor.model_copy(update={"position_m": sensor.position_m + by_m})
+    signed_m = by_m if sensor.position_m < length_m / 2 else -by_m
+    return sensor.model_copy(update={"position_m": sensor.position_m + signed_m})

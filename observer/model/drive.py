@@ -86,6 +86,7 @@ class Drive:
         }
         self._known_channels = [read.get(name) for name in plant.known_names]
         rate = {AMBIENT: sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))}
+        shift = {AMBIENT: sum(t.offset_K for t in machine.terms if isinstance(t, AmbientShift))}
         fixed = {AMBIENT: config.ambient.temperature_degC, REFERENCE: config.output.reference_degC}
         offsets = [t for t in machine.terms if isinstance(t, Offset)]
         for s in config.sensor:
@@ -93,6 +94,7 @@ class Drive:
             fixed[OFFSET + s.name] = sum(t.offset_K for t in own)
             rate[OFFSET + s.name] = sum(t.rate_K_h for t in own)
         self._known_fixed = [fixed.get(name) for name in plant.known_names]
+        self._shift_K = np.array([shift.get(name, 0.0) for name in plant.known_names])
         self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
         needed = [c for read, _ in self._laws for c in read]
         needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
@@ -165,6 +167,7 @@ class Drive:
         return _Read(
             columns(self._sensor_channels),
             np.array([-1 if c is None else at[c] for c in self._known_channels], np.int64),
+            self._shift_K,
             self._rate_K_h,
             columns(self._needed),
             columns([s.channel for s in self._plant.moving]),
@@ -232,12 +235,14 @@ class _Sensed(NamedTuple):
 
 class _Read(NamedTuple):
     """The columns of the frames that hold sensors (s,), known inputs (p,), what else the model needs, and
-    nuts' positions (M,); −1 is a known input that no channel tells. `rate_K_h` (p,) is how fast those drift;
+    nuts' positions (M,); −1 is a known input that no channel tells. `shift_K` (p,) is how far those are from
+    what is told, and `rate_K_h` (p,) how fast they drift from there;
     `ambient` and `reference` are two of them, −1 where there is none.
     """
 
     sensors: NDArray[np.int64]
     known: NDArray[np.int64]
+    shift_K: FloatArray
     rate_K_h: FloatArray
     needed: NDArray[np.int64]
     nuts: NDArray[np.int64]
@@ -285,8 +290,8 @@ def _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, 
             known[k, q] = known[k, read.ambient]
         if k == 0 and np.isnan(before):
             before = known[k, q]
-        z_end[k, q] = known[k, q] + hours * read.rate_K_h[q]
-        start = before + hours_before * read.rate_K_h[q]
+        z_end[k, q] = known[k, q] + read.shift_K[q] + hours * read.rate_K_h[q]
+        start = before + read.shift_K[q] + hours_before * read.rate_K_h[q]
         z_start[k, q] = z_end[k, q] if np.isnan(start) else start
         ready = ready and np.isfinite(z_end[k, q])
     return ready

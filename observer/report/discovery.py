@@ -14,14 +14,14 @@ from observer.discovery.discover import Discovery
 from observer.discovery.result import effects_of
 from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, Trial
 from observer.fit.evidence import UNUSED
-from observer.fit.tolerance import LAG_S, PLACE_M, UNEVEN
-from observer.fit.tolerance import MATERIAL as MATERIAL_KNOWN
+from observer.fit.tolerance import UNEVEN
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
 from observer.report import wording
 from observer.report.page import Html, code, document, figure, paragraph, safe, section, share, table, tiles
 from observer.report.style import duration_text
 from observer.tables.sections import Sensor
+from observer.tables.tolerance import Tolerance
 
 PLACES = 5
 """How many of the worst places are told."""
@@ -30,11 +30,16 @@ PANELS = 6
 LEAST_SIGMA = 5.0
 """The scale of errors reaches this many times a sensor's noise at least, lest noise look like a gap."""
 
-TOLERATED = (
-    "A model never comes down to the noise alone: conductivity and heat capacity are known to "
-    f"{100 * MATERIAL_KNOWN:.0f} %, a sensor's place to {1000 * PLACE_M:.0f} mm, its lag to {LAG_S:.0f} s, "
-    f"how even the film is to {100 * UNEVEN:.0f} %. What these can explain is no effect and not written back."
-)
+
+def tolerated(known: Tolerance) -> str:
+    """Say what no model can be expected to explain, as the configuration tells it."""
+    return (
+        "A model never comes down to the noise alone: conductivity is known to "
+        f"{100 * known.conductivity:g} %, heat capacity to {100 * known.heat_capacity:g} %, each sensor's "
+        f"offset to {known.offset_K:g} K, its place to {1000 * known.position_m:g} mm and its lag to "
+        f"{known.lag_s:g} s, the air to {known.ambient_K:g} K, and how even the film is to "
+        f"{100 * UNEVEN:.0f} %. What these can explain is no effect and not written back."
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +196,7 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
         "Measured against predicted, on data that took no part in fitting or choosing",
         *drawn,
         table(heads, cells, (1, 2, 3, 4)),
-        paragraph(TOLERATED, "note"),
+        paragraph(tolerated(found.problem.config.tolerance), "note"),
     )
 
 

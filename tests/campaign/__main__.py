@@ -12,12 +12,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tests.campaign.summary import summary
+from tests.campaign.summary import summary, typical_summary
 from tests.campaign.trial import Row, try_entry
-from tests.truth.machine.entries import FIRST_SEED, Entry, campaign, slice_entries
+from tests.truth.machine.entries import FIRST_SEED, Entry, campaign, slice_entries, typical_campaign
 
 FOLDER, PAGE = Path("docs/campaign"), Path("docs/discovery.md")
 MARKS = ("<!-- campaign -->", "<!-- end of campaign -->")
+TYPICAL_MARKS = ("<!-- typical users -->", "<!-- end of typical users -->")
 GROUPS = ("null", "ladder", "outside", "pair", "ambiguous", "poor", "absent", "faulty")
 
 
@@ -25,8 +26,10 @@ def main() -> None:
     """Run the campaign, or go on with it."""
     options = _options()
     options.folder.mkdir(parents=True, exist_ok=True)
-    table = options.folder / "results.csv"
-    entries = slice_entries() if options.slice == "ci" else campaign(options.first_seed)
+    typical = options.slice == "typical"
+    table = options.folder / ("typical.csv" if typical else "results.csv")
+    every = {"ci": slice_entries, "typical": typical_campaign}
+    entries = every[options.slice]() if options.slice else campaign(options.first_seed)
     entries = [e for e in entries if not options.only or options.only in _marks(e)]
     known = {row["name"] for row in read_rows(table) if row["outcome"] != "failed"}
     waiting = [e for e in entries if e.name not in known]
@@ -36,7 +39,9 @@ def main() -> None:
     run_entries(waiting, table, answers, options.workers, console)
     page = PAGE if options.folder == FOLDER else options.folder / "summary.md"
     before = page.read_text(encoding="utf-8") if page.exists() else ""
-    page.write_text(with_tables(before, summary(read_rows(table))), encoding="utf-8")
+    tables = (typical_summary if typical else summary)(read_rows(table))
+    marks = TYPICAL_MARKS if typical else MARKS
+    page.write_text(with_tables(before, tables, marks), encoding="utf-8")
     console.print(f"{table} and {page} written")
 
 
@@ -60,10 +65,10 @@ def run_entries(entries: Sequence[Entry], table: Path, answers: Path, workers: i
             raise SystemExit("interrupted; the same command goes on from here") from None
 
 
-def with_tables(page: str, tables: str) -> str:
+def with_tables(page: str, tables: str, marks: tuple[str, str] = MARKS) -> str:
     """The page with its tables, between the two marks, replaced; a page without marks becomes the tables."""
-    head, begin, rest = page.partition(MARKS[0])
-    _, end, tail = rest.partition(MARKS[1])
+    head, begin, rest = page.partition(marks[0])
+    _, end, tail = rest.partition(marks[1])
     return f"{head}{begin}\n\n{tables}\n{end}{tail}" if begin and end else tables
 
 
@@ -97,12 +102,16 @@ def _options() -> argparse.Namespace:
         "--folder", type=Path, default=FOLDER, help=f"of results.csv ({FOLDER}, told in {PAGE})"
     )
     parser.add_argument("--answers", type=Path, help="of the answers (build/campaign/answers)")
-    parser.add_argument("--slice", choices=("ci",), help="a few cases of every sort")
+    parser.add_argument(
+        "--slice",
+        choices=("ci", "typical"),
+        help="a few cases of every sort, or the machines of typical users",
+    )
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="below 3000: to set thresholds on")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    if options.folder == FOLDER and (options.slice or options.first_seed != FIRST_SEED):
+    if options.folder == FOLDER and (options.slice == "ci" or options.first_seed != FIRST_SEED):
         parser.error(f"{FOLDER} is for the campaign's own seeds; give another --folder")
     return options
 

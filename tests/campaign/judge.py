@@ -85,20 +85,25 @@ def _name_of(name: str | Mapping[str, Any]) -> Name:
 
 def is_good(entry: Entry, outcome: str) -> bool:
     """Whether an outcome is what an honest and able search answers."""
+    doubt = entry.doubt
     match entry.group:
         case "null":
-            return outcome == "none"
+            good = ["none"]
+        case "faulty" | "typical" if not entry.case.effects:
+            good = ["none"]
+        case "one log" if not entry.case.effects:
+            good = ["none", "not_identifiable"]
         case "outside" | "absent":
-            return outcome == "unknown"
+            good = ["unknown"]
         case "ambiguous":
-            told = entry.doubt is not None and (entry.doubt.same or entry.doubt.tellable)
-            return outcome in ("in_set", "not_identifiable") or (told and outcome == "right")
+            told = doubt is not None and (doubt.same or doubt.tellable)
+            good = ["in_set", "not_identifiable", *(["right"] if told else [])]
         case "poor":
-            unseen = entry.doubt is not None and entry.doubt.unseen
-            return outcome in ("right", "in_set", "not_identifiable") or (unseen and outcome == "none")
-        case "faulty" if not entry.case.effects:
-            return outcome == "none"
-    return outcome in ("right", "in_set")
+            unseen = doubt is not None and doubt.unseen
+            good = ["right", "in_set", "not_identifiable", *(["none"] if unseen else [])]
+        case _:
+            good = ["right", "in_set"]
+    return outcome in good
 
 
 def estimates(entry: Entry, result: Mapping[str, Any]) -> list[Estimate]:

@@ -141,6 +141,47 @@ GOALS: tuple[Goal, ...] = (
 )  # fmt: skip
 
 
+def _typical(*groups: str, null: bool) -> Callable[[Cells], bool]:
+    return lambda row: row["group"] in groups and (row["label"] == "null") == null
+
+
+TYPICAL_GOALS: tuple[Goal, ...] = tuple(
+    goal
+    for group in ("typical", "one log")
+    for goal in (
+        Goal(
+            f"{group}, nothing hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=True),
+            _is(*_CLAIMS),
+        ),
+        Goal(f"{group}, nothing hidden: “none”", "–", None, _typical(group, null=True), _good),
+        Goal(
+            f"{group}, an effect hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=False),
+            _is(*WRONG),
+        ),
+        Goal(
+            f"{group}, an effect hidden: right or in the set", "≥ 90 %", _at_least(0.9),
+            _typical(group, null=False), _is("right", "in_set"),
+        ),
+    )
+)  # fmt: skip
+
+
+def typical_summary(rows: Sequence[Cells]) -> str:
+    """The table of the machines of typical users, and which effects came out how."""
+    lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]
+    lines += [goal.line(rows) for goal in TYPICAL_GOALS]
+    hidden = [row for row in rows if row["label"] != "null"]
+    lines += ["", "| hidden | strength, and what it came out as |", "|---|---|"]
+    for label in dict.fromkeys(row["label"] for row in hidden):
+        each = [
+            f"{row['strength']}{' (one log)' if row['group'] == 'one log' else ''}: {row['outcome']}"
+            for row in hidden
+            if row["label"] == label
+        ]
+        lines.append(f"| `{label}` | {', '.join(each)} |")
+    return "\n".join(lines) + "\n"
+
+
 def summary(rows: Sequence[Cells]) -> str:
     """The tables of a campaign."""
     figures = [

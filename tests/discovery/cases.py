@@ -34,6 +34,10 @@ def table(**changes: Any) -> dict[str, Any]:
             "specific_heat_J_kgK": 460.0,
         },
         "surface": {"convection_W_m2K": 20.0},
+        "tolerance": {
+            "conductivity": 0.02, "heat_capacity": 0.02, "position_m": 0.001, "offset_K": 0.0,
+            "ambient_K": 0.0,
+        },
         "ambient": {"temperature_degC": 20.0},
         "source": [
             {"name": "heater", "shape": "band", "from_m": 0.1, "to_m": 0.15, "power_channel": "heater_W"},

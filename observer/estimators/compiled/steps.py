@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from observer.compiled import cached_loop
 from observer.estimators.compiled.packing import IntArray, padded_width, states_of
@@ -93,7 +92,9 @@ def _noise(plant: Plant, step: StepMatrices, still: BoolArray) -> FloatArray:
     Q = np.block([[fixed_noise(plant, step, still), cross.T], [cross, np.diag(step.walk_dd)]])
     if plant.learning is not None:
         wandered = plant.learning.arrays.sigma**2 * (1.0 - _fade(plant, step.dt_s) ** 2)
-        Q = block_diag(Q, np.diag(wandered))
+        known = len(Q)
+        Q = np.pad(Q, (0, len(wandered)))
+        Q[known:, known:] = np.diag(wandered)
     return np.asarray(0.5 * (Q + Q.T))
 
 

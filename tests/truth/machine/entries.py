@@ -21,6 +21,7 @@ from tests.truth.machine.generate import Case
 
 FIRST_SEED = 3000
 """Thresholds are set on seeds below, figures come from seeds from here on."""
+TYPICAL_SEED = 6000
 STRENGTHS = 5
 NULLS, SEEDS, FEW_SEEDS = 200, 8, 4
 
@@ -116,6 +117,22 @@ def campaign(first_seed: int = FIRST_SEED) -> list[Entry]:
     ]
     per_seed = {"null": NULLS // SEEDS}
     return sorted(every, key=lambda e: (e.case.seed - first_seed) // per_seed.get(e.group, 1))
+
+
+def typical_campaign(first_seed: int = TYPICAL_SEED) -> list[Entry]:
+    """The machines of typical users, with nothing hidden and with every effect at the two highest strengths;
+    with three logs, and with one.
+    """
+    entries = []
+    for group, logs, nulls in (("typical", 3, 40), ("one log", 1, 20)):
+        seeds = range(first_seed, first_seed + nulls)
+        entries += [Entry(group, "null", Case(group, (), seed, typical=True, logs=logs)) for seed in seeds]
+        for ladder in LADDER:
+            for rung in (3, 4) if logs == 3 else (4,):
+                hidden, name = (ladder.effect(rung),), f"{group}.{ladder.label}"
+                case = Case(name, hidden, first_seed, ladder.cycle, typical=True, logs=logs)
+                entries.append(Entry(group, ladder.label, case, rung, ladder.strengths[rung]))
+    return entries
 
 
 def slice_entries(seed: int = 900) -> list[Entry]:

@@ -23,7 +23,7 @@ from tests.truth.machine.cycles import (
 from tests.truth.machine.effects import LIBRARY, Effect, apply
 from tests.truth.machine.faults import FAULTS, sample_times_s, spoil
 from tests.truth.machine.logs import CHANNELS, configuration, write_log
-from tests.truth.machine.machine import SENSOR_M, SENSORS, SOURCES, Machine, draw_machine, stream
+from tests.truth.machine.machine import SENSORS, SOURCES, Machine, as_users_have_it, draw_machine, stream
 from tests.truth.machine.motion import positions_at
 from tests.truth.machine.outside import OUTSIDE, Facts, Scene
 from tests.truth.machine.physics import LEFT, FloatArray
@@ -36,7 +36,9 @@ class Case:
     """One machine with what is hidden in it, and what it is run with.
 
     Two cases of the same name and seed are the same machine, whatever is hidden in them. `unknown`: parts
-    that neither the machine nor its configuration has, beside those that an effect implies.
+    that neither the machine nor its configuration has, beside those that an effect implies. `typical`:
+    sensors and screw are as far off as a typical user's, and his configuration says no more of that than its
+    defaults. `logs`: how many of the runs there are.
     """
 
     name: str
@@ -45,6 +47,8 @@ class Case:
     cycle: str = "standard"
     faults: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
+    typical: bool = False
+    logs: int = len(RUNS)
 
     def __post_init__(self) -> None:
         for given, known in (
@@ -90,6 +94,8 @@ class Traced:
 def machine_of(case: Case) -> Machine:
     """The machine of a case, with its effects of the library."""
     machine = draw_machine(case.seed, case.name)
+    if case.typical:
+        machine = as_users_have_it(machine, case.seed, case.name)
     physics = machine.physics
     if "film" in case.unmodelled and "surface_convection" not in (e.kind for e in case.effects):
         physics = physics._replace(film_W_m2K=np.zeros_like(physics.film_W_m2K))
@@ -115,7 +121,7 @@ def trace(case: Case, run: str, machine: Machine | None = None) -> Traced:
         if effect.kind in OUTSIDE:
             rng = stream(case.seed, case.name, run, effect.kind)
             scene, facts[effect.kind] = OUTSIDE[effect.kind](scene, effect, rng)
-    result = run_machine(scene.machine.physics, scene.schedule, SENSOR_M)
+    result = run_machine(scene.machine.physics, scene.schedule, scene.machine.sensor_m)
     reading = true_readings(scene.machine, result.section_degC, felt, scene.contact, STEP_s)
     return Traced(scene, result, logged, reading, facts)
 
@@ -130,7 +136,7 @@ def logged(case: Case, run: str, traced: Traced) -> Run:
     travel_m_s = schedule.speed_rpm / 60.0 * traced.scene.machine.physics.lead_m
     nut_m = positions_at(rows_s, STEP_s, schedule.start_m, travel_m_s, schedule.low_m, schedule.high_m)
     reading = np.column_stack([np.interp(rows_s, grid_s, column) for column in traced.reading_degC.T])
-    sensors = spoil(shown(reading, rng), case.faults, rng)
+    sensors = spoil(shown(reading, rng, traced.scene.machine.step_K), case.faults, rng)
     air = np.round(np.interp(rows_s, grid_s, traced.air_degC), 2)
     return Run(
         rows_s, CHANNELS, np.column_stack([sensors, np.round(nut_m, 4), schedule.speed_rpm[step], air])
@@ -138,9 +144,9 @@ def logged(case: Case, run: str, traced: Traced) -> Run:
 
 
 def runs_of(case: Case) -> list[Run]:
-    """The three logs of a case."""
+    """The logs of a case."""
     machine = machine_of(case)
-    return [logged(case, run, trace(case, run, machine)) for run in RUNS]
+    return [logged(case, run, trace(case, run, machine)) for run in RUNS[: case.logs]]
 
 
 def write_case(case: Case, folder: Path, without: tuple[str, ...] = ()) -> list[Path]:
@@ -149,10 +155,12 @@ def write_case(case: Case, folder: Path, without: tuple[str, ...] = ()) -> list[
     `without`: effects that the configuration keeps from a search.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    logs = [folder / f"run_{name}.csv.gz" for name in RUNS]
+    logs = [folder / f"run_{name}.csv.gz" for name in RUNS[: case.logs]]
     for log, run in zip(logs, runs_of(case), strict=True):
         write_log(log, run.time_s, run.values)
-    (folder / "config.toml").write_text(configuration(case.unmodelled, without), encoding="utf-8")
+    (folder / "config.toml").write_text(
+        configuration(case.unmodelled, without, known=not case.typical), encoding="utf-8"
+    )
     return logs
 
 

@@ -86,10 +86,22 @@ FREE = {
 }
 
 
-def configuration(unknown: tuple[str, ...], without: tuple[str, ...] = ()) -> str:
+KNOWN = """
+[tolerance]
+conductivity = 0.02
+heat_capacity = 0.02
+position_m = 0.001
+offset_K = 0.0
+ambient_K = 0.0
+"""
+"""What is said of a machine whose sensors were compared with each other and with the air's."""
+
+
+def configuration(unknown: tuple[str, ...], without: tuple[str, ...] = (), *, known: bool = False) -> str:
     """The user's configuration; `unknown`: what he does not know of: "film", "left_bearing", "right_bearing".
 
-    What he knows of, he lets be fitted. `without`: effects that a search must not consider.
+    What he knows of, he lets be fitted. `without`: effects that a search must not consider. `known`: his
+    sensors are compared and in place.
     """
     parts = [_HEAD.format(film="0.0" if "film" in unknown else "15.0"), _NUT]
     parts += [
@@ -100,6 +112,8 @@ def configuration(unknown: tuple[str, ...], without: tuple[str, ...] = ()) -> st
     parts += [_SENSOR.format(name=n, position_m=x_m) for n, x_m in zip(SENSORS, SENSOR_M, strict=True)]
     free = ", ".join(f'"{key}"' for name, key in FREE.items() if name not in unknown)
     parts.append(f"\n[calibrate]\nfree = [{free}]\n")
+    if known:
+        parts.append(KNOWN)
     if without:
         parts.append(f"\n[discover]\nwithout = {json.dumps(without)}\n")
     return "".join(parts)

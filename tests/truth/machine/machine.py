@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,8 @@ class Machine:
     offset_K: FloatArray  # (5,)
     drift_K_h: FloatArray  # (5,)
     air_drift_K_h: float = 0.0
+    sensor_m: FloatArray = field(default_factory=lambda: SENSOR_M)  # (5,) where they really sit
+    step_K: float = 0.01  # in which their module tells them
 
     @property
     def grid(self) -> Grid:
@@ -61,6 +63,22 @@ def draw_machine(seed: int, name: str) -> Machine:
         friction_W_rpm=plain.friction_W_rpm * rng.uniform(0.85, 1.15, 3),
     )
     return Machine(physics, rng.uniform(2.0, 4.0, 5), np.zeros(5), np.zeros(5))
+
+
+def as_users_have_it(machine: Machine, seed: int, name: str) -> Machine:
+    """A machine with the sensors of a typical user: off by 0.3 K and 2 mm, told in steps of 0.1 K, on a screw
+    whose conductivity is 5 % off.
+    """
+    rng = stream(seed, name, "user")
+    physics = machine.physics
+    conductivity = plain_physics(SLICES).conductivity_W_mK * (1.0 + 0.05 * rng.choice([-1.0, 1.0]))
+    return replace(
+        machine,
+        physics=physics._replace(conductivity_W_mK=conductivity),
+        offset_K=0.3 * rng.standard_normal(5),
+        sensor_m=SENSOR_M + 0.002 * rng.standard_normal(5),
+        step_K=0.1,
+    )
 
 
 def _uneven(rng: np.random.Generator) -> FloatArray:

@@ -9,7 +9,6 @@ from tests.truth.machine.machine import Machine
 from tests.truth.machine.physics import FloatArray
 
 NOISE_K = 0.05
-ROUNDING_K = 0.01
 
 
 @cached()
@@ -36,7 +35,7 @@ def true_readings(
     return lagged(felt, step_s, machine.lag_s) + machine.offset_K + machine.drift_K_h * time_h
 
 
-def shown(reading_degC: FloatArray, rng: np.random.Generator) -> FloatArray:
+def shown(reading_degC: FloatArray, rng: np.random.Generator, step_K: float = 0.01) -> FloatArray:
     """Readings with white noise, rounded to the step of the module."""
     noisy = reading_degC + NOISE_K * rng.standard_normal(reading_degC.shape)
-    return np.round(noisy / ROUNDING_K) * ROUNDING_K
+    return np.round(noisy / step_K) * step_K

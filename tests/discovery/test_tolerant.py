@@ -1,0 +1,113 @@
+"""A search on machines whose sensors nobody compared: what tolerances allow is no effect, and the rest is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observer.app import discover
+from observer.discovery.candidates import library
+from observer.discovery.search import Trial
+from observer.effects.base import Unnamed
+from observer.effects.heat import EndHeat
+from observer.effects.terms import AmbientShift, Offset
+from observer.fit.evidence import resolution
+from observer.fit.hypothesis import fit_null
+from observer.fit.parameters import free_keys
+from tests.discovery.cases import machine, made_log
+from tests.discovery.small import problem_of
+from tests.truth.machine.effects import Effect
+from tests.truth.machine.generate import Case, write_case
+
+GREASE = Effect("grease_step", None, {"factor": 0.5})
+LOSS = Effect("end_conduction", "right", {"conductance_W_K": 0.15})
+
+
+def found(tmp_path: Path, case: Case) -> dict[str, Any]:
+    logs = write_case(case, tmp_path / "logs")
+    return discover(tmp_path / "logs" / "config.toml", logs, tmp_path / "out", lambda *_: None, report=False)[
+        1
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("logs", [3, 1])
+def test_offsets_and_places_of_a_typical_user_are_no_effect(tmp_path: Path, logs: int) -> None:
+    result = found(tmp_path, Case("typical", (), 1, typical=True, logs=logs))
+    assert result["verdict"] in ("none", "not_identifiable")
+    assert result["partial"] is None
+
+
+@pytest.mark.slow
+def test_and_a_loss_is_found_among_them(tmp_path: Path) -> None:
+    result = found(tmp_path, Case("typical", (LOSS,), 1, typical=True))
+    (effect,) = result["effects"]
+    assert (effect["kind"], effect["target"]) == ("end_conduction", "right")
+    low, high = effect["parameters"]["conductance_W_K"]["ci95"]
+    assert low < 0.15 < high
+
+
+@pytest.mark.slow
+def test_an_unknown_tells_what_explains_most_of_it(tmp_path: Path) -> None:
+    result = found(tmp_path, Case("partial", (GREASE,), 3))
+    assert result["verdict"] == "unknown"
+    partial = result["partial"]
+    assert 0.0 < partial["share"] < 1.0
+    assert partial["remains_rms_K"] > 0.0
+    assert partial["most_on"] in {"t1", "t2", "t3", "t4", "t5"}
+
+
+def test_what_offsets_and_ambient_do_is_what_a_prediction_says() -> None:
+    """A sensor's offset and a warmer air within their tolerances cost their own share and no more."""
+    known = {"conductivity": 0.0, "heat_capacity": 0.0, "position_m": 0.0, "lag_s": 0.0}
+    config = machine(tolerance=known | {"offset_K": 0.3, "ambient_K": 0.5})
+    more = (Offset("b", 0.3, 0.0), AmbientShift(0.0, 0.5))
+    truth = config.model_copy(update={"effect": (Unnamed(more),)})
+    exact = machine(tolerance=known | {"offset_K": 0.0, "ambient_K": 0.0})
+    logs = [made_log(truth, seed, minutes=60.0) for seed in range(3)]
+    cost = {name: fit_null(problem_of(c, logs), c).deviance for name, c in (("known", exact), ("", config))}
+    without = fit_null(problem_of(config, [made_log(config, s, minutes=60.0) for s in range(3)]), config)
+    # an offset of one σ, and the air of three logs by one σ each: four, and the fit's own chance
+    assert cost[""] < without.deviance + 4.0 + 10.0
+    assert cost["known"] > cost[""] + 100.0
+
+
+def stepped(step_K: float, noise_K: float = 0.02) -> Any:
+    rng = np.random.default_rng(1)
+    degC = 20.0 + np.linspace(0.0, 8.0, 4000)[:, None] + noise_K * rng.normal(size=(4000, 1))
+    shown = np.round(degC / step_K) * step_K if step_K else degC
+    return SimpleNamespace(run=SimpleNamespace(values_degC=shown, usable=np.ones_like(shown, dtype=bool)))
+
+
+@pytest.mark.parametrize("step_K", [0.0, 0.01, 0.0625, 0.1, 0.5])
+def test_the_step_of_a_log_is_read_from_it(step_K: float) -> None:
+    assert resolution([stepped(step_K)], 1)[0] == pytest.approx(step_K, rel=1e-3)
+
+
+def test_effects_of_friction_are_offered_where_there_is_friction() -> None:
+    """The heater of this bar follows a measured power; its bearing rubs."""
+    config = machine()
+    offered = {(c.kind, c.target) for c in library(config, free_keys(config))}
+    for kind in ("run_in", "friction_fade", "friction_speed"):
+        assert (kind, "bearing.l") in offered
+        assert (kind, "heater") not in offered
+
+
+@pytest.mark.parametrize(("half", "there"), [(0.9e-3, True), (1.1e-3, False)])
+def test_a_strength_whose_interval_holds_nothing_is_not_there(half: float, there: bool) -> None:
+    config = machine(effect=[{"kind": "end_heat", "target": "left", "heat_W_rpm": 1e-3}])
+    candidate = next(c for c in library(machine(), ()) if c.of is EndHeat)
+    fit: Any = SimpleNamespace(
+        config=config,
+        parameters=candidate.parameters(0),
+        values=np.array([1e-3]),
+        half_width=np.array([half]),
+        at_bound=False,
+    )
+    trial = Trial(candidate, fit, 100.0, 30.0, 0.5)
+    assert trial.there is there
+    assert trial.accepted is there
