@@ -6,7 +6,7 @@ import json
 import cbor2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -105,12 +105,15 @@ _words = st.sampled_from(
 _anything = st.recursive(
     _leaf,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(_words, inner, max_size=6),
-    max_leaves=12,
+    max_leaves=8,
 )
-_documents = st.dictionaries(st.sampled_from(KEYS), st.dictionaries(_words, _anything, max_size=5))
+_documents = st.dictionaries(
+    st.sampled_from(KEYS), st.dictionaries(_words, _anything, max_size=5), max_size=4
+)
 
 
 @given(_documents)
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # a busy computer draws slowly
 def test_any_document_can_be_shown_and_does_nothing_to_the_terminal(latest):
     text = _shown(latest) + live_line(latest)
     assert all(c.isprintable() or c == "\n" for c in text)
