@@ -45,7 +45,7 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             yield _with(config, StretchFilm(a, b, UNEVEN * film)), "whole"
     for sensor in config.sensor:
-        offset_K = known.offset_K if sensor.offset_K is None else sensor.offset_K
+        offset_K = known.offset_of_K(sensor.offset_K)
         if offset_K > 0.0:
             yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
     if known.ambient_K > 0.0:

@@ -108,19 +108,22 @@ def _of_machine(config: Config, modes: Modes) -> list[_State]:
 
 def _of_sensors(config: Config) -> list[_State]:
     """The sensors' own."""
+    known = config.tolerance
     return [
         state
         for i, sensor in enumerate(config.sensor)
         for state in (
-            _State("offset_K", Kind.OFFSET, i, _offset_K(sensor, config), f"sensor.{sensor.name}.offset_K"),
+            _State(
+                "offset_K",
+                Kind.OFFSET,
+                i,
+                known.offset_of_K(sensor.offset_K),
+                f"sensor.{sensor.name}.offset_K",
+            ),
             _place(i, sensor, config),
-            _State("lag_s", Kind.LAG, i, config.tolerance.lag_s, f"sensor.{sensor.name}.lag_s"),
+            _State("lag_s", Kind.LAG, i, known.lag_s, f"sensor.{sensor.name}.lag_s"),
         )
     ]
-
-
-def _offset_K(sensor: Sensor, config: Config) -> float:
-    return config.tolerance.offset_K if sensor.offset_K is None else sensor.offset_K
 
 
 def _place(i: int, sensor: Sensor, config: Config) -> _State:

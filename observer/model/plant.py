@@ -143,6 +143,11 @@ class Plant:
     learning: Learning | None = None
 
     @property
+    def learnt(self) -> int:
+        """How many states an estimator has for what is only roughly known."""
+        return 0 if self.learning is None else len(self.learning.arrays.kind)
+
+    @property
     def lag_slice(self) -> slice:
         """The sources' lags among the states; what couples states may have more after them."""
         return slice(self.modes, self.modes + len(self.source_names))

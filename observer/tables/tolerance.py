@@ -34,3 +34,7 @@ class Tolerance(Section):
     position_m: Annotated[NonNegative, Field(le=1)] = 0.002
     offset_K: Annotated[NonNegative, Field(le=50)] = 0.3
     lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0
+
+    def offset_of_K(self, own_K: float | None) -> float:
+        """Return the tolerance of a sensor's offset: its own where it says one."""
+        return self.offset_K if own_K is None else own_K

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.campaign.__main__ import with_tables
 from tests.learning.cover import QUANTITIES, judged
 from tests.learning.machines import AS_CONFIGURED, Rough, config_of, day, draw
 
@@ -91,12 +92,6 @@ def write(path: Path, rows: list[dict[str, str]]) -> None:
         writer.writerows(sorted(rows, key=lambda r: (r["group"], int(r["machine"]))))
 
 
-def put_into(page: Path, text: str) -> None:
-    """Replace what stands between the page's marks."""
-    before, rest = page.read_text(encoding="utf-8").split(MARKS[0])
-    page.write_text(f"{before}{MARKS[0]}\n{text}\n{MARKS[1]}{rest.split(MARKS[1])[1]}", encoding="utf-8")
-
-
 def main() -> None:
     """Run what is missing, two at a time, and write the table into the page."""
     rows = read(RESULTS)
@@ -108,7 +103,8 @@ def main() -> None:
             write(RESULTS, rows)
             sys.stderr.write(f"\r{count} of {len(todo)} machines")
     sys.stderr.write("\n")
-    put_into(PAGE, table(rows))
+    page = with_tables(PAGE.read_text(encoding="utf-8"), table(rows), MARKS)
+    PAGE.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

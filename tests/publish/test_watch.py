@@ -105,10 +105,10 @@ _words = st.sampled_from(
 _anything = st.recursive(
     _leaf,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(_words, inner, max_size=6),
-    max_leaves=8,
+    max_leaves=12,
 )
 _documents = st.dictionaries(
-    st.sampled_from(KEYS), st.dictionaries(_words, _anything, max_size=5), max_size=4
+    st.sampled_from(KEYS), st.dictionaries(_words, _anything, max_size=8), max_size=4
 )
 
 

@@ -166,8 +166,7 @@ def _learning(plant: Plant) -> LearningArrays:
 
 def states_of(plant: Plant) -> int:
     """Return how many states an estimator of the plant has: its own, the heats' and what is learnt."""
-    learnt = 0 if plant.learning is None else len(plant.learning.arrays.kind)
-    return len(plant.decay_1_s) + int(plant.estimated.sum()) + learnt
+    return len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
 
 
 def initial_state(plant: Plant) -> EstimatorState:
@@ -175,7 +174,7 @@ def initial_state(plant: Plant) -> EstimatorState:
     n, never = states_of(plant), np.zeros(plant.rows.sensors)
     around = np.zeros(0)
     if plant.learning is not None:
-        around = np.zeros(n - len(plant.learning.arrays.kind) + 2 * len(never))
+        around = np.zeros(n - plant.learnt + 2 * len(never))
     return EstimatorState(
         np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=around
     )
@@ -257,7 +256,7 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
 def empty_results(plant: Plant, steps: int) -> Results:
     """Allocate results for that many steps; the kernels write every row of them."""
     m_e, s = int(plant.estimated.sum()), plant.rows.sensors
-    wide, learnt = len(plant.rows.C) - s, len(_learning(plant).kind)
+    wide, learnt = len(plant.rows.C) - s, plant.learnt
     return Results(
         heat=np.empty((steps, m_e)),
         heat_sigma=np.empty((steps, m_e)),

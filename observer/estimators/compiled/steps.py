@@ -100,8 +100,7 @@ def _noise(plant: Plant, step: StepMatrices, still: BoolArray) -> FloatArray:
 
 def _fade(plant: Plant, dt_s: float) -> FloatArray:
     """What a step leaves of each state that is learnt, (L,)."""
-    learnt = 0 if plant.learning is None else len(plant.learning.arrays.kind)
-    return np.full(learnt, np.exp(-dt_s / WANDER_S))
+    return np.full(plant.learnt, np.exp(-dt_s / WANDER_S))
 
 
 class Chunk(NamedTuple):
