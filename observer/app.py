@@ -176,7 +176,7 @@ def calibrate(
         progress("process noise by maximum likelihood")
         noise = fit_noise(found.config, runs)
         result = calibration_result(found, noise) | {"doubts": odd}
-        text = write_back(config_path.read_text(encoding="utf-8"), found.values | noise)
+        text = write_back(config_path.read_text(encoding="utf-8"), found.values | found.left | noise)
         (part / "config.toml").write_text(text, encoding="utf-8")
         write_json(part / "calibration.json", result)
     return result

@@ -262,7 +262,7 @@ def calibrate(
         low, high = fitted["ci95"]
         typer.echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
     _warn([*result["not_told"], *result["doubts"]])
-    for key, value in result["process_noise"].items():
+    for key, value in (result["left"] | result["process_noise"]).items():
         typer.echo(f"{key} = {value:g}")
     gap = result["gap"]
     typer.echo(f"open-loop gap {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")

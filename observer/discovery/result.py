@@ -23,6 +23,7 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
         "calibrated": {
             f.key: {**_interval(f.value, *f.ci95, f.unit), "before": f.before} for f in calibration.fitted
         },
+        "left": _rounded(calibration.left),
         "not_told": [describe(obstacle) for obstacle in calibration.obstacles],
         "process_noise": _rounded(dict(noise)),
         "gap": {

@@ -1,8 +1,10 @@
-"""Fit the free parameters of a configuration to logs: a fit without effects, with noise as it is configured.
+"""Fit the free parameters of a configuration to logs: a hypothesis without effects, on every row.
 
 The heat of every source comes from its law, nothing corrects the prediction on the way (an estimator would
 absorb what is wrong), and the parameters minimise the weighted squares of what is left of the 30 s means.
-Pure: logs come in as frames. (Output-error method; Ljung 1999, §7.)
+What else is known only within a tolerance may vary at its price, so that an offset or a loss at an end is not
+taken for film or heat, and the intervals hold what it leaves open. Pure: logs come in as frames.
+(Output-error method; Ljung 1999, §7.)
 """
 
 from __future__ import annotations
@@ -15,18 +17,16 @@ import numpy as np
 
 from observer.config import Config
 from observer.errors import LogError
-from observer.fit.evidence import even
+from observer.fit.evidence import gather
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import MOST_STEP
+from observer.fit.hypothesis import Fit, fit_null
 from observer.fit.identifiability import Obstacle, describe, distinguishable
-from observer.fit.interval import covariance, half_width
-from observer.fit.minimise import Range, Stop, minimise
 from observer.fit.parameters import free_keys, kind_of, replaced
 from observer.fit.problem import Problem
 from observer.fit.runs import LEAST_S, Run, prepare
+from observer.fit.tolerance import calibration_tolerances, left_of_tolerances
 from observer.frames import FloatArray, FrameBlock
 
-EXACT = Stop(steps=100, little=1e-6, small=1e-3)
 AT_BOUND = 1e-4
 """Distance from a bound, in natural scales."""
 Progress = Callable[[int, float], None]
@@ -54,12 +54,14 @@ class Gap:
 class Calibration:
     """What a calibration found.
 
-    `config` carries the fitted values; `obstacles` says which free parameters these logs cannot tell (these
-    keep their values) or tell badly, and why. `gap` is over all sensors, `per_sensor` by name.
+    `config` carries the fitted values, `left` what is left of their tolerances by the configuration's keys;
+    `obstacles` says which free parameters these logs cannot tell (these keep their values) or tell badly, and
+    why. `gap` is over all sensors, `per_sensor` by name.
     """
 
     config: Config
     fitted: tuple[Fitted, ...]
+    left: dict[str, float]
     obstacles: tuple[Obstacle, ...]
     gap: Gap
     per_sensor: dict[str, Gap]
@@ -89,48 +91,28 @@ def calibrate(
         progress(evaluations, _rms(np.vstack(_missed(prepared, predicted))))
 
     forward = Forward(config, prepared, watch, by_row=True)
-    evidence = even(forward.runs, np.array([s.noise_K for s in config.sensor]))
-    whole = Problem(config, keys, forward, evidence)
-    told, obstacles = distinguishable(config, keys, whole.derivatives(config).columns, prepared)
+    noise_K = np.array([s.noise_K for s in config.sensor])
+    evidence = gather(forward.runs, noise_K, proves=False)
+    whole = Problem(config, keys, forward, evidence, within=calibration_tolerances)
+    white = replace(whole, evidence=replace(evidence, groups=()))
+    told, obstacles = distinguishable(config, keys, white.derivatives(config).columns, prepared)
     if not told:
         raise LogError(" ".join(["the logs tell none of the free parameters:", *map(describe, obstacles)]))
-    problem = replace(whole, keys=told)
-    after = _fitted(problem)
-    fitted = _intervals(problem, after)
+    fit = fit_null(replace(whole, keys=told), config)
+    fitted = _fitted(fit)
+    after = replaced(config, {f.key: f.value for f in fitted})
     before_K, after_K = (_missed(prepared, forward(c)) for c in (config, after))
     overall, per_sensor = _gaps(config, before_K, after_K)
-    return Calibration(after, fitted, obstacles + _doubts(problem, fitted), overall, per_sensor)
+    doubts = _doubts(fit.problem, fitted)
+    left = left_of_tolerances(config, fit.relative_sigma)
+    return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor)
 
 
-def _fitted(problem: Problem) -> Config:
-    """The configuration with the parameters that minimise the weighted squares of the residuals, checked."""
-    low, high = (bound / problem.scale for bound in problem.bounds)
-
-    def at(u: FloatArray) -> Config:
-        return problem.with_free(problem.config, u * problem.scale)
-
-    found = minimise(
-        lambda u: problem.residual(at(u)),
-        lambda u: problem.derivatives(at(u)).columns,
-        lambda columns: columns,
-        np.clip(problem.free_values(problem.config) / problem.scale, low, high),
-        Range(low, high, np.full(len(low), MOST_STEP)),
-        EXACT,
-    )
-    best = problem.free_values(at(found.theta)).tolist()
-    return replaced(problem.config, dict(zip(problem.keys, best, strict=True)))
-
-
-def _intervals(problem: Problem, after: Config) -> tuple[Fitted, ...]:
-    """The fitted parameters with 95 % intervals that allow for residuals which resemble their neighbours."""
-    means, sensors = [len(run.ticks.time_s) for run in problem.forward.runs], len(after.sensor)
-    residual, J = (
-        problem.evidence.laid_out(columns, means, sensors)
-        for columns in (problem.residual(after), problem.derivatives(after).columns)
-    )
-    reach = half_width(*covariance(J, residual, means)) * problem.scale
-    before, values = problem.free_values(problem.config), problem.free_values(after)
-    low, high = (np.clip(values + sign * reach, *problem.bounds).tolist() for sign in (-1, 1))
+def _fitted(fit: Fit) -> tuple[Fitted, ...]:
+    """The free parameters with 95 % intervals, which hold what the tolerances leave open."""
+    problem = fit.problem
+    before, values = problem.free_values(problem.config), problem.free_values(fit.config)
+    low, high = (np.clip(values + sign * fit.half_width_free, *problem.bounds).tolist() for sign in (-1, 1))
     each = zip(problem.keys, before.tolist(), values.tolist(), zip(low, high, strict=True), strict=True)
     return tuple(Fitted(key, kind_of(key).unit, was, value, ci95) for key, was, value, ci95 in each)
 

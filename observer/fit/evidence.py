@@ -66,15 +66,6 @@ class Evidence:
             out[index] = matrix @ columns[index]
         return out
 
-    def laid_out(self, columns: FloatArray, means: Sequence[int], sensors: int) -> FloatArray:
-        """Return columns (n,) or (n, c) by mean and sensor, (b, s) or (b, s, c), where run i has `means[i]`
-        of the b means; 0 where nothing was measured.
-        """
-        begin = np.cumsum([0, *means])
-        out = np.zeros((begin[-1], sensors, *columns.shape[1:]))
-        out[begin[self.run] + self.mean, self.sensor] = columns
-        return out
-
     @cached_property
     def expected(self) -> float:
         """What white noise alone makes of the mean squared whitened error of a model without fault."""
@@ -109,13 +100,16 @@ def even(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
     return Evidence(run_, mean, sensor, measured, white_K, time_s, np.zeros_like(run_), ())
 
 
-def gather(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
-    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured."""
+def gather(runs: Sequence[SteppedRun], noise_K: FloatArray, *, proves: bool = True) -> Evidence:
+    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured.
+
+    Unless it is to prove anything, all of it is one fold.
+    """
     noise_K = shown_noise(runs, noise_K)
     every = even(runs, noise_K)
     ends_s = [run.ticks.time_s[-1] for run in runs]
     each = [_folds(every.time_s[every.run == i], end_s, i, len(runs)) for i, end_s in enumerate(ends_s)]
-    run, sensor, fold = every.run, every.sensor, np.concatenate(each)
+    run, sensor, fold = every.run, every.sensor, np.concatenate(each) if proves else every.fold
     rise_K = _rises(run, sensor, every.measured_degC, fold)
     left_K = np.maximum(LEFT_OF_STEP * resolution(runs, len(noise_K)), LEAST_K)
     white_K = np.sqrt(every.noise_K**2 + left_K[sensor] ** 2)

@@ -104,6 +104,13 @@ class Fit:
         return self._half_widths[: len(self.problem.keys)]
 
     @property
+    def relative_sigma(self) -> dict[str, float]:
+        """The standard deviation of each free parameter as a part of it, by its key; of none that is 0."""
+        values = self.problem.free_values(self.config).tolist()
+        each = zip(self.problem.keys, values, (self.half_width_free / NORMAL_95).tolist(), strict=True)
+        return {key: sigma / abs(value) for key, value, sigma in each if value}
+
+    @property
     def _half_widths(self) -> FloatArray:
         return np.asarray(NORMAL_95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 

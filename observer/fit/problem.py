@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from observer.fit.evidence import Evidence
 from observer.fit.forward import Forward
 from observer.fit.kept import Kept
 from observer.fit.parameters import bounds_of, get, put, scale_of
-from observer.fit.tolerance import tolerances
+from observer.fit.tolerance import Kind, tolerances
 from observer.frames import BoolArray, FloatArray
 
 DIFFERENCE = 1e-3
@@ -55,7 +55,7 @@ class Derivatives:
 @dataclass(frozen=True)
 class Problem:
     """The runs, their evidence and free parameters; and, once they are known, the derivatives by these and
-    what is known within tolerances.
+    what is known within tolerances. `within` yields these of a configuration.
     """
 
     config: Config
@@ -64,6 +64,7 @@ class Problem:
     evidence: Evidence
     by_free: Derivatives | None = None
     slack: Slack | None = None
+    within: Callable[[Config], Iterable[tuple[Config, Kind]]] = tolerances
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -102,7 +103,7 @@ class Problem:
     def tolerant(self, config: Config) -> Problem:
         """The same problem within the tolerances of a configuration."""
         here, slacks, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
-        for changed, kind in tolerances(config):
+        for changed, kind in self.within(config):
             change = self.predicted(changed) - here
             own = {"whole": lambda c: [c], "ambient": self.by_run}.get(kind, self.by_sensor)(change)
             slacks += own

@@ -2,6 +2,10 @@
 
 Both must be sought: with a field that is taken to follow the model exactly, whatever the model lacks can only
 be said with heats that jump about, and the gate then refuses sensors that are right.
+
+Nothing is learnt meanwhile: what one log's parameters could absorb is left to the noise, for the next day may
+differ by that much. Nor can it be where parameters are only allowed for: innovations then share one error
+all along, and their product is no likelihood.
 """
 
 from __future__ import annotations

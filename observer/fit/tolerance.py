@@ -6,21 +6,42 @@ vary inside every hypothesis, at a price (a Gaussian prior), and is neither repo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Literal
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
 from observer.config import Config
 from observer.effects.base import Unnamed
-from observer.effects.terms import AmbientShift, Lag, Offset, StretchFilm, Term
+from observer.effects.terms import (
+    AmbientShift,
+    End,
+    EndConductance,
+    Lag,
+    LawFactor,
+    Offset,
+    StretchFilm,
+    Term,
+)
+from observer.frames import FloatArray
+from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Sensor
 
 Kind = Literal["whole", "place", "lag", "ambient"]
 
+TOLERANCE_OF = {
+    "convection": ("surface.convection_W_m2K", "surface.factor"),
+    "conductivity": ("screw.conductivity_W_mK",),
+    "heat_capacity": ("screw.density_kg_m3", "screw.specific_heat_J_kgK"),
+}
+"""Which parameters each relative tolerance is of."""
 UNEVEN = 0.01
 """A film's unevenness along the screw, as a part of itself."""
 STRETCHES = 4
+SETTLING_S = 1800.0
+"""How long friction that is not what its law says takes to settle, once running."""
 
 
 def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
@@ -33,7 +54,7 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
         ("conductivity_W_mK", known.conductivity),
         ("specific_heat_J_kgK", known.heat_capacity),
     ):
-        if off > 0.0:
+        if off > 0.0 and f"screw.{key}" not in (config.calibrate.free or ()):
             value = getattr(screw, key) * (1 + off)
             yield config.model_copy(update={"screw": screw.model_copy(update={key: value})}), "whole"
     if known.position_m > 0.0:
@@ -52,6 +73,44 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
         yield _with(config, AmbientShift(0.0, known.ambient_K)), "ambient"
     if known.lag_s > 0.0:
         yield _with(config, *(Lag(s.name, known.lag_s) for s in config.sensor)), "lag"
+
+
+def calibration_tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
+    """Yield the tolerances, and those within which an effect would be missing rather than a value off: a loss
+    at each end, and heat by friction that settles with use.
+    """
+    yield from tolerances(config)
+    for end in get_args(End):
+        if config.tolerance.end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
+            yield _with(config, EndConductance(end, config.tolerance.end_W_K)), "whole"
+    for source in config.source:
+        if source.law in SPEED_LAWS and source.law_uncertainty > 0.0:
+            yield _with(config, LawFactor(source.name, Settling(source.law_uncertainty))), "whole"
+
+
+def left_of_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:
+    """Return what is left of the tolerances of parameters that were fitted, by their keys in a configuration.
+
+    `sigma` is the relative standard deviation of each fitted parameter, by its key. A tolerance never grows.
+    Heats keep their `law_uncertainty`: friction departs from its law by the day, its scale known or not.
+    """
+    left = {}
+    for name, keys in TOLERANCE_OF.items():
+        found = [sigma[key] for key in keys if key in sigma]
+        if found:
+            left[f"tolerance.{name}"] = min(math.hypot(*found), getattr(config.tolerance, name))
+    return left
+
+
+@dataclass(frozen=True)
+class Settling:
+    """The factor on a heat that is larger by a `part` at first, and by 1/e of that after `SETTLING_S`."""
+
+    part: float
+
+    def __call__(self, _speed_rpm: FloatArray, running_s: FloatArray, /) -> FloatArray:
+        """Return it at speeds and times of running (K,)."""
+        return np.asarray(1.0 + self.part * np.exp(-running_s / SETTLING_S))
 
 
 def _with(config: Config, *terms: Term) -> Config:

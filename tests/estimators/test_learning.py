@@ -13,8 +13,8 @@ from observer.model.discretise import augmented, quantise, step_matrices
 from observer.model.learning import WANDER_S, Kind
 from observer.service.align import frames_of_log
 from observer.service.machine import Machine
-from tests.learning.cover import estimates, judged, log_of
-from tests.learning.machines import AS_CONFIGURED, Rough, config_of, day, draw
+from tests.learning.cover import calibrated, estimates, judged, log_of
+from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day, draw
 from tests.learning.trial import FIRST_SEED, KNOWN
 
 ALL = (
@@ -254,6 +254,22 @@ def test_rough_machines_are_covered_and_the_heats_are_better_for_it():
     rms = np.sqrt((learnt[:, :, 0] ** 2).mean(axis=0) / (known[:, :, 0] ** 2).mean(axis=0))
     assert (learnt[:, :, 1].mean(axis=0) > 0.85).all()
     assert (rms < [0.7, 0.5, 0.5]).all()
+
+
+def test_a_calibration_is_worth_something_on_another_day_and_its_sigma_holds():
+    """Two machines of the campaign's, calibrated by one of their days and judged on the next."""
+    found = {"calibrated": [], "as delivered": []}
+    for number in range(2):
+        specimen = draw(FIRST_SEED, number, Rough())
+        first, second = (day(specimen, FIRST_SEED, number, "abc"[(number + i) % 3]) for i in (1, 0))
+        for name, text in (("calibrated", calibrated(CONFIG, first)), ("as delivered", CONFIG)):
+            one = judged(config_of(text), second)
+            found[name].append([one[q] for q in ("heats", "nut", "field")])
+    after, before = np.array(found["calibrated"]), np.array(found["as delivered"])
+    assert (after[:, :, 1].mean(axis=0) > 0.85).all()
+    assert (after[:, :2, 2].mean(axis=0) < 0.95 * before[:, :2, 2].mean(axis=0)).all()
+    rms = np.sqrt((after[:, 0, 0] ** 2).mean() / (before[:, 0, 0] ** 2).mean())
+    assert rms < 1.0
 
 
 def test_machines_as_configured_lose_nothing():

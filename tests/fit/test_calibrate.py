@@ -8,8 +8,13 @@ from observer.errors import LogError
 from observer.fit.calibrate import Calibration, calibrate
 from observer.fit.identifiability import describe
 from observer.fit.parameters import FILM, replaced
+from observer.fit.tolerance import tolerances
+from observer.service.align import AlignPlan, frames_of_log
 from tests.discovery.cases import machine, made_log, rig
+from tests.learning.cover import log_of
+from tests.learning.machines import Rough, config_of, day, draw
 
+LEARNING_SEED = 4000
 TRUE = {FILM: 26.0, "source.heater.scale": 0.8, "source.bearing.l.scale": 1.3}
 
 
@@ -55,6 +60,35 @@ def test_known_parameters_are_found_with_intervals_that_cover() -> None:
             assert fitted.value == pytest.approx(TRUE[fitted.key], rel=0.01)
     # 36 intervals of 95 %: fewer than 30 would be a chance of 1 in 500 were they independent
     assert hits >= 30
+
+
+def test_what_is_known_roughly_is_taken_neither_for_film_nor_for_heat() -> None:
+    """Machines with offsets, places, an end loss and friction that runs in, by the independent truth: film
+    of two, and what is left of the film's tolerance.
+    """
+    missed = []
+    for number in range(2):
+        rough = draw(LEARNING_SEED, number, Rough())
+        config, physics = config_of(), rough.machine.physics
+        log = log_of(day(rough, LEARNING_SEED, number, "abc"[number % 3]))
+        found = calibrate(config, [list(frames_of_log(log, AlignPlan.of(config)))])
+        film = found.fitted[[f.key for f in found.fitted].index(FILM)]
+        sigma = found.left["tolerance.convection"]
+        assert sigma == pytest.approx((film.ci95[1] - film.ci95[0]) / (2 * 1.96 * film.value))
+        missed.append((film.value / physics.film_W_m2K[0] - 1) / sigma)
+    # a material 3 % off moves the film by as much, so that much must be left, and no more than twice
+    assert 0.01 < sigma < 0.06
+    assert np.sqrt(np.mean(np.square(missed))) < 2.2  # of two: 1 in 100 if σ is right
+
+
+def test_what_is_free_is_not_known_within_a_tolerance_besides() -> None:
+    key = "screw.conductivity_W_mK"
+    config = machine(calibrate={"free": [FILM, key]})
+    found = calibrate(config, [[made_log(config, 5)]])
+    assert set(found.left) == {"tolerance.convection", "tolerance.conductivity"}
+    assert found.left["tolerance.conductivity"] <= config.tolerance.conductivity
+    kept = [c.screw.conductivity_W_mK for c, kind in tolerances(config) if kind == "whole"]
+    assert set(kept) == {config.screw.conductivity_W_mK}
 
 
 def test_two_runs_are_fitted_together_each_from_its_own_start() -> None:

@@ -64,14 +64,6 @@ def test_a_mean_takes_part_from_half_of_the_usual_number_on() -> None:
     assert (evidence.folds, evidence.groups, evidence.proof.any()) == (1, (), False)
     picked = evidence.rows([np.arange(12.0).reshape(6, 2), 100 + np.arange(6.0).reshape(3, 2)])
     assert picked.tolist() == [0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 100, 101, 102, 103, 104, 105]
-    laid = evidence.laid_out(np.column_stack([picked, -picked]), [6, 3], 2)
-    assert laid[:, :, 0].tolist() == [
-        [0, 1],
-        [2, 0],
-        [0, 5],
-        *[[i, i + 1] for i in (6, 8, 10, 100, 102, 104)],
-    ]
-    np.testing.assert_array_equal(laid[..., 1], -laid[..., 0])
     np.testing.assert_allclose(evidence.whitened(picked), picked / evidence.noise_K)
 
 

@@ -8,10 +8,13 @@ import numpy as np
 
 from observer.config import Config
 from observer.files.logs import Log
+from observer.fit.calibrate import calibrate
+from observer.fit.process_noise import fit_noise
 from observer.frames import EstimateBlock, FloatArray
-from observer.service.align import frames_of_log
+from observer.installation.write_back import write_back
+from observer.service.align import AlignPlan, frames_of_log
 from observer.service.machine import Machine
-from tests.learning.machines import Day
+from tests.learning.machines import Day, config_of
 from tests.truth.machine.logs import CHANNELS
 
 FROM_S = 600.0
@@ -33,6 +36,14 @@ def estimates(config: Config, day: Day) -> EstimateBlock:
     blocks = [pipeline.step(frames) for frames in frames_of_log(log_of(day), machine.plan)]
     fields = EstimateBlock.__dataclass_fields__
     return EstimateBlock(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in fields})
+
+
+def calibrated(text: str, day: Day) -> str:
+    """The text of a configuration with what a calibration by a day writes into it."""
+    config = config_of(text)
+    runs = [list(frames_of_log(log_of(day), AlignPlan.of(config)))]
+    found = calibrate(config, runs)
+    return write_back(text, found.values | found.left | fit_noise(found.config, runs))
 
 
 def misses(block: EstimateBlock, day: Day) -> dict[str, tuple[FloatArray, FloatArray]]:
