@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from observer.config import Output
-from observer.errors import LogError, UserError
+from observer.errors import ConfigError, LogError, UserError
 from observer.files.logs import Log, read_log, suffix_of
 from observer.files.results import results_in, write_json
 from observer.frames import EstimateBlock, FloatArray, FrameBlock
@@ -180,6 +180,37 @@ def calibrate(
         (part / "config.toml").write_text(text, encoding="utf-8")
         write_json(part / "calibration.json", result)
     return result
+
+
+def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
+    """Write the configuration with what its service has learnt, by its checkpoint, as `config.toml`.
+
+    Returns what has been learnt, with σ. Raises `ConfigError` where nothing is learnt or left to go by.
+    """
+    from observer.fit.learnt import offered
+    from observer.installation.write_back import with_effects, write_back
+    from observer.service.checkpoint import Fit, UnfitError
+    from observer.service.checkpoint import load as load_checkpoint
+
+    config = load(config_path)
+    machine, file = Machine.of(config, learns=True), config.checkpoint_file
+    if (learning := machine.plant.learning) is None or not learning.names:
+        raise ConfigError(
+            f"{config_path}: estimator.learn: nothing is learnt; name what the estimator is to learn"
+        )
+    if file is None:
+        raise ConfigError(f"{config_path}: the service keeps no checkpoint; give [checkpoint] directory")
+    try:
+        stood = load_checkpoint(file, Fit.of(config, machine.drive, machine.estimator())).estimator
+    except UnfitError as error:
+        raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None
+    first = len(stood.x_hat) - machine.plant.learnt
+    told = learning.told(stood.x_hat[first:], stood.P[first:, first:])
+    offer = offered(config, told)
+    with results_in(output) as part:
+        text = write_back(config_path.read_text(encoding="utf-8"), offer.values | offer.left)
+        (part / "config.toml").write_text(with_effects(text, offer.biases), encoding="utf-8")
+    return told
 
 
 def _runs(log_paths: Sequence[Path], config: Installation) -> tuple[list[list[FrameBlock]], list[str]]:

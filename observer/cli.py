@@ -270,6 +270,16 @@ def calibrate(
 
 
 @app.command()
+def learned(config: ConfigOption, output: OutputOption) -> None:
+    """Write the configuration with what its service has learnt, such as film and offsets."""
+    from observer import app as parts
+
+    for key, (value, sigma) in parts.learned(config, output).items():
+        typer.echo(f"{key} = {value:.5g} ± {sigma:.2g}")
+    typer.echo(f"written to {output}: config.toml")
+
+
+@app.command()
 def discover(
     log: Annotated[
         list[Path],

@@ -47,7 +47,7 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         carry = carried(snapshot, before.fit, ready.fit)
         return _service(ready, clock, renewals, carry, alone=False)
 
-    file = ready.checkpoint
+    file = ready.config.checkpoint_file
     start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
     run(_service(ready, clock, renewals, start, alone=True), seconds, anew)
 
@@ -71,12 +71,6 @@ class _Ready:
         machine = Machine.of(config, learns=True)
         estimator = machine.estimator()
         return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
-
-    @property
-    def checkpoint(self) -> Path | None:
-        """The file of the checkpoint, if there is to be one."""
-        place, name = self.config.checkpoint.place(self.config.record), self.config.machine
-        return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
 
     def compiler(self) -> Compiler:
         """What has its kernels compiled."""
@@ -116,7 +110,7 @@ def _service(
         if config.compensation.enabled
         else None
     )
-    file = ready.checkpoint
+    file = ready.config.checkpoint_file
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,

@@ -45,6 +45,12 @@ class Installation(Config):
             if driver.sample_s is not None
         }
 
+    @property
+    def checkpoint_file(self) -> Path | None:
+        """The file of the service's checkpoint, if there is to be one."""
+        place, name = self.checkpoint.place(self.record), self.machine
+        return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
+
     def undelivered(self) -> list[str]:
         """Say which channels the model reads and no driver delivers, as far as the drivers tell theirs."""
         offers = [driver.delivered for driver in self.drivers.values()]

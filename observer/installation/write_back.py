@@ -28,6 +28,8 @@ def write_back(text: str, values: Mapping[str, float]) -> str:
 
 def with_effects(text: str, effects: Sequence[EffectTable]) -> str:
     """Return the text with an `[[effect]]` table more for each effect."""
+    if not effects:
+        return text
     document = tomlkit.parse(text)
     tables = document.setdefault("effect", tomlkit.aot())
     for effect in effects:

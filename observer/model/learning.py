@@ -77,6 +77,14 @@ class Learning:
     value: FloatArray
     unit: FloatArray
 
+    def told(self, x: FloatArray, P: FloatArray) -> dict[str, tuple[float, float]]:
+        """What is learnt, by name, with its σ: from the states (L,), the last of an estimator's, and their
+        covariance (L, L).
+        """
+        value = self.value + self.unit * x[self.states]
+        sigma = self.unit * np.sqrt(np.diag(P)[self.states])
+        return dict(zip(self.names, zip(value.tolist(), sigma.tolist(), strict=True), strict=True))
+
 
 def nothing_learnt(n_x: int, sensors: int) -> LearningArrays:
     """Return the arrays of a plant of which all is taken as the configuration says."""
