@@ -39,7 +39,7 @@ def with_learning(plant: Plant, config: Config, modes: Modes) -> Plant:
     states = [s for s in (*_of_machine(config, modes), *_of_sensors(config)) if s.sigma > 0.0]
     if not states:
         return plant
-    learnt = [i for i, s in enumerate(states) if s.key in config.estimator.learn]
+    learnt = [i for i, s in enumerate(states) if s.key in config.estimator.learnt]
     n_x, N, ends = len(plant.decay_1_s), len(modes), (0.0, modes.rod.length_m)
     slope_C = np.zeros((plant.rows.sensors, n_x))
     for i, sensor in enumerate(config.sensor):
@@ -98,7 +98,7 @@ def _of_machine(config: Config, modes: Modes) -> list[_State]:
             states.append(_State("end_W_K", Kind.END, i, known.end_W_K, name, loss))
     sources = [s for s in config.source if s.estimate]
     for j, source in enumerate(sources):
-        if source.law is not None and "law" in config.estimator.learn:
+        if source.law is not None and "law" in config.estimator.learnt:
             name = f"source.{source.name}.scale"
             states.append(
                 _State("law", Kind.LAW, j, source.law_uncertainty, name, source.scale, source.scale)

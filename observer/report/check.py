@@ -25,6 +25,7 @@ from observer.model.rod.supports import force_N
 from observer.model.rod.truncation import tail_left
 from observer.model.transient import transient_error_K_W
 from observer.report.doubts import doubts
+from observer.report.tolerances import tolerances
 from observer.tables.sections import Source
 
 TRANSIENT_S = (0.5, 10.0)
@@ -67,6 +68,7 @@ def findings(config: Installation) -> dict[str, Any]:
         "path_told_up_to_rpm": {s.name: _path_limit_rpm(config, s) for s in config.source if s.lead_m},
         "supports": _supports(config, plant),
         "nodes": _nodes(config),
+        **tolerances(config),
         "warnings": [
             *doubts(asked),
             *design.warnings,

@@ -8,6 +8,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from observer.report.tolerances import SHIFT_SAID, advice
+
 
 def as_text(found: dict[str, Any]) -> RenderableType:
     """Lay the findings out for a terminal."""
@@ -36,8 +38,28 @@ def as_text(found: dict[str, Any]) -> RenderableType:
     for name, node in found["nodes"].items():
         seconds, rise = node["time_constant_s"], node["rise_K_W"]
         table.add_row(f"node {name}", f"follows within {seconds:.3g} s; 1 W warms it by {rise:.3g} K")
+    table.add_row("tolerances", SHIFT_SAID)
+    table.add_row("improve first", Text(advice(found["improve_first"])))
     warnings = [Text(f"warning: {w}", style="yellow") for w in found["warnings"]]
-    return Group(table, *(warnings or [Text("no warnings", style="green")]))
+    costs = [_costs(found["tolerances"])] if found["tolerances"] else []
+    return Group(table, *costs, *(warnings or [Text("no warnings", style="green")]))
+
+
+def _costs(rows: list[dict[str, Any]]) -> Table:
+    """σ over the standard shift: as configured, with one tolerance at nothing, with all."""
+    table = Table(show_header=True, box=None, pad_edge=False, header_style="bold")
+    table.add_column("σ if known", no_wrap=True)
+    table.add_column("now", justify="right")
+    heats = [f"{name}, W" for name in rows[0]["heat_sigma_W"]]
+    there = rows[0]["error_sigma_um"] is not None
+    for name in (*heats, "field, K", *(["error, µm"] if there else [])):
+        table.add_column(name, justify="right")
+    for row in rows:
+        values = [*row["heat_sigma_W"].values(), row["field_sigma_K"]]
+        values += [row["error_sigma_um"]] if there else []
+        given = "" if row["tolerance"] is None else f"{row['tolerance']:g}"
+        table.add_row(row["key"], given, *(f"{value:.3g}" for value in values))
+    return table
 
 
 def _weakest(found: dict[str, Any]) -> str:

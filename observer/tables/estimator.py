@@ -30,6 +30,11 @@ class EstimatorSettings(Section):
     bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
     @property
+    def learnt(self) -> tuple[str, ...]:
+        """What is learnt; nothing by an estimator with a gain that knows of heats and field alone."""
+        return self.learn if self.learns else ()
+
+    @property
     def learns(self) -> bool:
         """Whether the estimator is one that takes tolerances into its state."""
         return self.kind == "kalman" and self.engine == "compiled"

@@ -1,0 +1,105 @@
+"""A standard shift of a machine, for designs: what drives the plant while it rests, works, dwells and cools.
+
+A design knows no log, so the shift is the same for every machine: from cold, two hours of work with a dwell
+between, and an hour at rest. Nuts sweep over their strokes, and rest in the middle.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.effects.terms import LawFactor, SpeedLoss
+from observer.frames import FloatArray
+from observer.model.couple import surface_rate
+from observer.model.law import heat_law
+from observer.model.plant import AMBIENT, LEFT, REFERENCE, RIGHT, Plant
+from observer.model.realise import realise
+from observer.model.rod.path import SAMPLES_PER_TRAVERSE
+from observer.model.rod.ripple import Sweep
+from observer.physics.constants import ZERO_DEGC_K
+from observer.tables.sections import Source, law_channels
+
+SPEED_RPM = 1000.0
+"""How fast machines work, where only a log could tell."""
+AIR_degC = 20.0
+"""The air, where a channel tells it."""
+LEAD_M = 0.01
+"""How far a turn carries a nut, where its source does not say."""
+SHIFT = ((300.0, 0.0), (5400.0, 1.0), (600.0, 0.0), (1800.0, 1.0), (3600.0, 0.0))
+"""Stretches of the shift: how long, in s, and whether the machine works."""
+
+
+class Stage(NamedTuple):
+    """A stretch of time in which nothing that drives the plant changes.
+
+    `law_W` (m,), W, each source's heat by its law; `heat_W` (m,), the heat that is taken for true; `z` (p,),
+    °C, the known inputs; `loss_1_s` the rate of the losses that go with the speed or with the temperature's
+    fourth power, along the screw, towards `drawn_degC`. `sweeps` (M,) are the ways of the moving sources,
+    None where the samples do not tell them.
+    """
+
+    duration_s: float
+    law_W: FloatArray
+    heat_W: FloatArray
+    z: FloatArray
+    loss_1_s: float
+    drawn_degC: float
+    sweeps: tuple[Sweep | None, ...]
+
+
+def standard_shift(config: Config, plant: Plant) -> tuple[Stage, ...]:
+    """Return the stages of the standard shift of a configuration and its plant.
+
+    What a law of power does not tell, and a source without a law, is taken for the source's
+    `initial_sigma_W` while the machine works.
+    """
+    return tuple(_stage(config, plant, duration_s, share * SPEED_RPM) for duration_s, share in SHIFT)
+
+
+def _stage(config: Config, plant: Plant, duration_s: float, speed_rpm: float) -> Stage:
+    machine, works = realise(config), speed_rpm > 0.0
+    sources, screw = machine.config.source, machine.config.screw
+    law_W = np.array([_law_W(s, sources, screw.length_m, speed_rpm) for s in sources])
+    for term in (t for t in machine.terms if isinstance(t, LawFactor)):
+        j = plant.source_names.index(term.source)
+        law_W[j] *= float(term.factor(np.array([speed_rpm]), np.array([duration_s]))[0])
+    unknown_W = [s.initial_sigma_W if s.law is None and works else 0.0 for s in sources]
+    air_degC = machine.config.ambient.temperature_degC
+    air_degC = AIR_degC if air_degC is None else air_degC
+    z = np.array([air_degC if n in (AMBIENT, LEFT, RIGHT, REFERENCE) else 0.0 for n in plant.known_names])
+    losses = [
+        (surface_rate(screw) * float(t.film_W_m2K(np.array([speed_rpm]))[0]), t.temperature_degC)
+        for t in machine.terms
+        if isinstance(t, SpeedLoss)
+    ]
+    losses.append((4.0 * plant.coupling.radiation * (air_degC + ZERO_DEGC_K) ** 3, None))
+    rate_1_s = sum(rate for rate, _ in losses)
+    drawn = sum(rate * (air_degC if own is None else own) for rate, own in losses)
+    sweeps = tuple(_sweep(config, sources[m.index], speed_rpm) for m in plant.moving)
+    return Stage(
+        duration_s, law_W, law_W + unknown_W, z, rate_1_s, drawn / rate_1_s if rate_1_s else 0.0, sweeps
+    )
+
+
+def _sweep(config: Config, source: Source, speed_rpm: float) -> Sweep | None:
+    """The way of a nut; the same that `check` says of the speeds up to which it is told."""
+    low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
+    speed_m_s = speed_rpm / 60.0 * (source.lead_m or LEAD_M)
+    sample_s = config.sample_s.get(source.position_channel or "", config.estimator.period_s)
+    told = speed_m_s * sample_s * SAMPLES_PER_TRAVERSE <= high_m - low_m
+    return Sweep(low_m, high_m, speed_m_s) if told else None
+
+
+def _law_W(source: Source, sources: tuple[Source, ...], screw_m: float, speed_rpm: float) -> float:
+    """The heat by a source's law at a speed; a nut that turns too does so half as fast."""
+    works = speed_rpm > 0.0
+    told = {s.power_channel: s.initial_sigma_W if works else 0.0 for s in sources}
+    told |= {s.drive_channel: float(works) for s in sources}
+    told |= {s.nut_speed_channel: 0.5 * speed_rpm for s in sources}
+    read = [np.array([told.get(c, speed_rpm)]) for c in law_channels(source, sources)]
+    if source.law is None:
+        return 0.0
+    return float(heat_law(source, sources, screw_m)(*(read or [np.zeros(1)]))[0])
