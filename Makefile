@@ -23,7 +23,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak learning-campaign discover-campaign config-mutants mutants figures container-check lock dist sbom clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak learning-campaign discover-campaign rods-campaign config-mutants mutants figures container-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -70,6 +70,9 @@ learning-campaign: $(READY)  ## what learning is worth on 128 machines, or go on
 
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
 	$(BIN)/python -m tests.campaign $(ARGS)
+
+rods-campaign: $(READY)  ## search heated rods for what is hidden in them, or go on
+	$(BIN)/python -m tests.rods.trial
 
 config-mutants: $(READY)  ## 2000 wrong configurations, each to be answered in words; ARGS="--count 600 --seed 2"
 	$(BIN)/python -m tests.hostile --count 2000 $(ARGS)

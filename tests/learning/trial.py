@@ -25,7 +25,7 @@ KNOWN = (
 )
 CALIBRATED = "rough, calibrated"
 GROUPS = {"rough": Rough(), "as configured": AS_CONFIGURED, CALIBRATED: Rough()}
-MACHINES = {"rough": 64, "as configured": 64, CALIBRATED: 24}
+MACHINES = {"rough": 64, "as configured": 64, CALIBRATED: 48}
 COLUMNS = ("group", "machine", "start", "quantity", "learns", "rms", "covered", "sigma")
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "learning" / "results.csv", DOCS / "explanation" / "learning.md"
