@@ -36,6 +36,12 @@ class SensorGap:
     beyond_tolerances_K: tuple[float, float]
     form_K: float
 
+    @property
+    def growth_K(self) -> tuple[float, float]:
+        """By how much the gap has grown, raw and beyond tolerances."""
+        before_K, after_K = self.beyond_tolerances_K
+        return self.after_rms_K - self.before_rms_K, after_K - before_K
+
 
 @dataclass(frozen=True, slots=True)
 class Proof:
@@ -60,14 +66,16 @@ class Proof:
 
     @property
     def grown_on(self) -> tuple[str, ...]:
-        """The sensors whose own gap has grown in kelvin, beyond what no model of this form gets right.
+        """The sensors whose own gap has grown: in kelvin, raw and beyond tolerances alike, by more than what
+        no model of this form gets right, and whitened as well, beyond noise.
 
-        Where the prediction has changed by less than that, it cannot have grown by more.
+        Where the prediction has changed by less than that, it cannot have grown by more. In kelvin alone it
+        may: tolerances are stretched over a missing effect at a price, and give way when it is there.
         """
         return tuple(
             name
             for name, gap in self.per_sensor.items()
-            if gap.beyond_tolerances_K[1] > gap.beyond_tolerances_K[0] + gap.form_K
+            if min(gap.growth_K) > gap.form_K and gap.after > max(gap.before, self.expected)
         )
 
     @property
@@ -131,9 +139,12 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
 
 
 def _better(others: Gone, rows: BoolArray, whole: SensorGap) -> bool:
-    """Whether the fit of fewer effects leaves less, in K as well as whitened."""
-    smaller = _rms(others.beyond_K[rows]) + whole.form_K < whole.beyond_tolerances_K[1]
-    return smaller and float(np.mean(others.whitened**2)) < whole.after
+    """Whether the fit of fewer effects leaves less: in K, raw and beyond tolerances, and whitened."""
+    more_K = (
+        whole.after_rms_K - _rms(others.error_K[rows]),
+        whole.beyond_tolerances_K[1] - _rms(others.beyond_K[rows]),
+    )
+    return min(more_K) > whole.form_K and float(np.mean(others.whitened**2)) < whole.after
 
 
 def _error_K(fit: Fit, config: Config) -> FloatArray:

@@ -15,6 +15,7 @@ import pytest
 from observer.config import Config
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery, discover
+from observer.discovery.partial import partial_of
 from observer.discovery.remainder import Event
 from observer.discovery.result import discovery_result
 from observer.discovery.verdict import Verdict
@@ -23,7 +24,7 @@ from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
 from observer.report.discovery import site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
-from observer.report.wording import as_sentences, headline, interval
+from observer.report.wording import as_sentences, headline, interval, kelvin, partial_sentence
 from observer.tables.sections import Sensor
 from tests.discovery.cases import machine, made_log
 
@@ -178,6 +179,31 @@ def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
     assert text.count("stroke: currentColor") == plain.count("stroke: currentColor") + 2  # one a map
 
 
+def test_the_gap_beyond_tolerances_stands_beside_the_raw_one(found: Discovery, tmp_path: Path) -> None:
+    result = discovery_result(found)
+    whole, sensors = result["gap"]["beyond_tolerances"], result["gap"]["per_sensor"]
+    assert whole["after_rms_K"] < 0.5 * whole["before_rms_K"]
+    _, page = _page(found, tmp_path)
+    assert "beyond tolerances" in page.text
+    for gap in (whole, *(each["beyond_tolerances"] for each in sensors.values())):
+        assert f"{kelvin(gap['before_rms_K'])} → {kelvin(gap['after_rms_K'])}" in page.text
+
+
+def test_a_family_and_a_partial_answer_are_told_on_the_page(found: Discovery, tmp_path: Path) -> None:
+    said = {"sets": ((_candidate("surface_convection"),), (_candidate("radiation"),)), "fits": ()}
+    doubt = replace(found, verdict=replace(found.verdict, kind="ambiguous", **said))
+    result = discovery_result(doubt) | {"family": SURFACE}
+    assert "4.53 (4.12 … 4.94) W/m²K" in _page(doubt, tmp_path, result)[1].text.partition("</h1>")[0]
+    verdict = replace(found.verdict, kind="unknown", remains="on data held back")
+    unknown = replace(found, verdict=verdict, partial=partial_of(found.search))
+    result = discovery_result(unknown)
+    assert result["partial"]["kind"] == "sensor_bias"
+    assert result["partial"]["family"] is None
+    assert result["partial"]["remains_beyond_tolerances_rms_K"] <= result["partial"]["remains_rms_K"]
+    page = _page(unknown, tmp_path, result)[1]
+    assert f"{partial_sentence(result['partial'])}." in page.text
+
+
 def test_what_is_missing_in_a_log_stays_a_gap(found: Discovery) -> None:
     evidence = found.problem.evidence
     (track,) = tracks_of(evidence, ["one"], {"measured": evidence.measured_degC})
@@ -311,7 +337,8 @@ def test_the_sentences_of_a_family_tell_its_figure() -> None:
     lines = _lines(verdict="ambiguous", said=said, family=SURFACE, gap=FELL)
     assert lines[0] == (
         "The model lacks a loss of heat from the surface of 4.53 (4.12 … 4.94) W/m²K in effect; the logs "
-        "cannot tell which: a loss of heat to the air over the whole surface; or heat radiated by the surface."
+        "cannot tell which: a loss of heat to the air over the whole surface; or heat radiated by the "
+        "surface."
     )
 
 
@@ -323,8 +350,8 @@ def test_a_family_is_told_with_its_end_and_with_what_stands_beside_it() -> None:
     said = {"sets": [[_candidate("motor_heat", "left")], [_candidate("end_heat", "left")]]}
     (first, *_) = _lines(verdict="ambiguous", said=said, family=family, gap=FELL)
     assert first.startswith(
-        "The model lacks heat at the left end of 4.00 (3.50 … 4.50) W in effect and a constant error of sensor "
-        "t2; the logs cannot tell which: heat from the drive"
+        "The model lacks heat at the left end of 4.00 (3.50 … 4.50) W in effect and a constant error of "
+        "sensor t2; the logs cannot tell which: heat from the drive"
     )
 
 
