@@ -17,15 +17,18 @@ from observer.discovery.candidates import library
 from observer.discovery.crew import ALONE, Crew
 from observer.discovery.excitation import lacking
 from observer.discovery.experiment import SEPARATES, Experiment, propose
+from observer.discovery.family import Tie, ties
 from observer.discovery.localise import Place, localised
+from observer.discovery.partial import Partial, partial_of
 from observer.discovery.phases import courses_of
 from observer.discovery.proof import Proof, prove
 from observer.discovery.remainder import Event, event
-from observer.discovery.search import Progress, Search, search
+from observer.discovery.search import Progress, Search, search, without
 from observer.discovery.verdict import Verdict, decide
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
+from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
 from observer.fit.problem import Problem
 from observer.fit.runs import LEAST_S, prepare
@@ -37,7 +40,10 @@ MOST_ASKED = 5
 
 @dataclass(frozen=True)
 class Discovery:
-    """Everything a discovery found: see the modules of each part."""
+    """Everything a discovery found: see the modules of each part.
+
+    `ties`: of an ambiguous answer whose sets differ within families only, what stands in each place of them.
+    """
 
     problem: Problem
     search: Search
@@ -46,6 +52,8 @@ class Discovery:
     where: tuple[Place, ...]
     event: Event | None
     experiment: Experiment | None
+    ties: tuple[Tie, ...] = ()
+    partial: Partial | None = None
 
 
 def discover(
@@ -69,7 +77,7 @@ def discover(
     )
     found = search(problem, library(config, keys, config.discover.without), progress, crew)
     progress("opening the proof", 0.92)
-    proof = prove(found.null, found.fit)
+    proof = prove(found.null, found.fit, _with_one_less(found, crew))
     verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))
     where = localised(found.null, problem.evidence.used)
     return Discovery(
@@ -80,7 +88,18 @@ def discover(
         where,
         event(found.fit) if verdict.kind == "unknown" else None,
         _experiment(found.null.problem, found, verdict, crew),
+        ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
+        partial_of(found) if verdict.kind == "unknown" else None,
     )
+
+
+def _with_one_less(found: Search, crew: Crew) -> list[tuple[str, Fit]]:
+    """Each of several chosen effects, and the fit of the others alone."""
+    if len(found.chosen) < 2:
+        return []
+    tasks = [(found.fit, i) for i in range(len(found.chosen))]
+    fits = crew.each(without, found.null.problem, tasks)
+    return [(t.candidate.name, fit) for t, fit in zip(found.chosen, fits, strict=True)]
 
 
 def _experiment(problem: Problem, found: Search, verdict: Verdict, crew: Crew) -> Experiment | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +22,10 @@ NOTICED = 0.4
 class SensorGap:
     """Root mean square of measured less predicted on the proof, in K: before, after, and the noise alone.
 
-    `before`, `after`: the mean squared whitened error, tolerances marginalised.
+    `before`, `after`: the mean squared whitened error, tolerances marginalised. `beyond_tolerances_K`: the
+    root mean square before and after without what the tolerances make of it, as the fitted data tell them; a
+    machine that lacks nothing is left with its sensors' offsets otherwise. `form_K`: noise and what no model
+    of this form gets right, together.
     """
 
     before_rms_K: float
@@ -28,6 +33,14 @@ class SensorGap:
     floor_rms_K: float
     before: float
     after: float
+    beyond_tolerances_K: tuple[float, float]
+    form_K: float
+
+    @property
+    def growth_K(self) -> tuple[float, float]:
+        """By how much the gap has grown, raw and beyond tolerances."""
+        before_K, after_K = self.beyond_tolerances_K
+        return self.after_rms_K - self.before_rms_K, after_K - before_K
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,22 +48,35 @@ class Proof:
     """The gap over all sensors and by sensor.
 
     Before: with the free parameters calibrated and no effect added. `as_given_rms_K`: with the configuration
-    as it was given. `expected`: what noise alone makes of the mean squared whitened error.
-    `beyond_tolerances_rms_K`: the gap before and after without what the tolerances make of it, as the data
-    that were fitted tell them.
+    as it was given. `expected`: what noise alone makes of the mean squared whitened error. `unproved`: the
+    effects of several without which, all else fitted anew, the gap is smaller, in K as well as whitened.
     """
 
     whole: SensorGap
     per_sensor: dict[str, SensorGap]
     as_given_rms_K: float
     expected: float
-    beyond_tolerances_rms_K: tuple[float, float]
+    unproved: tuple[str, ...] = ()
 
     @property
     def grown(self) -> bool:
         """Whether the gap has grown in kelvin, beyond what noise makes of it."""
-        before_K, after_K = self.beyond_tolerances_rms_K
+        before_K, after_K = self.whole.beyond_tolerances_K
         return after_K > before_K + self.whole.floor_rms_K
+
+    @property
+    def grown_on(self) -> tuple[str, ...]:
+        """The sensors whose own gap has grown: in kelvin, raw and beyond tolerances alike, by more than what
+        no model of this form gets right, and whitened as well, beyond noise.
+
+        Where the prediction has changed by less than that, it cannot have grown by more. In kelvin alone it
+        may: tolerances are stretched over a missing effect at a price, and give way when it is there.
+        """
+        return tuple(
+            name
+            for name, gap in self.per_sensor.items()
+            if min(gap.growth_K) > gap.form_K and gap.after > max(gap.before, self.expected)
+        )
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -62,33 +88,63 @@ class Proof:
         )
 
 
-def prove(null: Fit, fit: Fit) -> Proof:
-    """Open the proof: compare the fit without effects with the one chosen."""
+class Gone(NamedTuple):
+    """What a fit leaves of the measured on every row (n,): in K, beyond tolerances, and on the proof's rows
+    whitened, tolerances marginalised.
+    """
+
+    error_K: FloatArray
+    beyond_K: FloatArray
+    whitened: FloatArray
+
+    @classmethod
+    def of(cls, fit: Fit) -> Gone:
+        """Predict what was held back."""
+        rows, error_K = fit.problem.evidence.proof, _error_K(fit, fit.config)
+        whitened = fit.marginal(rows)(fit.problem.evidence.whitened(error_K)[rows])
+        return cls(error_K, error_K - fit.within_tolerances_K, whitened)
+
+
+def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
+    """Open the proof: compare the fit without effects with the one chosen.
+
+    `less` are the chosen one's effects, where there are several, each with the fit of the others alone.
+    """
     problem, evidence = fit.problem, fit.problem.evidence
     rows = evidence.proof
-    before, after, given = (_error_K(null, c) for c in (null.config, fit.config, problem.config))
-    whitened = [f.marginal(rows)(evidence.whitened(e)[rows]) ** 2 for f, e in ((null, before), (fit, after))]
+    before, after = Gone.of(null), Gone.of(fit)
+    deviation_K = evidence.deviation_K
 
     def gap(mine: BoolArray) -> SensorGap:
         within = mine[rows]
         return SensorGap(
-            _rms(before[mine]),
-            _rms(after[mine]),
-            _rms(evidence.noise_K[mine]),
-            *(float(w[within].mean()) for w in whitened),
+            before_rms_K=_rms(before.error_K[mine]),
+            after_rms_K=_rms(after.error_K[mine]),
+            floor_rms_K=_rms(evidence.noise_K[mine]),
+            before=float(np.mean(before.whitened[within] ** 2)),
+            after=float(np.mean(after.whitened[within] ** 2)),
+            beyond_tolerances_K=(_rms(before.beyond_K[mine]), _rms(after.beyond_K[mine])),
+            form_K=_rms(deviation_K[mine]),
         )
 
     sensors = {s.name: rows & (evidence.sensor == i) for i, s in enumerate(problem.config.sensor)}
+    whole = gap(rows)
     return Proof(
-        whole=gap(rows),
+        whole=whole,
         per_sensor={name: gap(mine) for name, mine in sensors.items() if mine.any()},
-        as_given_rms_K=_rms(given[rows]),
+        as_given_rms_K=_rms(_error_K(fit, problem.config)[rows]),
         expected=evidence.expected,
-        beyond_tolerances_rms_K=(
-            _rms((before - null.within_tolerances_K)[rows]),
-            _rms((after - fit.within_tolerances_K)[rows]),
-        ),
+        unproved=tuple(name for name, others in less if _better(Gone.of(others), rows, whole)),
     )
+
+
+def _better(others: Gone, rows: BoolArray, whole: SensorGap) -> bool:
+    """Whether the fit of fewer effects leaves less: in K, raw and beyond tolerances, and whitened."""
+    more_K = (
+        whole.after_rms_K - _rms(others.error_K[rows]),
+        whole.beyond_tolerances_K[1] - _rms(others.beyond_K[rows]),
+    )
+    return min(more_K) > whole.form_K and float(np.mean(others.whitened**2)) < whole.after
 
 
 def _error_K(fit: Fit, config: Config) -> FloatArray:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from observer.discovery.discover import Discovery
+from observer.discovery.family import Tie
 from observer.discovery.proof import SensorGap
 from observer.discovery.search import Trial
 from observer.fit.calibrate import Calibration, Gap
-from observer.fit.hypothesis import NORMAL_95, Fit
+from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit
 from observer.fit.identifiability import describe
 from observer.fit.parameters import kind_of, rounded
 
@@ -46,14 +47,15 @@ def _interval(value: float, low: float, high: float, unit: str) -> dict[str, Any
     return {"value": rounded(value), "ci95": [rounded(low), rounded(high)], "unit": unit}
 
 
-def _gap(gap: Gap | SensorGap) -> dict[str, float]:
+def _gap(gap: Gap | SensorGap) -> dict[str, Any]:
     """The root mean squares of a gap, in K."""
-    return {key: rounded(value) for key, value in asdict(gap).items() if key.endswith("_rms_K")}
-
-
-FORM_SHARE = 0.015
-"""How far an effect's own form may be from that of the machine, as a part of its parameters, places and
-temperatures aside: one σ."""
+    out: dict[str, Any] = {
+        key: rounded(value) for key, value in asdict(gap).items() if key.endswith("_rms_K")
+    }
+    if isinstance(gap, SensorGap):
+        before_K, after_K = map(rounded, gap.beyond_tolerances_K)
+        out["beyond_tolerances"] = {"before_rms_K": before_K, "after_rms_K": after_K}
+    return out
 
 
 def discovery_result(found: Discovery) -> dict[str, Any]:
@@ -65,6 +67,7 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
         "reason": verdict.reason,
         "effects": effects_of(verdict.fit) if verdict.kind == "named" else [],
         "alternatives": [[c.name for c in each] for each in several],
+        "family": _family(found.ties),
         "calibrated": calibrated_of(verdict.fit),
         "gap": {
             **_gap(proof.whole),
@@ -129,23 +132,36 @@ def _where(found: Discovery) -> list[dict[str, Any]]:
 
 
 def _partial(found: Discovery) -> dict[str, Any] | None:
-    """Of an unknown the effect that explains most: its share of the misfit, and what it leaves, in K, most on
-    which sensor.
-    """
-    trials = [t for t in found.search.ranking if t.drop > 0.0]
-    if found.verdict.kind != "unknown" or not trials:
+    """Of an unknown the effect that explains most, how much of it, and what it leaves."""
+    if (partial := found.partial) is None:
         return None
-    best = max(trials, key=lambda t: t.drop)
-    problem = found.problem
-    used, sensors = problem.evidence.used, problem.config.sensor
-    left_K = problem.evidence.measured_degC - problem.predicted(best.fit.config)
-    of_sensor = [left_K[used & (problem.evidence.sensor == i)] for i in range(len(sensors))]
-    rms_K = [float(np.sqrt(np.mean(own**2))) if len(own) else 0.0 for own in of_sensor]
     return {
-        **effects_of(best.fit)[-1],
-        "share": rounded(best.drop / found.search.null.deviance),
-        "remains_rms_K": rounded(float(np.sqrt(np.mean(left_K[used] ** 2)))),
-        "most_on": sensors[int(np.argmax(rms_K))].name,
+        **effects_of(partial.trial.fit)[-1],
+        "share": rounded(partial.share),
+        "remains_rms_K": rounded(partial.remains_rms_K),
+        "remains_beyond_tolerances_rms_K": rounded(partial.beyond_tolerances_rms_K),
+        "most_on": partial.most_on,
+        "phase": partial.phase,
+        "family": None if partial.tie is None else _tie(partial.tie),
+    }
+
+
+def _family(ties: Sequence[Tie]) -> dict[str, Any] | None:
+    """The family of an answer, and what stands beside it in every set."""
+    return {**_tie(ties[0]), "beside": [_tie(tie) for tie in ties[1:]]} if ties else None
+
+
+def _tie(tie: Tie) -> dict[str, Any]:
+    """Members that explain alike; a single one without a family stands in every set."""
+    members = [c.name for c in tie.members]
+    if tie.family is None or tie.figure is None:
+        return {"name": None, "target": None, "members": members, "effective": {}}
+    figure = _interval(tie.figure.value, *tie.figure.ci95, tie.family.unit)
+    return {
+        "name": tie.family.name,
+        "target": tie.place,
+        "members": members,
+        "effective": {tie.family.key: figure},
     }
 
 

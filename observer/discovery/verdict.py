@@ -62,7 +62,8 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     noise = proof.expected
     if goodness(fit) > noise + UNFIT + form:
         return Verdict("unknown", fit, remains="in what was fitted")
-    if proof.whole.after > noise + PROOF_UNFIT + 2 * form or proof.worse or proof.grown:
+    unproved = proof.worse or proof.grown or proof.grown_on or proof.unproved
+    if proof.whole.after > noise + PROOF_UNFIT + 2 * form or unproved:
         return Verdict("unknown", fit, remains="on data held back")
     if not search.chosen:
         return Verdict("not_identifiable" if lacking else "none", fit, lacking=tuple(lacking))

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field
 
+from observer.effects.families import Family
 from observer.effects.terms import Heat, Term
 from observer.errors import ConfigError
 from observer.tables.laws import SPEED_LAWS
@@ -70,7 +71,8 @@ class EffectTable(Section):
     `target` names, if anything; `lacks` what a model without the effect lacks, with `{target}` in its place;
     `excitation` what a log must hold to tell it; `source` where its law comes from; `turning` whether it goes
     with the speed and is sought only where some source tells that; `mimicked` whether a heat law whose scale
-    is free makes up for it almost always.
+    is free makes up for it almost always; `families` what it shares with others that a log may not tell it
+    from, the closest first.
     """
 
     kind: str
@@ -82,6 +84,7 @@ class EffectTable(Section):
     source: ClassVar[str]
     turning: ClassVar[bool] = False
     mimicked: ClassVar[bool] = False
+    families: ClassVar[tuple[Family, ...]] = ()
 
     @classmethod
     def named(cls) -> str:
@@ -140,6 +143,11 @@ class EffectTable(Section):
     def resolved(self, length_m: float) -> Self:
         """The effect, no finer than sensors on a screw of a length can tell."""
         return self
+
+    def place(self, length_m: float) -> str | None:
+        """Where the effect stands, by name, on a screw of a length; None where that has no name."""
+        named = getattr(self, "target", None)
+        return None if named is None else str(named)
 
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
         """The simpler effect and its target that this one is no different from, if there is one."""

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from observer.effects import base
 from observer.effects.base import EffectTable, Fitted, Shape, Target
+from observer.effects.families import BODY, END_LOSS, HEAT_LOSS
 from observer.effects.terms import Body, End, EndConductance, Term
 from observer.tables.quantities import Finite
 from observer.tables.sections import Description
@@ -26,6 +27,7 @@ class EndConduction(EffectTable):
 
     parameters = {"conductance_W_K": Fitted("W/K", 0.05)}
     targets = "end"
+    families = (END_LOSS, HEAT_LOSS)
     lacks = "heat that flows into the housing at {target}"
     excitation = "a warm screw, and a sensor near the end"
     source = "Newton's law at the end face; Kim et al., the convective end"
@@ -48,6 +50,7 @@ class AttachedMass(EffectTable):
         "conductance_W_K": Fitted("W/K", 2.0),
     }
     targets = "place"
+    families = (BODY, END_LOSS)
     lacks = "a body that stores heat at {target}"
     excitation = "heating and cooling that are fast against the body's time constant"
     source = "a lumped capacity; Li 2022, network nodes"

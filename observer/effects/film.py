@@ -20,6 +20,7 @@ from observer.effects.base import (
     speed_channel,
 )
 from observer.effects.bodies import EndConduction
+from observer.effects.families import END_LOSS, HEAT_LOSS, SURFACE_LOSS
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
@@ -42,6 +43,7 @@ class SurfaceConvection(EffectTable):
     coefficient_W_m2K: Annotated[Finite, Field(ge=0, le=500)]
 
     parameters = {"coefficient_W_m2K": Fitted("W/m2K", 5.0)}
+    families = (SURFACE_LOSS, HEAT_LOSS)
     lacks = "a loss of heat to the air over the whole surface"
     excitation = "a screw that is warmer than the air, heating and cooling"
     source = "Newton's law of cooling; Kim et al., eq. 1"
@@ -64,6 +66,7 @@ class SpeedConvection(EffectTable):
 
     parameters = {"gain": Fitted("1", 0.1)}
     turning = True
+    families = (SURFACE_LOSS, HEAT_LOSS)
     lacks = "cooling that grows with the screw's rotation"
     excitation = "two speeds or more at which the screw is warm"
     source = "Yu et al., rotating cylinder; Kendoush 1996"
@@ -96,6 +99,7 @@ class UnevenConvection(EffectTable):
     extra_W_m2K: Annotated[Finite, Field(ge=-200, le=500)]
 
     parameters = {"from_m": position(CELLS), "to_m": position(CELLS), "extra_W_m2K": Fitted("W/m2K", 5.0)}
+    families = (END_LOSS, SURFACE_LOSS, HEAT_LOSS)
     lacks = "a stretch of the screw that is cooled more or less than the rest"
     excitation = "a warm screw, and sensors on and beside the stretch"
     source = "Newton's law of cooling with h(x)"
@@ -135,10 +139,14 @@ class UnevenConvection(EffectTable):
         ends_m = (max(middle_m - least_m / 2, 0.0), min(middle_m + least_m / 2, length_m))
         return self.model_copy(update={"from_m": ends_m[0], "to_m": ends_m[1]})
 
+    def place(self, length_m: float) -> str | None:
+        """The end at which the whole stretch lies, if any."""
+        end = end_at(self.from_m, length_m)
+        return end if end == end_at(self.to_m, length_m) else None
+
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
         """A loss at an end, or over the whole screw."""
-        end = end_at(self.from_m, length_m)
-        if end is not None and end == end_at(self.to_m, length_m):
+        if (end := self.place(length_m)) is not None:
             return EndConduction, end
         whole = self.to_m - self.from_m > (1 - AT_END) * length_m
         return (SurfaceConvection, None) if whole else None
@@ -151,6 +159,7 @@ class RadiationEffect(EffectTable):
     emissivity: Annotated[Finite, Field(ge=0, le=1)]
 
     parameters = {"emissivity": Fitted("1", 0.3)}
+    families = (SURFACE_LOSS, HEAT_LOSS)
     lacks = "heat radiated by the surface"
     excitation = "a screw that is more than 40 K warmer than its surroundings, and one that is hardly warmer"
     source = "Stefan and Boltzmann; Lathe study, eq. 6"

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from observer.effects import base
 from observer.effects.base import EffectTable, Fitted, Shape, Target, position, speed_channel
+from observer.effects.families import END_SOURCE
 from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
@@ -33,6 +34,7 @@ class EndHeat(EffectTable):
 
     parameters = {"heat_W_rpm": Fitted("W/rpm", 1e-3)}
     targets = "end"
+    families = (END_SOURCE,)
     lacks = "heat at {target} that grows with speed"
     excitation = "two speeds or more, and a standstill"
     source = "Kim et al., eq. 29"
@@ -58,6 +60,7 @@ class MotorHeat(EffectTable):
 
     parameters = {"heat_W": Fitted("W", 2.0, low=0.0)}
     targets = "end"
+    families = (END_SOURCE,)
     lacks = "heat from the drive at {target}, the same at any speed"
     excitation = "a standstill with the drive on, and speeds that differ"
     source = "Yu et al., the motor as a heat source of the shaft"
@@ -75,6 +78,7 @@ class LocalHeat(EffectTable):
     heat_W: Annotated[Finite, Field(ge=-500, le=500)]
 
     parameters = {"position_m": position(10), "heat_W": Fitted("W", 2.0)}
+    families = (END_SOURCE,)
     lacks = "a source of heat at one place of the screw"
     excitation = "a log longer than the screw's slowest mode, and sensors on both sides of the place"
     source = "a point source; Kim et al., eq. 1"
@@ -89,9 +93,13 @@ class LocalHeat(EffectTable):
         places_m = np.linspace(0.0, machine.screw.length_m, 13).tolist()
         return [{"position_m": x, "heat_W": 2.0} for x in places_m]
 
+    def place(self, length_m: float) -> str | None:
+        """The end at which it is, if any."""
+        return base.end_at(self.position_m, length_m)
+
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
         """At an end, the heat of a drive."""
-        end = base.end_at(self.position_m, length_m)
+        end = self.place(length_m)
         return None if end is None else (MotorHeat, end)
 
 

@@ -72,6 +72,14 @@ class Evidence:
         total = sum(float(np.sum((matrix * self.noise_K[index]) ** 2)) for index, matrix in self.groups)
         return total / max(len(self.run), 1)
 
+    @cached_property
+    def deviation_K(self) -> FloatArray:
+        """One standard deviation (n,) of every row: its noise, and what no model of this form gets right."""
+        out = self.noise_K.copy()
+        for index, matrix in self.groups:
+            out[index] = np.linalg.norm(np.linalg.inv(matrix), axis=1)
+        return out
+
     @property
     def folds(self) -> int:
         """How many folds there are."""

@@ -119,6 +119,24 @@ class Forward:
                         changes.append(change)
         return changes
 
+    def fields(self, config: Config, positions_m: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Return, for each run, the temperature (T, P) at places of the screw at the ends of its steps, and
+        the ambient (T,), °C.
+        """
+        like = config.sensor[0].model_copy(update={"position_m": 0.0, "on": None})
+        places = [
+            like.model_copy(update={"name": f"place.{i}", "position_m": x})
+            for i, x in enumerate(positions_m.tolist())
+        ]
+        unit, strength = unit_laws(lean_config(config, self._modes))
+        unit = unit.model_copy(update={"sensor": (*unit.sensor, *places)})
+        plant = build_plant(unit, nut_places=2).sensors_only()
+        setting = Setting(unit, f"fields {unit.model_dump_json(include=PREDICTS)}", strength, plant)
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows = [self._rows(setting, run)[1:] for run in self.runs]
+        ambient = plant.known.ambient
+        return [(values[:, -len(places) :], inputs.z_end[:, ambient]) for inputs, values in rows]
+
     def _with_tables(self, plant: Plant) -> Plant:
         """The plant with the first one's tables: what the dropped modes add goes with 1/kA, not the film."""
         lagging = ~plant.rows.C[:, : plant.modes].any(axis=1)
@@ -137,16 +155,28 @@ class Forward:
         return inputs._replace(law_W=inputs.law_W * np.concatenate([setting.strength, added]))
 
     def _predict(self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None) -> FloatArray:
+        before, inputs, rows = self._rows(setting, run, more_W)
+        return run.means(setting.plant, inputs, before, rows)
+
+    def _rows(
+        self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None
+    ) -> tuple[FloatArray, Inputs, FloatArray]:
+        """The output rows (R,) at the start of a run, its inputs, and the rows (T, R) at its steps' ends.
+
+        Rows beyond the run's own sensors have nothing to start from.
+        """
         plant, inputs = setting.plant, self._inputs(setting, run)
         if more_W is not None:
             inputs = inputs._replace(law_W=inputs.law_W + more_W)
-        state = start_from_sensors(
-            plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
+        unread = np.full(plant.rows.sensors - len(run.run.start_degC), np.nan)
+        start_degC, start_R_K2 = (
+            np.concatenate([own, unread]) for own in (run.run.start_degC, run.run.start_R_K2)
         )
+        state = start_from_sensors(plant, start_degC, start_R_K2, inputs.law_W[0], inputs.z_start[0])
         before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
         sweep = run.sweep(plant)
         rows = simulate(plant if sweep is None else _told(plant), state, inputs, sweep)[1]
-        return run.means(plant, inputs, before, rows)
+        return before, inputs, rows
 
 
 class Setting(NamedTuple):

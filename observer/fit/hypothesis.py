@@ -29,6 +29,9 @@ MOST_STEP = 0.5
 FAR = 0.2
 """How far a free parameter may go, in its scale, before the derivatives are taken anew."""
 NORMAL_95 = 1.96
+FORM_SHARE = 0.015
+"""How far an effect's own form may be from that of the machine, as a part of its parameters, places and
+temperatures aside: one σ."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,17 +94,19 @@ def _header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
     )
     facts = [
         (f"Gap on data held back, {first[0]} → now", _arrow(gap[f"{first[1]}_rms_K"], gap["after_rms_K"])),
+        ("Of it beyond tolerances", _beyond(gap)),
         ("Noise of the sensors alone", wording.kelvin(gap["floor_rms_K"])),
         ("Logs", f"{len(logs)}, the last kept as proof" if len(logs) > 1 else "1, its end kept as proof"),
     ]
     facts += [(wording.name_of(e), _values(e)) for e in result["effects"]]
+    partial = "" if result["partial"] is None else f" {wording.partial_sentence(result['partial'])}."
     happened = wording.event_of(result)
     where = "" if happened is None else f" {wording.event_sentence(happened, logs[happened['log'] - 1])}."
     sure = "" if result["verdict"] in ("named", "none") else ' class="doubt"'
     verdict, gap_left = wording.headline(found.verdict, result), wording.gap_sentence(result)
     return Html(
         f'<header{sure}><p class="of">{safe(of)}: what the model lacks</p>'
-        f"<h1>{safe(verdict)}.</h1>{paragraph(f'{gap_left}.{where}')}{tiles(facts)}</header>"
+        f"<h1>{safe(verdict)}.</h1>{paragraph(f'{gap_left}.{partial}{where}')}{tiles(facts)}</header>"
     )
 
 
@@ -184,18 +186,26 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
             titles.append(f"{name}: no data")
             continue
         before_K, after_K = _rms(shown.before_K[mine]), _rms(shown.after_K[mine])
-        floor_K = result["gap"]["per_sensor"][sensor.name]["floor_rms_K"]
+        gap = result["gap"]["per_sensor"][sensor.name]
         titles.append(f"{name}, °C: {_arrow(before_K, after_K)} rms")
-        cells.append([sensor.name, site(sensor), *map(wording.kelvin, (before_K, after_K, floor_K))])
+        kelvins = map(wording.kelvin, (before_K, after_K))
+        cells.append([sensor.name, site(sensor), *kelvins, _beyond(gap), wording.kelvin(gap["floor_rms_K"])])
     drawn = [
         figure(panels.comparisons(track, lines, titles[i : i + PANELS], i), _caption(i, logs[run]))
         for i in range(0, len(titles), PANELS)
     ]
-    heads = ["Sensor", "at", f"gap, {shown.before}", f"gap, {shown.after}", "noise alone"]
+    heads = [
+        "Sensor",
+        "at",
+        f"gap, {shown.before}",
+        f"gap, {shown.after}",
+        "beyond tolerances",
+        "noise alone",
+    ]
     return section(
         "Measured against predicted, on data that took no part in fitting or choosing",
         *drawn,
-        table(heads, cells, (1, 2, 3, 4)),
+        table(heads, cells, (1, 2, 3, 4, 5)),
         paragraph(tolerated(found.problem.config.tolerance), "note"),
     )
 
@@ -323,6 +333,12 @@ def _lines(parts: Sequence[str]) -> Html:
 
 def _arrow(before_K: float, after_K: float) -> str:
     return f"{wording.kelvin(before_K)} → {wording.kelvin(after_K)}"
+
+
+def _beyond(gap: dict[str, Any]) -> str:
+    """What of a gap no tolerance explains, calibrated without an effect and with those found."""
+    before_K, after_K = (gap["beyond_tolerances"][f"{key}_rms_K"] for key in ("before", "after"))
+    return wording.kelvin(after_K) if before_K == after_K else _arrow(before_K, after_K)
 
 
 def _signed(value_K: float) -> str:

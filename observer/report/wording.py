@@ -10,6 +10,7 @@ from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery
 from observer.discovery.verdict import Verdict
 from observer.effects.catalogue import BY_KIND
+from observer.effects.families import FAMILIES
 from observer.report.style import duration_text
 
 PHASES = {
@@ -46,6 +47,8 @@ def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
     for effect in result["effects"]:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in effect["parameters"].items())
         yield f"  {name_of(effect)}: {values}"
+    if result["partial"] is not None:
+        yield f"{partial_sentence(result['partial'])}."
     happened = event_of(result)
     if happened is not None:
         log = f"log {happened['log']}"
@@ -66,6 +69,8 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
     if verdict.kind == "ambiguous":
         answers = [joined([lack_of(c.kind, c.target) for c in each]) for each in verdict.sets]
         every = joined(answers, last="; or ", between="; ")
+        if result["family"] is not None:
+            return f"The model lacks {family_text(result['family'])}; the logs cannot tell which: {every}"
         return f"The model lacks one of these, and the logs cannot tell which: {every}"
     if verdict.kind == "unknown":
         return f"Something is missing that the library does not hold: an error remains {verdict.remains}"
@@ -79,6 +84,37 @@ def lack_of(kind: str, *targets: str | None) -> str:
     return effect.lacks.format(target=joined([f"the {t} end" if t in ends else str(t) for t in targets]))
 
 
+def family_text(family: dict[str, Any]) -> str:
+    """A family with its figure, and what stands beside it, as what a model lacks."""
+    every = [_family_text(family), *(_family_text(each) for each in family.get("beside", ()))]
+    return joined(every)
+
+
+def _family_text(family: dict[str, Any]) -> str:
+    """A family with its figure; where it has none, its only member."""
+    if family["name"] is None:
+        kind, _, target = family["members"][0].partition(" at ")
+        return lack_of(kind, target or None)
+    target = family["target"]
+    lacks = FAMILIES[family["name"]].lacks.format(target=f"the {target} end")
+    return f"{lacks} of {joined([measured(p) for p in family['effective'].values()])} in effect"
+
+
+def partial_sentence(partial: dict[str, Any]) -> str:
+    """What an effect explains of the unknown, and what remains, without a full stop."""
+    if partial["family"] is None:
+        values = ", ".join(f"{key} = {measured(p)}" for key, p in partial["parameters"].items())
+        what = f"{lack_of(partial['kind'], partial['target'])} ({name_of(partial)}: {values})"
+    else:
+        what = family_text(partial["family"])
+    doing = "" if partial["phase"] is None else f", while {PHASES.get(partial['phase'], partial['phase'])}"
+    remain, beyond = (kelvin(partial[f"remains_{key}rms_K"]) for key in ("", "beyond_tolerances_"))
+    return (
+        f"Of what is missing {what} explains {100 * partial['share']:.0f} %; {remain} rms remain ({beyond} "
+        f"beyond tolerances), most on {partial['most_on']}{doing}"
+    )
+
+
 def name_of(effect: dict[str, Any]) -> str:
     """Kind and target of an effect, as a configuration spells them."""
     return effect["kind"] if effect["target"] is None else f"{effect['kind']} at {effect['target']}"
@@ -86,18 +122,23 @@ def name_of(effect: dict[str, Any]) -> str:
 
 def gap_sentence(result: dict[str, Any]) -> str:
     """How far measured and predicted are apart on the proof, without a full stop."""
-    gap = result["gap"]
+    gap, beyond = result["gap"], result["gap"]["beyond_tolerances"]
     before, after, given = (kelvin(gap[f"{key}_rms_K"]) for key in ("before", "after", "as_given"))
+    first_K, last_K = (kelvin(beyond[f"{key}_rms_K"]) for key in ("before", "after"))
     noise = f"noise alone: {kelvin(gap['floor_rms_K'])}"
     if gap["before_rms_K"] == gap["after_rms_K"]:
         return (
-            f"On data held back the calibrated model is off by {after} rms (as configured: {given}; {noise})"
+            f"On data held back the calibrated model is off by {after} rms, {last_K} beyond tolerances "
+            f"(as configured: {given}; {noise})"
         )
     with_what = {
         "ambiguous": " with the first of them",
         "unknown": " with the best that the library offers",
     }.get(result["verdict"], "")
-    return f"On data held back the gap goes from {before} to {after} rms{with_what} ({noise})"
+    return (
+        f"On data held back the gap goes from {before} to {after} rms{with_what}, beyond tolerances from "
+        f"{first_K} to {last_K} ({noise})"
+    )
 
 
 def not_told_sentence(blind: Sequence[Candidate]) -> str:

@@ -41,9 +41,21 @@ def search(*rivals: tuple[Any, ...], null: float = 2.0, left: float = NOISE) -> 
     )
 
 
-def proof(after: float = NOISE, *, sensors: tuple[SensorGap, ...] = ()) -> Proof:
-    gap = SensorGap(1.0, 0.5, 0.05, 2.0, after)
-    return Proof(gap, {f"t{i}": each for i, each in enumerate(sensors)}, 1.0, NOISE, (1.0, 0.5))
+def gap(
+    before: float = 2.0,
+    after: float = NOISE,
+    raw_K: tuple[float, float] = (1.0, 0.5),
+    beyond_K: tuple[float, float] = (1.0, 0.5),
+) -> SensorGap:
+    """A gap by its whitened squares, as measured, and beyond tolerances; its form is known to 0.05 K."""
+    return SensorGap(*raw_K, 0.01, before, after, beyond_K, 0.05)
+
+
+def proof(
+    after: float = NOISE, *, sensors: tuple[SensorGap, ...] = (), unproved: tuple[str, ...] = ()
+) -> Proof:
+    each = {f"t{i}": sensor for i, sensor in enumerate(sensors)}
+    return Proof(gap(after=after), each, 1.0, NOISE, unproved)
 
 
 @pytest.fixture(autouse=True)
@@ -80,7 +92,7 @@ def test_what_is_left_beyond_noise_and_a_hundredth_of_what_was_explained_is_unkn
 
 
 def test_a_sensor_that_is_predicted_worse_is_unknown_even_if_all_together_are_better() -> None:
-    worse = SensorGap(0.1, 0.2, 0.05, NOISE, 2 * NOISE + NOTICED)
+    worse = gap(NOISE, 2 * NOISE + NOTICED)
     found = decide(search((trial("nut", 50.0),)), proof(sensors=(worse,)), ())
     assert found.kind == "unknown"
     assert "on data held back" in found.reason
@@ -96,9 +108,44 @@ def test_a_sensor_that_is_predicted_worse_is_unknown_even_if_all_together_are_be
     ],
 )
 def test_worse_is_by_a_fifth_and_beyond_what_is_noticed(before: float, after: float, told: bool) -> None:
-    gap = SensorGap(0.1, 0.1, 0.05, before, after)
-    fine = SensorGap(0.1, 0.05, 0.05, 1.0, NOISE)
-    assert proof(sensors=(gap, fine)).worse == (("t0",) if told else ())
+    found = proof(sensors=(gap(before, after), gap(1.0, NOISE)))
+    assert found.worse == (("t0",) if told else ())
+
+
+@pytest.mark.parametrize(
+    ("raw_K", "beyond_K", "white", "told"),
+    [
+        (0.05 + EPSILON, 0.05 + EPSILON, EPSILON, True),
+        (0.05 + EPSILON, 0.05 + EPSILON, -EPSILON, False),  # within tolerances, then
+        (0.05 + EPSILON, 0.05 - EPSILON, EPSILON, False),
+        (0.05 - EPSILON, 0.05 + EPSILON, EPSILON, False),
+        (-0.3, 0.2, EPSILON, False),
+    ],
+)
+def test_a_sensor_whose_gap_grows_in_kelvin_beyond_its_form_is_unknown(
+    raw_K: float, beyond_K: float, white: float, told: bool
+) -> None:
+    """All together shrink; one grows, and 0.05 K are what no model of this form gets right."""
+    before = NOISE + 0.1
+    worse = gap(before, before + white, (0.4, 0.4 + raw_K), (0.2, 0.2 + beyond_K))
+    found = proof(sensors=(worse, gap()))
+    assert not found.grown
+    assert not found.worse
+    assert found.grown_on == (("t0",) if told else ())
+    assert decide(search((trial("nut", 50.0),)), found, ()).kind == ("unknown" if told else "named")
+
+
+def test_a_sensor_that_is_left_with_noise_has_not_grown() -> None:
+    left = gap(NOISE - 0.1, NOISE - EPSILON, (0.1, 0.4), (0.1, 0.4))
+    assert proof(sensors=(left,)).grown_on == ()
+
+
+def test_an_effect_without_which_the_proof_is_better_is_unknown() -> None:
+    two = search((trial("loss", 50.0),), (trial("body", 40.0),))
+    assert decide(two, proof(), ()).kind == "named"
+    found = decide(two, proof(unproved=("body",)), ())
+    assert found.kind == "unknown"
+    assert "on data held back" in found.reason
 
 
 def test_nothing_found_is_none_or_not_identifiable() -> None:
@@ -171,13 +218,15 @@ SENSOR = np.array([0, 0, 0, 1, 1, 1, 1])
 NOISE_K = np.array([0.1, 9.0, 0.1, 0.2, 0.2, 9.0, 0.2])
 
 
-def proved() -> Proof:
-    """The proof of a fit that predicts 0.5 K too little, where the calibrated model errs by 2 K."""
+def proved(less_K: float | None = None) -> Proof:
+    """The proof of a fit that predicts 0.5 K too little, where the calibrated model errs by 2 K; `less_K`: by
+    how much one of fewer effects does. Of each, the tolerances explain a tenth.
+    """
     evidence = SimpleNamespace(
         proof=PROOF_ROWS, sensor=SENSOR, noise_K=NOISE_K, measured_degC=MEASURED_K, expected=NOISE,
-        whitened=lambda error_K: error_K / NOISE_K,
+        whitened=lambda error_K: error_K / NOISE_K, deviation_K=2 * NOISE_K,
     )  # fmt: skip
-    off_K = {"given": 3.0, "null": -2.0, "fit": 0.5}
+    off_K = {"given": 3.0, "null": -2.0, "fit": 0.5, "less": less_K or 0.0}
     config = SimpleNamespace(name="given", sensor=[SimpleNamespace(name=n) for n in ("t1", "t2", "unseen")])
     problem = SimpleNamespace(
         evidence=evidence, config=config, predicted=lambda c: MEASURED_K - off_K[c.name]
@@ -189,10 +238,25 @@ def proved() -> Proof:
             problem=problem,
             config=SimpleNamespace(name=name),
             marginal=marginal,
-            within_tolerances_K=np.zeros(len(SENSOR)),
+            within_tolerances_K=np.full(len(SENSOR), 0.1 * off_K[name]),
         )
 
-    return prove(of("null", 1.0), of("fit", 0.1))
+    less = () if less_K is None else (("body", of("less", 0.1)),)
+    return prove(of("null", 1.0), of("fit", 0.1), less)
+
+
+@pytest.mark.parametrize(("less_K", "told"), [(0.12, True), (-0.12, True), (0.13, False), (0.5, False)])
+def test_an_effect_is_unproved_if_less_is_left_without_it(less_K: float, told: bool) -> None:
+    """With it 0.45 K are beyond tolerances, known to 0.335 K; nine tenths of the other are."""
+    found = proved(less_K)
+    assert found.whole.form_K == pytest.approx(2 * found.whole.floor_rms_K)
+    assert found.unproved == (("body",) if told else ())
+
+
+def test_what_tolerances_explain_is_taken_off_the_gap() -> None:
+    found = proved()
+    assert found.whole.beyond_tolerances_K == pytest.approx((1.8, 0.45))
+    assert all(each.beyond_tolerances_K == pytest.approx((1.8, 0.45)) for each in found.per_sensor.values())
 
 
 def test_the_proof_compares_on_rows_held_back_alone() -> None:

@@ -15,6 +15,7 @@ import pytest
 from observer.config import Config
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery, discover
+from observer.discovery.partial import partial_of
 from observer.discovery.remainder import Event
 from observer.discovery.result import discovery_result
 from observer.discovery.verdict import Verdict
@@ -23,7 +24,7 @@ from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
 from observer.report.discovery import site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
-from observer.report.wording import as_sentences, headline, interval
+from observer.report.wording import as_sentences, headline, interval, kelvin, partial_sentence
 from observer.tables.sections import Sensor
 from tests.discovery.cases import machine, made_log
 
@@ -178,6 +179,31 @@ def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
     assert text.count("stroke: currentColor") == plain.count("stroke: currentColor") + 2  # one a map
 
 
+def test_the_gap_beyond_tolerances_stands_beside_the_raw_one(found: Discovery, tmp_path: Path) -> None:
+    result = discovery_result(found)
+    whole, sensors = result["gap"]["beyond_tolerances"], result["gap"]["per_sensor"]
+    assert whole["after_rms_K"] < 0.5 * whole["before_rms_K"]
+    _, page = _page(found, tmp_path)
+    assert "beyond tolerances" in page.text
+    for gap in (whole, *(each["beyond_tolerances"] for each in sensors.values())):
+        assert f"{kelvin(gap['before_rms_K'])} → {kelvin(gap['after_rms_K'])}" in page.text
+
+
+def test_a_family_and_a_partial_answer_are_told_on_the_page(found: Discovery, tmp_path: Path) -> None:
+    said = {"sets": ((_candidate("surface_convection"),), (_candidate("radiation"),)), "fits": ()}
+    doubt = replace(found, verdict=replace(found.verdict, kind="ambiguous", **said))
+    result = discovery_result(doubt) | {"family": SURFACE}
+    assert "4.53 (4.12 … 4.94) W/m²K" in _page(doubt, tmp_path, result)[1].text.partition("</h1>")[0]
+    verdict = replace(found.verdict, kind="unknown", remains="on data held back")
+    unknown = replace(found, verdict=verdict, partial=partial_of(found.search))
+    result = discovery_result(unknown)
+    assert result["partial"]["kind"] == "sensor_bias"
+    assert result["partial"]["family"] is None
+    assert result["partial"]["remains_beyond_tolerances_rms_K"] <= result["partial"]["remains_rms_K"]
+    page = _page(unknown, tmp_path, result)[1]
+    assert f"{partial_sentence(result['partial'])}." in page.text
+
+
 def test_what_is_missing_in_a_log_stays_a_gap(found: Discovery) -> None:
     evidence = found.problem.evidence
     (track,) = tracks_of(evidence, ["one"], {"measured": evidence.measured_degC})
@@ -210,12 +236,29 @@ BASE: dict[str, Any] = {
     "verdict": "none",
     "effects": [],
     "calibrated": {},
-    "gap": {"before_rms_K": 0.05, "after_rms_K": 0.05, "floor_rms_K": 0.007, "as_given_rms_K": 1.2731},
+    "gap": {
+        "before_rms_K": 0.05, "after_rms_K": 0.05, "floor_rms_K": 0.007, "as_given_rms_K": 1.2731,
+        "beyond_tolerances": {"before_rms_K": 0.031, "after_rms_K": 0.031},
+    },
+    "family": None,
+    "partial": None,
     "where": [],
     "ranking": [],
     "experiment": None,
-}
-FELL = {"before_rms_K": 0.63, "after_rms_K": 0.156, "floor_rms_K": 0.007, "as_given_rms_K": 1.27}
+}  # fmt: skip
+FELL = {
+    "before_rms_K": 0.63, "after_rms_K": 0.156, "floor_rms_K": 0.007, "as_given_rms_K": 1.27,
+    "beyond_tolerances": {"before_rms_K": 0.61, "after_rms_K": 0.042},
+}  # fmt: skip
+FILM = {"coefficient_W_m2K": {"value": 4.53, "ci95": [4.12, 4.94], "unit": "W/m2K"}}
+SURFACE = {
+    "name": "surface_loss", "target": None, "members": ["surface_convection", "radiation"], "effective": FILM
+}  # fmt: skip
+BODY = {
+    "kind": "attached_mass", "target": "left", "share": 0.836, "remains_rms_K": 1.41,
+    "remains_beyond_tolerances_rms_K": 0.92, "most_on": "t1", "phase": "heat_up", "family": None,
+    "parameters": {"capacity_J_K": {"value": 150.0, "ci95": [140.0, 160.0], "unit": "J/K"}},
+}  # fmt: skip
 TEST = {"name": "soak", "description": "stand still", "duration_s": 7200.0, "separation_sigma": 21.3}
 
 
@@ -233,7 +276,10 @@ def _candidate(kind: str, target: str | None = None) -> Candidate:
 def test_the_sentences_of_none() -> None:
     lines = _lines([_candidate("end_heat", "left"), _candidate("radiation"), _candidate("end_heat", "right")])
     assert lines[0] == "The calibrated model explains the logs; no effect is missing that shows."
-    assert "off by 0.050 K rms (as configured: 1.27 K; noise alone: 0.0070 K)" in lines[1]
+    assert (
+        "off by 0.050 K rms, 0.031 K beyond tolerances (as configured: 1.27 K; noise alone: 0.0070 K)"
+        in lines[1]
+    )
     assert lines[2:] == [
         "These logs cannot show heat at the left end and the right end that grows with speed, nor heat "
         "radiated by the surface: the calibrated parameters could make up all of it."
@@ -261,7 +307,8 @@ def test_the_sentences_of_effects_named() -> None:
         "The model lacks a lag of sensor left and heat that flows into the housing at the left end.",
         "  sensor_lag at left: time_constant_s = 41.2 (38.1 … 44.4) s",
         "  end_conduction at left: conductance_W_K = 0.0523 (0.0501 … 0.0545) W/K",
-        "On data held back the gap goes from 0.63 K to 0.16 K rms (noise alone: 0.0070 K).",
+        "On data held back the gap goes from 0.63 K to 0.16 K rms, beyond tolerances from 0.61 K to 0.042 K "
+        "(noise alone: 0.0070 K).",
     ]
 
 
@@ -283,6 +330,43 @@ def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
         "A test of 2 h 00 min would tell: stand still; it sets the answers 21.3 standard"
     )
     assert "0.63 K to 0.16 K rms with the first of them" in lines[2]
+
+
+def test_the_sentences_of_a_family_tell_its_figure() -> None:
+    said = {"sets": [[_candidate("surface_convection")], [_candidate("radiation")]]}
+    lines = _lines(verdict="ambiguous", said=said, family=SURFACE, gap=FELL)
+    assert lines[0] == (
+        "The model lacks a loss of heat from the surface of 4.53 (4.12 … 4.94) W/m²K in effect; the logs "
+        "cannot tell which: a loss of heat to the air over the whole surface; or heat radiated by the "
+        "surface."
+    )
+
+
+def test_a_family_is_told_with_its_end_and_with_what_stands_beside_it() -> None:
+    heat = {"heat_W": {"value": 4.0, "ci95": [3.5, 4.5], "unit": "W"}}
+    at_end = {"name": "end_source", "target": "left", "members": ["motor_heat at left", "end_heat at left"]}
+    beside = {"name": None, "target": None, "members": ["sensor_bias at t2"], "effective": {}}
+    family = at_end | {"effective": heat, "beside": [beside]}
+    said = {"sets": [[_candidate("motor_heat", "left")], [_candidate("end_heat", "left")]]}
+    (first, *_) = _lines(verdict="ambiguous", said=said, family=family, gap=FELL)
+    assert first.startswith(
+        "The model lacks heat at the left end of 4.00 (3.50 … 4.50) W in effect and a constant error of "
+        "sensor t2; the logs cannot tell which: heat from the drive"
+    )
+
+
+def test_the_sentences_of_something_unknown_tell_what_explains_most_and_what_remains() -> None:
+    said = {"remains": "in what was fitted"}
+    family = _lines(verdict="unknown", said=said, gap=FELL, partial=BODY | {"family": SURFACE})
+    assert family[1] == (
+        "Of what is missing a loss of heat from the surface of 4.53 (4.12 … 4.94) W/m²K in effect explains "
+        "84 %; 1.41 K rms remain (0.92 K beyond tolerances), most on t1, while heating up."
+    )
+    alone = _lines(verdict="unknown", said=said, gap=FELL, partial=BODY | {"phase": None})
+    assert alone[1] == (
+        "Of what is missing a body that stores heat at the left end (attached_mass at left: capacity_J_K = "
+        "150 (140 … 160) J/K) explains 84 %; 1.41 K rms remain (0.92 K beyond tolerances), most on t1."
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,174 @@
+"""What logs tell of effects that they cannot tell apart: the family they belong to, and its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.candidates import Candidate
+from observer.effects.base import EffectTable
+from observer.effects.families import Family
+from observer.fit.flows import Past, loss_W
+from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit, Parameter, with_effects
+from observer.fit.problem import Problem
+from observer.fit.runs import mean_over
+from observer.fit.steps import SteppedRun
+from observer.frames import BoolArray, FloatArray
+
+PLACES = 41
+"""How finely the field is looked at along the screw."""
+DIFFERENCE = 1e-3
+"""Step of a parameter, in its scale, by which a figure's derivative is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A family's figure as logs tell it, with its 95 % interval."""
+
+    value: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Candidates that explain logs alike, each in the place of the other.
+
+    A single one stands beside the others in every answer: it needs no family. `place` is what `family` asks
+    for; `figure` counts every member alike and spans their intervals.
+    """
+
+    members: tuple[Candidate, ...]
+    family: Family | None = None
+    place: str | None = None
+    figure: Figure | None = None
+
+
+class Member(NamedTuple):
+    """A candidate, a fit that holds its effect, and the number of that effect in the fit's configuration."""
+
+    candidate: Candidate
+    fit: Fit
+    effect: int
+
+    @classmethod
+    def of(cls, candidate: Candidate, fit: Fit) -> Member:
+        """Find the candidate's effect among those that the fit has added."""
+        before, effects = len(fit.problem.config.effect), fit.config.effect
+        own = (candidate.kind, candidate.target)
+        added = (i for i, e in enumerate(effects) if (e.kind, getattr(e, "target", None)) == own)
+        return cls(candidate, fit, next(i for i in added if i >= before))
+
+    @property
+    def table(self) -> EffectTable:
+        """The effect as fitted."""
+        found: EffectTable = self.fit.config.effect[self.effect]
+        return found
+
+
+def ties(sets: Sequence[Sequence[Candidate]], fits: Sequence[Fit]) -> tuple[Tie, ...]:
+    """Return what sets of effects have in common, effect by effect; nothing where not all is of one family.
+
+    The first set is the best; every other has one effect exchanged.
+    """
+    if len({len(each) for each in sets}) != 1:
+        return ()
+    found = []
+    for place, own in enumerate(sets[0]):
+        exchanged = zip(sets[1:], fits[1:], strict=True)
+        others = [Member.of(s[place], fit) for s, fit in exchanged if s[place].name != own.name]
+        tie = tie_of([Member.of(own, fits[0]), *others]) if others else Tie((own,))
+        if tie is None:
+            return ()
+        found.append(tie)
+    return tuple(sorted(found, key=lambda tie: tie.family is None))
+
+
+def tie_of(members: Sequence[Member]) -> Tie | None:
+    """Return the closest family that all members share, with its figure; None where they share none."""
+    length_m = members[0].fit.config.screw.length_m
+    places = {m.table.place(length_m) for m in members}
+    for family in members[0].table.families:
+        shared = all(family in m.table.families for m in members)
+        if shared and (not family.placed or (len(places) == 1 and places <= {"left", "right"})):
+            figures = [figure_of(m, family) for m in members]
+            low, high = min(f.ci95[0] for f in figures), max(f.ci95[1] for f in figures)
+            return Tie(
+                tuple(m.candidate for m in members),
+                family,
+                places.pop() if family.placed else None,
+                Figure(float(np.mean([f.value for f in figures])), (low, high)),
+            )
+    return None
+
+
+def figure_of(member: Member, family: Family) -> Figure:
+    """Return the family's figure for one member, by the field that its fit predicts.
+
+    The interval carries along that of the effect's parameters, and what its form may be off.
+    """
+    fit, config = member.fit, member.fit.config
+    pasts = () if family.against == "own" else pasts_of(fit.problem, config)
+    own = [(j, p) for j, p in enumerate(fit.parameters) if p.effect == member.effect]
+
+    def at(parameter: Parameter | None = None, value: float = 0.0) -> float:
+        moved = config if parameter is None else with_effects(config, [parameter], np.array([value]))
+        return effective(moved.effect[member.effect], family, moved, pasts)
+
+    value, slopes = at(), []
+    for j, p in own:
+        step = DIFFERENCE * p.scale * (1.0 if fit.values[j] + DIFFERENCE * p.scale <= p.high else -1.0)
+        slopes.append((at(p, fit.values[j] + step) - value) / step)
+    rows = [len(fit.problem.keys) + j for j, _ in own]
+    g, P = np.array(slopes), fit.covariance[np.ix_(rows, rows)]
+    wide = NORMAL_95 * float(np.hypot(np.sqrt(max(g @ P @ g, 0.0)), FORM_SHARE * value))
+    return Figure(value, (value - wide, value + wide))
+
+
+def effective(effect: EffectTable, family: Family, config: Config, pasts: Sequence[Past]) -> float:
+    """Return the figure of a family for one of its effects: see `Family`."""
+    if family.against == "own":
+        return float(getattr(effect, family.key))
+    taken_W = np.concatenate([loss_W(effect, config, past)[past.counted] for past in pasts])
+    if family.against == "time":
+        length_s = np.concatenate([past.length_s[past.counted] for past in pasts])
+        return -float(taken_W @ length_s / length_s.sum())
+    end = effect.place(config.screw.length_m)
+    driven = np.concatenate([_drive(family, config, past, end)[past.counted] for past in pasts])
+    return float(taken_W @ driven / (driven @ driven))
+
+
+def _drive(family: Family, config: Config, past: Past, end: str | None) -> FloatArray:
+    """What the heat (T,) is held against: K, or m² K for a surface."""
+    if family.against == "end":
+        return np.asarray(past.excess_K[:, 0 if end == "left" else -1])
+    mean_K = past.along(past.excess_K) / config.screw.length_m
+    surface_m2 = np.pi * config.screw.diameter_m * config.screw.length_m
+    return surface_m2 * mean_K if family.against == "surface" else mean_K
+
+
+def pasts_of(problem: Problem, config: Config) -> tuple[Past, ...]:
+    """Return what the screw went through in each run, as a configuration predicts it."""
+    places_m = np.linspace(0.0, config.screw.length_m, PLACES)
+    fields = problem.forward.fields(config, places_m)
+    return tuple(
+        Past(places_m, *field, run.ticks.length_s, _sizes(run), _fitted(problem, i, run))
+        for i, (run, field) in enumerate(zip(problem.forward.runs, fields, strict=True))
+    )
+
+
+def _sizes(run: SteppedRun) -> dict[str, FloatArray]:
+    """The mean size (T,) of what each channel tells over each step."""
+    frames, ticks = run.run.frames, run.ticks
+    sizes = mean_over(np.nan_to_num(np.abs(frames.values)), frames.dt_s, ticks.first)
+    return dict(zip(frames.channels, sizes.T, strict=True))
+
+
+def _fitted(problem: Problem, number: int, run: SteppedRun) -> BoolArray:
+    """Which steps (T,) of a run were fitted."""
+    evidence = problem.evidence
+    means = np.unique(evidence.mean[evidence.used & (evidence.run == number)])
+    return np.asarray(np.isin(run.ticks.mean, means))
