@@ -1,8 +1,8 @@
 """Find what physical effect a model lacks, and prove on data held back that adding it closes the gap.
 
-The order of work: calibrate within every hypothesis, search, open the proof once, decide, and where the
-answer is a doubt say what characterises it: the event that remains, or the test that would tell. Pure: logs
-come in as frames.
+The order of work: calibrate within every hypothesis, search, ask whether the logs rather than the model are
+at fault, open the proof once, decide, and where the answer is a doubt say what characterises it: the event
+that remains, or the test that would tell. Pure: logs come in as frames.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from observer.discovery.phases import courses_of
 from observer.discovery.proof import Proof, prove
 from observer.discovery.remainder import Event, event
 from observer.discovery.search import Progress, Search, search
-from observer.discovery.verdict import Verdict, decide
+from observer.discovery.suspects import Suspect, suspects
+from observer.discovery.verdict import Verdict, decide, under_suspicion
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
@@ -37,7 +38,10 @@ MOST_ASKED = 5
 
 @dataclass(frozen=True)
 class Discovery:
-    """Everything a discovery found: see the modules of each part."""
+    """Everything a discovery found: see the modules of each part.
+
+    `suspects`: what is wrong with the logs, those first that were put right before the search.
+    """
 
     problem: Problem
     search: Search
@@ -46,6 +50,7 @@ class Discovery:
     where: tuple[Place, ...]
     event: Event | None
     experiment: Experiment | None
+    suspects: tuple[Suspect, ...] = ()
 
 
 def discover(
@@ -53,10 +58,12 @@ def discover(
     runs: Sequence[Sequence[FrameBlock]],
     progress: Progress = lambda _text, _done: None,
     crew: Crew = ALONE,
+    righted: Sequence[Suspect] = (),
 ) -> Discovery:
     """Return what is missing from a configuration, by one or more runs of its machine.
 
     `progress(what, part done)` is called as the work goes on; the `crew` does not change what comes out.
+    `righted` are mistakes of the logs that the runs no longer have.
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
     keys = free_keys(config)
@@ -68,9 +75,12 @@ def discover(
         config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
     )
     found = search(problem, library(config, keys, config.discover.without), progress, crew)
-    progress("opening the proof", 0.92)
+    progress("suspects among the logs", 0.91)
+    wrong = suspects(found.null, found.ranking)
+    progress("opening the proof", 0.94)
     proof = prove(found.null, found.fit)
     verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))
+    verdict = under_suspicion(verdict, [s.text for s in wrong])
     where = localised(found.null, problem.evidence.used)
     return Discovery(
         problem,
@@ -80,6 +90,7 @@ def discover(
         where,
         event(found.fit) if verdict.kind == "unknown" else None,
         _experiment(found.null.problem, found, verdict, crew),
+        (*righted, *wrong),
     )
 
 

@@ -46,6 +46,8 @@ def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
     for effect in result["effects"]:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in effect["parameters"].items())
         yield f"  {name_of(effect)}: {values}"
+    for suspect in result["suspects"]:
+        yield f"{suspect['text']}."
     happened = event_of(result)
     if happened is not None:
         log = f"log {happened['log']}"
@@ -67,6 +69,8 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
         answers = [joined([lack_of(c.kind, c.target) for c in each]) for each in verdict.sets]
         every = joined(answers, last="; or ", between="; ")
         return f"The model lacks one of these, and the logs cannot tell which: {every}"
+    if verdict.suspected:
+        return "The logs themselves are in doubt, so nothing is said to be missing"
     if verdict.kind == "unknown":
         return f"Something is missing that the library does not hold: an error remains {verdict.remains}"
     return f"These logs cannot tell whether an effect is missing: {'; '.join(verdict.lacking)}"

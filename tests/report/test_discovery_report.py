@@ -214,6 +214,7 @@ BASE: dict[str, Any] = {
     "where": [],
     "ranking": [],
     "experiment": None,
+    "suspects": [],
 }
 FELL = {"before_rms_K": 0.63, "after_rms_K": 0.156, "floor_rms_K": 0.007, "as_given_rms_K": 1.27}
 TEST = {"name": "soak", "description": "stand still", "duration_s": 7200.0, "separation_sigma": 21.3}
