@@ -22,6 +22,8 @@ from observer.physics.constants import RAD_S_PER_RPM
 
 LEAST = 30.0
 """The least fall of the deviance over all logs, less what parameters have to earn, that tells a suspect."""
+LEAST_FOLLOWING = 100.0
+"""The same of a sensor that follows a heat: beside a source one dimension alone is a little wrong."""
 BEYOND = {"ambient": 3.0, "offsets": 12.0}
 """The same beside what the configuration tolerates of the air and of offsets."""
 SHARE = 0.9
@@ -55,17 +57,19 @@ class Suspect(NamedTuple):
 
 def suspects(null: Fit, rivals: Sequence[Trial]) -> tuple[Suspect, ...]:
     """Return what is wrong with the logs, as far as it shows; `rivals` are fits of single effects."""
-    units = tuple(misscaled(null))
+    if units := tuple(misscaled(null)):  # beside which nothing else can be told
+        return units
     for weighed in weigh(null):
         if beyond_tolerance(null.problem.config, weighed) and plain(null, weighed, rivals):
-            return (*units, told(null.problem, weighed))
-    return units
+            return (told(null.problem, weighed),)
+    return ()
 
 
 def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
     """Whether a hypothesis earns enough beside what the configuration tolerates of its kind."""
     tolerated = config.tolerance != intolerant(config, weighed.hypothesis.what).tolerance
-    return score(weighed) >= (BEYOND[weighed.hypothesis.what] if tolerated else LEAST)
+    least = LEAST_FOLLOWING if weighed.hypothesis.what == "sensor follows the heater" else LEAST
+    return score(weighed) >= (BEYOND[weighed.hypothesis.what] if tolerated else least)
 
 
 def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial]) -> bool:

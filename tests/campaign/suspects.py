@@ -31,6 +31,7 @@ from tests.truth.machine.generate import runs_of
 from tests.truth.machine.logs import configuration
 from tests.truth.machine.troubles import TROUBLES, Trouble, troubled
 
+MANY, FEW = 0.9, 0.01
 SAME = {"ambient": ("ambient_drift",), "offsets": ("sensor_bias",)}
 """Effects of the library that are the same thing as a suspect: there it is neither right nor wrong."""
 
@@ -131,7 +132,7 @@ def judged(entry: Entry, about: Sequence[str], told: Sequence[Suspect]) -> str:
 def suspect_summary(rows: Sequence[Cells]) -> str:
     """The table of the suspects: found among those made, named among others."""
     lines = [
-        "| suspect | found where it was made | 95 % bounds | ≥ 90 % | named in others | 95 % bounds | ≤ 1 % |",
+        "| suspect | found of those made | 95 % bounds | ≥ 90 % | named in others | 95 % bounds | ≤ 1 % |",
         "|---|---|---|---|---|---|---|",
     ]
     for what in TROUBLES:
@@ -140,17 +141,10 @@ def suspect_summary(rows: Sequence[Cells]) -> str:
         others = [r for r in rows if r["trouble"] != what and not set(r["hidden"].split()) & set(same)]
         found = Share(sum(r["outcome"] in ("right", "extra") for r in made), len(made))
         named = Share(sum(what in r["told"].split("; ") for r in others), len(others))
-        met = [
-            "–" if not s.of else "yes" if ok(s.value) else "**no**"
-            for s, ok in ((found, _many), (named, _few))
-        ]
-        lines.append(f"| {what} | {found} | {met[0]} | {named} | {met[1]} |")
+        one, other = _met(found, found.value >= MANY), _met(named, named.value <= FEW)
+        lines.append(f"| {what} | {found} | {one} | {named} | {other} |")
     return "\n".join(lines) + "\n"
 
 
-def _many(share: float) -> bool:
-    return share >= 0.9
-
-
-def _few(share: float) -> bool:
-    return share <= 0.01
+def _met(share: Share, met: bool) -> str:
+    return ("yes" if met else "**no**") if share.of else "–"

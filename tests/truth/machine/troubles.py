@@ -1,4 +1,4 @@
-"""What is wrong with users' logs rather than with their machines: clocks, units, columns, places of sensors."""
+"""What is wrong with users' logs rather than with their machines: clocks, units, columns, offsets, air."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AMBIENT = "ambient_degC"
 
 
 class Trouble(NamedTuple):
-    """What is wrong with some logs: the runs as they are written, the channels it is about, and by how much."""
+    """What is wrong with some logs: the runs as written, the channels it is about, and by how much."""
 
     runs: list[Run]
     about: tuple[str, ...]
