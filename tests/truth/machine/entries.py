@@ -147,13 +147,14 @@ def suspect_campaign(first_seed: int = SUSPECT_SEED, made: int = 10) -> list[Ent
     """
     entries = []
     for i, seed in enumerate(range(first_seed, first_seed + made)):
+        few_logs, more_logs = (3, 1, 2, 1)[i % 4], (3, 2, 2, 2)[i % 4]
         for trouble in TROUBLES:
-            logs = (3, 2, 1)[i % 3] if trouble != BETWEEN else (3, 2)[i % 2]
-            case = Case(f"suspect.{trouble}", (), seed, typical=i % 4 > 1, logs=logs)
+            logs = more_logs if trouble == BETWEEN else few_logs
+            case = Case(f"suspect.{trouble}", (), seed, typical=i % 5 > 2, logs=logs)
             entries.append(Entry("suspect", trouble.replace(" ", "_"), case, trouble=trouble))
         for typical in (False, True):
             for more in (0, 100):
-                case = Case(f"other.{typical}", (), seed + more, typical=typical, logs=(3, 2, 1)[i % 3])
+                case = Case(f"other.{typical}", (), seed + more, typical=typical, logs=few_logs)
                 entries.append(Entry("other", "typical" if typical else "null", case))
         for j, ladder in enumerate(LADDER):
             if j % made == i:
