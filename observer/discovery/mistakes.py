@@ -235,15 +235,17 @@ def scaled(runs: int, sources: Sequence[int]) -> Hypothesis:
     return Hypothesis("heat differs between logs", runs - 1, tuple(sources), columns=columns)
 
 
-def follows(sensor: int, source: int) -> Hypothesis:
-    """A sensor that shows a source's heat at once."""
+def follows(sensor: int, source: int, late: int = 0) -> Hypothesis:
+    """A sensor that shows a source's heat at once; or in some shares up to so many half minutes late."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
-        heats = problem.forward.heats_W(config)
-        means = [np.repeat(h[:, source, None], len(config.sensor), axis=1) for h in heats]
-        return [np.where(problem.evidence.sensor == sensor, problem.evidence.rows(means), 0.0)]
+        heats = [
+            np.repeat(h[:, source, None], len(config.sensor), 1) for h in problem.forward.heats_W(config)
+        ]
+        each = [[np.vstack([h[:1]] * by + [h[: len(h) - by]]) for h in heats] for by in range(late + 1)]
+        return [np.where(problem.evidence.sensor == sensor, problem.evidence.rows(m), 0.0) for m in each]
 
-    return Hypothesis("sensor follows the heater", 1, (sensor, source), columns=columns)
+    return Hypothesis("sensor follows the heater", 1 + late, (sensor, source), columns=columns)
 
 
 def _with(config: Config, *terms: AmbientShift | Offset) -> Config:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.mistakes import Look, Weighed, What, deviance, score, weigh
+from observer.discovery.mistakes import Look, Weighed, What, deviance, follows, score, weigh
 from observer.discovery.search import PER_PARAMETER, Trial
 from observer.discovery.verdict import WITHIN_REACH
 from observer.fit.hypothesis import Fit
@@ -30,6 +30,8 @@ SHARE = 0.9
 """The least part of what noise does not explain that has to go with it."""
 WITHIN = 0.01
 """A single effect whose fall is lower by less than this part, or by `WITHIN_REACH`, explains as much."""
+SLOWLY = 5
+"""Half minutes within which a sensor that follows a heat shows all of it."""
 FACTORS = {
     "rpm": {
         "rad/s": 1.0 / RAD_S_PER_RPM, "revolutions a second": 60.0, "degrees a second": 1.0 / 6.0,
@@ -108,10 +110,10 @@ def intolerant(config: Config, what: What) -> Config:
 
 def told(problem: Problem, w: Weighed) -> Suspect:
     """A suspect in words."""
-    return _TELL[w.hypothesis.what](problem.config, w)
+    return _TELL[w.hypothesis.what](problem, w)
 
 
-def _late(_config: Config, w: Weighed) -> Suspect:
+def _late(_problem: Problem, w: Weighed) -> Suspect:
     late_s = w.hypothesis.late_s
     much, how = f"{abs(late_s):.0f} s", "later" if late_s > 0 else "earlier"
     text = (
@@ -121,7 +123,8 @@ def _late(_config: Config, w: Weighed) -> Suspect:
     return Suspect("heat starts late", None, late_s, text)
 
 
-def _exchanged(config: Config, w: Weighed) -> Suspect:
+def _exchanged(problem: Problem, w: Weighed) -> Suspect:
+    config = problem.config
     a, b = (config.sensor[i] for i in w.hypothesis.about)
     text = (
         f"The columns {a.channel} and {b.channel} look exchanged: each fits the place of the other; exchange "
@@ -130,16 +133,18 @@ def _exchanged(config: Config, w: Weighed) -> Suspect:
     return Suspect("sensors exchanged", f"{a.channel}, {b.channel}", "exchanged", text)
 
 
-def _ambient(config: Config, w: Weighed) -> Suspect:
+def _ambient(problem: Problem, w: Weighed) -> Suspect:
+    config = problem.config
     channel, runs = config.ambient.channel, len(w.hypothesis.about)
     if len(w.values) == 1:
         most_K, how = float(w.values[0]), f"by {w.values[0]:+.1f} K"
     else:
-        each = [
-            f"{shift:+.1f} K and {drift:+.1f} K/h in log {i + 1}"
-            for i, (shift, drift) in enumerate(zip(w.values[:runs], w.values[runs:], strict=True))
-        ]
-        most_K, how = float(max(w.values[:runs], key=abs)), f"by {', '.join(each)}"
+        hours = [run.run.duration_s / 3600.0 for run in problem.forward.runs]
+        begin_K = w.values[:runs]
+        end_K = begin_K + w.values[runs:] * hours
+        most_K = float(max((*begin_K, *end_K), key=abs))
+        each = zip(begin_K.tolist(), end_K.tolist(), strict=True)
+        how = "by " + ", ".join(f"{a:+.1f} to {b:+.1f} K in log {i + 1}" for i, (a, b) in enumerate(each))
     said = "the configuration states" if channel is None else f"{channel} says"
     text = (
         f"The air near the screw is not what {said}: it departs from it {how}; measure it beside the screw, "
@@ -148,7 +153,8 @@ def _ambient(config: Config, w: Weighed) -> Suspect:
     return Suspect("ambient", channel, _short(most_K), text.replace("-", "−"))
 
 
-def _differs(config: Config, w: Weighed) -> Suspect:
+def _differs(problem: Problem, w: Weighed) -> Suspect:
+    config = problem.config
     ratios = 1.0 + np.concatenate([[0.0], w.values])
     low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
     ratio = float(ratios[high] / ratios[low])
@@ -163,9 +169,11 @@ def _differs(config: Config, w: Weighed) -> Suspect:
     return Suspect("heat differs between logs", ", ".join(channels) or None, _short(ratio), text)
 
 
-def _follows(config: Config, w: Weighed) -> Suspect:
+def _follows(problem: Problem, w: Weighed) -> Suspect:
+    config = problem.config
     sensor, source = config.sensor[w.hypothesis.about[0]], config.source[w.hypothesis.about[1]]
-    per_W = float(w.values[0])
+    slowly = Look.at(problem, w.config).weighed(follows(*w.hypothesis.about, SLOWLY), w.left)
+    per_W = float(np.sum(slowly.values))
     text = (
         f"{sensor.channel} shows the heat of {source.name} at once, {per_W:.2g} K for each watt, beside the "
         "screw's own temperature; mount the sensor on the screw, or leave it out of the configuration"
@@ -173,7 +181,8 @@ def _follows(config: Config, w: Weighed) -> Suspect:
     return Suspect("sensor follows the heater", sensor.channel, _short(per_W), text)
 
 
-def _offsets(config: Config, w: Weighed) -> Suspect:
+def _offsets(problem: Problem, w: Weighed) -> Suspect:
+    config = problem.config
     values = w.values.tolist()
     off = [(s, v) for s, v in zip(config.sensor, values, strict=True)]
     most_K = max(values, key=abs)
@@ -189,7 +198,7 @@ def _short(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-_TELL: dict[str, Callable[[Config, Weighed], Suspect]] = {
+_TELL: dict[str, Callable[[Problem, Weighed], Suspect]] = {
     "heat starts late": _late,
     "sensors exchanged": _exchanged,
     "ambient": _ambient,
