@@ -202,14 +202,16 @@ def _runs_read_rightly(
     """
     from observer.service.misread import read_rightly
 
-    plan, runs = AlignPlan.of(config), list[list[FrameBlock]]()
-    odd, misread = list[str](), dict[Misread, None]()
+    plan, runs = AlignPlan.of(config), []
+    odd: list[str] = []
+    misread: dict[Misread, None] = {}
     for path in log_paths:
         log = read_log(path, config.channels)
-        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, frames_of_log(log, plan), config)]
+        frames = list(frames_of_log(log, plan))
+        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, frames, config)]
         log, found = read_rightly(log, config)
         misread |= dict.fromkeys(found)
-        runs.append(list(frames_of_log(log, plan)))
+        runs.append(list(frames_of_log(log, plan)) if found else frames)
     return runs, odd, tuple(misread)
 
 

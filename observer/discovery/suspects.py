@@ -30,6 +30,8 @@ SHARE = 0.9
 """The least part of what noise does not explain that has to go with it."""
 WITHIN = 0.01
 """A single effect whose fall is lower by less than this part, or by `WITHIN_REACH`, explains as much."""
+ALIKE = 2.0
+"""Offsets whose mean is so many times their spread are alike."""
 SLOWLY = 5
 """Half minutes within which a sensor that follows a heat shows all of it."""
 FACTORS = {
@@ -62,9 +64,17 @@ def suspects(null: Fit, rivals: Sequence[Trial]) -> tuple[Suspect, ...]:
     if units := tuple(misscaled(null)):  # beside which nothing else can be told
         return units
     for weighed in weigh(null):
+        if alike(weighed):
+            continue
         if beyond_tolerance(null.problem.config, weighed) and plain(null, weighed, rivals):
             return (told(null.problem, weighed),)
     return ()
+
+
+def alike(weighed: Weighed) -> bool:
+    """Whether offsets are much the same, for then it is the air that is off, or its sensor."""
+    spread = float(np.std(weighed.values, ddof=1)) if len(weighed.values) > 1 else np.inf
+    return weighed.hypothesis.what == "offsets" and abs(float(np.mean(weighed.values))) > ALIKE * spread
 
 
 def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
@@ -170,9 +180,9 @@ def _differs(problem: Problem, w: Weighed) -> Suspect:
 
 
 def _follows(problem: Problem, w: Weighed) -> Suspect:
-    config = problem.config
-    sensor, source = config.sensor[w.hypothesis.about[0]], config.source[w.hypothesis.about[1]]
-    slowly = Look.at(problem, w.config).weighed(follows(*w.hypothesis.about, SLOWLY), w.left)
+    at, by = w.hypothesis.about
+    sensor, source = problem.config.sensor[at], problem.config.source[by]
+    slowly = Look.at(problem, w.config).weighed(follows(at, by, SLOWLY), w.left)
     per_W = float(np.sum(slowly.values))
     text = (
         f"{sensor.channel} shows the heat of {source.name} at once, {per_W:.2g} K for each watt, beside the "
