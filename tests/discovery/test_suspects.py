@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from observer.discovery.mistakes import weigh
-from observer.discovery.suspects import Suspect, plain, suspects
+from observer.discovery.suspects import Suspect, alike, plain, suspects
 from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
 from observer.fit.hypothesis import fit_effects, fit_null
@@ -165,3 +165,13 @@ def test_the_slice_has_ten_of_each_and_sixty_others() -> None:
     assert all(sum(e.trouble == t for e in entries) >= 10 for t in TROUBLES)
     assert sum(e.trouble is None for e in entries) >= 60
     assert min(e.case.seed for e in entries) == 9000
+
+
+@pytest.mark.parametrize(
+    ("values_K", "same"), [((1.2, 1.0, 1.4), True), ((2.0, -0.4, 0.8), False), ((-1.1, -1.3, -0.9), True)]
+)
+def test_offsets_that_are_alike_are_the_airs(values_K: tuple[float, ...], same: bool) -> None:
+    weighed: Any = SimpleNamespace(hypothesis=SimpleNamespace(what="offsets"), values=np.array(values_K))
+    assert alike(weighed) is same
+    weighed.hypothesis.what = "ambient"
+    assert not alike(weighed)
