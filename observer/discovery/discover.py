@@ -22,7 +22,7 @@ from observer.discovery.phases import courses_of
 from observer.discovery.proof import Proof, prove
 from observer.discovery.remainder import Event, event
 from observer.discovery.search import Progress, Search, search
-from observer.discovery.suspects import Suspect, suspects
+from observer.discovery.suspects import Suspect, about_the_air, suspects
 from observer.discovery.verdict import Verdict, decide, under_suspicion
 from observer.errors import LogError
 from observer.fit.evidence import gather
@@ -80,7 +80,8 @@ def discover(
     progress("opening the proof", 0.94)
     proof = prove(found.null, found.fit)
     verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))
-    verdict = under_suspicion(verdict, [s.text for s in wrong])
+    told = [s.text for s in wrong if s.what != "ambient" or not about_the_air(verdict.fit)]
+    verdict = under_suspicion(verdict, told)
     where = localised(found.null, problem.evidence.used)
     return Discovery(
         problem,

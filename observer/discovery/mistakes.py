@@ -43,6 +43,8 @@ PER_PARAMETER = 6.0
 WORTH = 3.0
 """The least score from which on a hypothesis is linearised anew where it brought the parameters."""
 SHIFTS_S = np.concatenate([np.arange(-900.0, 0.0, 60.0), np.arange(60.0, 901.0, 60.0)])
+LAST = 6
+"""Half minutes from which a log is taken on beyond its end."""
 FINER_S = (30.0, 10.0)
 """By how much inputs may be shifted, and how finely that is told in later rounds."""
 NEAR = 0.1
@@ -174,11 +176,15 @@ def late(problem: Problem, late_s: float) -> Hypothesis:
 
     def change(run: int, means: FloatArray) -> FloatArray:
         time_s = problem.forward.runs[run].ticks.time_s
-        at = np.interp(time_s + late_s, time_s, np.arange(len(time_s)))
+        at_s = time_s + late_s
+        at = np.interp(at_s, time_s, np.arange(len(time_s)))
         low = np.minimum(at.astype(int), max(len(time_s) - 2, 0))
         high = np.minimum(low + 1, len(time_s) - 1)
         part = (at - low)[:, None, None]
-        return np.asarray((1 - part) * means[low] + part * means[high])
+        last = max(len(time_s) - 1 - LAST, 0)  # beyond the end it goes on as it went
+        slope = (means[-1] - means[last]) / max(time_s[-1] - time_s[last], 1.0)
+        beyond_s = np.maximum(at_s - time_s[-1], 0.0)[:, None, None]
+        return np.asarray((1 - part) * means[low] + part * means[high] + beyond_s * slope)
 
     return Hypothesis("heat starts late", 1, change=change, late_s=late_s)
 

@@ -16,6 +16,7 @@ from observer.config import Config
 from observer.discovery.mistakes import Look, Weighed, What, deviance, follows, score, weigh
 from observer.discovery.search import PER_PARAMETER, Trial
 from observer.discovery.verdict import WITHIN_REACH
+from observer.effects.terms import AmbientShift
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem
 from observer.physics.constants import RAD_S_PER_RPM
@@ -95,7 +96,20 @@ def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial]) -> bool:
     return (
         score(weighed) >= LEAST
         and weighed.drop >= SHARE * misfit
-        and not any(_as_well(null, weighed, trial) for trial in rivals)
+        and not any(_as_well(null, weighed, trial) for trial in rivals if not _the_same(weighed, trial))
+    )
+
+
+def _the_same(weighed: Weighed, rival: Trial) -> bool:
+    """Whether an effect is what is suspected: the air, as it goes on."""
+    return weighed.hypothesis.what == "ambient" and about_the_air(rival.fit)
+
+
+def about_the_air(fit: Fit) -> bool:
+    """Whether a fit has an effect that is nothing but another temperature of the air."""
+    return any(
+        all(isinstance(term, AmbientShift) for term in effect.terms(fit.config))
+        for effect in fit.config.effect[len(fit.problem.config.effect) :]
     )
 
 
