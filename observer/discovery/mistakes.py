@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -303,9 +303,17 @@ def score(weighed: Weighed) -> float:
 
 
 def _refined(problem: Problem, weighed: Weighed, null: float) -> Weighed:
-    """The hypothesis where its own parameters bring it: linearised anew there."""
+    """The hypothesis linearised anew where it brought the parameters: from the calibration on, which without
+    it may have gone far astray, or from the configuration as given.
+    """
     if score(weighed) < WORTH:
         return weighed
+    given = replace(weighed, config=problem.config)
+    return max((_nearer(problem, w, null) for w in (weighed, given)), key=lambda w: w.drop)
+
+
+def _nearer(problem: Problem, weighed: Weighed, null: float) -> Weighed:
+    """The hypothesis after a few more rounds."""
     for finer_s in FINER_S:
         look, h = Look.at(problem, weighed.config), weighed.hypothesis
         near = [h] if not h.late_s else [late(problem, h.late_s + i * finer_s) for i in range(-2, 3)]
