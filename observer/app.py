@@ -21,6 +21,7 @@ from observer.service.open_loop import open_loop_rms_K, predicted, read_program,
 
 if TYPE_CHECKING:  # the other commands start without the search
     from observer.discovery.discover import Discovery
+    from observer.service.misread import Misread
 
 Progress = Callable[[int, int], None]
 
@@ -224,6 +225,27 @@ def _runs(log_paths: Sequence[Path], config: Installation) -> tuple[list[list[Fr
     return runs, odd
 
 
+def _runs_read_rightly(
+    log_paths: Sequence[Path], config: Installation
+) -> tuple[list[list[FrameBlock]], list[str], tuple[Misread, ...]]:
+    """The frames of each log with its channels in the units expected, what was doubtful about the logs as
+    they are, and which channels are in another unit.
+    """
+    from observer.service.misread import read_rightly
+
+    plan, runs = AlignPlan.of(config), []
+    odd: list[str] = []
+    misread: dict[Misread, None] = {}
+    for path in log_paths:
+        log = read_log(path, config.channels)
+        frames = list(frames_of_log(log, plan))
+        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, frames, config)]
+        log, found = read_rightly(log, config)
+        misread |= dict.fromkeys(found)
+        runs.append(list(frames_of_log(log, plan)) if found else frames)
+    return runs, odd, tuple(misread)
+
+
 def discover(
     config_path: Path,
     log_paths: Sequence[Path],
@@ -239,15 +261,17 @@ def discover(
     from observer.discovery.crew import Crew
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
+    from observer.discovery.suspects import Suspect
     from observer.installation.write_back import with_effects, write_back
     from observer.report.discovery import write_discovery_report
 
     config = load(config_path)
     progress("reading logs", 0.0)
-    runs, odd = _runs(log_paths, config)
+    runs, odd, misread = _runs_read_rightly(log_paths, config)
+    righted = [Suspect("units", m.channel, m.unit, m.text) for m in misread]
     with results_in(output) as part:
         with Crew() as crew:
-            found = find(config, runs, progress, crew)
+            found = find(config, runs, progress, crew, righted)
         result = discovery_result(found) | {"doubts": odd}
         if found.verdict.kind == "named":
             values = {key: entry["value"] for key, entry in result["calibrated"].items()}

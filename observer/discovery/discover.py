@@ -1,8 +1,8 @@
 """Find what physical effect a model lacks, and prove on data held back that adding it closes the gap.
 
-The order of work: calibrate within every hypothesis, search, open the proof once, decide, and where the
-answer is a doubt say what characterises it: the event that remains, or the test that would tell. Pure: logs
-come in as frames.
+The order of work: calibrate within every hypothesis, search, ask whether the logs rather than the model are
+at fault, open the proof once, decide, and where the answer is a doubt say what characterises it: the event
+that remains, or the test that would tell. Pure: logs come in as frames.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from observer.discovery.phases import courses_of
 from observer.discovery.proof import Proof, prove
 from observer.discovery.remainder import Event, event
 from observer.discovery.search import Progress, Search, search, without
-from observer.discovery.verdict import Verdict, decide
+from observer.discovery.suspects import Suspect, about_the_air, suspects
+from observer.discovery.verdict import Verdict, decide, under_suspicion
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
@@ -43,6 +44,7 @@ class Discovery:
     """Everything a discovery found: see the modules of each part.
 
     `ties`: of an ambiguous answer whose sets differ within families only, what stands in each place of them.
+    `suspects`: what is wrong with the logs, those first that were put right before the search.
     """
 
     problem: Problem
@@ -54,6 +56,7 @@ class Discovery:
     experiment: Experiment | None
     ties: tuple[Tie, ...] = ()
     partial: Partial | None = None
+    suspects: tuple[Suspect, ...] = ()
 
 
 def discover(
@@ -61,10 +64,12 @@ def discover(
     runs: Sequence[Sequence[FrameBlock]],
     progress: Progress = lambda _text, _done: None,
     crew: Crew = ALONE,
+    righted: Sequence[Suspect] = (),
 ) -> Discovery:
     """Return what is missing from a configuration, by one or more runs of its machine.
 
     `progress(what, part done)` is called as the work goes on; the `crew` does not change what comes out.
+    `righted` are mistakes of the logs that the runs no longer have.
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
     keys = free_keys(config)
@@ -76,9 +81,13 @@ def discover(
         config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
     )
     found = search(problem, library(config, keys, config.discover.without), progress, crew)
-    progress("opening the proof", 0.92)
+    progress("suspects among the logs", 0.91)
+    wrong = suspects(found.null, found.ranking)
+    progress("opening the proof", 0.94)
     proof = prove(found.null, found.fit, _with_one_less(found, crew))
     verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))
+    told = [s.text for s in wrong if s.what != "ambient" or not about_the_air(verdict.fit)]
+    verdict = under_suspicion(verdict, told)
     where = localised(found.null, problem.evidence.used)
     return Discovery(
         problem,
@@ -90,6 +99,7 @@ def discover(
         _experiment(found.null.problem, found, verdict, crew),
         ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
         partial_of(found) if verdict.kind == "unknown" else None,
+        (*righted, *wrong),
     )
 
 

@@ -79,6 +79,7 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
         "ranking": [_trial(t) for t in found.search.ranking],
         "not_told": [c.name for c in found.search.blind],
         "partial": _partial(found),
+        "suspects": [suspect._asdict() for suspect in found.suspects],
         "experiment": test and asdict(test) | {"separation_sigma": rounded(test.separation_sigma)},
     }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from observer.discovery.candidates import Candidate
@@ -31,7 +31,8 @@ class Verdict:
 
     `fit` is what may be written back, or what remains to be explained; `sets` the sets of effects that
     explain the logs equally well, the best first, and `fits` their fits; `remains` where an error is left
-    that nothing explains; `lacking` what the logs do not hold, a clause for each.
+    that nothing explains; `lacking` what the logs do not hold, a clause for each; `suspected` what is wrong
+    with the logs, a sentence for each without its full stop, where nothing is claimed because of it.
     """
 
     kind: Kind
@@ -40,10 +41,13 @@ class Verdict:
     fits: tuple[Fit, ...] = ()
     remains: Literal["in what was fitted", "on data held back"] | None = None
     lacking: tuple[str, ...] = ()
+    suspected: tuple[str, ...] = ()
 
     @property
     def reason(self) -> str:
         """Why, in a sentence without its full stop."""
+        if self.suspected:
+            return f"the logs themselves are in doubt: {'; '.join(self.suspected)}"
         names = [" and ".join(c.name for c in each) for each in self.sets]
         return {
             "named": f"missing: {''.join(names[:1])}",
@@ -69,6 +73,13 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
         return Verdict("not_identifiable" if lacking else "none", fit, lacking=tuple(lacking))
     sets, fits = alternatives(search, noise)
     return Verdict("ambiguous" if len(sets) > 1 else "named", fit, sets, fits)
+
+
+def under_suspicion(verdict: Verdict, suspected: Sequence[str]) -> Verdict:
+    """Take back what a verdict claims where the logs explain it; what claims nothing stays."""
+    if not suspected or verdict.kind in ("none", "not_identifiable"):
+        return verdict
+    return replace(verdict, kind="unknown", sets=(), fits=(), suspected=tuple(suspected))
 
 
 def goodness(fit: Fit) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.fit.kept import Kept
-from observer.fit.runs import Run
+from observer.fit.runs import Run, mean_over
 from observer.fit.steps import SteppedRun
 from observer.fit.strengths import unit_laws
 from observer.frames import FloatArray, Inputs
@@ -66,6 +66,15 @@ class Forward:
         if self._watch is not None:
             self._watch(means)
         return means
+
+    def heats_W(self, config: Config) -> list[FloatArray]:
+        """The heats by law (b, m) of each run, averaged over its means."""
+        setting, out = self._setting(config), []
+        for run in self.runs:
+            ticks, law_W = run.ticks, self._inputs(setting, run).law_W
+            starts = np.flatnonzero(np.diff(ticks.mean, prepend=-1))
+            out.append(mean_over(law_W, ticks.length_s, starts))
+        return out
 
     def _follow_nuts(self, setting: Setting) -> None:
         """Follow the nuts' paths, which takes longest of all, through several runs at a time."""

@@ -62,6 +62,7 @@ def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any],
     machine = found.problem.config.machine
     parts = [
         _header(found, result, logs),
+        _suspects(result),
         _doubt(found, result),
         _maps(found, result, shown, logs),
         _proof(found, result, shown, logs),
@@ -108,6 +109,16 @@ def _header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Ht
         f'<header{sure}><p class="of">{safe(of)}: what the model lacks</p>'
         f"<h1>{safe(verdict)}.</h1>{paragraph(f'{gap_left}.{partial}{where}')}{tiles(facts)}</header>"
     )
+
+
+def _suspects(result: dict[str, Any]) -> Html:
+    """What is wrong with the logs."""
+    rows = [
+        [s["what"], code(s["channel"]) if s["channel"] else "–", f"{s['text']}."] for s in result["suspects"]
+    ]
+    note = "What the logs show to be wrong with themselves; put it right and search again:"
+    heads = ["Suspect", "channel", "what is wrong, and what to do"]
+    return section("Suspects", paragraph(note, "note"), table(heads, rows)) if rows else Html("")
 
 
 def _doubt(found: Discovery, result: dict[str, Any]) -> Html:

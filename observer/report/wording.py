@@ -47,6 +47,8 @@ def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
     for effect in result["effects"]:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in effect["parameters"].items())
         yield f"  {name_of(effect)}: {values}"
+    for suspect in result["suspects"]:
+        yield f"{suspect['text']}."
     if result["partial"] is not None:
         yield f"{partial_sentence(result['partial'])}."
     happened = event_of(result)
@@ -72,6 +74,8 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
         if result["family"] is not None:
             return f"The model lacks {family_text(result['family'])}; the logs cannot tell which: {every}"
         return f"The model lacks one of these, and the logs cannot tell which: {every}"
+    if verdict.suspected:
+        return "The logs themselves are in doubt, so nothing is said to be missing"
     if verdict.kind == "unknown":
         return f"Something is missing that the library does not hold: an error remains {verdict.remains}"
     return f"These logs cannot tell whether an effect is missing: {'; '.join(verdict.lacking)}"

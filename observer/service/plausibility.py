@@ -176,6 +176,14 @@ _UNITS: Mapping[Kind, tuple[Unit, ...]] = {
     ),
     Kind.SPEED: (("degrees a second", lambda v: v / 6.0), ("revolutions an hour", lambda v: v / 60.0)),
 }
+
+
+def units_of(kind: Kind) -> tuple[Unit, ...]:
+    """The units in which a device may tell a quantity in place of ours, each with the way back."""
+    at_degC = {Kind.SCREW, Kind.NODE, Kind.END, Kind.AMBIENT}
+    return _TEMPERATURES if kind in at_degC else _UNITS.get(kind, ())
+
+
 _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 9999.0, 999.9)
 
 
@@ -187,15 +195,19 @@ def unit_hint(kind: Kind, value: float, low: float, high: float, ambient_degC: f
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
         fitting = [name for name, to in _TEMPERATURES if abs(to(value) - centre) <= ABOVE_AMBIENT_K]
     else:
-        fitting = [name for name, to in _UNITS.get(kind, ()) if low <= to(value) <= high]
+        fitting = [name for name, to in units_of(kind) if low <= to(value) <= high]
     return f"it looks like {fitting[0]}" if fitting else None
 
 
+SPEED_RATIOS = (
+    ("rad/s", 60.0 / (2.0 * math.pi)),
+    ("revolutions a second", 60.0),
+    ("degrees a second", 1.0 / 6.0),
+    ("revolutions an hour", 1.0 / 60.0),
+)
+"""By what a speed in another unit is to be multiplied to be in rpm."""
 _RATIOS = (
-    (60.0 / (2.0 * math.pi), "the speed looks like rad/s where rpm is expected"),
-    (60.0, "the speed looks like revolutions a second where rpm is expected"),
-    (1.0 / 6.0, "the speed looks like degrees a second where rpm is expected"),
-    (1.0 / 60.0, "the speed looks like revolutions an hour where rpm is expected"),
+    *((factor, f"the speed looks like {unit} where rpm is expected") for unit, factor in SPEED_RATIOS),
     (1000.0, "the position looks like mm where m is expected"),
     (0.001, "the position looks like km, or lead_m like mm"),
 )
@@ -233,12 +245,13 @@ def doubts_of_log(
     for source in config.source:
         position, speed = source.position_channel, source.speed_channel
         if position is not None and speed is not None:
-            ratio = way_ratio([part[position] for part in paths], _stroke_m(config, source.stroke_m))
+            ratio = way_ratio([part[position] for part in paths], stroke_of_m(config, source.stroke_m))
             if ratio is not None and not FALLS_SHORT <= ratio <= DISAGREE:
                 yield motion_sentence(position, speed, ratio)
 
 
-def _stroke_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
+def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
+    """How long a stroke is, the whole screw where none is told."""
     return config.screw.length_m if stroke_m is None else stroke_m[1] - stroke_m[0]
 
 

@@ -5,20 +5,30 @@ from __future__ import annotations
 import argparse
 import csv
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tests.campaign.summary import summary, typical_summary
+from tests.campaign.summary import Cells, summary, typical_summary
+from tests.campaign.suspects import SuspectRow, suspect_summary, try_suspect
 from tests.campaign.trial import Row, try_entry
-from tests.truth.machine.entries import FIRST_SEED, Entry, campaign, slice_entries, typical_campaign
+from tests.truth.machine.entries import (
+    FIRST_SEED,
+    SUSPECT_SEED,
+    Entry,
+    campaign,
+    slice_entries,
+    suspect_campaign,
+    typical_campaign,
+)
 
 FOLDER, PAGE = Path("docs/campaign"), Path("docs/discovery.md")
 MARKS = ("<!-- campaign -->", "<!-- end of campaign -->")
 TYPICAL_MARKS = ("<!-- typical users -->", "<!-- end of typical users -->")
+SUSPECT_MARKS = ("<!-- suspects -->", "<!-- end of suspects -->")
 GROUPS = ("null", "ladder", "outside", "pair", "ambiguous", "poor", "absent", "faulty")
 
 
@@ -26,26 +36,53 @@ def main() -> None:
     """Run the campaign, or go on with it."""
     options = _options()
     options.folder.mkdir(parents=True, exist_ok=True)
-    typical = options.slice == "typical"
-    table = options.folder / ("typical.csv" if typical else "results.csv")
-    every = {"ci": slice_entries, "typical": typical_campaign}
-    entries = every[options.slice]() if options.slice else campaign(options.first_seed)
+    name, tables, marks, one = SLICES.get(options.slice, SLICES["ci"])
+    table = options.folder / name
+    entries = _entries(options)
     entries = [e for e in entries if not options.only or options.only in _marks(e)]
     known = {row["name"] for row in read_rows(table) if row["outcome"] != "failed"}
     waiting = [e for e in entries if e.name not in known]
     console = Console()
     console.print(f"{len(entries)} cases, {len(entries) - len(waiting)} already in {table}")
     answers = options.answers or Path("build/campaign/answers")
-    run_entries(waiting, table, answers, options.workers, console)
+    run_entries(waiting, table, answers, options.workers, console, one)
     page = PAGE if options.folder == FOLDER else options.folder / "summary.md"
     before = page.read_text(encoding="utf-8") if page.exists() else ""
-    tables = (typical_summary if typical else summary)(read_rows(table))
-    marks = TYPICAL_MARKS if typical else MARKS
-    page.write_text(with_tables(before, tables, marks), encoding="utf-8")
+    page.write_text(with_tables(before, tables(read_rows(table)), marks), encoding="utf-8")
     console.print(f"{table} and {page} written")
 
 
-def run_entries(entries: Sequence[Entry], table: Path, answers: Path, workers: int, console: Console) -> None:
+Trial = Callable[[Entry, Path], Row | SuspectRow]
+SLICES: dict[str, tuple[str, Callable[[Sequence[Cells]], str], tuple[str, str], Trial]] = {
+    "ci": ("results.csv", summary, MARKS, try_entry),
+    "typical": ("typical.csv", typical_summary, TYPICAL_MARKS, try_entry),
+    "suspects": ("suspects.csv", suspect_summary, SUSPECT_MARKS, try_suspect),
+}
+"""Of each slice: its table, the page's part with its marks, and how a case is tried."""
+
+
+def _entries(options: argparse.Namespace) -> list[Entry]:
+    """The cases asked for."""
+    match options.slice:
+        case "ci":
+            return slice_entries()
+        case "typical":
+            return typical_campaign()
+        case "suspects":
+            own = options.first_seed == FIRST_SEED
+            return suspect_campaign(SUSPECT_SEED if own else options.first_seed)
+        case _:
+            return campaign(options.first_seed)
+
+
+def run_entries(
+    entries: Sequence[Entry],
+    table: Path,
+    answers: Path,
+    workers: int,
+    console: Console,
+    one: Trial = try_entry,
+) -> None:
     """Search and judge cases, a line of the table as soon as one is done; an interrupted run can go on."""
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True)
@@ -53,7 +90,7 @@ def run_entries(entries: Sequence[Entry], table: Path, answers: Path, workers: i
     pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
     with pool, Progress(*columns, console=console, speed_estimate_period=600.0) as progress:
         task = progress.add_task("searching", total=len(entries))
-        jobs = [pool.submit(try_entry, entry, answers) for entry in entries]
+        jobs = [pool.submit(one, entry, answers) for entry in entries]
         try:
             for job in as_completed(jobs):
                 row = job.result()
@@ -72,11 +109,11 @@ def with_tables(page: str, tables: str, marks: tuple[str, str] = MARKS) -> str:
     return f"{head}{begin}\n\n{tables}\n{end}{tail}" if begin and end else tables
 
 
-def append_row(table: Path, row: Row) -> None:
+def append_row(table: Path, row: Row | SuspectRow) -> None:
     """Add a line to the table, with the header before the first."""
     fresh = not table.exists()
     with table.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, Row.columns(), lineterminator="\n")
+        writer = csv.DictWriter(file, row.columns(), lineterminator="\n")
         if fresh:
             writer.writeheader()
         writer.writerow(row.cells())
@@ -104,8 +141,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--answers", type=Path, help="of the answers (build/campaign/answers)")
     parser.add_argument(
         "--slice",
-        choices=("ci", "typical"),
-        help="a few cases of every sort, or the machines of typical users",
+        choices=tuple(SLICES),
+        help="a few cases of every sort, the machines of typical users, or logs with something wrong",
     )
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="below 3000: to set thresholds on")

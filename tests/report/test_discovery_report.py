@@ -22,7 +22,7 @@ from observer.discovery.verdict import Verdict
 from observer.effects.catalogue import BY_KIND, LIBRARY
 from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
-from observer.report.discovery import site, write_discovery_report
+from observer.report.discovery import _suspects, site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
 from observer.report.wording import as_sentences, headline, interval, kelvin, partial_sentence
 from observer.tables.sections import Sensor
@@ -245,6 +245,7 @@ BASE: dict[str, Any] = {
     "where": [],
     "ranking": [],
     "experiment": None,
+    "suspects": [],
 }  # fmt: skip
 FELL = {
     "before_rms_K": 0.63, "after_rms_K": 0.156, "floor_rms_K": 0.007, "as_given_rms_K": 1.27,
@@ -422,3 +423,14 @@ def test_values_are_said_to_the_digits_that_their_interval_leaves(
     triple: tuple[float, float, float], text: str
 ) -> None:
     assert interval(*triple) == text
+
+
+def test_the_sentences_of_logs_in_doubt() -> None:
+    late = {"what": "heat starts late", "channel": None, "by": 180.0, "text": "The heat starts 180 s later"}
+    lines = _lines(verdict="unknown", said={"suspected": (late["text"],)}, suspects=[late], gap=FELL)
+    assert lines[0] == "The logs themselves are in doubt, so nothing is said to be missing."
+    assert lines[1] == "The heat starts 180 s later."
+    page = _suspects({"suspects": [late, late | {"what": "units", "channel": "t1_degC"}]})
+    assert "heat starts late" in page
+    assert "<code>t1_degC</code>" in page
+    assert not _suspects({"suspects": []})

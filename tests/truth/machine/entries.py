@@ -18,10 +18,12 @@ from tests.truth.machine.catalogue import (
 )
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.generate import Case
+from tests.truth.machine.troubles import BETWEEN, TROUBLES
 
 FIRST_SEED = 3000
 """Thresholds are set on seeds below, figures come from seeds from here on."""
 TYPICAL_SEED = 6000
+SUSPECT_SEED = 9000
 STRENGTHS = 5
 NULLS, SEEDS, FEW_SEEDS = 200, 8, 4
 
@@ -30,7 +32,8 @@ NULLS, SEEDS, FEW_SEEDS = 200, 8, 4
 class Entry:
     """One case of the campaign. `group` says which figure it counts for, `label` what is hidden.
 
-    `strength` is the ladder's, in its unit; `without` the kinds to be left out of the library.
+    `strength` is the ladder's, in its unit; `without` the kinds to be left out of the library; `trouble` what
+    is wrong with the logs.
     """
 
     group: str
@@ -40,6 +43,7 @@ class Entry:
     strength: float | None = None
     without: tuple[str, ...] = ()
     doubt: Doubtful | None = None
+    trouble: str | None = None
 
     @property
     def name(self) -> str:
@@ -132,6 +136,30 @@ def typical_campaign(first_seed: int = TYPICAL_SEED) -> list[Entry]:
                 hidden, name = (ladder.effect(rung),), f"{group}.{ladder.label}"
                 case = Case(name, hidden, first_seed, ladder.cycle, typical=True, logs=logs)
                 entries.append(Entry(group, ladder.label, case, rung, ladder.strengths[rung]))
+    return entries
+
+
+def suspect_campaign(first_seed: int = SUSPECT_SEED, made: int = 10) -> list[Entry]:
+    """Logs with each trouble, and others: nothing hidden, on machines as configured and as users have them,
+    and every effect at one of the two highest strengths. One, two or three logs.
+
+    In the order of seeds, so that a part of it is a small campaign.
+    """
+    entries = []
+    for i, seed in enumerate(range(first_seed, first_seed + made)):
+        few_logs, more_logs = (3, 1, 2, 1)[i % 4], (3, 2, 2, 2)[i % 4]
+        for trouble in TROUBLES:
+            logs = more_logs if trouble == BETWEEN else few_logs
+            case = Case(f"suspect.{trouble}", (), seed, typical=i % 5 > 2, logs=logs)
+            entries.append(Entry("suspect", trouble.replace(" ", "_"), case, trouble=trouble))
+        for typical in (False, True):
+            for more in (0, 100):
+                case = Case(f"other.{typical}", (), seed + more, typical=typical, logs=few_logs)
+                entries.append(Entry("other", "typical" if typical else "null", case))
+        for j, ladder in enumerate(LADDER):
+            if j % made == i:
+                case = Case(f"other.{ladder.kind}", (ladder.effect(3 + j % 2),), seed, ladder.cycle)
+                entries.append(Entry("other", ladder.label, case, 3 + j % 2, ladder.strengths[3 + j % 2]))
     return entries
 
 

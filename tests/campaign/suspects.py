@@ -1,0 +1,150 @@
+"""The slice of the campaign that is about the logs: which suspects are told, without the rest of a search."""
+
+from __future__ import annotations
+
+import time
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from observer.discovery.candidates import library
+from observer.discovery.crew import ALONE
+from observer.discovery.search import tried
+from observer.discovery.signatures import signatures
+from observer.discovery.suspects import Suspect, suspects
+from observer.files.logs import Log
+from observer.fit.evidence import gather
+from observer.fit.forward import Forward
+from observer.fit.hypothesis import fit_null
+from observer.fit.parameters import free_keys
+from observer.fit.problem import Problem
+from observer.fit.runs import prepare
+from observer.installation import parse
+from observer.service.align import AlignPlan, frames_of_log
+from observer.service.misread import read_rightly
+from tests.campaign.summary import Cells, Share
+from tests.truth.machine.entries import Entry
+from tests.truth.machine.generate import runs_of
+from tests.truth.machine.logs import configuration
+from tests.truth.machine.troubles import TROUBLES, Trouble, troubled
+
+MANY, FEW = 0.9, 0.01
+SAME = {"ambient": ("ambient_drift",), "offsets": ("sensor_bias",)}
+"""Effects of the library that are the same thing as a suspect: there it is neither right nor wrong."""
+
+
+@dataclass(frozen=True)
+class SuspectRow:
+    """One line of the table: what is wrong with the logs, what was told of them, and whether it is so."""
+
+    name: str
+    trouble: str
+    about: str
+    by: str
+    hidden: str
+    logs: str
+    typical: str
+    told: str
+    told_about: str
+    told_by: str
+    outcome: str
+    good: str
+    search_s: str
+    reason: str
+
+    @classmethod
+    def columns(cls) -> list[str]:
+        """The header of the table."""
+        return [f.name for f in fields(cls)]
+
+    def cells(self) -> dict[str, str]:
+        """The line as cells."""
+        return asdict(self)
+
+
+def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
+    """What is told of the logs: by the first round of a search, and what stands before it."""
+    case = entry.case
+    config = parse(tomllib.loads(configuration(case.unmodelled, entry.without, known=not case.typical)))
+    plan, prepared, righted = AlignPlan.of(config), [], dict[Suspect, None]()
+    for i, run in enumerate(trouble.runs):
+        log, misread = read_rightly(Log(Path(f"log {i + 1}"), run.time_s, run.channels, run.values), config)
+        righted |= {Suspect("units", m.channel, m.unit, m.text): None for m in misread}
+        prepared.append(prepare(config, list(frames_of_log(log, plan)), f"log {i + 1}"))
+    forward = Forward(config, prepared)
+    noise_K = np.array([s.noise_K for s in config.sensor])
+    problem = Problem(config, free_keys(config), forward, gather(forward.runs, noise_K))
+    null = fit_null(problem, config)
+    found = suspects(null, ())
+    if found:  # effects only take suspects back
+        marks = signatures(null.problem, null.config, library(config, problem.keys, config.discover.without))
+        found = suspects(null, tried(null, null, marks, (), ALONE))
+    return (*righted, *found)
+
+
+def try_suspect(entry: Entry, _answers: Path) -> SuspectRow:
+    """Make the logs of a case, see what is told of them, and judge it."""
+    begin_s, told, reason = time.monotonic(), tuple[Suspect, ...](), ""
+    made = troubled(entry.case, entry.trouble) if entry.trouble else Trouble(runs_of(entry.case), ())
+    try:
+        told = told_of(entry, made)
+    except Exception as error:  # noqa: BLE001 - one case that fails must not end the campaign
+        reason = f"{type(error).__name__}: {error}".replace("\n", " ")
+    outcome = "failed" if reason else judged(entry, made.about, told)
+    return SuspectRow(
+        name=entry.name,
+        trouble=entry.trouble or "",
+        about=" ".join(made.about),
+        by=made.by,
+        hidden=" ".join(e.kind for e in entry.case.effects),
+        logs=str(entry.case.logs),
+        typical=str(int(entry.case.typical)),
+        told="; ".join(s.what for s in told),
+        told_about="; ".join(s.channel or "" for s in told),
+        told_by="; ".join(str(s.by) for s in told),
+        outcome=outcome,
+        good=str(int(outcome in ("right", "none", "same"))),
+        search_s=f"{time.monotonic() - begin_s:.1f}",
+        reason=reason,
+    )
+
+
+def judged(entry: Entry, about: Sequence[str], told: Sequence[Suspect]) -> str:
+    """What suspects amount to.
+
+    right: that which is wrong and nothing else, of the right channels; extra: something else besides; missed:
+    nothing; wrong: something else; none, same: rightly nothing, or what the hidden effect is.
+    """
+    hidden = {e.kind for e in entry.case.effects}
+    same = {what for what, kinds in SAME.items() if hidden & set(kinds)}
+    names = {s.what for s in told}
+    if entry.trouble is None:
+        return "none" if not names else "same" if names <= same else "wrong"
+    own = [s for s in told if s.what == entry.trouble]
+    if not own or any(channel not in (own[0].channel or "") for channel in about):
+        return "wrong" if told else "missed"
+    return "right" if names == {entry.trouble} else "extra"
+
+
+def suspect_summary(rows: Sequence[Cells]) -> str:
+    """The table of the suspects: found among those made, named among others."""
+    lines = [
+        "| suspect | found of those made | 95 % bounds | ≥ 90 % | named in others | 95 % bounds | ≤ 1 % |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for what in TROUBLES:
+        made = [r for r in rows if r["trouble"] == what]
+        same = SAME.get(what, ())
+        others = [r for r in rows if r["trouble"] != what and not set(r["hidden"].split()) & set(same)]
+        found = Share(sum(r["outcome"] in ("right", "extra") for r in made), len(made))
+        named = Share(sum(what in r["told"].split("; ") for r in others), len(others))
+        one, other = _met(found, found.value >= MANY), _met(named, named.value <= FEW)
+        lines.append(f"| {what} | {found} | {one} | {named} | {other} |")
+    return "\n".join(lines) + "\n"
+
+
+def _met(share: Share, met: bool) -> str:
+    return ("yes" if met else "**no**") if share.of else "–"

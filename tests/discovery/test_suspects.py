@@ -1,0 +1,177 @@
+"""What is wrong with logs is told, with the channel; and nothing of logs that are right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observer.discovery.mistakes import weigh
+from observer.discovery.suspects import Suspect, alike, plain, suspects
+from observer.discovery.verdict import Verdict, under_suspicion
+from observer.files.logs import Log
+from observer.fit.hypothesis import fit_effects, fit_null
+from observer.installation import parse
+from observer.service.misread import read_rightly
+from tests.campaign.suspects import judged, suspect_summary, told_of, try_suspect
+from tests.discovery.cases import machine, made_log, table
+from tests.discovery.small import problem_of
+from tests.truth.machine.entries import Entry, suspect_campaign
+from tests.truth.machine.generate import Case, runs_of
+from tests.truth.machine.troubles import TROUBLES, Trouble, troubled
+
+
+def entry_of(trouble: str | None, seed: int, logs: int = 1) -> Entry:
+    return Entry("suspect", "one", Case("suspects", (), seed, logs=logs), trouble=trouble)
+
+
+@pytest.mark.parametrize("trouble", ["heat starts late", "sensors exchanged", "ambient", "offsets"])
+def test_what_is_wrong_with_one_log_is_told(trouble: str) -> None:
+    entry = entry_of(trouble, 5)
+    made = troubled(entry.case, trouble)
+    (suspect,) = told_of(entry, made)
+    assert suspect.what == trouble
+    assert all(channel in str(suspect.channel) for channel in made.about)
+    if trouble == "heat starts late":
+        assert suspect.channel is None
+        assert float(suspect.by) == pytest.approx(float(made.by.split()[0]), abs=20.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trouble", TROUBLES)
+def test_what_is_wrong_with_logs_is_told(trouble: str, tmp_path: Path) -> None:
+    row = try_suspect(entry_of(trouble, 6, logs=2), tmp_path)
+    assert row.outcome == "right", row
+
+
+def test_nothing_is_told_of_a_log_that_is_right() -> None:
+    entry = entry_of(None, 5)
+    assert told_of(entry, Trouble(runs_of(entry.case), ())) == ()
+
+
+def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
+    """Air that is 2 K warmer than stated, and a candidate whose fit leaves just as little, or more."""
+    truth = machine(ambient={"temperature_degC": 22.0})
+    config = machine()
+    null = fit_null(problem_of(config, [made_log(truth, 1)]), config)
+    best = weigh(null)[0]
+    assert best.hypothesis.what == "ambient"
+    assert best.values == pytest.approx([2.0], abs=0.1)
+    right = fit_effects(null.problem, truth, ())
+    rival: Any = SimpleNamespace(
+        fit=replace(right, problem=null.problem), candidate=SimpleNamespace(fitted={})
+    )
+    useless: Any = SimpleNamespace(fit=null, candidate=SimpleNamespace(fitted={}))
+    assert plain(null, best, [useless])
+    assert not plain(null, best, [useless, rival])
+
+
+def test_a_power_in_kilowatts_is_told() -> None:
+    config = machine(calibrate={"free": ["source.heater.scale"]})
+    log = made_log(config, 1)
+    heater = log.channels.index("heater_W")
+    log.values[:, heater] /= 1000.0
+    null = fit_null(problem_of(config, [log]), config)
+    (suspect,) = suspects(null, ())
+    assert (suspect.what, suspect.channel, suspect.by) == ("units", "heater_W", "kW")
+
+
+NUT: dict[str, Any] = {
+    "name": "nut", "shape": "nut", "length_m": 0.04, "stroke_m": [0.1, 0.3], "position_channel": "x_m",
+    "speed_channel": "n_rpm", "lead_m": 0.01, "torque_Nm": 0.1, "share": 0.5,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "more", "unit"),
+    [
+        ("a_degC", 1.8, 32.0, "°F"),
+        ("a_degC", 1.0, 273.15, "K"),
+        ("air_degC", 1.8, 32.0, "°F"),
+        ("air_degC", 1.0, 273.15, "K"),
+        ("x_m", 1000.0, 0.0, "mm"),
+        ("n_rpm", np.pi / 30.0, 0.0, "rad/s"),
+        ("n_rpm", 1.0 / 60.0, 0.0, "revolutions a second"),
+        ("a_degC", 1.0, 0.0, None),
+    ],
+)
+def test_a_channel_in_another_unit_is_read_in_it(
+    channel: str, factor: float, more: float, unit: str | None
+) -> None:
+    config = parse(table(source=[NUT], ambient={"channel": "air_degC"}))
+    time_s = np.arange(0.0, 900.0, 0.5)
+    turning = (time_s > 60.0) & (time_s < 840.0)
+    way_m = np.cumsum(np.where(turning, 120.0, 0.0)) / 60.0 * 0.01 * 0.5
+    columns = {
+        "a_degC": 22.0 + 5.0 * time_s / 900.0, "b_degC": 22.0 + 4.0 * time_s / 900.0,
+        "c_degC": 22.0 + 3.0 * time_s / 900.0, "x_m": 0.1 + np.abs((way_m + 0.2) % 0.4 - 0.2),
+        "n_rpm": np.where(turning, 120.0, 0.0), "air_degC": 21.5 + 0.5 * np.sin(time_s / 300.0),
+    }  # fmt: skip
+    spoilt = columns | {channel: columns[channel] * factor + more}
+    log = Log(Path("log"), time_s, tuple(spoilt), np.column_stack(list(spoilt.values())))
+    read, found = read_rightly(log, config)
+    assert [(m.channel, m.unit) for m in found] == ([] if unit is None else [(channel, unit)])
+    np.testing.assert_allclose(read.values, np.column_stack(list(columns.values())), atol=1e-9)
+
+
+def test_a_fault_code_is_no_unit() -> None:
+    config = machine()
+    time_s = np.arange(0.0, 600.0, 2.0)
+    names = ("a_degC", "b_degC", "c_degC", "heater_W", "n_rpm")
+    values = np.tile([3276.7, 20.0, 20.0, 0.0, 0.0], (len(time_s), 1))
+    assert read_rightly(Log(Path("log"), time_s, names, values), config)[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "after"),
+    [("named", "unknown"), ("ambiguous", "unknown"), ("unknown", "unknown"), ("none", "none"),
+     ("not_identifiable", "not_identifiable")],
+)  # fmt: skip
+def test_nothing_is_named_while_the_logs_are_in_doubt(kind: Any, after: str) -> None:
+    fit: Any = None
+    verdict = under_suspicion(Verdict(kind, fit, remains="in what was fitted"), ["The clocks differ"])
+    assert verdict.kind == after
+    assert ("The clocks differ" in verdict.reason) == (after == "unknown")
+    assert under_suspicion(Verdict(kind, fit), []).kind == kind
+
+
+def suspect(what: Any, channel: str | None = None) -> Suspect:
+    return Suspect(what, channel, 1.0, "What is wrong")
+
+
+def test_suspects_are_judged_by_what_and_where() -> None:
+    exchanged, right = entry_of("sensors exchanged", 1), suspect("sensors exchanged", "t1_degC, t3_degC")
+    about = ("t1_degC", "t3_degC")
+    assert judged(exchanged, about, [right]) == "right"
+    assert judged(exchanged, about, [right, suspect("units", "t1_degC")]) == "extra"
+    assert judged(exchanged, about, [suspect("sensors exchanged", "t1_degC, t2_degC")]) == "wrong"
+    assert judged(exchanged, about, []) == "missed"
+    assert judged(entry_of(None, 1), (), []) == "none"
+    assert judged(entry_of(None, 1), (), [right]) == "wrong"
+    line = {"trouble": "units", "hidden": "", "told": "units; ambient", "outcome": "extra"}
+    quiet = {"trouble": "", "hidden": "ambient_drift", "told": "ambient", "outcome": "same"}
+    page = suspect_summary([line, quiet])
+    assert "| units | 1/1 = 100.0 % | 2.5 … 100.0 % | yes | 0/1 = 0.0 % |" in page
+    assert "| ambient | – | – | – | 1/1 = 100.0 % |" in page
+
+
+def test_the_slice_has_ten_of_each_and_sixty_others() -> None:
+    entries = suspect_campaign()
+    assert len({e.name for e in entries}) == len(entries)
+    assert all(sum(e.trouble == t for e in entries) >= 10 for t in TROUBLES)
+    assert sum(e.trouble is None for e in entries) >= 60
+    assert min(e.case.seed for e in entries) == 9000
+
+
+@pytest.mark.parametrize(
+    ("values_K", "same"), [((1.2, 1.0, 1.4), True), ((2.0, -0.4, 0.8), False), ((-1.1, -1.3, -0.9), True)]
+)
+def test_offsets_that_are_alike_are_the_airs(values_K: tuple[float, ...], same: bool) -> None:
+    weighed: Any = SimpleNamespace(hypothesis=SimpleNamespace(what="offsets"), values=np.array(values_K))
+    assert alike(weighed) is same
+    weighed.hypothesis.what = "ambient"
+    assert not alike(weighed)
