@@ -1,0 +1,218 @@
+"""The gap between what the model predicts open-loop and what the sensors say, watched over hours.
+
+Beside the estimator, which corrects its heats until they agree with the sensors, a prediction runs whose heats
+are those of the laws; it may only be off as far as `[tolerance]` and the laws' `law_uncertainty` allow (see
+`observer.model.tolerant`). What then is left, against what may be left, is gathered by sensor and phase of the
+machine's work. While it is more than may be, nothing more is learnt of the machine: what has appeared stays to
+be seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from observer.frames import FloatArray, Inputs
+from observer.model.phases import DWELL_S, FAST, PHASES
+from observer.model.tolerant import Gap, Tolerant, TolerantState, gathered
+
+STEP_S = 60.0
+"""Inputs are gathered so long for a step of the prediction."""
+HOURS = 4.0
+"""What is gathered fades in so many hours of the work that it is of."""
+LEAST_H = 1.0
+"""Nothing is said before so many hours …"""
+LEAST_REST_H = 0.5
+"""… or of a machine at rest, before so many."""
+LIMIT, LIMIT_OFF = 1.0, 0.8
+"""How much more than allowed a sensor's gap must be to be told, and how little to be told no more."""
+BREAK_S = 300.0
+"""After so long without an input the prediction begins again where the sensors say."""
+REST_K = 1.0
+"""A machine that does not work and is hardly warmer than the air is at rest, and tells of sensors only."""
+_COMPACT = 256
+_WORKS = 0.02
+_REST = PHASES.index("isothermal")
+_WARM, _STEADY = PHASES.index("heat_up"), PHASES.index("steady")
+_DWELL, _COOL = PHASES.index("dwell"), PHASES.index("cool_down")
+
+
+@dataclass(frozen=True, slots=True)
+class GapState:
+    """What is known after a step that ended at `time_s`, NaN before the first or after a break.
+
+    `theta`, `P` and `x` as in `TolerantState`; `sums` (phases, s, 3): gap², allowed² and steps, fading;
+    `waiting` (s, 3) those of a standstill that is a dwell or a cool-down, `stood_s` long; `judged` steps of
+    work so far; `rise_K` of the sensors on average, and its `fastest_K_s` growth; `most_W` any law's most
+    heat; `last_s` is since when a gap is told, NaN while none is, of sensor number `sensor`, in `phase`.
+    """
+
+    time_s: float
+    x: FloatArray
+    theta: FloatArray
+    P: FloatArray
+    sums: FloatArray
+    waiting: FloatArray
+    stood_s: float
+    judged: int
+    rise_K: float
+    fastest_K_s: float
+    most_W: float
+    last_s: float
+    sensor: int
+    phase: int
+
+
+class GapWatch:
+    """Watches the gap; `figures` and `reason` tell what is known, `state` is what a checkpoint keeps."""
+
+    def __init__(self, tolerant: Tolerant, sensors: tuple[str, ...], state: GapState | None = None) -> None:
+        """Begin with nothing known of the machine, or go on from a state."""
+        self._tolerant = tolerant
+        self._sensors = sensors
+        self.state = self.initial() if state is None else state
+        self._parts: list[Inputs] = []
+        self._minute = math.nan
+
+    def initial(self) -> GapState:
+        """The state before the first input."""
+        s, begin = len(self._sensors), self._tolerant.initial()
+        none = math.nan
+        return GapState(
+            none, begin.x, begin.theta, begin.P, np.zeros((len(PHASES), s, 3)), np.zeros((s, 3)), 0.0, 0,
+            none, 0.0, 0.0, none, -1, -1,
+        )  # fmt: skip
+
+    def restore(self, state: GapState) -> None:
+        """Go on from a state."""
+        self.state, self._parts, self._minute = state, [], math.nan
+
+    def reset(self) -> None:
+        """Begin the prediction again where the sensors say; what is known of the machine stays."""
+        self.restore(replace(self.state, time_s=math.nan))
+
+    def take(self, inputs: Inputs) -> None:
+        """Take the inputs of K steps of the estimator, in order."""
+        minutes = np.floor(inputs.time_s / STEP_S)
+        edges = [0, *(np.flatnonzero(np.diff(minutes)) + 1).tolist(), len(inputs)]
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            if minutes[a] != self._minute:
+                self._finish()
+                self._minute = float(minutes[a])
+            self._parts.append(inputs if b - a == len(inputs) else inputs.part(a, b))
+            if len(self._parts) >= _COMPACT:
+                self._parts = [gathered(self._parts)]
+
+    def _finish(self) -> None:
+        """Take the prediction over the minute that is complete."""
+        parts, self._parts = self._parts, []
+        if parts:
+            self.state = self._stepped(self.state, gathered(parts))
+
+    def _stepped(self, state: GapState, u: Inputs) -> GapState:
+        time_s = float(u.time_s[0])
+        if u.degraded[0] or not (np.isfinite(u.z_start).all() and np.isfinite(u.z_end).all()):
+            return replace(state, time_s=math.nan)
+        before = TolerantState(state.x, state.theta, state.P)
+        if not 0.0 < time_s - state.time_s <= BREAK_S:
+            if not u.usable.any():
+                return state
+            x, theta, P = self._tolerant.begin(before, u)
+            return replace(state, time_s=time_s, x=x, theta=theta, P=P, rise_K=math.nan)
+        u = u._replace(dt_s=np.array([time_s - state.time_s]))
+        after, gap = self._tolerant.ahead(before, u, learn=math.isnan(state.last_s))
+        return self._judged(state, u, after, gap)
+
+    def _judged(self, state: GapState, u: Inputs, after: TolerantState, gap: Gap) -> GapState:
+        dt_s, rise_K = float(u.dt_s[0]), float(np.mean(gap.rise_K))
+        heat_W = float(np.max(np.abs(u.law_W), initial=0.0))
+        most_W = max(state.most_W, heat_W)
+        rate_K_s = 0.0 if math.isnan(state.rise_K) else (rise_K - state.rise_K) / dt_s
+        fastest = max(state.fastest_K_s * math.exp(-dt_s / (24 * 3600.0 * HOURS)), rate_K_s)
+        seen = np.isfinite(gap.gap_K)
+        new = np.column_stack(
+            [np.where(seen, gap.gap_K, 0.0) ** 2, np.where(seen, gap.allowed_K, 0.0) ** 2, seen]
+        )
+        sums, waiting, stood_s, judged = state.sums, state.waiting, state.stood_s, state.judged
+        works = heat_W > _WORKS * most_W
+        at_rest = not works and float(np.max(np.abs(gap.rise_K))) < REST_K
+        if works or at_rest:
+            if stood_s > 0.0:
+                sums = _faded(sums, _DWELL if works and stood_s < DWELL_S else _COOL, waiting)
+                waiting, stood_s = np.zeros_like(waiting), 0.0
+            phase = _REST if at_rest else _WARM if rate_K_s > FAST * fastest else _STEADY
+            sums = _faded(sums, phase, new)
+        elif stood_s + dt_s < DWELL_S:
+            waiting, stood_s = waiting + new, stood_s + dt_s
+        else:
+            sums = _faded(sums, _COOL, waiting + new)
+            waiting, stood_s = np.zeros_like(waiting), stood_s + dt_s
+        return self._told(
+            replace(
+                state, time_s=float(u.time_s[0]), x=after.x, theta=after.theta, P=after.P, sums=sums,
+                waiting=waiting, stood_s=stood_s, judged=judged + (not at_rest), rise_K=rise_K,
+                fastest_K_s=fastest, most_W=most_W,
+            )
+        )  # fmt: skip
+
+    def _told(self, state: GapState) -> GapState:
+        """The state, with what is to be told of it."""
+        ratio = _ratios(state.sums)
+        worst = int(np.argmax(ratio))
+        if ratio[worst] > (LIMIT if math.isnan(state.last_s) else LIMIT_OFF):
+            since_s = state.time_s if math.isnan(state.last_s) else state.last_s
+            return replace(state, last_s=since_s, sensor=worst, phase=_phase(state.sums, worst))
+        return replace(state, last_s=math.nan, sensor=-1, phase=-1)
+
+    @property
+    def figures(self) -> dict[str, Any] | None:
+        """What health tells of the gap, None before an hour of work."""
+        state = self.state
+        work = state.sums[_REST + 1 :].sum(axis=0)
+        if state.judged * STEP_S < 3600.0 * LEAST_H or not work[:, 2].any():
+            return None
+        gap_K, allowed_K = _rms(work)
+        total = _rms(work.sum(axis=0)[None])
+        told = not math.isnan(state.last_s)
+        return {
+            "hours": round(state.judged * STEP_S / 3600.0, 2),
+            "rms_K": round(float(total[0][0]), 3),
+            "allowed_K": round(float(total[1][0]), 3),
+            "per_sensor": {n: round(float(g), 3) for n, g in zip(self._sensors, gap_K, strict=True)},
+            "since_s": state.last_s if told else None,
+            "sensor": self._sensors[state.sensor] if told else None,
+            "phase": PHASES[state.phase] if told else None,
+        }
+
+
+def _faded(sums: FloatArray, phase: int, new: FloatArray) -> FloatArray:
+    """The sums with new ones of a phase, in which what was there has faded as long as the new ones took."""
+    sums = sums.copy()
+    work = slice(_REST, _REST + 1) if phase == _REST else slice(_REST + 1, None)
+    sums[work] *= math.exp(-float(new[:, 2].max()) * STEP_S / (3600.0 * HOURS))
+    sums[phase] += new
+    return sums
+
+
+def _ratios(sums: FloatArray) -> FloatArray:
+    """How much of what is allowed each sensor's gap is (s,), at work or at rest, 0 where too little is there."""
+    found = []
+    for part, least_h in ((sums[_REST + 1 :].sum(axis=0), LEAST_H), (sums[_REST], LEAST_REST_H)):
+        enough = part[:, 2] * STEP_S >= 3600.0 * least_h
+        found.append(np.where(enough, np.sqrt(part[:, 0] / np.maximum(part[:, 1], 1e-12)), 0.0))
+    return np.asarray(np.max(found, axis=0))
+
+
+def _phase(sums: FloatArray, sensor: int) -> int:
+    """In which phase a sensor's gap is furthest beyond what is allowed, by index into `PHASES`."""
+    gap_K2, allowed_K2, count = sums[:, sensor].T
+    return int(np.argmax(np.where(count > 0.0, gap_K2 / np.maximum(allowed_K2, 1e-12), 0.0)))
+
+
+def _rms(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The rms gap and what is allowed (s,), K."""
+    count = np.maximum(sums[:, 2], 1e-12)
+    return np.sqrt(sums[:, 0] / count), np.sqrt(sums[:, 1] / count)
