@@ -70,7 +70,7 @@ class _Ready:
             refuse_unwritable(config.record.directory, "record.directory")
         machine = Machine.of(config, learns=True)
         estimator = machine.estimator()
-        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
+        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator, machine.gap()))
 
     @property
     def checkpoint(self) -> Path | None:
@@ -152,4 +152,5 @@ def _service(
         renewals=renewals,
         compiler=ready.compiler(),
         alone=alone,
+        gap=machine.gap(),
     )

@@ -10,13 +10,13 @@ of `learning`,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.frames import BoolArray, FloatArray, Inputs
+from observer.frames import FloatArray, Inputs
 from observer.model.learning import Kind, nothing_learnt
 from observer.model.plant import Plant
 from observer.model.simulate import SimulationState, simulate, start
@@ -294,4 +294,4 @@ def gathered(blocks: list[Inputs]) -> Inputs:
 
 
 def _mean_of_columns(columns: FloatArray, share: FloatArray) -> FloatArray:
-    return np.einsum("k,kmn->mn", share, columns)[None]
+    return np.asarray(np.einsum("k,kmn->mn", share, columns)[None])

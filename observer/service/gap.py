@@ -1,17 +1,18 @@
 """The gap between what the model predicts open-loop and what the sensors say, watched over hours.
 
-Beside the estimator, which corrects its heats until they agree with the sensors, a prediction runs whose heats
-are those of the laws; it may only be off as far as `[tolerance]` and the laws' `law_uncertainty` allow (see
-`observer.model.tolerant`). What then is left, against what may be left, is gathered by sensor and phase of the
-machine's work. While it is more than may be, nothing more is learnt of the machine: what has appeared stays to
-be seen.
+Beside the estimator, which corrects its heats until they agree with the sensors, a prediction runs whose
+heats follow the laws; it may only be off as far as `[tolerance]` and the laws' `law_uncertainty` allow (see
+`observer.model.tolerant`). What is left then, and what may be left, is gathered by sensor and phase of the
+machine's work. While it is more than may be, nothing more is learnt of the machine: what has appeared stays
+to be seen.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,6 +67,16 @@ class GapState:
     phase: int
 
 
+class Departure(NamedTuple):
+    """A gap beyond what is allowed: of which sensor, since when, most in which phase, and how large it is."""
+
+    sensor: str
+    since_s: float
+    phase: str
+    rms_K: float
+    allowed_K: float
+
+
 class GapWatch:
     """Watches the gap; `figures` and `reason` tell what is known, `state` is what a checkpoint keeps."""
 
@@ -76,6 +87,8 @@ class GapWatch:
         self.state = self.initial() if state is None else state
         self._parts: list[Inputs] = []
         self._minute = math.nan
+        self._most = 0.0
+        self._departures: list[Departure] = []
 
     def initial(self) -> GapState:
         """The state before the first input."""
@@ -98,7 +111,7 @@ class GapWatch:
         """Take the inputs of K steps of the estimator, in order."""
         minutes = np.floor(inputs.time_s / STEP_S)
         edges = [0, *(np.flatnonzero(np.diff(minutes)) + 1).tolist(), len(inputs)]
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges):
             if minutes[a] != self._minute:
                 self._finish()
                 self._minute = float(minutes[a])
@@ -111,6 +124,11 @@ class GapWatch:
         parts, self._parts = self._parts, []
         if parts:
             self.state = self._stepped(self.state, gathered(parts))
+            self._most = max(self._most, float(np.max(_ratios(self.state.sums), initial=0.0)))
+            if (now := self.departure) is not None:
+                if self._departures and self._departures[-1].since_s == now.since_s:
+                    self._departures.pop()
+                self._departures.append(now)
 
     def _stepped(self, state: GapState, u: Inputs) -> GapState:
         time_s = float(u.time_s[0])
@@ -124,6 +142,8 @@ class GapWatch:
             return replace(state, time_s=time_s, x=x, theta=theta, P=P, rise_K=math.nan)
         u = u._replace(dt_s=np.array([time_s - state.time_s]))
         after, gap = self._tolerant.ahead(before, u, learn=math.isnan(state.last_s))
+        if not all(np.isfinite(array).all() for array in (after.x, after.theta, after.P)):
+            return self.initial()  # no estimate hangs on it, so it may not end one
         return self._judged(state, u, after, gap)
 
     def _judged(self, state: GapState, u: Inputs, after: TolerantState, gap: Gap) -> GapState:
@@ -167,6 +187,36 @@ class GapWatch:
             return replace(state, last_s=since_s, sensor=worst, phase=_phase(state.sums, worst))
         return replace(state, last_s=math.nan, sensor=-1, phase=-1)
 
+    def warm_up(self, inputs: Inputs) -> None:
+        """Have everything compiled and loaded, by a step that is then forgotten."""
+        one = gathered([inputs])._replace(dt_s=np.array([STEP_S]))
+        self._tolerant.ahead(self._tolerant.initial(), one)
+
+    @property
+    def departure(self) -> Departure | None:
+        """What is beyond the tolerances now."""
+        state = self.state
+        if math.isnan(state.last_s):
+            return None
+        parts = (state.sums[_REST + 1 :].sum(axis=0), state.sums[_REST])
+        gap_K, allowed_K = max(
+            (_rms(part[[state.sensor]]) for part in parts), key=lambda found: float(found[0][0])
+        )
+        name, phase = self._sensors[state.sensor], PHASES[state.phase]
+        return Departure(name, state.last_s, phase, float(gap_K[0]), float(allowed_K[0]))
+
+    @property
+    def history(self) -> dict[str, Any]:
+        """What a replay tells of it: the figures at the end, the largest gap over what was allowed of any
+        sensor, and every departure.
+        """
+        told = [
+            {"sensor": d.sensor, "since_s": d.since_s, "phase": d.phase, "rms_K": round(d.rms_K, 3),
+             "allowed_K": round(d.allowed_K, 3)}
+            for d in self._departures
+        ]  # fmt: skip
+        return {"now": self.figures, "most_of_allowed": round(self._most, 3), "departures": told}
+
     @property
     def figures(self) -> dict[str, Any] | None:
         """What health tells of the gap, None before an hour of work."""
@@ -174,7 +224,7 @@ class GapWatch:
         work = state.sums[_REST + 1 :].sum(axis=0)
         if state.judged * STEP_S < 3600.0 * LEAST_H or not work[:, 2].any():
             return None
-        gap_K, allowed_K = _rms(work)
+        gap_K, _ = _rms(work)
         total = _rms(work.sum(axis=0)[None])
         told = not math.isnan(state.last_s)
         return {
@@ -198,7 +248,7 @@ def _faded(sums: FloatArray, phase: int, new: FloatArray) -> FloatArray:
 
 
 def _ratios(sums: FloatArray) -> FloatArray:
-    """How much of what is allowed each sensor's gap is (s,), at work or at rest, 0 where too little is there."""
+    """Each sensor's gap over what is allowed (s,), at work or at rest; 0 where too little is there."""
     found = []
     for part, least_h in ((sums[_REST + 1 :].sum(axis=0), LEAST_H), (sums[_REST], LEAST_REST_H)):
         enough = part[:, 2] * STEP_S >= 3600.0 * least_h
