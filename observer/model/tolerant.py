@@ -86,6 +86,7 @@ class Tolerant:
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self._theta = _Theta.of_plant(plant)
+        self._at = {kind: np.flatnonzero(self._theta.kind == kind) for kind in Kind}
         s = plant.rows.sensors
         self._learn = (
             nothing_learnt(len(plant.decay_1_s), s) if plant.learning is None else plant.learning.arrays
@@ -196,7 +197,7 @@ class Tolerant:
         """What the parameters of sensors add to readings, (s, t)."""
         t, s = self._theta, self._plant.rows.sensors
         rows = np.zeros((s, len(t.kind)))
-        offset, place = np.flatnonzero(t.kind == Kind.OFFSET), np.flatnonzero(t.kind == Kind.PLACE)
+        offset, place = self._at[Kind.OFFSET], self._at[Kind.PLACE]
         rows[t.of[offset], offset] = 1.0
         rows[t.of[place], place] = self._learn.slope_C[t.of[place]] @ x
         return rows
@@ -207,34 +208,27 @@ class Tolerant:
 
     def _drive(self, u: Inputs, x: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """∂(c θ)/∂x (n_x, n_x), and c (n_x, t), at a state; see `estimators.compiled.learning.drive`."""
-        plant, learn, t, n_x = self._plant, self._learn, self._theta, len(x)
+        plant, learn, n_x, at = self._plant, self._learn, len(x), self._at
         z, N = 0.5 * (u.z_start[0] + u.z_end[0]), plant.modes
         B = plant.B.copy()
         for i, source in enumerate(plant.moving):
             B[:, source.index] = u.moving_B[0, i]
-        A, c = np.zeros((n_x, n_x)), np.zeros((n_x, len(t.kind)))
-        diagonal, air_degC = np.einsum("ii->i", A), z[learn.ambient]
-        screw = np.arange(n_x) < N
-        by_film = np.where(screw, learn.film_1_s * (learn.uniform * air_degC - x), 0.0)
-        passive = np.where(screw, plant.E @ z - learn.decay_1_s * x, 0.0)
-        for i, (kind, of) in enumerate(zip(t.kind, t.of, strict=True)):
-            if kind == Kind.CONVECTION:
-                c[:, i] = by_film
-                diagonal -= theta[i] * learn.film_1_s * screw
-            elif kind == Kind.CONDUCTIVITY:
-                c[:, i] = passive - by_film
-                diagonal -= theta[i] * np.where(screw, learn.decay_1_s - learn.film_1_s, 0.0)
-            elif kind == Kind.HEAT_CAPACITY:
-                c[:, i] = -passive - np.where(screw, B @ u.law_W[0], 0.0)
-                diagonal += theta[i] * np.where(screw, learn.decay_1_s, 0.0)
-            elif kind == Kind.AMBIENT:
-                c[:, i] = plant.E[:, learn.ambient]
-            elif kind == Kind.END:
-                c[:, i] = learn.ends_B[of] * (air_degC - learn.ends_C[of] @ x)
-                A -= theta[i] * np.outer(learn.ends_B[of], learn.ends_C[of])
-            elif kind == Kind.LAW:
-                c[:, i] = B[:, of] * u.law_W[0, of]
-        return A, c
+        c, rate_1_s = np.zeros((n_x, len(theta))), np.zeros(n_x)
+        film_1_s, decay_1_s = learn.film_1_s, learn.decay_1_s[:N]
+        by_film = film_1_s * (learn.uniform[:N] * z[learn.ambient] - x[:N])
+        passive = (plant.E @ z)[:N] - decay_1_s * x[:N]
+        c[:N, at[Kind.CONVECTION]] = by_film[:, None]
+        c[:N, at[Kind.CONDUCTIVITY]] = (passive - by_film)[:, None]
+        c[:N, at[Kind.HEAT_CAPACITY]] = -(passive + (B @ u.law_W[0])[:N])[:, None]
+        c[:, at[Kind.AMBIENT]] = plant.E[:, [learn.ambient]]
+        rate_1_s[:N] -= theta[at[Kind.CONVECTION]].sum() * film_1_s
+        rate_1_s[:N] -= theta[at[Kind.CONDUCTIVITY]].sum() * (decay_1_s - film_1_s)
+        rate_1_s[:N] += theta[at[Kind.HEAT_CAPACITY]].sum() * decay_1_s
+        ends, laws = at[Kind.END], at[Kind.LAW]
+        into, seen = learn.ends_B[self._theta.of[ends]], learn.ends_C[self._theta.of[ends]]
+        c[:, ends] = into.T * (z[learn.ambient] - seen @ x)
+        c[:, laws] = B[:, self._theta.of[laws]] * u.law_W[0, self._theta.of[laws]]
+        return np.diag(rate_1_s) - (into.T * theta[ends]) @ seen, c
 
     def _forward(self, x: FloatArray, after: FloatArray, u: Inputs) -> FloatArray:
         """The plant's own step, ∂x'/∂x; by differences where states are coupled."""

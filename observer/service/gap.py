@@ -28,7 +28,7 @@ LEAST_H = 1.0
 """Nothing is said before so many hours …"""
 LEAST_REST_H = 0.5
 """… or of a machine at rest, before so many."""
-LIMIT, LIMIT_OFF = 1.0, 0.8
+LIMIT, LIMIT_OFF = 1.3, 1.0
 """How much more than allowed a sensor's gap must be to be told, and how little to be told no more."""
 BREAK_S = 300.0
 """After so long without an input the prediction begins again where the sensors say."""
@@ -124,7 +124,7 @@ class GapWatch:
         parts, self._parts = self._parts, []
         if parts:
             self.state = self._stepped(self.state, gathered(parts))
-            self._most = max(self._most, float(np.max(_ratios(self.state.sums), initial=0.0)))
+            self._most = max(self._most, self.of_allowed)
             if (now := self.departure) is not None:
                 if self._departures and self._departures[-1].since_s == now.since_s:
                     self._departures.pop()
@@ -191,6 +191,11 @@ class GapWatch:
         """Have everything compiled and loaded, by a step that is then forgotten."""
         one = gathered([inputs])._replace(dt_s=np.array([STEP_S]))
         self._tolerant.ahead(self._tolerant.initial(), one)
+
+    @property
+    def of_allowed(self) -> float:
+        """The largest gap of any sensor over what it may be."""
+        return float(np.max(_ratios(self.state.sums), initial=0.0))
 
     @property
     def departure(self) -> Departure | None:
