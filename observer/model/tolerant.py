@@ -25,7 +25,7 @@ WANDER_S = 100 * 86_400.0
 """In what time a machine becomes another one within its tolerances."""
 LAW_FOLLOWS_S = 3600.0
 """In what time the fast part of a law's scale becomes another one: running in, grease that warms."""
-LAW_SHARE = 0.25
+LAW_SHARE = 0.3
 """That part, of what is not known of the law."""
 MODEL_K, MODEL_SHARE = 0.1, 0.03
 """How far a model may be off at a sensor in any case, and with the sensor's rise above the air besides …"""
@@ -105,7 +105,7 @@ class Tolerant:
     def begin(self, state: TolerantState, u: Inputs) -> TolerantState:
         """Begin where the sensors say at the end of a step `u`, with what is known of the machine by now.
 
-        A machine that stands, and is as warm as the air as far as that can be told, has one temperature.
+        A machine that stands, and is as warm as the air as far as can be told, has one temperature.
         """
         plant, n_x, s = self._plant, len(state.x), self._plant.rows.sensors
         seen = u.usable[0] & np.isfinite(u.y_degC[0])
@@ -131,19 +131,21 @@ class Tolerant:
         return self._learnt(state, self._seen(u, x), gap_K, plant.noise_R_K2 + MODEL_K**2)
 
     def _stands(self, state: TolerantState, u: Inputs) -> bool:
-        """Whether no law makes heat, and every sensor tells the air's temperature, within what is known."""
+        """Whether no law makes heat, and all sensors but one tell the air's temperature, as far as is known:
+        one that has gone wrong must not turn into a field.
+        """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
-        air = theta.kind == Kind.AMBIENT
-        if not self._learn.rests or u.law_W.any() or not air.any() or not u.usable[0].any():
+        air = self._at[Kind.AMBIENT]
+        seen = np.flatnonzero(u.usable[0])
+        if not self._learn.rests or u.law_W.any() or not len(air) or not len(seen):
             return False
-        ambient_K2 = float(np.diag(P)[air].sum())
-        for i in np.flatnonzero(u.usable[0]):
-            own = (theta.kind == Kind.OFFSET) & (theta.of == i)
-            K2 = ambient_K2 + float((theta.sigma[own] ** 2).sum()) + self._plant.noise_R_K2[i]
-            apart_K = u.y_degC[0, i] - u.z_end[0, self._learn.ambient] - float(state.theta[own | air].sum())
-            if apart_K**2 > _SURE**2 * K2:
-                return False
-        return True
+        offset_K = self._of_sensors(state.x)[:, self._at[Kind.OFFSET]] @ state.theta[self._at[Kind.OFFSET]]
+        offset_K2 = np.zeros(len(offset_K))
+        offset_K2[theta.of[self._at[Kind.OFFSET]]] = theta.sigma[self._at[Kind.OFFSET]] ** 2
+        K2 = offset_K2 + P[np.ix_(air, air)].sum() + self._plant.noise_R_K2
+        air_degC = u.z_end[0, self._learn.ambient] + state.theta[air].sum()
+        agree = (u.y_degC[0] - offset_K - air_degC) ** 2 <= _SURE**2 * K2
+        return int(agree[seen].sum()) >= max(1, len(seen) - (len(seen) > 2))
 
     def ahead(self, state: TolerantState, u: Inputs, *, learn: bool = True) -> tuple[TolerantState, Gap]:
         """One step, of which `u` tells the means: the state, and what it leaves.

@@ -26,7 +26,7 @@ HOURS = 4.0
 """What is gathered fades in so many hours of the work that it is of."""
 LEAST_H = 1.0
 """Nothing is said before so many hours …"""
-LEAST_REST_H = 0.5
+LEAST_REST_H = 0.25
 """… or of a machine at rest, before so many."""
 LIMIT, LIMIT_OFF = 1.3, 1.0
 """How much more than allowed a sensor's gap must be to be told, and how little to be told no more."""
@@ -34,8 +34,11 @@ BREAK_S = 300.0
 """After so long without an input the prediction begins again where the sensors say."""
 REST_K = 1.0
 """A machine that does not work and is hardly warmer than the air is at rest, and tells of sensors only."""
-_COMPACT = 256
-_WORKS = 0.02
+WORKS = 0.02
+"""Part of the most heat of any law from which on the machine works."""
+FASTEST_FADES_S = 4 * 86_400.0
+"""In what time the fastest warming that was seen is forgotten."""
+_COMPACT = 256  # blocks that are kept apart, whatever the period
 _REST = PHASES.index("isothermal")
 _WARM, _STEADY = PHASES.index("heat_up"), PHASES.index("steady")
 _DWELL, _COOL = PHASES.index("dwell"), PHASES.index("cool_down")
@@ -45,9 +48,9 @@ _DWELL, _COOL = PHASES.index("dwell"), PHASES.index("cool_down")
 class GapState:
     """What is known after a step that ended at `time_s`, NaN before the first or after a break.
 
-    `theta`, `P` and `x` as in `TolerantState`; `sums` (phases, s, 3): gap², allowed² and steps, fading;
-    `waiting` (s, 3) those of a standstill that is a dwell or a cool-down, `stood_s` long; `judged` steps of
-    work so far; `rise_K` of the sensors on average, and its `fastest_K_s` growth; `most_W` any law's most
+    `x`, `theta` and `P` as in `TolerantState`; `sums` (phases, s, 3): ∫ gap², ∫ allowed² and the time,
+    fading; `waiting` (s, 3) those of a standstill of `stood_s` that may be a dwell or a cool-down; `judged_s`
+    of work so far; `rise_K` of the sensors on average, and its `fastest_K_s` growth; `most_W` any law's most
     heat; `last_s` is since when a gap is told, NaN while none is, of sensor number `sensor`, in `phase`.
     """
 
@@ -58,7 +61,7 @@ class GapState:
     sums: FloatArray
     waiting: FloatArray
     stood_s: float
-    judged: int
+    judged_s: float
     rise_K: float
     fastest_K_s: float
     most_W: float
@@ -78,13 +81,13 @@ class Departure(NamedTuple):
 
 
 class GapWatch:
-    """Watches the gap; `figures` and `reason` tell what is known, `state` is what a checkpoint keeps."""
+    """Watches the gap; `figures` and `departure` tell what is known, `state` is what a checkpoint keeps."""
 
-    def __init__(self, tolerant: Tolerant, sensors: tuple[str, ...], state: GapState | None = None) -> None:
-        """Begin with nothing known of the machine, or go on from a state."""
+    def __init__(self, tolerant: Tolerant, sensors: tuple[str, ...]) -> None:
+        """Begin with nothing known of the machine."""
         self._tolerant = tolerant
         self._sensors = sensors
-        self.state = self.initial() if state is None else state
+        self.state = self.initial()
         self._parts: list[Inputs] = []
         self._minute = math.nan
         self._most = 0.0
@@ -95,7 +98,7 @@ class GapWatch:
         s, begin = len(self._sensors), self._tolerant.initial()
         none = math.nan
         return GapState(
-            none, begin.x, begin.theta, begin.P, np.zeros((len(PHASES), s, 3)), np.zeros((s, 3)), 0.0, 0,
+            none, begin.x, begin.theta, begin.P, np.zeros((len(PHASES), s, 3)), np.zeros((s, 3)), 0.0, 0.0,
             none, 0.0, 0.0, none, -1, -1,
         )  # fmt: skip
 
@@ -147,36 +150,35 @@ class GapWatch:
         return self._judged(state, u, after, gap)
 
     def _judged(self, state: GapState, u: Inputs, after: TolerantState, gap: Gap) -> GapState:
+        """The state after a step of the prediction, its gap gathered under what the machine was doing."""
         dt_s, rise_K = float(u.dt_s[0]), float(np.mean(gap.rise_K))
         heat_W = float(np.max(np.abs(u.law_W), initial=0.0))
-        most_W = max(state.most_W, heat_W)
         rate_K_s = 0.0 if math.isnan(state.rise_K) else (rise_K - state.rise_K) / dt_s
-        fastest = max(state.fastest_K_s * math.exp(-dt_s / (24 * 3600.0 * HOURS)), rate_K_s)
-        seen = np.isfinite(gap.gap_K)
-        new = np.column_stack(
-            [np.where(seen, gap.gap_K, 0.0) ** 2, np.where(seen, gap.allowed_K, 0.0) ** 2, seen]
+        state = replace(
+            state,
+            time_s=float(u.time_s[0]),
+            x=after.x,
+            theta=after.theta,
+            P=after.P,
+            rise_K=rise_K,
+            fastest_K_s=max(state.fastest_K_s * math.exp(-dt_s / FASTEST_FADES_S), rate_K_s),
+            most_W=max(state.most_W, heat_W),
         )
-        sums, waiting, stood_s, judged = state.sums, state.waiting, state.stood_s, state.judged
-        works = heat_W > _WORKS * most_W
-        at_rest = not works and float(np.max(np.abs(gap.rise_K))) < REST_K
-        if works or at_rest:
-            if stood_s > 0.0:
-                sums = _faded(sums, _DWELL if works and stood_s < DWELL_S else _COOL, waiting)
-                waiting, stood_s = np.zeros_like(waiting), 0.0
-            phase = _REST if at_rest else _WARM if rate_K_s > FAST * fastest else _STEADY
-            sums = _faded(sums, phase, new)
-        elif stood_s + dt_s < DWELL_S:
-            waiting, stood_s = waiting + new, stood_s + dt_s
-        else:
-            sums = _faded(sums, _COOL, waiting + new)
-            waiting, stood_s = np.zeros_like(waiting), stood_s + dt_s
-        return self._told(
-            replace(
-                state, time_s=float(u.time_s[0]), x=after.x, theta=after.theta, P=after.P, sums=sums,
-                waiting=waiting, stood_s=stood_s, judged=judged + (not at_rest), rise_K=rise_K,
-                fastest_K_s=fastest, most_W=most_W,
+        seen = np.isfinite(gap.gap_K)
+        squares = [np.where(seen, gap.gap_K, 0.0) ** 2, np.where(seen, gap.allowed_K, 0.0) ** 2, seen]
+        new = dt_s * np.column_stack(squares)
+        if heat_W > WORKS * state.most_W:
+            phase = _WARM if rate_K_s > FAST * state.fastest_K_s else _STEADY
+            state = _gathered(
+                _resolved(state, _DWELL if state.stood_s < DWELL_S else _COOL), phase, new, dt_s
             )
-        )  # fmt: skip
+        elif float(np.max(np.abs(gap.rise_K))) < REST_K:
+            state = _gathered(_resolved(state, _COOL), _REST, new, dt_s)
+        else:
+            state = replace(state, waiting=state.waiting + new, stood_s=state.stood_s + dt_s)
+            if state.stood_s >= DWELL_S:
+                state = replace(_resolved(state, _COOL), stood_s=state.stood_s)
+        return self._told(state)
 
     def _told(self, state: GapState) -> GapState:
         """The state, with what is to be told of it."""
@@ -227,13 +229,13 @@ class GapWatch:
         """What health tells of the gap, None before an hour of work."""
         state = self.state
         work = state.sums[_REST + 1 :].sum(axis=0)
-        if state.judged * STEP_S < 3600.0 * LEAST_H or not work[:, 2].any():
+        if state.judged_s < 3600.0 * LEAST_H or not work[:, 2].any():
             return None
         gap_K, _ = _rms(work)
         total = _rms(work.sum(axis=0)[None])
         told = not math.isnan(state.last_s)
         return {
-            "hours": round(state.judged * STEP_S / 3600.0, 2),
+            "hours": round(state.judged_s / 3600.0, 2),
             "rms_K": round(float(total[0][0]), 3),
             "allowed_K": round(float(total[1][0]), 3),
             "per_sensor": {n: round(float(g), 3) for n, g in zip(self._sensors, gap_K, strict=True)},
@@ -243,20 +245,29 @@ class GapWatch:
         }
 
 
-def _faded(sums: FloatArray, phase: int, new: FloatArray) -> FloatArray:
-    """The sums with new ones of a phase, in which what was there has faded as long as the new ones took."""
-    sums = sums.copy()
-    work = slice(_REST, _REST + 1) if phase == _REST else slice(_REST + 1, None)
-    sums[work] *= math.exp(-float(new[:, 2].max()) * STEP_S / (3600.0 * HOURS))
+def _resolved(state: GapState, phase: int) -> GapState:
+    """The state once it is known what a standstill was."""
+    if state.stood_s == 0.0:
+        return state
+    spent_s = float(state.waiting[:, 2].max())
+    none = np.zeros_like(state.waiting)
+    return replace(_gathered(state, phase, state.waiting, spent_s), waiting=none, stood_s=0.0)
+
+
+def _gathered(state: GapState, phase: int, new: FloatArray, spent_s: float) -> GapState:
+    """The state with new sums of a phase, by which those of work, or those of rest, have faded."""
+    part = slice(_REST, _REST + 1) if phase == _REST else slice(_REST + 1, None)
+    sums = state.sums.copy()
+    sums[part] *= math.exp(-spent_s / (3600.0 * HOURS))
     sums[phase] += new
-    return sums
+    return replace(state, sums=sums, judged_s=state.judged_s + (0.0 if phase == _REST else spent_s))
 
 
 def _ratios(sums: FloatArray) -> FloatArray:
     """Each sensor's gap over what is allowed (s,), at work or at rest; 0 where too little is there."""
     found = []
     for part, least_h in ((sums[_REST + 1 :].sum(axis=0), LEAST_H), (sums[_REST], LEAST_REST_H)):
-        enough = part[:, 2] * STEP_S >= 3600.0 * least_h
+        enough = part[:, 2] >= 3600.0 * least_h
         found.append(np.where(enough, np.sqrt(part[:, 0] / np.maximum(part[:, 1], 1e-12)), 0.0))
     return np.asarray(np.max(found, axis=0))
 
