@@ -18,7 +18,8 @@ from observer.service.align import Aligner
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
-from observer.service.keeper import Keeper, carried, stored
+from observer.service.gap import GapState
+from observer.service.keeper import Keeper, carried, known_of_gap, stored
 from observer.service.lives import run
 from observer.service.loop import Service
 from observer.service.machine import Machine
@@ -49,7 +50,8 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
 
     file = ready.checkpoint
     start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
-    run(_service(ready, clock, renewals, start, alone=True), seconds, anew)
+    known = known_of_gap(file, ready.fit) if file is not None and start is None else None
+    run(_service(ready, clock, renewals, start, alone=True, known=known), seconds, anew)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,10 +105,11 @@ def _service(
     start: Snapshot | None,
     *,
     alone: bool,
+    known: GapState | None = None,
 ) -> Service:
     """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
 
-    `alone` asks for nobody else to have the axis.
+    `alone` asks for nobody else to have the axis; `known` is what a cold start knows of the prediction's gap.
     """
     config, machine, estimator = ready.config, ready.machine, ready.estimator
     name, record, instance = config.machine, config.record, secrets.token_hex(4)
@@ -117,6 +120,9 @@ def _service(
         else None
     )
     file = ready.checkpoint
+    gap = machine.gap()
+    if gap is not None and known is not None:
+        gap.restore(known)
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
@@ -152,5 +158,5 @@ def _service(
         renewals=renewals,
         compiler=ready.compiler(),
         alone=alone,
-        gap=machine.gap(),
+        gap=gap,
     )

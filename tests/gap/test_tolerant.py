@@ -94,7 +94,7 @@ def test_a_parameter_does_what_the_changed_machine_does(name: str, one_day) -> N
     said = _gaps(inputs) - _gaps(inputs, kind, sigmas)
     largest = np.abs(there).max()
     assert largest > 0.02
-    assert np.abs(said - there).max() < 0.1 * largest
+    assert np.abs(said - there).max() < 0.1 * largest + 0.003  # a place moves nothing of a nut passing by
 
 
 def test_with_nothing_off_it_is_the_open_loop_prediction(one_day) -> None:

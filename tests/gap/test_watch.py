@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from observer import app
+from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import load
 from observer.model.phases import PHASES
 from observer.service.align import frames_of_log
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted, unpack
 from observer.service.gap import BREAK_S, Departure, GapWatch
+from observer.service.keeper import known_of_gap
 from observer.service.machine import Machine
 from observer.service.pipeline import Pipeline
 from observer.service.reasons import departure_sentence
@@ -143,7 +145,7 @@ def test_after_a_break_or_without_inputs_it_begins_again_and_keeps_what_it_learn
     assert math.isnan(watch.state.time_s)
 
 
-def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inputs) -> None:
+def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inputs, tmp_path) -> None:
     estimator = machine.estimator()
     watch = _watch(machine)
     watch.take(inputs[0])
@@ -156,6 +158,11 @@ def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inp
     assert unpack(pack(snapshot, fit), replace(fit, gap=None)).gap is None
     other = replace(fit, gap=replace(fit.gap, theta=np.zeros(3)))
     assert unpack(pack(snapshot, fit), other).gap is None
+    write_whole(tmp_path / "old", pack(snapshot, fit))
+    known = known_of_gap(tmp_path / "old", fit)
+    assert math.isnan(known.time_s)
+    assert (known.theta == watch.state.theta).all()
+    assert known_of_gap(tmp_path / "none", fit) is None
     assert shifted(snapshot, 5.0).gap.time_s == watch.state.time_s + 5.0
     later = _watch(machine)
     later.restore(again)
