@@ -24,7 +24,10 @@ from observer.service.pipeline import Pipeline
 from observer.service.reasons import departure_sentence
 from tests.gap.months import EFFECTS, Rig
 from tests.learning.cover import log_of
-from tests.learning.machines import Rough, config_of, day, draw
+from tests.learning.machines import CONFIG, Rough, config_of, day, draw, work
+from tests.truth.machine.cycles import START_m, programme
+from tests.truth.machine.logs import write_log
+from tests.truth.machine.machine import stream
 
 SEED = 8100
 RIG = Path(__file__).parents[1] / "data" / "rig"
@@ -210,6 +213,26 @@ def test_the_reason_says_which_since_when_and_what_to_do() -> None:
         "up: 1.8 K rms where its tolerances allow 0.6 K; run `observer discover --recent 8h`"
     )
     assert "since 7200 s," in departure_sentence(found._replace(since_s=7200.0))
+
+
+def test_a_nut_that_fails_while_it_works_is_told_by_a_replay_of_the_whole_day(tmp_path) -> None:
+    """End to end: a log, the live path, the summary. The nut makes twice its heat from the third hour on, and
+    the observer, which learns nothing here, goes on agreeing with its sensors.
+    """
+    rng, fails_s = stream(SEED, "nut"), 7500.0
+    phases = (*programme("standard", "a", rng), *programme("standard", "b", rng))
+    one = work(draw(SEED, 2, Rough()), phases, START_m["a"], rng, 0.0, fails_s)
+    values = np.column_stack([one.sensor_degC, one.nut_m, one.speed_rpm, one.air_degC])
+    write_log(tmp_path / "day.csv.gz", one.time_s, values)
+    (tmp_path / "config.toml").write_text(CONFIG + '[estimator]\nkind = "luenberger"\n', encoding="utf-8")
+    config = load(tmp_path / "config.toml")
+    summary = app.replay(tmp_path / "day.csv.gz", config, tmp_path / "out", ".csv", progress=lambda *_: None)
+    first, *others = summary["gap"]["departures"]
+    assert not others
+    assert first["sensor"] in ("t2", "t3", "t4")
+    assert fails_s < first["since_s"] < fails_s + 5400.0
+    assert first["rms_K"] > 1.3 * first["allowed_K"] > 0.0
+    assert max(s["innovation_rms_K"] for s in summary["sensors"].values()) < 0.5 * first["rms_K"]
 
 
 def test_a_replay_tells_its_history(tmp_path) -> None:
