@@ -18,7 +18,8 @@ from observer.service.align import Aligner
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
-from observer.service.keeper import Keeper, carried, stored
+from observer.service.gap import GapState
+from observer.service.keeper import Keeper, carried, known_of_gap, stored
 from observer.service.lives import run
 from observer.service.loop import Service
 from observer.service.machine import Machine
@@ -49,7 +50,8 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
 
     file = ready.config.checkpoint_file
     start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
-    run(_service(ready, clock, renewals, start, alone=True), seconds, anew)
+    known = known_of_gap(file, ready.fit) if file is not None and start is None else None
+    run(_service(ready, clock, renewals, start, alone=True, known=known), seconds, anew)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ class _Ready:
             refuse_unwritable(config.record.directory, "record.directory")
         machine = Machine.of(config, learns=True)
         estimator = machine.estimator()
-        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
+        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator, machine.gap()))
 
     def compiler(self) -> Compiler:
         """What has its kernels compiled."""
@@ -97,10 +99,11 @@ def _service(
     start: Snapshot | None,
     *,
     alone: bool,
+    known: GapState | None = None,
 ) -> Service:
     """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
 
-    `alone` asks for nobody else to have the axis.
+    `alone` asks for nobody else to have the axis; `known` is what a cold start knows of the prediction's gap.
     """
     config, machine, estimator = ready.config, ready.machine, ready.estimator
     name, record, instance = config.machine, config.record, secrets.token_hex(4)
@@ -111,6 +114,9 @@ def _service(
         else None
     )
     file = ready.config.checkpoint_file
+    gap = machine.gap()
+    if gap is not None and known is not None:
+        gap.restore(known)
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
@@ -146,4 +152,5 @@ def _service(
         renewals=renewals,
         compiler=ready.compiler(),
         alone=alone,
+        gap=gap,
     )
