@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import time
 from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -170,12 +173,14 @@ def calibrate(
     from observer.installation.write_back import write_back
 
     config = load(config_path)
+    searched = config_path.read_bytes()
     runs, odd = _runs(log_paths, config)
     with results_in(output) as part:
         found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
         progress("process noise by maximum likelihood")
         noise = fit_noise(found.config, runs)
         result = calibration_result(found, noise) | {"doubts": odd}
+        result = _about(searched, [path.name for path in log_paths]) | result
         text = write_back(config_path.read_text(encoding="utf-8"), found.values | noise)
         (part / "config.toml").write_text(text, encoding="utf-8")
         write_json(part / "calibration.json", result)
@@ -193,17 +198,68 @@ def _runs(log_paths: Sequence[Path], config: Installation) -> tuple[list[list[Fr
     return runs, odd
 
 
+def _recent(config: Installation, last_s: float) -> tuple[list[list[FrameBlock]], list[str], list[str]]:
+    """The frames of each stretch recorded lately, what is doubtful about them, and what each is called."""
+    from observer.service.plausibility import doubts_of_log
+    from observer.service.recent import stretches
+
+    name = f"{config.machine.name}-{config.machine.axis}"
+    runs, odd, names = [], [], []
+    for stretch in stretches(config.record, name, AlignPlan.of(config), last_s):
+        frames = stretch.frames
+        runs.append([frames])
+        names.append(str(stretch))
+        odd += [
+            f"{names[-1]}: {sentence}"
+            for sentence in doubts_of_log(config, frames.values, frames.channels, [frames.path])
+        ]
+    return runs, odd, names
+
+
+def _about(searched: bytes, names: Sequence[str]) -> dict[str, Any]:
+    """What a result was made of: program, logs, and the text of the configuration."""
+    return {
+        "version": version("ballscrew-observer"),
+        "logs": list(names),
+        "config_sha256": hashlib.sha256(searched).hexdigest(),
+    }
+
+
+def adopt(folder: Path, config_path: Path, hours: float) -> str:
+    """Put a found configuration in the place of the one that was searched; returns a sentence."""
+    from observer.installation.adopt import adopt as put
+    from observer.installation.adopt import before_of
+
+    adoption = put(folder, config_path, hours, time.time())
+    return (
+        f"{config_path} is now the configuration of {folder}; the one before is in "
+        f"{before_of(config_path, adoption).name}.\nA running service puts it in force within seconds, "
+        f"watches the gap for {hours:g} h of running, and takes it back if that has not shrunk."
+    )
+
+
+def adopted(config_path: Path, *, undo: bool) -> str:
+    """Say how the last adoption stands; with `undo` take it back before."""
+    from observer.installation.adopt import adoption_of
+    from observer.installation.adopt import undo as put_back
+
+    found = put_back(config_path) if undo else adoption_of(config_path)
+    return f"{config_path}: " + ("nothing was adopted" if found is None else found.sentence())
+
+
 def discover(
     config_path: Path,
     log_paths: Sequence[Path],
     output: Path,
     progress: Callable[[str, float], None],
     *,
+    recent_s: float | None = None,
     report: bool = True,
 ) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
-    Returns what was found, and the content of `result.json`.
+    With `recent_s` the logs are what the service has recorded in so many last seconds. Returns what was
+    found, and the content of `result.json`.
     """
     from observer.discovery.crew import Crew
     from observer.discovery.discover import discover as find
@@ -213,11 +269,15 @@ def discover(
 
     config = load(config_path)
     progress("reading logs", 0.0)
-    runs, odd = _runs(log_paths, config)
+    if recent_s is None:
+        runs, odd, names = *_runs(log_paths, config), [path.name for path in log_paths]
+    else:
+        runs, odd, names = _recent(config, recent_s)
+    searched = config_path.read_bytes()
     with results_in(output) as part:
         with Crew() as crew:
             found = find(config, runs, progress, crew)
-        result = discovery_result(found) | {"doubts": odd}
+        result = _about(searched, names) | discovery_result(found) | {"doubts": odd}
         if found.verdict.kind == "named":
             values = {key: entry["value"] for key, entry in result["calibrated"].items()}
             text = write_back(config_path.read_text(encoding="utf-8"), values)
@@ -226,7 +286,7 @@ def discover(
         write_json(part / "result.json", result)
         if report:
             progress("writing the report", 0.97)
-            write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
+            write_discovery_report(part / "report.html", found, result, names)
     return found, result
 
 

@@ -22,6 +22,7 @@ from observer.estimators.selftest import SelfTest
 from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.service.align import Aligner, AlignPlan
+from observer.service.carry import LastStep
 from observer.service.checkpoint import Snapshot
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
@@ -30,6 +31,7 @@ from observer.service.keeper import Keeper
 from observer.service.pipeline import Drive, Pipeline
 from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
+from observer.service.trial import Trial
 from observer.service.warm import Compiler
 from observer.service.wires import Wires
 
@@ -109,6 +111,7 @@ class Service:
     renewals: Renewals[Any] | None = None
     compiler: Compiler | None = None
     alone: bool = True
+    trial: Trial | None = None
 
 
 async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -180,6 +183,7 @@ class _Cycles:
         self._samples = {driver.name: 0 for driver in service.drivers}
         self._newest_s = {driver.name: -math.inf for driver in service.drivers}
         self._frame: FrameBlock | None = None
+        self._last: LastStep | None = None
         self._estimate: EstimateQuality | None = None
         self._had_estimate = False
         self._failure: str | None = None
@@ -231,7 +235,7 @@ class _Cycles:
             self.overruns += max(0, due - number)
             number = max(due, number) + 1
             if renewal := self._renewal():
-                return replace(renewal, snapshot=self.snapshot())
+                return replace(renewal, snapshot=self.snapshot(), last=self._last)
 
     def _renewal(self) -> Renewal[Any] | None:
         renewals, clock = self._service.renewals, self._service.clock
@@ -241,6 +245,8 @@ class _Cycles:
         self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
         self._commands.before_step(self._service.publisher.commands(), time_s)
         frame = self._aligner.tick(time_s)
+        if self._service.trial is not None:
+            self._service.trial.see(frame)
         if self._service.recorder is not None:
             self._service.recorder.tick(float(frame.time_s[0]))
         changed = self._frame is None or bool((frame.quality != self._frame.quality).any())
@@ -275,6 +281,7 @@ class _Cycles:
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
         self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot())
+        self._last = LastStep(frame, self._pipeline.inputs, estimate)
         if self._service.keeper is not None:
             self._service.keeper.step(self.snapshot, self._service.clock.now())
         self._ping()
@@ -298,10 +305,11 @@ class _Cycles:
 
     def _notices(self) -> tuple[str, ...]:
         """What is wrong beside the estimates."""
-        keeper, renewals = self._service.keeper, self._service.renewals
+        keeper, renewals, trial = self._service.keeper, self._service.renewals, self._service.trial
         told = () if self.wires.alive else ("drivers: their thread has ended; restart the service",)
         if keeper is not None and keeper.reason:
             told = (*told, f"checkpoint: {keeper.reason}")
+        told = told if trial is None else (*told, *trial.notices())
         return told if renewals is None else (*told, *renewals.notices())
 
     def _report(self, now_s: float) -> None:
@@ -330,4 +338,6 @@ class _Cycles:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            service.publisher.health(health.document() | {"instance": service.instance})
+            adoption = None if service.trial is None else service.trial.document()
+            beside = {"adoption": adoption, "instance": service.instance}
+            service.publisher.health(health.document() | beside)
