@@ -180,7 +180,7 @@ def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
             raise ConfigError(
                 f"{place}: {key} is {now} where the one in force has {was}; adopt one of its own"
             )
-    if problems := new.undelivered():
+    if (problems := new.undelivered()) and not before.undelivered():
         raise ConfigError(f"{place}: {problems[0]}")
 
 
