@@ -11,15 +11,15 @@ import pytest
 
 from observer.config import Config
 from observer.estimators.protocol import Estimator
+from observer.files.logs import read_log
+from observer.files.toml import read_toml
 from observer.frames import EstimateBlock, FrameBlock
+from observer.installation import parse
 from observer.service.align import blocks_of_log
 from observer.service.carry import LastStep, carried_over
 from observer.service.checkpoint import Fit, Snapshot
 from observer.service.keeper import carried
 from observer.service.machine import Machine
-from observer.files.logs import read_log
-from observer.files.toml import read_toml
-from observer.installation import parse
 from tests.discovery.cases import RIG
 
 TABLE = read_toml(RIG / "config.toml")

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 import tomlkit
 
+from observer.errors import UserError
 from observer.frames import FrameBlock
-from observer.installation import load
 from observer.installation import adopt as adopting
+from observer.installation import load
 from observer.installation.adopt import Adoption, adopt, adoption_of, sha256, undo
 from observer.service.trial import Trial
 from tests.discovery.cases import machine, made_log, table
@@ -206,7 +207,7 @@ def _catching(service: Running, frames: Iterator[FrameBlock], told: list[str]) -
     def quiet() -> None:
         try:
             look()
-        except Exception as error:
+        except UserError as error:
             told.append(str(error))
 
     service.trial.look = quiet
