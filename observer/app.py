@@ -49,8 +49,8 @@ def replay(
     log = _recorded(log_path, config, **accept)
     machine = Machine.of(config, learns=True)
     estimator = machine.estimator()
-    start, told = start_of(log, Fit.of(config, machine.drive, estimator))
     pipeline = machine.pipeline(estimator)
+    start, told = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
     samples = ReplaySamples(config, estimator.layout)
     reasons: dict[str, int] = {}
 
@@ -59,6 +59,7 @@ def replay(
             samples.take(pipeline.inputs, block)
             yield block
         reasons.update(lasting(pipeline))
+        more["gap"] = None if pipeline.gap is None else pipeline.gap.history
 
     more: dict[str, Any] = {
         "nut_path": nut_paths(config, log),

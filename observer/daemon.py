@@ -90,7 +90,7 @@ class _Ready:
             refuse_unwritable(config.record.directory, "record.directory")
         machine = Machine.of(config, learns=True)
         estimator = machine.estimator()
-        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator))
+        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator, machine.gap()))
 
     @property
     def checkpoint(self) -> Path | None:
@@ -174,4 +174,5 @@ def _service(
         compiler=ready.compiler(),
         alone=alone,
         trial=trial,
+        gap=machine.gap(),
     )

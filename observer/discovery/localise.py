@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.discovery.phases import PHASES, Course, courses_of
+from observer.discovery.phases import Course, courses_of
 from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
+from observer.model.phases import PHASES
 
 LEAST_MEANS = 6
 MOST = 12

@@ -11,12 +11,7 @@ from observer.config import Config
 from observer.fit.problem import Problem
 from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
-
-PHASES = ("isothermal", "heat_up", "steady", "dwell", "cool_down")
-DWELL_S = 1500.0
-"""A standstill this short, with work after it, is a dwell."""
-FAST = 0.15
-"""Part of a run's fastest warming that still counts as heating up."""
+from observer.model.phases import DWELL_S, FAST, PHASES
 
 
 @dataclass(frozen=True)

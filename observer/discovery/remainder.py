@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.phases import PHASES, courses_of
+from observer.discovery.phases import courses_of
 from observer.fit.hypothesis import Fit
 from observer.frames import FloatArray
+from observer.model.phases import PHASES
 from observer.tables.sections import Sensor, Source
 
 WINDOW_S = 600.0

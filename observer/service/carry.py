@@ -28,7 +28,8 @@ def carried_over(
 ) -> Snapshot | None:
     """A snapshot for another model of the same screw: its field and heats with their σ.
 
-    What had been learnt of the old model begins anew, and so does all that counts from a start. None where
+    What had been learnt of the old model begins anew, and so do the watch over its gap and all that counts
+    from a start. None where
     nothing was known yet, or where the two have nothing to say to each other.
     """
     if snapshot is None or last is None or not set(now.config.channels) <= set(last.frame.channels):
@@ -40,7 +41,7 @@ def carried_over(
     state = taken(now.plant, estimator, known, inputs)
     if state is None or not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
         return None
-    return replace(snapshot, drive=_with_paths(drive_state, snapshot.drive), estimator=state)
+    return replace(snapshot, drive=_with_paths(drive_state, snapshot.drive), estimator=state, gap=None)
 
 
 def _with_paths(drive: DriveState, before: DriveState) -> DriveState:

@@ -21,6 +21,7 @@ from observer.config import Config
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.service import compensation
 from observer.service.compensation import CompensationState
+from observer.service.gap import GapState, GapWatch
 from observer.service.pipeline import Drive
 
 SUFFIX = ".checkpoint"
@@ -37,12 +38,15 @@ class UnfitError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Where a pipeline stood after the step at `tick_s`, and what its compensation held, if there is one."""
+    """Where a pipeline stood after the step at `tick_s`, what its compensation held, and what was known of
+    the prediction's gap, if there is one.
+    """
 
     tick_s: float
     drive: Any
     estimator: EstimatorState
     compensation: CompensationState | None = None
+    gap: GapState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +58,16 @@ class Fit:
     estimator: EstimatorState
     setup: str = ""
     compensation: CompensationState | None = None
+    gap: GapState | None = None
 
     @classmethod
-    def of(cls, config: Config, drive: Drive[Any], estimator: Estimator) -> Fit:
+    def of(cls, config: Config, drive: Drive[Any], estimator: Estimator, gap: GapWatch | None = None) -> Fit:
         """What fits these parts."""
         settings = config.compensation
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]
         held = compensation.initial(compensation.plan_of(config)) if settings.enabled else None
-        return cls(config.plant_digest, drive.initial(), estimator.initial(), setup, held)
+        watched = None if gap is None else gap.initial()
+        return cls(config.plant_digest, drive.initial(), estimator.initial(), setup, held, watched)
 
 
 def pack(snapshot: Snapshot, fit: Fit) -> bytes:
@@ -75,6 +81,7 @@ def pack(snapshot: Snapshot, fit: Fit) -> bytes:
             "drive": _plain(snapshot.drive),
             "estimator": _plain(snapshot.estimator),
             "compensation": held,
+            "gap": _plain(snapshot.gap),
         }
     )
     return _FORMAT + hashlib.sha256(body).digest() + body
@@ -98,6 +105,7 @@ def unpack(data: bytes, fit: Fit) -> Snapshot:
         _filled(fit.drive, document.get("drive"), "drive"),
         estimator,
         _compensation(document.get("compensation"), fit),
+        _gap(document.get("gap"), fit),
     )
 
 
@@ -126,7 +134,8 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
     """A snapshot with all its moments moved, for a service whose time was set anew."""
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
-    return replace(snapshot, tick_s=snapshot.tick_s + by_s, drive=drive, estimator=estimator)
+    gap = _moved(snapshot.gap, by_s)
+    return replace(snapshot, tick_s=snapshot.tick_s + by_s, drive=drive, estimator=estimator, gap=gap)
 
 
 def _document(data: bytes) -> Mapping[str, Any]:
@@ -211,3 +220,15 @@ def _compensation(plain: Any, fit: Fit) -> CompensationState | None:
     if not (np.isfinite(held.table_um).all() and np.isfinite(held.ends_um).all()):
         return None
     return replace(held, reason=SINCE_RESTART)
+
+
+def _gap(plain: Any, fit: Fit) -> GapState | None:
+    """What was known of the prediction's gap; None where there is none, or it does not fit."""
+    if fit.gap is None or plain is None:
+        return None
+    try:
+        state: GapState = _filled(fit.gap, plain, "gap")
+    except UnfitError:
+        return None
+    arrays = (state.x, state.theta, state.P, state.sums, state.waiting)
+    return state if all(np.isfinite(array).all() for array in arrays) else None

@@ -25,7 +25,7 @@ class Facts:
 
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
     valid estimate has been there; `failure` is what the last cycle failed with; `findings` what the self-test
-    says; `notices` are more reasons.
+    says; `notices` are more reasons; `gap` what is known of the open-loop prediction's.
     """
 
     time_s: float
@@ -42,6 +42,7 @@ class Facts:
     clock_offset_s: float
     findings: tuple[Finding, ...] = ()
     notices: tuple[str, ...] = ()
+    gap: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,7 @@ def assess(facts: Facts) -> Health:
         "record_drops": record.rows_dropped,
         "recording": str(record.path) if record.path else None,
         "clock_offset_s": round(facts.clock_offset_s, 3),
+        "gap": facts.gap,
     }
     return Health(facts.time_s, _state(facts, bool(reasons)), reasons, channels, counts)
 

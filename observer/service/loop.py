@@ -26,9 +26,11 @@ from observer.service.carry import LastStep
 from observer.service.checkpoint import Snapshot
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
+from observer.service.gap import GapWatch
 from observer.service.health import Facts, Health, assess
 from observer.service.keeper import Keeper
 from observer.service.pipeline import Drive, Pipeline
+from observer.service.reasons import departure_sentence
 from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
 from observer.service.trial import Trial
@@ -112,6 +114,7 @@ class Service:
     compiler: Compiler | None = None
     alone: bool = True
     trial: Trial | None = None
+    gap: GapWatch | None = None
 
 
 async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -168,9 +171,11 @@ class _Cycles:
         self._snapshot = start = service.start
         self.wires = Wires(service.drivers, service.clock.now, self._take)
         self._aligner = Aligner(service.plan, math.nan if start is None else start.tick_s)
-        self._pipeline = Pipeline(service.drive, service.estimator, service.self_test)
+        self._pipeline = Pipeline(service.drive, service.estimator, service.self_test, service.gap)
         if start is not None:
             self._pipeline.restore(start.drive, start.estimator)
+            if service.gap is not None and start.gap is not None:
+                service.gap.restore(start.gap)
         self._commands = Commands(
             service.plan.period_s,
             service.compensator,
@@ -280,8 +285,10 @@ class _Cycles:
                 compensator.disarm(f"{rival}, then arm again")
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
-        self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot())
         self._last = LastStep(frame, self._pipeline.inputs, estimate)
+        gap = self._service.gap
+        known = None if gap is None else gap.state
+        self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot(), gap=known)
         if self._service.keeper is not None:
             self._service.keeper.step(self.snapshot, self._service.clock.now())
         self._ping()
@@ -310,6 +317,9 @@ class _Cycles:
         if keeper is not None and keeper.reason:
             told = (*told, f"checkpoint: {keeper.reason}")
         told = told if trial is None else (*told, *trial.notices())
+        gap = self._service.gap
+        if gap is not None and (departure := gap.departure) is not None:
+            told = (*told, departure_sentence(departure))
         return told if renewals is None else (*told, *renewals.notices())
 
     def _report(self, now_s: float) -> None:
@@ -331,6 +341,7 @@ class _Cycles:
                 service.clock.offset_s(),
                 self._pipeline.findings,
                 self._notices(),
+                None if service.gap is None else service.gap.figures,
             )
         )
         changed = self._health is None or health.essence != self._health.essence

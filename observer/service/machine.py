@@ -13,7 +13,9 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.realise import realise
+from observer.model.tolerant import Tolerant
 from observer.service.align import AlignPlan
+from observer.service.gap import GapWatch
 from observer.service.pipeline import Pipeline
 
 
@@ -39,7 +41,18 @@ class Machine:
 
     def pipeline(self, estimator: Estimator) -> Pipeline[Any]:
         """Frames in, estimates out, of the quality that they earn."""
-        return Pipeline(self.drive, estimator, self.self_test())
+        return Pipeline(self.drive, estimator, self.self_test(), self.gap())
+
+    def gap(self) -> GapWatch | None:
+        """What watches the prediction, None where a heat has no law to be predicted by."""
+        laws = {s.name for s in realise(self.config).config.source if s.law is not None}
+        free = [
+            n for n, is_free in zip(self.plant.source_names, self.plant.estimated, strict=True) if is_free
+        ]
+        if not laws.issuperset(free):
+            return None
+        plant = self.plant if self.plant.learning is not None else build_plant(self.config, learns=True)
+        return GapWatch(Tolerant(plant), plant.layout.sensors)
 
     def estimator(self) -> Estimator:
         """Design the estimator. Raises `UserError` where no gain to be trusted exists."""

@@ -7,6 +7,7 @@ from typing import Generic, Protocol, TypeVar
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.estimators.selftest import Finding, SelfTest
 from observer.frames import EstimateBlock, FrameBlock, Inputs
+from observer.service.gap import GapWatch
 
 DriveState = TypeVar("DriveState")
 
@@ -24,18 +25,24 @@ class Drive(Protocol[DriveState]):
 class Pipeline(Generic[DriveState]):
     """Keeps the states of a drive, an estimator and its self-test from block to block.
 
-    `inputs` are what drove the plant in the last of them.
+    `inputs` are what drove the plant in the last of them; `gap` watches what they predict, beside the
+    estimator and without a word in it.
     """
 
     inputs: Inputs
 
     def __init__(
-        self, drive: Drive[DriveState], estimator: Estimator, self_test: SelfTest | None = None
+        self,
+        drive: Drive[DriveState],
+        estimator: Estimator,
+        self_test: SelfTest | None = None,
+        gap: GapWatch | None = None,
     ) -> None:
         """Begin before the first frame; without a self-test every quality is the estimator's own."""
         self._drive = drive
         self._estimator = estimator
         self._self_test = self_test
+        self.gap = gap
         self._drive_state = drive.initial()
         self._estimator_state = estimator.initial()
         self._test_state = None if self_test is None else self_test.initial()
@@ -51,6 +58,8 @@ class Pipeline(Generic[DriveState]):
             test_state, estimates = test.run(test_state, motion, inputs, estimates)
         self._drive_state, self._estimator_state, self._test_state = drive_state, estimator_state, test_state
         self.inputs = inputs
+        if self.gap is not None:
+            self.gap.take(inputs)
         return estimates
 
     @property
@@ -71,6 +80,8 @@ class Pipeline(Generic[DriveState]):
         """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""
         self._estimator_state = self._estimator.initial()
         self._test_state = None if self._self_test is None else self._self_test.initial()
+        if self.gap is not None:
+            self.gap.reset()
 
     def snapshot(self) -> tuple[DriveState, EstimatorState]:
         """Where drive and estimator stand; both are frozen."""
@@ -83,6 +94,8 @@ class Pipeline(Generic[DriveState]):
     def warm_up(self, frames: FrameBlock) -> None:
         """Have everything compiled and loaded, by steps that are then forgotten."""
         _, inputs = self._drive.run(self._drive.initial(), frames)
+        if self.gap is not None:
+            self.gap.warm_up(inputs)
         _, estimates = self._estimator.run(self._estimator.initial(), inputs)
         if self._self_test is not None:
             state, motion, inputs = self._self_test.watch(self._self_test.initial(), frames, inputs)

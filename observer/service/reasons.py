@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import UTC, datetime
 
 from observer.estimators.selftest import Fault, Finding
+from observer.service.gap import Departure
 from observer.service.plausibility import motion_sentence
 
 _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
@@ -13,6 +14,18 @@ _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 def sentence(finding: Finding) -> str:
     """Say what fails, since when, and what to look at."""
     return f"{_what(finding)}, since {clock(finding.since_s)}"
+
+
+def departure_sentence(found: Departure) -> str:
+    """Say from which sensor the prediction has departed, since when, by how much, and what to do."""
+    since = f"{found.since_s:.0f} s"
+    if found.since_s >= _EPOCH_FROM_S:
+        since = f"{datetime.fromtimestamp(found.since_s, UTC):%Y-%m-%d %H:%M} UTC"
+    return (
+        f"the model's prediction has departed from sensor {found.sensor} since {since}, most "
+        f"{_WHILE[found.phase]}: {found.rms_K:.1f} K rms where its tolerances allow {found.allowed_K:.1f} K; "
+        "run `observer discover --recent 8h`"
+    )
 
 
 def clock(time_s: float) -> str:
@@ -29,6 +42,13 @@ def _what(finding: Finding) -> str:
     return _SENTENCES[finding.fault].format(subject=subject, value=value, expected=expected)
 
 
+_WHILE = {
+    "isothermal": "at rest",
+    "heat_up": "while heating up",
+    "steady": "in steady work",
+    "dwell": "during short stops",
+    "cool_down": "while cooling down",
+}
 _SENTENCES = {
     Fault.BIASED: "{subject} and the model disagree by {value:+.2g} σ on average: an offset, a place, or "
     "film and ambient",

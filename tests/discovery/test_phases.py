@@ -11,11 +11,12 @@ import pytest
 
 from observer.config import Config
 from observer.discovery.excitation import lacking, speeds_rpm
-from observer.discovery.phases import PHASES, Course, course_of
+from observer.discovery.phases import Course, course_of
 from observer.fit.runs import prepare
 from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
 from observer.model.build import build_plant
+from observer.model.phases import PHASES
 from tests.discovery.cases import frames, machine
 
 # Minutes: at rest, at work, a short rest, at work again, a long rest.

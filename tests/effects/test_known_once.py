@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from observer.discovery.phases import PHASES
 from observer.effects.catalogue import KINDS, LIBRARY
+from observer.model.phases import PHASES
 from observer.physics import constants
 
 ROOT = Path(__file__).parents[2]

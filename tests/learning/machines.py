@@ -8,7 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from tests.truth.machine.cycles import RUNS, START_m, STEP_s, build_schedule, draw_air, programme, steps_of
+from tests.truth.machine.cycles import (
+    RUNS,
+    Phase,
+    START_m,
+    STEP_s,
+    build_schedule,
+    draw_air,
+    programme,
+    steps_of,
+)
 from tests.truth.machine.logs import configuration
 from tests.truth.machine.machine import SENSOR_M, SLICES, Machine, stream
 from tests.truth.machine.physics import FloatArray, Physics, plain_physics
@@ -92,14 +101,20 @@ def day(specimen: Specimen, seed: int, number: int, run: str, *, warm: bool = Fa
     if run not in RUNS:
         raise ValueError(f"run {run}: there are {RUNS}")
     rng = stream(seed, "day", str(number), run)
-    phases = programme("standard", run, rng)
+    return work(specimen, programme("standard", run, rng), START_m[run], rng, WARM_S if warm else 0.0)
+
+
+def work(
+    specimen: Specimen, phases: tuple[Phase, ...], start_m: float, rng: np.random.Generator, from_s: float
+) -> Day:
+    """Run it through phases of work, from one temperature on; the log begins `from_s` later."""
     felt = draw_air(float(rng.uniform(18.0, 25.0)), steps_of(phases), rng)
-    schedule = build_schedule(phases, START_m[run], felt)
+    schedule = build_schedule(phases, start_m, felt)
     physics = specimen.machine.physics
     result = run_machine(physics, schedule, np.concatenate([specimen.sensor_m, FINE_M]))
     section, fine = result.section_degC[:, :5], result.section_degC[:, 5:]
     reading = true_readings(specimen.machine, section, felt, np.ones_like(section), STEP_s)
-    rows = np.arange(int(WARM_S / STEP_s) if warm else 0, len(felt), PERIOD_STEPS)
+    rows = np.arange(int(from_s / STEP_s), len(felt), PERIOD_STEPS)
     step = np.minimum(rows, len(schedule.speed_rpm) - 1)
     speed_rpm = schedule.speed_rpm
     air_degC = np.round(felt - specimen.ambient_K, 2)[rows]

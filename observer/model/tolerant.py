@@ -1,0 +1,293 @@
+"""Open-loop prediction by a machine that may be off its configuration within tolerances, and no further.
+
+No heat is free here: each follows its law, times a scale. The sensors only tell which machine within the
+tolerances this is, θ, so what is left between prediction and sensors is beyond them. An extended Kalman
+filter over [x | θ] (Jazwinski 1970, ch. 8) without noise on x; θ wanders about nothing. What a θ does is that
+of `learning`,
+
+    dx/dt = … + c(x, z, q) θ,        y_i = … + r_i(x) ρ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.frames import FloatArray, Inputs
+from observer.model.learning import Kind, nothing_learnt
+from observer.model.plant import Plant
+from observer.model.simulate import SimulationState, simulate, start
+
+WANDER_S = 100 * 86_400.0
+"""In what time a machine becomes another one within its tolerances."""
+LAW_FOLLOWS_S = 3600.0
+"""In what time the fast part of a law's scale becomes another one: running in, grease that warms."""
+LAW_SHARE = 0.3
+"""That part, of what is not known of the law."""
+MODEL_K, MODEL_SHARE = 0.1, 0.03
+"""How far a model may be off at a sensor in any case, and with the sensor's rise above the air besides …"""
+SAME_S = 8 * 3600.0
+"""… which stays the same for so long: readings meanwhile say no more than one."""
+FURTHEST = 3.5
+"""Nothing is taken to be further off than so many standard deviations."""
+LEAST_FILM = -0.9
+REST_K = 0.3
+"""How far a machine that seems to stand at the air's temperature may be from it."""
+MOST_DEGRADED = 0.1
+"""An input that was missing or held for so much of a step leaves that step without a prediction."""
+_SURE = 3.0
+
+
+class TolerantState(NamedTuple):
+    """Where the prediction stands: `x` (n_x,), `theta` (t,), and their joint covariance `P` (n, n)."""
+
+    x: FloatArray
+    theta: FloatArray
+    P: FloatArray
+
+
+class Gap(NamedTuple):
+    """What a step leaves: measured minus predicted `gap_K` (s,), NaN where nothing was measured; the standard
+    deviation `allowed_K` (s,) that it may have, and how much warmer than the air each is predicted.
+    """
+
+    gap_K: FloatArray
+    allowed_K: FloatArray
+    rise_K: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Theta:
+    """The parameters: `kind`, `of`, `sigma` and how fast they wander, `fade_1_s`, (t,) each."""
+
+    kind: NDArray[np.int64]
+    of: NDArray[np.int64]
+    sigma: FloatArray
+    fade_1_s: FloatArray
+
+    @classmethod
+    def of_plant(cls, plant: Plant) -> _Theta:
+        learn = nothing_learnt(0, 0) if plant.learning is None else plant.learning.arrays
+        own = np.isin(learn.kind, (Kind.LAW, Kind.LAG), invert=True)
+        laws = np.flatnonzero(plant.estimated)
+        kind = np.concatenate([learn.kind[own], np.full(2 * len(laws), Kind.LAW)])
+        sigma = np.concatenate([learn.sigma[own], plant.law_uncertainty, LAW_SHARE * plant.law_uncertainty])
+        fade = np.full(len(sigma), 1.0 / WANDER_S)
+        fade[len(sigma) - len(laws) :] = 1.0 / LAW_FOLLOWS_S
+        return cls(kind, np.concatenate([learn.of[own], laws, laws]), sigma, fade)
+
+
+class Tolerant:
+    """The prediction of a plant that was built with what is learnt of it; holds no state of its own."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self._theta = _Theta.of_plant(plant)
+        self._at = {kind: np.flatnonzero(self._theta.kind == kind) for kind in Kind}
+        s = plant.rows.sensors
+        self._learn = (
+            nothing_learnt(len(plant.decay_1_s), s) if plant.learning is None else plant.learning.arrays
+        )
+        rest_K2 = np.einsum("ia,ab,ib->i", plant.rows.C[:s], self._learn.rest_P, plant.rows.C[:s])
+        self._rest = REST_K**2 / max(float(np.max(rest_K2, initial=0.0)), 1e-12)
+        self._slack = np.eye(len(plant.decay_1_s)) if plant.coupling.active else None
+
+    def initial(self) -> TolerantState:
+        """Return the state of a machine of which nothing has been seen."""
+        n_x, sigma = len(self._plant.decay_1_s), self._theta.sigma
+        P = np.zeros((n_x + len(sigma), n_x + len(sigma)))
+        P[n_x:, n_x:] = np.diag(sigma**2)
+        return TolerantState(np.zeros(n_x), np.zeros(len(sigma)), P)
+
+    def begin(self, state: TolerantState, u: Inputs) -> TolerantState:
+        """Begin where the sensors say at the end of a step `u`, with what is known of the machine by now.
+
+        A machine that stands, and is as warm as the air as far as can be told, has one temperature.
+        """
+        plant, n_x, s = self._plant, len(state.x), self._plant.rows.sensors
+        seen = u.usable[0] & np.isfinite(u.y_degC[0])
+        y_degC, air_degC = u.y_degC[0][seen], float(u.z_end[0, plant.known.ambient])
+        P = np.zeros_like(state.P)
+        P[n_x:, n_x:] = state.P[n_x:, n_x:]
+        if self._stands(state, u):
+            x = start(plant, air_degC, u.law_W[0]).x
+            P[:n_x, :n_x] = self._rest * self._learn.rest_P
+            of_air = np.flatnonzero(self._theta.kind == Kind.AMBIENT)
+            F = np.eye(len(P))
+            F[:n_x, n_x + of_air] = plant.uniform[:, None]
+            x, P = x + plant.uniform * state.theta[of_air].sum(), F @ P @ F.T
+        else:
+            x = start(plant, float(np.mean(y_degC)) if len(y_degC) else air_degC, u.law_W[0]).x
+            spread_K = float(np.ptp(y_degC)) if len(y_degC) else 0.0
+            C = plant.rows.C[:s]
+            largest_K2 = float(np.max(np.einsum("ia,ab,ib->i", C, plant.prior_P, C)))
+            P[:n_x, :n_x] = max(1.0, spread_K**2 / largest_K2) * plant.prior_P
+        state = TolerantState(x, state.theta, P)
+        rows = self._C(u) @ x + plant.rows.F @ u.z_end[0]
+        gap_K = self._gap(u, rows, rows, x, state.theta)
+        return self._learnt(state, self._seen(u, x), gap_K, plant.noise_R_K2 + MODEL_K**2)
+
+    def _stands(self, state: TolerantState, u: Inputs) -> bool:
+        """Whether no law makes heat, and all sensors but one tell the air's temperature, as far as is known:
+        one that has gone wrong must not turn into a field.
+        """
+        theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
+        air = self._at[Kind.AMBIENT]
+        seen = np.flatnonzero(u.usable[0])
+        if not self._learn.rests or u.law_W.any() or not len(air) or not len(seen):
+            return False
+        offset_K = self._of_sensors(state.x)[:, self._at[Kind.OFFSET]] @ state.theta[self._at[Kind.OFFSET]]
+        offset_K2 = np.zeros(len(offset_K))
+        offset_K2[theta.of[self._at[Kind.OFFSET]]] = theta.sigma[self._at[Kind.OFFSET]] ** 2
+        K2 = offset_K2 + P[np.ix_(air, air)].sum() + self._plant.noise_R_K2
+        air_degC = u.z_end[0, self._learn.ambient] + state.theta[air].sum()
+        agree = (u.y_degC[0] - offset_K - air_degC) ** 2 <= _SURE**2 * K2
+        return int(agree[seen].sum()) >= max(1, len(seen) - (len(seen) > 2))
+
+    def ahead(self, state: TolerantState, u: Inputs, *, learn: bool = True) -> tuple[TolerantState, Gap]:
+        """One step, of which `u` tells the means: the state, and what it leaves.
+
+        Without `learn` the readings tell nothing of the machine.
+        """
+        plant, theta = self._plant, self._theta
+        dt_s, n_x = float(u.dt_s[0]), len(state.x)
+        before = self._rows(u, state.x, u.z_start[0])
+        after, rows = simulate(plant, SimulationState(state.x), u)
+        hold = _hold(plant.decay_1_s, dt_s)
+        middle = 0.5 * (state.x + after.x)
+        A, c = self._drive(u, middle, state.theta)
+        x = after.x + hold * (c @ state.theta)
+        fade = np.exp(-dt_s * theta.fade_1_s)
+        F = np.zeros_like(state.P)
+        F[:n_x, :n_x] = self._forward(state.x, after.x, u) + hold[:, None] * A
+        F[:n_x, n_x:] = hold[:, None] * c
+        F[n_x:, n_x:] = np.diag(fade)
+        P = F @ state.P @ F.T
+        at = np.arange(n_x, len(P))
+        P[at, at] += theta.sigma**2 * (1 - fade**2)
+        now = TolerantState(x, fade * state.theta, P)
+        H = self._seen(u, x)
+        shift = rows[0] + plant.rows.C @ (x - after.x)
+        gap_K = self._gap(u, before, shift, x, now.theta)
+        rise_K = shift[: plant.rows.sensors] - u.z_end[0, plant.known.ambient]
+        R = plant.noise_R_K2 + MODEL_K**2 + (MODEL_SHARE * rise_K) ** 2
+        allowed_K = np.sqrt(np.einsum("ia,ab,ib->i", H, P, H) + R)
+        gap = Gap(gap_K, allowed_K, rise_K)
+        return (self._learnt(now, H, gap_K, R * max(1.0, SAME_S / dt_s)) if learn else now), gap
+
+    def _rows(self, u: Inputs, x: FloatArray, z: FloatArray) -> FloatArray:
+        """All output rows at a state."""
+        return self._C(u) @ x + self._plant.rows.F @ z
+
+    def _C(self, u: Inputs) -> FloatArray:
+        C = self._plant.rows.C.copy()
+        for i, source in enumerate(self._plant.moving):
+            C[:, self._plant.modes + source.index] = u.moving_C[0, i]
+        return C
+
+    def _gap(
+        self, u: Inputs, before: FloatArray, after: FloatArray, x: FloatArray, theta: FloatArray
+    ) -> FloatArray:
+        s = self._plant.rows.sensors
+        said = 0.5 * (before[:s] + after[:s]) + self._of_sensors(x) @ theta
+        return np.where(u.usable[0], u.y_degC[0] - said, np.nan)
+
+    def _of_sensors(self, x: FloatArray) -> FloatArray:
+        """What the parameters of sensors add to readings, (s, t)."""
+        t, s = self._theta, self._plant.rows.sensors
+        rows = np.zeros((s, len(t.kind)))
+        offset, place = self._at[Kind.OFFSET], self._at[Kind.PLACE]
+        rows[t.of[offset], offset] = 1.0
+        rows[t.of[place], place] = self._learn.slope_C[t.of[place]] @ x
+        return rows
+
+    def _seen(self, u: Inputs, x: FloatArray) -> FloatArray:
+        """The readings' derivatives by [x | θ], (s, n)."""
+        return np.hstack([self._C(u)[: self._plant.rows.sensors], self._of_sensors(x)])
+
+    def _drive(self, u: Inputs, x: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """∂(c θ)/∂x (n_x, n_x), and c (n_x, t), at a state; see `estimators.compiled.learning.drive`."""
+        plant, learn, n_x, at = self._plant, self._learn, len(x), self._at
+        z, N = 0.5 * (u.z_start[0] + u.z_end[0]), plant.modes
+        B = plant.B.copy()
+        for i, source in enumerate(plant.moving):
+            B[:, source.index] = u.moving_B[0, i]
+        c, rate_1_s = np.zeros((n_x, len(theta))), np.zeros(n_x)
+        film_1_s, decay_1_s = learn.film_1_s, learn.decay_1_s[:N]
+        by_film = film_1_s * (learn.uniform[:N] * z[learn.ambient] - x[:N])
+        passive = (plant.E @ z)[:N] - decay_1_s * x[:N]
+        c[:N, at[Kind.CONVECTION]] = by_film[:, None]
+        c[:N, at[Kind.CONDUCTIVITY]] = (passive - by_film)[:, None]
+        c[:N, at[Kind.HEAT_CAPACITY]] = -(passive + (B @ u.law_W[0])[:N])[:, None]
+        c[:, at[Kind.AMBIENT]] = plant.E[:, [learn.ambient]]
+        rate_1_s[:N] -= theta[at[Kind.CONVECTION]].sum() * film_1_s
+        rate_1_s[:N] -= theta[at[Kind.CONDUCTIVITY]].sum() * (decay_1_s - film_1_s)
+        rate_1_s[:N] += theta[at[Kind.HEAT_CAPACITY]].sum() * decay_1_s
+        ends, laws = at[Kind.END], at[Kind.LAW]
+        into, seen = learn.ends_B[self._theta.of[ends]], learn.ends_C[self._theta.of[ends]]
+        c[:, ends] = into.T * (z[learn.ambient] - seen @ x)
+        c[:, laws] = B[:, self._theta.of[laws]] * u.law_W[0, self._theta.of[laws]]
+        return np.diag(rate_1_s) - (into.T * theta[ends]) @ seen, c
+
+    def _forward(self, x: FloatArray, after: FloatArray, u: Inputs) -> FloatArray:
+        """The plant's own step, ∂x'/∂x; by differences where states are coupled."""
+        if self._slack is None:
+            return np.diag(np.exp(-self._plant.decay_1_s * u.dt_s[0]))
+        moved = [simulate(self._plant, SimulationState(x + one), u)[0].x - after for one in self._slack]
+        return np.column_stack(moved)
+
+    def _learnt(self, state: TolerantState, H: FloatArray, gap_K: FloatArray, R: FloatArray) -> TolerantState:
+        """The state after its readings; a parameter goes to the edge of its tolerance and no further."""
+        seen = np.flatnonzero(np.isfinite(gap_K))
+        if not len(seen):
+            return state
+        H, n_x = H[seen], len(state.x)
+        K = np.linalg.solve(H @ state.P @ H.T + np.diag(R[seen]), H @ state.P).T
+        keep = np.eye(len(state.P)) - K @ H
+        P = keep @ state.P @ keep.T + (K * R[seen]) @ K.T
+        step, edge = K @ gap_K[seen], FURTHEST * self._theta.sigma
+        least = np.where(self._theta.kind == Kind.CONVECTION, np.maximum(-edge, LEAST_FILM), -edge)
+        theta = np.clip(state.theta + step[n_x:], least, edge)
+        return TolerantState(state.x + step[:n_x], theta, 0.5 * (P + P.T))
+
+
+def _hold(decay_1_s: FloatArray, dt_s: float) -> FloatArray:
+    """The response to an input of 1 held over a step, s."""
+    return np.where(
+        decay_1_s > 0.0, -np.expm1(-decay_1_s * dt_s) / np.where(decay_1_s > 0.0, decay_1_s, 1.0), dt_s
+    )
+
+
+def gathered(blocks: list[Inputs]) -> Inputs:
+    """Return consecutive steps as one, of their means; readings that cannot be used are left out.
+
+    A moving source's columns count as its heat did.
+    """
+    u = Inputs.joined(blocks)
+    dt = np.maximum(u.dt_s, 1e-9)
+    share = dt / dt.sum()
+    usable = u.usable & np.isfinite(u.y_degC)
+    count = usable.sum(axis=0)
+    y = np.where(usable, u.y_degC, 0.0).sum(axis=0) / np.maximum(count, 1)
+    loss = share * u.loss_1_s
+    last = u.part(len(u) - 1)
+    total = loss.sum()
+    return last._replace(
+        dt_s=np.array([u.dt_s.sum()]),
+        y_degC=y[None],
+        degraded=np.array([np.mean(u.degraded > 0) > MOST_DEGRADED], dtype=np.int8),
+        usable=(count > 0)[None],
+        law_W=(share @ u.law_W)[None],
+        z_start=u.z_start[:1],
+        moving_B=_mean_of_columns(u.moving_B, share),
+        moving_C=_mean_of_columns(u.moving_C, share),
+        loss_1_s=np.array([total]),
+        loss_degC=np.array([loss @ u.loss_degC / total if total > 0.0 else 0.0]),
+    )
+
+
+def _mean_of_columns(columns: FloatArray, share: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("k,kmn->mn", share, columns)[None])

@@ -1,0 +1,284 @@
+"""The gap between what the model predicts open-loop and what the sensors say, watched over hours.
+
+Beside the estimator, which corrects its heats until they agree with the sensors, a prediction runs whose
+heats follow the laws; it may only be off as far as `[tolerance]` and the laws' `law_uncertainty` allow (see
+`observer.model.tolerant`). What is left then, and what may be left, is gathered by sensor and phase of the
+machine's work. While it is more than may be, nothing more is learnt of the machine: what has appeared stays
+to be seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer.frames import FloatArray, Inputs
+from observer.model.phases import DWELL_S, FAST, PHASES
+from observer.model.tolerant import Gap, Tolerant, TolerantState, gathered
+
+STEP_S = 60.0
+"""Inputs are gathered so long for a step of the prediction."""
+HOURS = 4.0
+"""What is gathered fades in so many hours of the work that it is of."""
+LEAST_H = 1.0
+"""Nothing is said before so many hours …"""
+LEAST_REST_H = 0.25
+"""… or of a machine at rest, before so many."""
+LIMIT, LIMIT_OFF = 1.3, 1.0
+"""How much more than allowed a sensor's gap must be to be told, and how little to be told no more."""
+BREAK_S = 300.0
+"""After so long without an input the prediction begins again where the sensors say."""
+REST_K = 1.0
+"""A machine that does not work and is hardly warmer than the air is at rest, and tells of sensors only."""
+WORKS = 0.02
+"""Part of the most heat of any law from which on the machine works."""
+FASTEST_FADES_S = 4 * 86_400.0
+"""In what time the fastest warming that was seen is forgotten."""
+_COMPACT = 256  # blocks that are kept apart, whatever the period
+_REST = PHASES.index("isothermal")
+_WARM, _STEADY = PHASES.index("heat_up"), PHASES.index("steady")
+_DWELL, _COOL = PHASES.index("dwell"), PHASES.index("cool_down")
+
+
+@dataclass(frozen=True, slots=True)
+class GapState:
+    """What is known after a step that ended at `time_s`, NaN before the first or after a break.
+
+    `x`, `theta` and `P` as in `TolerantState`; `sums` (phases, s, 3): ∫ gap², ∫ allowed² and the time,
+    fading; `waiting` (s, 3) those of a standstill of `stood_s` that may be a dwell or a cool-down; `judged_s`
+    of work so far; `rise_K` of the sensors on average, and its `fastest_K_s` growth; `most_W` any law's most
+    heat; `last_s` is since when a gap is told, NaN while none is, of sensor number `sensor`, in `phase`.
+    """
+
+    time_s: float
+    x: FloatArray
+    theta: FloatArray
+    P: FloatArray
+    sums: FloatArray
+    waiting: FloatArray
+    stood_s: float
+    judged_s: float
+    rise_K: float
+    fastest_K_s: float
+    most_W: float
+    last_s: float
+    sensor: int
+    phase: int
+
+
+class Departure(NamedTuple):
+    """A gap beyond what is allowed: of which sensor, since when, most in which phase, and how large it is."""
+
+    sensor: str
+    since_s: float
+    phase: str
+    rms_K: float
+    allowed_K: float
+
+
+class GapWatch:
+    """Watches the gap; `figures` and `departure` tell what is known, `state` is what a checkpoint keeps."""
+
+    def __init__(self, tolerant: Tolerant, sensors: tuple[str, ...]) -> None:
+        """Begin with nothing known of the machine."""
+        self._tolerant = tolerant
+        self._sensors = sensors
+        self.state = self.initial()
+        self._parts: list[Inputs] = []
+        self._minute = math.nan
+        self._most = 0.0
+        self._departures: list[Departure] = []
+
+    def initial(self) -> GapState:
+        """The state before the first input."""
+        s, begin = len(self._sensors), self._tolerant.initial()
+        none = math.nan
+        return GapState(
+            none, begin.x, begin.theta, begin.P, np.zeros((len(PHASES), s, 3)), np.zeros((s, 3)), 0.0, 0.0,
+            none, 0.0, 0.0, none, -1, -1,
+        )  # fmt: skip
+
+    def restore(self, state: GapState) -> None:
+        """Go on from a state."""
+        self.state, self._parts, self._minute = state, [], math.nan
+
+    def reset(self) -> None:
+        """Begin the prediction again where the sensors say; what is known of the machine stays."""
+        self.restore(replace(self.state, time_s=math.nan))
+
+    def take(self, inputs: Inputs) -> None:
+        """Take the inputs of K steps of the estimator, in order."""
+        minutes = np.floor(inputs.time_s / STEP_S)
+        edges = [0, *(np.flatnonzero(np.diff(minutes)) + 1).tolist(), len(inputs)]
+        for a, b in pairwise(edges):
+            if minutes[a] != self._minute:
+                self._finish()
+                self._minute = float(minutes[a])
+            self._parts.append(inputs if b - a == len(inputs) else inputs.part(a, b))
+            if len(self._parts) >= _COMPACT:
+                self._parts = [gathered(self._parts)]
+
+    def _finish(self) -> None:
+        """Take the prediction over the minute that is complete."""
+        parts, self._parts = self._parts, []
+        if parts:
+            self.state = self._stepped(self.state, gathered(parts))
+            self._most = max(self._most, self.of_allowed)
+            if (now := self.departure) is not None:
+                if self._departures and self._departures[-1].since_s == now.since_s:
+                    self._departures.pop()
+                self._departures.append(now)
+
+    def _stepped(self, state: GapState, u: Inputs) -> GapState:
+        time_s = float(u.time_s[0])
+        if u.degraded[0] or not (np.isfinite(u.z_start).all() and np.isfinite(u.z_end).all()):
+            return replace(state, time_s=math.nan)
+        before = TolerantState(state.x, state.theta, state.P)
+        if not 0.0 < time_s - state.time_s <= BREAK_S:
+            if not u.usable.any():
+                return state
+            x, theta, P = self._tolerant.begin(before, u)
+            return replace(state, time_s=time_s, x=x, theta=theta, P=P, rise_K=math.nan)
+        u = u._replace(dt_s=np.array([time_s - state.time_s]))
+        after, gap = self._tolerant.ahead(before, u, learn=math.isnan(state.last_s))
+        if not all(np.isfinite(array).all() for array in (after.x, after.theta, after.P)):
+            return self.initial()  # no estimate hangs on it, so it may not end one
+        return self._judged(state, u, after, gap)
+
+    def _judged(self, state: GapState, u: Inputs, after: TolerantState, gap: Gap) -> GapState:
+        """The state after a step of the prediction, its gap gathered under what the machine was doing."""
+        dt_s, rise_K = float(u.dt_s[0]), float(np.mean(gap.rise_K))
+        heat_W = float(np.max(np.abs(u.law_W), initial=0.0))
+        rate_K_s = 0.0 if math.isnan(state.rise_K) else (rise_K - state.rise_K) / dt_s
+        state = replace(
+            state,
+            time_s=float(u.time_s[0]),
+            x=after.x,
+            theta=after.theta,
+            P=after.P,
+            rise_K=rise_K,
+            fastest_K_s=max(state.fastest_K_s * math.exp(-dt_s / FASTEST_FADES_S), rate_K_s),
+            most_W=max(state.most_W, heat_W),
+        )
+        seen = np.isfinite(gap.gap_K)
+        squares = [np.where(seen, gap.gap_K, 0.0) ** 2, np.where(seen, gap.allowed_K, 0.0) ** 2, seen]
+        new = dt_s * np.column_stack(squares)
+        if heat_W > WORKS * state.most_W:
+            phase = _WARM if rate_K_s > FAST * state.fastest_K_s else _STEADY
+            state = _gathered(
+                _resolved(state, _DWELL if state.stood_s < DWELL_S else _COOL), phase, new, dt_s
+            )
+        elif float(np.max(np.abs(gap.rise_K))) < REST_K:
+            state = _gathered(_resolved(state, _COOL), _REST, new, dt_s)
+        else:
+            state = replace(state, waiting=state.waiting + new, stood_s=state.stood_s + dt_s)
+            if state.stood_s >= DWELL_S:
+                state = replace(_resolved(state, _COOL), stood_s=state.stood_s)
+        return self._told(state)
+
+    def _told(self, state: GapState) -> GapState:
+        """The state, with what is to be told of it."""
+        ratio = _ratios(state.sums)
+        worst = int(np.argmax(ratio))
+        if ratio[worst] > (LIMIT if math.isnan(state.last_s) else LIMIT_OFF):
+            since_s = state.time_s if math.isnan(state.last_s) else state.last_s
+            return replace(state, last_s=since_s, sensor=worst, phase=_phase(state.sums, worst))
+        return replace(state, last_s=math.nan, sensor=-1, phase=-1)
+
+    def warm_up(self, inputs: Inputs) -> None:
+        """Have everything compiled and loaded, by a step that is then forgotten."""
+        one = gathered([inputs])._replace(dt_s=np.array([STEP_S]))
+        self._tolerant.ahead(self._tolerant.initial(), one)
+
+    @property
+    def of_allowed(self) -> float:
+        """The largest gap of any sensor over what it may be."""
+        return float(np.max(_ratios(self.state.sums), initial=0.0))
+
+    @property
+    def departure(self) -> Departure | None:
+        """What is beyond the tolerances now."""
+        state = self.state
+        if math.isnan(state.last_s):
+            return None
+        parts = (state.sums[_REST + 1 :].sum(axis=0), state.sums[_REST])
+        gap_K, allowed_K = max(
+            (_rms(part[[state.sensor]]) for part in parts), key=lambda found: float(found[0][0])
+        )
+        name, phase = self._sensors[state.sensor], PHASES[state.phase]
+        return Departure(name, state.last_s, phase, float(gap_K[0]), float(allowed_K[0]))
+
+    @property
+    def history(self) -> dict[str, Any]:
+        """What a replay tells of it: the figures at the end, the largest gap over what was allowed of any
+        sensor, and every departure.
+        """
+        told = [
+            {"sensor": d.sensor, "since_s": d.since_s, "phase": d.phase, "rms_K": round(d.rms_K, 3),
+             "allowed_K": round(d.allowed_K, 3)}
+            for d in self._departures
+        ]  # fmt: skip
+        return {"now": self.figures, "most_of_allowed": round(self._most, 3), "departures": told}
+
+    @property
+    def figures(self) -> dict[str, Any] | None:
+        """What health tells of the gap, None before an hour of work."""
+        state = self.state
+        work = state.sums[_REST + 1 :].sum(axis=0)
+        if state.judged_s < 3600.0 * LEAST_H or not work[:, 2].any():
+            return None
+        gap_K, _ = _rms(work)
+        total = _rms(work.sum(axis=0)[None])
+        told = not math.isnan(state.last_s)
+        return {
+            "hours": round(state.judged_s / 3600.0, 2),
+            "rms_K": round(float(total[0][0]), 3),
+            "allowed_K": round(float(total[1][0]), 3),
+            "per_sensor": {n: round(float(g), 3) for n, g in zip(self._sensors, gap_K, strict=True)},
+            "since_s": state.last_s if told else None,
+            "sensor": self._sensors[state.sensor] if told else None,
+            "phase": PHASES[state.phase] if told else None,
+        }
+
+
+def _resolved(state: GapState, phase: int) -> GapState:
+    """The state once it is known what a standstill was."""
+    if state.stood_s == 0.0:
+        return state
+    spent_s = float(state.waiting[:, 2].max())
+    none = np.zeros_like(state.waiting)
+    return replace(_gathered(state, phase, state.waiting, spent_s), waiting=none, stood_s=0.0)
+
+
+def _gathered(state: GapState, phase: int, new: FloatArray, spent_s: float) -> GapState:
+    """The state with new sums of a phase, by which those of work, or those of rest, have faded."""
+    part = slice(_REST, _REST + 1) if phase == _REST else slice(_REST + 1, None)
+    sums = state.sums.copy()
+    sums[part] *= math.exp(-spent_s / (3600.0 * HOURS))
+    sums[phase] += new
+    return replace(state, sums=sums, judged_s=state.judged_s + (0.0 if phase == _REST else spent_s))
+
+
+def _ratios(sums: FloatArray) -> FloatArray:
+    """Each sensor's gap over what is allowed (s,), at work or at rest; 0 where too little is there."""
+    found = []
+    for part, least_h in ((sums[_REST + 1 :].sum(axis=0), LEAST_H), (sums[_REST], LEAST_REST_H)):
+        enough = part[:, 2] >= 3600.0 * least_h
+        found.append(np.where(enough, np.sqrt(part[:, 0] / np.maximum(part[:, 1], 1e-12)), 0.0))
+    return np.asarray(np.max(found, axis=0))
+
+
+def _phase(sums: FloatArray, sensor: int) -> int:
+    """In which phase a sensor's gap is furthest beyond what is allowed, by index into `PHASES`."""
+    gap_K2, allowed_K2, count = sums[:, sensor].T
+    return int(np.argmax(np.where(count > 0.0, gap_K2 / np.maximum(allowed_K2, 1e-12), 0.0)))
+
+
+def _rms(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The rms gap and what is allowed (s,), K."""
+    count = np.maximum(sums[:, 2], 1e-12)
+    return np.sqrt(sums[:, 0] / count), np.sqrt(sums[:, 1] / count)

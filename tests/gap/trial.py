@@ -1,0 +1,118 @@
+"""The campaign of months: machines that are off their configuration within its tolerances are silent for a
+month of working days, and what appears after a week is noticed. Rows that are there are not run again.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from tests.campaign.__main__ import with_tables
+from tests.gap.months import EFFECTS, Found, Rig
+from tests.learning.machines import AS_CONFIGURED, Rough, draw
+
+FIRST_SEED = 9200
+ROUGH, PLAIN = 12, 1
+DAYS, APPEARS = 30, 7
+LOOKED = 3
+"""Days of work after something appeared, in which it is looked for."""
+NOTHING = "nothing"
+COLUMNS = ("group", "machine", "appears", "days", "most", "after_h", "sensor", "phase")
+DOCS = Path(__file__).parents[2] / "docs"
+RESULTS, PAGE = DOCS / "gap" / "results.csv", DOCS / "explanation" / "gap.md"
+MARKS = ("<!-- the campaign's table, written by make gap-campaign -->", "<!-- its end -->")
+
+
+def month(rig: Rig, group: str, number: int) -> list[dict[str, str]]:
+    """One machine's rows: a month in which nothing appears, and what may appear after its first week."""
+    one = draw(FIRST_SEED, number, Rough() if group == "rough" else AS_CONFIGURED)
+    rig.begin()
+    before = rig.days(one, FIRST_SEED, number, range(APPEARS))
+    week = rig.watch.state
+    after = rig.days(one, FIRST_SEED, number, range(APPEARS, DAYS))
+    told = before if before.sensor else after
+    nothing = Found(max(before.most, after.most), told.after_h, told.sensor, told.phase)
+    rows = [_row(group, number, NOTHING, DAYS, nothing)]
+    for effect in EFFECTS:
+        rig.begin(week)
+        days = range(APPEARS, APPEARS + LOOKED)
+        rows.append(_row(group, number, effect, LOOKED, rig.days(one, FIRST_SEED, number, days, effect)))
+    return rows
+
+
+def _row(group: str, number: int, appears: str, days: int, found: Found) -> dict[str, str]:
+    after_h = "" if found.after_h is None else f"{found.after_h:.2f}"
+    cells = (
+        group,
+        number,
+        appears,
+        days,
+        f"{found.most:.3f}",
+        after_h,
+        found.sensor or "",
+        found.phase or "",
+    )
+    return dict(zip(COLUMNS, map(str, cells), strict=True))
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """The rows that are there."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def write(path: Path, rows: list[dict[str, str]]) -> None:
+    """Write the rows, in the order of their machines."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(sorted(rows, key=lambda r: (r["group"], int(r["machine"]))))
+
+
+def table(rows: list[dict[str, str]]) -> str:
+    """The campaign in a table, a line for what appeared."""
+    lines = [
+        "| what appears | machines | told | hours of work until then, median (longest) | told first "
+        "of a sensor beside it | largest gap over what is allowed, least … most |",
+        "|---|---|---|---|---|---|",
+    ]
+    for group in ("rough", "as configured"):
+        for appears in (NOTHING, *EFFECTS):
+            own = [r for r in rows if (r["group"], r["appears"]) == (group, appears)]
+            if not own:
+                continue
+            told = [r for r in own if r["sensor"]]
+            hours = [float(r["after_h"]) for r in told]
+            near = EFFECTS[appears][1] if appears in EFFECTS else ()
+            most = [float(r["most"]) for r in own]
+            spent = f"{np.median(hours):.1f} ({max(hours):.1f})" if hours else "–"
+            beside = f"{sum(r['sensor'] in near for r in told)} of {len(told)}" if told and near else "–"
+            days = f", {own[0]['days']} days" if appears == NOTHING else ""
+            lines.append(
+                f"| {appears}{days} | {len(own)} {group} | {len(told)} | {spent} | {beside} | "
+                f"{min(most):.2f} … {max(most):.2f} |"
+            )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what is missing, and write the table into the page."""
+    rows, rig = read(RESULTS), Rig()
+    done = {(r["group"], int(r["machine"])) for r in rows}
+    todo = [("as configured", i) for i in range(PLAIN)] + [("rough", i) for i in range(ROUGH)]
+    todo = [what for what in todo if what not in done]
+    for count, what in enumerate(todo, start=1):
+        rows += month(rig, *what)
+        write(RESULTS, rows)
+        sys.stderr.write(f"{count} of {len(todo)} machines\n")
+    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), table(rows), MARKS), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
