@@ -1,7 +1,7 @@
 """An effect appears in a machine while a service records it: searched, found, adopted, and the gap shrinks.
 
-The machine is the independent two-dimensional one; its hours are played to the parts of the service as fast as
-they go. The commands are the program's own.
+The machine is the independent two-dimensional one; its hours are played to the parts of the service as fast
+as they go. The commands are the program's own.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from observer.fit.runs import joined
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
 from observer.installation.adopt import adoption_of
 from observer.service.align import AlignPlan
+from observer.service.machine import Machine
 from observer.service.trial import Trial
 from tests.service.recorded import recorded, thinned
 from tests.system.plant import ROOT
@@ -64,6 +65,21 @@ class Plant:
         return seen
 
 
+class Watch:
+    """What the service watches beside its estimator."""
+
+    def __init__(self, config: Installation) -> None:
+        machine = Machine.of(config, learns=True)
+        gap = machine.gap()
+        assert gap is not None
+        self.gap, self._drive, self._state = gap, machine.drive, machine.drive.initial()
+
+    def see(self, frames: list[FrameBlock]) -> None:
+        """Take the frames of some hours."""
+        self._state, inputs = self._drive.run(self._state, joined(frames))
+        self.gap.take(inputs)
+
+
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
     path = tmp_path / "machine.toml"
@@ -75,15 +91,20 @@ def config(tmp_path: Path) -> Path:
 
 def test_what_appears_is_found_in_the_recordings_adopted_and_kept(config, tmp_path):
     plant = Plant(load(config))
-    plant.works(_run(BEFORE, "a"))  # nothing is wrong yet
+    watch = Watch(load(config))
+    watch.see(plant.works(_run(BEFORE, "a")))
+    assert watch.gap.departure is None  # nothing is wrong yet
     for name in ("a", "b", "c"):
-        plant.works(_run(AFTER, name))
+        watch.see(plant.works(_run(AFTER, name)))
+    departure = watch.gap.departure
+    assert departure is not None
+    assert departure.sensor == "t1"  # next to the end that loses heat
     hours = sum(_run(AFTER, name).time_s[-1] for name in ("a", "b", "c")) + 2 * BREAK_s
     found = tmp_path / "found"
     said = _observer(
         "discover",
         "--recent",
-        f"{np.ceil(hours / 60.0):.0f}min",
+        f"{hours / 60.0:.0f}min",
         "--config",
         str(config),
         "--output",
