@@ -45,7 +45,7 @@ def told(plant: Plant, state: EstimatorState, inputs: Inputs, estimate: Estimate
     if not (state.started and np.isfinite(value).all() and np.isfinite(state.P).all()):
         return None
     H = _rows(plant, inputs, estimate.law_W[-1], heats, lags)
-    return Told(plant.layout.position_m, heats, lags, value, H @ _whole(state.P) @ H.T)
+    return Told(plant.layout.position_m, heats, lags, value, H @ state.P @ H.T)
 
 
 def taken(plant: Plant, estimator: Estimator, known: Told, inputs: Inputs) -> EstimatorState | None:
@@ -74,7 +74,7 @@ def taken(plant: Plant, estimator: Estimator, known: Told, inputs: Inputs) -> Es
     held = np.zeros(0, np.int64)
     if plant.learning is not None:
         held = len(plant.decay_1_s) + len(sources) + plant.learning.arrays.held
-    x, P = _replaced(state.x_hat, _whole(state.P), H, nu, known.covariance[np.ix_(said, said)], held)
+    x, P = _replaced(state.x_hat, state.P, H, nu, known.covariance[np.ix_(said, said)], held)
     return replace(state, x_hat=x, P=P, around=_around(plant, inputs, x, state.around))
 
 
@@ -96,11 +96,6 @@ def _rows(
     for row, name in enumerate(lags, len(C) + len(heats)):
         H[row, plant.modes + plant.source_names.index(name)] = 1.0
     return H
-
-
-def _whole(P: FloatArray) -> FloatArray:
-    """A covariance of which the estimators keep the lower triangle alone."""
-    return np.asarray(np.tril(P) + np.tril(P, -1).T)
 
 
 def _in_place(plant: Plant, inputs: Inputs) -> FloatArray:

@@ -6,6 +6,7 @@ air come once a second, position and speed with each tick.
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
 import time
@@ -53,7 +54,8 @@ def main(folder: Path) -> None:
     begun_s = time.monotonic()
     command = ["discover", "--recent", "8h", "--config", str(path), "--output", str(folder / "found")]
     subprocess.run([sys.executable, "-m", "observer", *command], check=True)
-    print(f"searched in {time.monotonic() - begun_s:.0f} s")
+    most_MB = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+    print(f"searched in {time.monotonic() - begun_s:.0f} s, with {most_MB:.0f} MB")
 
 
 if __name__ == "__main__":
