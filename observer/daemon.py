@@ -19,7 +19,8 @@ from observer.service.carry import carried_over
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
-from observer.service.keeper import Keeper, carried, stored
+from observer.service.gap import GapState
+from observer.service.keeper import Keeper, carried, known_of_gap, stored
 from observer.service.lives import run
 from observer.service.loop import Service
 from observer.service.machine import Machine
@@ -56,7 +57,8 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
 
     file = ready.checkpoint
     start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
-    service = _service(ready, clock, renewals, trial, start, alone=True)
+    known = known_of_gap(file, ready.fit) if file is not None and start is None else None
+    service = _service(ready, clock, renewals, trial, start, alone=True, known=known)
     if trial is None:
         run(service, seconds, anew)
         return
@@ -124,10 +126,11 @@ def _service(
     start: Snapshot | None,
     *,
     alone: bool,
+    known: GapState | None = None,
 ) -> Service:
     """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
 
-    `alone` asks for nobody else to have the axis.
+    `alone` asks for nobody else to have the axis; `known` is what a cold start knows of the prediction's gap.
     """
     config, machine, estimator = ready.config, ready.machine, ready.estimator
     name, record, instance = config.machine, config.record, secrets.token_hex(4)
@@ -138,6 +141,9 @@ def _service(
         else None
     )
     file = ready.checkpoint
+    gap = machine.gap()
+    if gap is not None and known is not None:
+        gap.restore(known)
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
@@ -174,5 +180,5 @@ def _service(
         compiler=ready.compiler(),
         alone=alone,
         trial=trial,
-        gap=machine.gap(),
+        gap=gap,
     )

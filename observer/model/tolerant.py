@@ -95,6 +95,10 @@ class Tolerant:
         self._rest = REST_K**2 / max(float(np.max(rest_K2, initial=0.0)), 1e-12)
         self._slack = np.eye(len(plant.decay_1_s)) if plant.coupling.active else None
 
+    def parameters(self, kind: Kind) -> NDArray[np.int64]:
+        """Return which entries of θ are of a kind."""
+        return self._at[kind]
+
     def initial(self) -> TolerantState:
         """Return the state of a machine of which nothing has been seen."""
         n_x, sigma = len(self._plant.decay_1_s), self._theta.sigma
@@ -135,13 +139,16 @@ class Tolerant:
         one that has gone wrong must not turn into a field.
         """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
-        air = self._at[Kind.AMBIENT]
+        air = self.parameters(Kind.AMBIENT)
         seen = np.flatnonzero(u.usable[0])
         if not self._learn.rests or u.law_W.any() or not len(air) or not len(seen):
             return False
-        offset_K = self._of_sensors(state.x)[:, self._at[Kind.OFFSET]] @ state.theta[self._at[Kind.OFFSET]]
+        offset_K = (
+            self._of_sensors(state.x)[:, self.parameters(Kind.OFFSET)]
+            @ state.theta[self.parameters(Kind.OFFSET)]
+        )
         offset_K2 = np.zeros(len(offset_K))
-        offset_K2[theta.of[self._at[Kind.OFFSET]]] = theta.sigma[self._at[Kind.OFFSET]] ** 2
+        offset_K2[theta.of[self.parameters(Kind.OFFSET)]] = theta.sigma[self.parameters(Kind.OFFSET)] ** 2
         K2 = offset_K2 + P[np.ix_(air, air)].sum() + self._plant.noise_R_K2
         air_degC = u.z_end[0, self._learn.ambient] + state.theta[air].sum()
         agree = (u.y_degC[0] - offset_K - air_degC) ** 2 <= _SURE**2 * K2
@@ -199,7 +206,7 @@ class Tolerant:
         """What the parameters of sensors add to readings, (s, t)."""
         t, s = self._theta, self._plant.rows.sensors
         rows = np.zeros((s, len(t.kind)))
-        offset, place = self._at[Kind.OFFSET], self._at[Kind.PLACE]
+        offset, place = self.parameters(Kind.OFFSET), self.parameters(Kind.PLACE)
         rows[t.of[offset], offset] = 1.0
         rows[t.of[place], place] = self._learn.slope_C[t.of[place]] @ x
         return rows

@@ -113,7 +113,8 @@ class GapWatch:
     def take(self, inputs: Inputs) -> None:
         """Take the inputs of K steps of the estimator, in order."""
         minutes = np.floor(inputs.time_s / STEP_S)
-        edges = [0, *(np.flatnonzero(np.diff(minutes)) + 1).tolist(), len(inputs)]
+        turns = np.flatnonzero(np.diff(minutes)) + 1 if len(inputs) > 1 else ()
+        edges = [0, *map(int, turns), len(inputs)]
         for a, b in pairwise(edges):
             if minutes[a] != self._minute:
                 self._finish()

@@ -12,6 +12,7 @@ import structlog
 
 from observer.files.folders import make_folder, write_whole
 from observer.service.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, unpack
+from observer.service.gap import GapState
 
 log = structlog.get_logger()
 
@@ -25,6 +26,15 @@ def stored(path: Path, fit: Fit, now_s: float, oldest_s: float) -> Snapshot | No
         return None
     log.info("warm start", checkpoint=str(path), age_s=round(now_s - snapshot.tick_s, 3))
     return snapshot
+
+
+def known_of_gap(path: Path, fit: Fit) -> GapState | None:
+    """What was known of the prediction's gap when the service ran last, however long ago; None if nothing."""
+    try:
+        gap = load(path, fit).gap
+    except UnfitError:
+        return None
+    return None if gap is None else replace(gap, time_s=math.nan)
 
 
 def carried(

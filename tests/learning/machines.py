@@ -105,11 +105,21 @@ def day(specimen: Specimen, seed: int, number: int, run: str, *, warm: bool = Fa
 
 
 def work(
-    specimen: Specimen, phases: tuple[Phase, ...], start_m: float, rng: np.random.Generator, from_s: float
+    specimen: Specimen,
+    phases: tuple[Phase, ...],
+    start_m: float,
+    rng: np.random.Generator,
+    from_s: float,
+    twice_from_s: float = np.inf,
 ) -> Day:
-    """Run it through phases of work, from one temperature on; the log begins `from_s` later."""
+    """Run it through phases of work, from one temperature on; the log begins `from_s` later.
+
+    The nut makes twice its heat from `twice_from_s` on.
+    """
     felt = draw_air(float(rng.uniform(18.0, 25.0)), steps_of(phases), rng)
     schedule = build_schedule(phases, start_m, felt)
+    nut_factor = 1.0 + (np.arange(len(schedule.speed_rpm)) * STEP_s >= twice_from_s)
+    schedule = schedule._replace(nut_factor=nut_factor)
     physics = specimen.machine.physics
     result = run_machine(physics, schedule, np.concatenate([specimen.sensor_m, FINE_M]))
     section, fine = result.section_degC[:, :5], result.section_degC[:, 5:]
@@ -124,7 +134,9 @@ def work(
         nut_m=np.round(result.nut_m[rows], 4),
         speed_rpm=speed_rpm[step],
         air_degC=air_degC,
-        heat_W=_friction_W(physics, speed_rpm)[step],
+        heat_W=(_friction_W(physics, speed_rpm) * np.where([True, False, False], nut_factor[:, None], 1.0))[
+            step
+        ],
         field_degC=fine[rows][:, ::10],
         error_um=_growth_um(fine[rows] - air_degC[0])[:, ::10],
     )

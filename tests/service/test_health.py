@@ -37,6 +37,12 @@ def _facts(**changes) -> Facts:
     return replace(facts, **changes)
 
 
+def test_the_gap_stands_in_the_document_as_it_was_given():
+    gap = {"hours": 3.5, "rms_K": 0.4, "allowed_K": 0.6, "per_sensor": {"t1": 0.4}, "since_s": None}
+    assert json.loads(to_json(assess(_facts(gap=gap)).document()))["gap"] == gap
+    assert assess(_facts()).document()["gap"] is None
+
+
 def test_all_well_is_good_and_counts_are_there():
     health = assess(_facts())
     assert (health.state, health.reasons) == ("good", ())

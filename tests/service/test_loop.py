@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import math
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from drivers.protocol import DriverStatus
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
 from observer.service.clock import ServiceClock
+from observer.service.gap import Departure
 from observer.service.loop import Service, serve
 from observer.service.pipeline import Pipeline
 from observer.service.record import Recorder
@@ -260,3 +262,38 @@ async def test_a_renewal_ends_the_parts_and_tells_where_they_stood():
     await _serve(after, lambda: len(after.publisher.estimates) >= 2)
     first = after.publisher.estimates[0][1]
     assert first.field_degC[0, 2] == first.field_degC[0, 0] * (first.time_s[0] - last.time_s[0])
+
+
+class _Departed:
+    """A watch that finds a departure in whatever it is given."""
+
+    state = None
+    figures: ClassVar[dict] = {"hours": 2.0}
+    departure = Departure("t2", 0.0, "steady", 2.0, 1.0)
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def warm_up(self, inputs) -> None:
+        self.taken = -1000
+
+    def take(self, inputs) -> None:
+        self.taken = max(self.taken, 0) + len(inputs)
+
+
+async def test_a_departed_prediction_is_a_reason_and_estimates_stay_as_good_as_they_are():
+    readings = [(0.05 * k, dict.fromkeys(CHANNELS, 20.0 + 0.01 * k), {}) for k in range(400)]
+    service = _service([FakeDriver(readings)])
+    service = replace(service, gap=_Departed())
+    told = "the model's prediction has departed from sensor t2"
+    await _serve(
+        service,
+        lambda: (
+            any(r.startswith(told) for h in service.publisher.healths for r in h["reasons"])
+            and any(block.quality[0] == EstimateQuality.GOOD for _, block in service.publisher.estimates)
+        ),
+    )
+    health = service.publisher.healths[-1]
+    assert health["gap"] == {"hours": 2.0}
+    assert health["state"] != "good"
+    assert service.gap.taken >= len(service.publisher.estimates)
