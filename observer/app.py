@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import time
 from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -172,12 +175,14 @@ def calibrate(
     from observer.installation.write_back import write_back
 
     config = load(config_path)
+    searched = config_path.read_bytes()
     runs, odd = _runs(log_paths, config)
     with results_in(output) as part:
         found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
         progress("process noise by maximum likelihood")
         noise = fit_noise(found.config, runs)
         result = calibration_result(found, noise) | {"doubts": odd}
+        result = _about(searched, [path.name for path in log_paths]) | result
         text = write_back(config_path.read_text(encoding="utf-8"), found.values | found.left | noise)
         (part / "config.toml").write_text(text, encoding="utf-8")
         write_json(part / "calibration.json", result)
@@ -185,7 +190,8 @@ def calibrate(
 
 
 def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
-    """Write the configuration with what its service has learnt, by its checkpoint, as `config.toml`.
+    """Write the configuration with what its service has learnt, by its checkpoint, as `config.toml`, and what
+    that is as `learned.json`.
 
     Returns what has been learnt, with σ. Raises `ConfigError` where nothing is learnt or left to go by.
     """
@@ -194,7 +200,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     from observer.service.checkpoint import Fit, UnfitError
     from observer.service.checkpoint import load as load_checkpoint
 
-    config = load(config_path)
+    config, searched = load(config_path), config_path.read_bytes()
     machine, file = Machine.of(config, learns=True), config.checkpoint_file
     if (learning := machine.plant.learning) is None or not learning.names:
         raise ConfigError(
@@ -203,7 +209,8 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     if file is None:
         raise ConfigError(f"{config_path}: the service keeps no checkpoint; give [checkpoint] directory")
     try:
-        stood = load_checkpoint(file, Fit.of(config, machine.drive, machine.estimator())).estimator
+        fit = Fit.of(config, machine.drive, machine.estimator(), machine.gap())
+        stood = load_checkpoint(file, fit).estimator
     except UnfitError as error:
         raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None
     first = len(stood.x_hat) - machine.plant.learnt
@@ -212,6 +219,8 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     with results_in(output) as part:
         text = write_back(config_path.read_text(encoding="utf-8"), offer.values | offer.left)
         (part / "config.toml").write_text(with_effects(text, offer.biases), encoding="utf-8")
+        parameters = {key: {"value": value, "sigma": sigma} for key, (value, sigma) in told.items()}
+        write_json(part / "learned.json", _about(searched, [file.name]) | {"parameters": parameters})
     return told
 
 
@@ -247,17 +256,68 @@ def _runs_read_rightly(
     return runs, odd, tuple(misread)
 
 
+def _recent(config: Installation, last_s: float) -> tuple[list[list[FrameBlock]], list[str], list[str]]:
+    """The frames of each stretch recorded lately, what is doubtful about them, and what each is called."""
+    from observer.service.plausibility import doubts_of_log
+    from observer.service.recent import stretches
+
+    name = f"{config.machine.name}-{config.machine.axis}"
+    runs, odd, names = [], [], []
+    for stretch in stretches(config.record, name, AlignPlan.of(config), last_s):
+        frames = stretch.frames
+        runs.append([frames])
+        names.append(str(stretch))
+        odd += [
+            f"{names[-1]}: {sentence}"
+            for sentence in doubts_of_log(config, frames.values, frames.channels, [frames.path])
+        ]
+    return runs, odd, names
+
+
+def _about(searched: bytes, names: Sequence[str]) -> dict[str, Any]:
+    """What a result was made of: program, logs, and the text of the configuration."""
+    return {
+        "version": version("ballscrew-observer"),
+        "logs": list(names),
+        "config_sha256": hashlib.sha256(searched).hexdigest(),
+    }
+
+
+def adopt(folder: Path, config_path: Path, hours: float) -> str:
+    """Put a found configuration in the place of the one that was searched; returns a sentence."""
+    from observer.installation.adopt import adopt as put
+    from observer.installation.adopt import before_of
+
+    adoption = put(folder, config_path, hours, time.time())
+    return (
+        f"{config_path} is now the configuration of {folder}; the one before is in "
+        f"{before_of(config_path, adoption).name}.\nA running service puts it in force within seconds, "
+        f"watches the gap for {hours:g} h of running, and takes it back if that has not shrunk."
+    )
+
+
+def adopted(config_path: Path, *, undo: bool) -> str:
+    """Say how the last adoption stands; with `undo` take it back before."""
+    from observer.installation.adopt import adoption_of
+    from observer.installation.adopt import undo as put_back
+
+    found = put_back(config_path) if undo else adoption_of(config_path)
+    return f"{config_path}: " + ("nothing was adopted" if found is None else found.sentence())
+
+
 def discover(
     config_path: Path,
     log_paths: Sequence[Path],
     output: Path,
     progress: Callable[[str, float], None],
     *,
+    recent_s: float | None = None,
     report: bool = True,
 ) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
-    Returns what was found, and the content of `result.json`.
+    With `recent_s` the logs are what the service has recorded in so many last seconds. Returns what was
+    found, and the content of `result.json`.
     """
     from observer.discovery.crew import Crew
     from observer.discovery.discover import discover as find
@@ -268,12 +328,18 @@ def discover(
 
     config = load(config_path)
     progress("reading logs", 0.0)
-    runs, odd, misread = _runs_read_rightly(log_paths, config)
+    searched = config_path.read_bytes()
+    misread: tuple[Misread, ...] = ()
+    if recent_s is None:
+        runs, odd, misread = _runs_read_rightly(log_paths, config)
+        names = [path.name for path in log_paths]
+    else:
+        runs, odd, names = _recent(config, recent_s)
     righted = [Suspect("units", m.channel, m.unit, m.text) for m in misread]
     with results_in(output) as part:
         with Crew() as crew:
             found = find(config, runs, progress, crew, righted)
-        result = discovery_result(found) | {"doubts": odd}
+        result = _about(searched, names) | discovery_result(found) | {"doubts": odd}
         if found.verdict.kind == "named":
             values = {key: entry["value"] for key, entry in result["calibrated"].items()}
             text = write_back(config_path.read_text(encoding="utf-8"), values)
@@ -282,7 +348,7 @@ def discover(
         write_json(part / "result.json", result)
         if report:
             progress("writing the report", 0.97)
-            write_discovery_report(part / "report.html", found, result, [path.name for path in log_paths])
+            write_discovery_report(part / "report.html", found, result, names)
     return found, result
 
 

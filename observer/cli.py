@@ -276,30 +276,68 @@ def learned(config: ConfigOption, output: OutputOption) -> None:
 
     for key, (value, sigma) in parts.learned(config, output).items():
         typer.echo(f"{key} = {value:.5g} ± {sigma:.2g}")
-    typer.echo(f"written to {output}: config.toml")
+    typer.echo(f"written to {output}: config.toml, learned.json")
 
 
 @app.command()
 def discover(
-    log: Annotated[
-        list[Path],
-        typer.Argument(help="Logs of the same machine; the last one, or its end, is kept as proof."),
-    ],
     config: ConfigOption,
     output: OutputOption,
+    log: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Logs of the same machine; the last one, or its end, is kept as proof."),
+    ] = None,
+    recent: Annotated[
+        str | None,
+        typer.Option(help="In place of logs, what the service recorded in the last 90min, 8h, 2d …"),
+    ] = None,
 ) -> None:
     """Find the physical effect that the model lacks; add it, and prove that the gap shrinks."""
+    if bool(log) == (recent is not None):
+        raise UserError(
+            "discover: name either logs or --recent with a duration, as in --recent 8h, and not both"
+        )
     from observer import app as parts
     from observer.report.progress import advancing
     from observer.report.wording import as_sentences
+    from observer.service.recent import duration_s
 
+    recent_s = None if recent is None else duration_s(recent)
     with advancing("discover") as progress:
-        found, result = parts.discover(config, log, output, progress)
+        found, result = parts.discover(config, log or [], output, progress, recent_s=recent_s)
+    if recent is not None:
+        for name in result["logs"]:
+            typer.echo(f"searched: {name}")
     _warn(result["doubts"])
     for sentence in as_sentences(found, result):
         typer.echo(sentence)
     files = "config.toml, result.json, report.html" if result["effects"] else "result.json, report.html"
     typer.echo(f"written to {output}: {files}")
+
+
+@app.command()
+def adopt(
+    config: ConfigOption,
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="What discover or calibrate has written.")
+    ] = None,
+    hours: Annotated[
+        float, typer.Option(min=0.001, max=1000.0, help="Hours of running over which the gap is watched.")
+    ] = 24.0,
+    status: Annotated[
+        bool, typer.Option("--status", help="Instead, say how the last adoption stands.")
+    ] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="Instead, take the last adoption back.")] = False,
+) -> None:
+    """Put a found configuration in force, watch the gap, and take it back if that has not shrunk."""
+    if [folder is not None, status, undo].count(True) != 1:
+        raise UserError("adopt: name either the folder of results, or --status, or --undo")
+    from observer import app as parts
+
+    if folder is not None:
+        typer.echo(parts.adopt(folder, config, hours))
+    else:
+        typer.echo(parts.adopted(config, undo=undo))
 
 
 @app.command()

@@ -9,6 +9,7 @@ import threading
 from observer.installation import Installation
 from observer.service.align import Aligner
 from observer.service.machine import Machine
+from observer.service.open_loop import OpenLoop
 
 
 def main() -> None:
@@ -16,7 +17,9 @@ def main() -> None:
     config = Installation.model_validate_json(sys.stdin.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     machine = Machine.of(config, learns=True)
-    machine.pipeline(machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
+    frame = Aligner(machine.plan).tick(0.0)
+    machine.pipeline(machine.estimator()).warm_up(frame)
+    OpenLoop(machine.plant, machine.drive).warm_up(frame)
 
 
 def _end_with_parent() -> None:

@@ -15,6 +15,7 @@ from observer.publish.session import listening
 from observer.publish.taken import refuse_taken
 from observer.publish.zenoh import ZenohPublisher
 from observer.service.align import Aligner
+from observer.service.carry import carried_over
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
@@ -27,7 +28,10 @@ from observer.service.notify import service_manager
 from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
 from observer.service.retention import Retention
+from observer.service.trial import Trial
 from observer.service.warm import Compiler
+
+_TRIAL_END_S = 0.2
 
 
 def serve(config: Installation, seconds: float | None = None, path: Path | None = None) -> None:
@@ -38,6 +42,7 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     refuse_taken(listening(config.publish), "publish.listen")
     ready, clock = _Ready.of(config), ServiceClock()
     renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
+    trial = None if path is None else Trial(path, renewals.reload, ready.compiler)
 
     def anew(renewal: Renewal[_Ready]) -> Service:
         nonlocal ready, clock
@@ -45,13 +50,28 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         if renewal.new_time and snapshot is not None:
             snapshot = shifted(snapshot, clock.offset_s())
         clock = ServiceClock() if renewal.new_time else clock
-        carry = carried(snapshot, before.fit, ready.fit)
-        return _service(ready, clock, renewals, carry, alone=False)
+        carry = carried(snapshot, before.fit, ready.fit, lambda: _over(renewal, before, ready))
+        if trial is not None:
+            trial.in_force(ready.config)
+        return _service(ready, clock, renewals, trial, carry, alone=False)
 
     file = ready.config.checkpoint_file
     start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
     known = known_of_gap(file, ready.fit) if file is not None and start is None else None
-    run(_service(ready, clock, renewals, start, alone=True, known=known), seconds, anew)
+    service = _service(ready, clock, renewals, trial, start, alone=True, known=known)
+    if trial is None:
+        run(service, seconds, anew)
+        return
+    trial.start(config)
+    try:
+        run(service, seconds, anew)
+    finally:
+        trial.close(_TRIAL_END_S)
+
+
+def _over(renewal: Renewal[_Ready], before: _Ready, now: _Ready) -> Snapshot | None:
+    """Where the service stands, for another model."""
+    return carried_over(renewal.snapshot, renewal.last, before.machine, now.machine, now.estimator)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +116,7 @@ def _service(
     ready: _Ready,
     clock: ServiceClock,
     renewals: Renewals[_Ready],
+    trial: Trial | None,
     start: Snapshot | None,
     *,
     alone: bool,
@@ -152,5 +173,6 @@ def _service(
         renewals=renewals,
         compiler=ready.compiler(),
         alone=alone,
+        trial=trial,
         gap=gap,
     )

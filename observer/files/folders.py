@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from observer.errors import ConfigError
@@ -17,13 +19,18 @@ def make_folder(folder: Path) -> None:
     folder.mkdir(mode=0o700, exist_ok=True)
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Replace a file by one with this content, on the disk when this returns; raises `OSError`."""
+def write_whole(path: Path, data: bytes, like: Path | None = None) -> None:
+    """Replace a file by one with this content, on the disk when this returns; raises `OSError`.
+
+    It may be read and written by whoever may `like`, as far as this user can give that; else by its owner.
+    """
     part = path.with_name(f".{path.name}.part")
     part.unlink(missing_ok=True)  # left behind by a power cut
     fd = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, OWNER_ONLY)
     try:
         with os.fdopen(fd, "wb") as file:
+            if like is not None:
+                _as_open_as(fd, like)
             file.write(data)
             file.flush()
             os.fsync(fd)
@@ -32,6 +39,13 @@ def write_whole(path: Path, data: bytes) -> None:
         part.unlink(missing_ok=True)
         raise
     _sync_folder(path.parent)
+
+
+def _as_open_as(fd: int, like: Path) -> None:
+    about = like.stat()
+    with suppress(PermissionError):  # only root gives a file to others
+        os.fchown(fd, about.st_uid, about.st_gid)
+    os.fchmod(fd, stat.S_IMODE(about.st_mode))
 
 
 def _sync_folder(folder: Path) -> None:

@@ -129,11 +129,14 @@ def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
 
 def tail(frames: FrameBlock, begin: int) -> FrameBlock:
     """Return the frames from row `begin` on; its first step has no length."""
-    if begin == 0:
-        return frames
-    path = {name: p._replace(offset=p.offset[begin:].copy()) for name, p in frames.path.items()}
-    arrays = {key: getattr(frames, key)[begin:].copy() for key in _ROWS}
-    arrays["dt_s"][0] = 0.0
+    return frames if begin == 0 else part(frames, begin, len(frames))
+
+
+def part(frames: FrameBlock, begin: int, end: int) -> FrameBlock:
+    """Return the frames from row `begin` up to `end`; the first step has no length."""
+    path = {name: p._replace(offset=p.offset[begin : end + 1].copy()) for name, p in frames.path.items()}
+    arrays = {key: getattr(frames, key)[begin:end].copy() for key in _ROWS}
+    arrays["dt_s"][:1] = 0.0
     return FrameBlock(channels=frames.channels, path=path, **arrays)
 
 

@@ -70,10 +70,9 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
         return "The calibrated model explains the logs; no effect is missing that shows"
     if verdict.kind == "ambiguous":
         answers = [joined([lack_of(c.kind, c.target) for c in each]) for each in verdict.sets]
-        every = joined(answers, last="; or ", between="; ")
-        if result["family"] is not None:
-            return f"The model lacks {family_text(result['family'])}; the logs cannot tell which: {every}"
-        return f"The model lacks one of these, and the logs cannot tell which: {every}"
+        every, family = joined(answers, last="; or ", between="; "), result["family"]
+        lacks = "one of these, and" if family is None else f"{family_text(family)};"
+        return f"The model lacks {lacks} the logs cannot tell which: {every}"
     if verdict.suspected:
         return "The logs themselves are in doubt, so nothing is said to be missing"
     if verdict.kind == "unknown":

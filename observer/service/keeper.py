@@ -37,15 +37,26 @@ def known_of_gap(path: Path, fit: Fit) -> GapState | None:
     return None if gap is None else replace(gap, time_s=math.nan)
 
 
-def carried(snapshot: Snapshot | None, before: Fit, now: Fit) -> Snapshot | None:
-    """A snapshot for parts that are built anew, None where it does not fit them; the log says why."""
+def carried(
+    snapshot: Snapshot | None, before: Fit, now: Fit, over: Callable[[], Snapshot | None] = lambda: None
+) -> Snapshot | None:
+    """A snapshot for parts that are built anew, None where there is no way; the log says why.
+
+    `over` carries it over where it is of another model.
+    """
     if snapshot is None:
         return None
     try:
-        return unpack(pack(snapshot, before), now)
+        if before.plant == now.plant:
+            return unpack(pack(snapshot, before), now)
+        if (other := over()) is None:
+            raise UnfitError("another configuration of the machine, with which it has nothing in common")
+        found = unpack(pack(other, replace(now, setup=before.setup)), now)
     except UnfitError as error:
         log.warning("cold start", reason=str(error))
         return None
+    log.info("field and heats are carried over into another model of the screw")
+    return found
 
 
 class Keeper:

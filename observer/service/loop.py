@@ -22,6 +22,7 @@ from observer.estimators.selftest import SelfTest
 from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.service.align import Aligner, AlignPlan
+from observer.service.carry import LastStep
 from observer.service.checkpoint import Snapshot
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
@@ -32,6 +33,7 @@ from observer.service.pipeline import Drive, Pipeline
 from observer.service.reasons import departure_sentence
 from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
+from observer.service.trial import Trial
 from observer.service.warm import Compiler
 from observer.service.wires import Wires
 
@@ -111,6 +113,7 @@ class Service:
     renewals: Renewals[Any] | None = None
     compiler: Compiler | None = None
     alone: bool = True
+    trial: Trial | None = None
     gap: GapWatch | None = None
 
 
@@ -185,6 +188,7 @@ class _Cycles:
         self._samples = {driver.name: 0 for driver in service.drivers}
         self._newest_s = {driver.name: -math.inf for driver in service.drivers}
         self._frame: FrameBlock | None = None
+        self._last: LastStep | None = None
         self._estimate: EstimateQuality | None = None
         self._had_estimate = False
         self._failure: str | None = None
@@ -236,7 +240,7 @@ class _Cycles:
             self.overruns += max(0, due - number)
             number = max(due, number) + 1
             if renewal := self._renewal():
-                return replace(renewal, snapshot=self.snapshot())
+                return replace(renewal, snapshot=self.snapshot(), last=self._last)
 
     def _renewal(self) -> Renewal[Any] | None:
         renewals, clock = self._service.renewals, self._service.clock
@@ -246,6 +250,8 @@ class _Cycles:
         self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
         self._commands.before_step(self._service.publisher.commands(), time_s)
         frame = self._aligner.tick(time_s)
+        if self._service.trial is not None:
+            self._service.trial.see(frame)
         if self._service.recorder is not None:
             self._service.recorder.tick(float(frame.time_s[0]))
         changed = self._frame is None or bool((frame.quality != self._frame.quality).any())
@@ -279,6 +285,7 @@ class _Cycles:
                 compensator.disarm(f"{rival}, then arm again")
             self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
+        self._last = LastStep(frame, self._pipeline.inputs, estimate)
         gap = self._service.gap
         known = None if gap is None else gap.state
         self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot(), gap=known)
@@ -305,10 +312,11 @@ class _Cycles:
 
     def _notices(self) -> tuple[str, ...]:
         """What is wrong beside the estimates."""
-        keeper, renewals = self._service.keeper, self._service.renewals
+        keeper, renewals, trial = self._service.keeper, self._service.renewals, self._service.trial
         told = () if self.wires.alive else ("drivers: their thread has ended; restart the service",)
         if keeper is not None and keeper.reason:
             told = (*told, f"checkpoint: {keeper.reason}")
+        told = told if trial is None else (*told, *trial.notices())
         gap = self._service.gap
         if gap is not None and (departure := gap.departure) is not None:
             told = (*told, departure_sentence(departure))
@@ -341,4 +349,6 @@ class _Cycles:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            service.publisher.health(health.document() | {"instance": service.instance})
+            adoption = None if service.trial is None else service.trial.document()
+            beside = {"adoption": adoption, "instance": service.instance}
+            service.publisher.health(health.document() | beside)

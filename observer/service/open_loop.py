@@ -16,32 +16,56 @@ from observer.files.logs import Log, read_log
 from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.simulate import simulate, start, start_from_sensors
+from observer.model.simulate import SimulationState, simulate, start, start_from_sensors
+
+
+class OpenLoop:
+    """A prediction by the heat laws alone, from the first frame on at which every input is known.
+
+    The screw starts at `start_degC`, or as its sensors say.
+    """
+
+    def __init__(self, plant: Plant, drive: Drive, start_degC: float | None = None) -> None:
+        self._plant, self._drive, self._start_degC = plant, drive, start_degC
+        self._drive_state = drive.initial()
+        self._state: SimulationState | None = None
+
+    def run(self, frames: FrameBlock) -> tuple[Inputs, FloatArray] | None:
+        """Give the inputs and the output rows (K, R) of the next frames, None before the first."""
+        self._drive_state, inputs = self._drive.run(self._drive_state, frames)
+        if self._state is None:
+            known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
+            if not len(known):
+                return None
+            inputs = inputs.part(int(known[0]))
+            self._state = self._begin(inputs)
+        self._state, rows = simulate(self._plant, self._state, inputs)
+        return inputs, rows
+
+    def warm_up(self, frames: FrameBlock) -> None:
+        """Have everything compiled and loaded, by steps that are then forgotten."""
+        _, inputs = self._drive.run(self._drive.initial(), frames)
+        simulate(self._plant, start(self._plant, 0.0, inputs.law_W[0]), inputs)
+
+    def _begin(self, inputs: Inputs) -> SimulationState:
+        plant, law_W, z = self._plant, inputs.law_W[0], inputs.z_end[0]
+        y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
+        if self._start_degC is None and np.isfinite(y).any():
+            return start_from_sensors(plant, y, plant.noise_R_K2, law_W, z)
+        return start(plant, z[plant.known.ambient] if self._start_degC is None else self._start_degC, law_W)
 
 
 def predicted(
     plant: Plant, drive: Drive, blocks: Iterable[FrameBlock], start_degC: float | None = None
 ) -> Iterator[tuple[Inputs, FloatArray]]:
-    """Give the inputs and the output rows (K, R) of each block, from the first frame on at which every input
-    is known; the screw starts at `start_degC`, or as its sensors say.
-    """
-    drive_state, state = drive.initial(), None
-    for frames in blocks:
-        drive_state, inputs = drive.run(drive_state, frames)
-        if state is None:
-            first = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
-            if not len(first):
-                continue
-            k = int(first[0])
-            inputs = inputs.part(k)
-            y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
-            if start_degC is None and np.isfinite(y).any():
-                state = start_from_sensors(plant, y, plant.noise_R_K2, inputs.law_W[0], inputs.z_end[0])
-            else:
-                level = inputs.z_end[0, plant.known.ambient] if start_degC is None else start_degC
-                state = start(plant, level, inputs.law_W[0])
-        state, rows = simulate(plant, state, inputs)
-        yield inputs, rows
+    """Give the inputs and the output rows (K, R) of each block, as `OpenLoop` does."""
+    loop = OpenLoop(plant, drive, start_degC)
+    yield from (found for frames in blocks if (found := loop.run(frames)) is not None)
+
+
+def gap_K(plant: Plant, inputs: Inputs, rows: FloatArray) -> FloatArray:
+    """How far each usable reading (K, s) is from its prediction, NaN where there is none."""
+    return np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
 
 
 def open_loop_rms_K(plant: Plant, drive: Drive, blocks: Iterable[FrameBlock]) -> dict[str, float | None]:
@@ -49,7 +73,7 @@ def open_loop_rms_K(plant: Plant, drive: Drive, blocks: Iterable[FrameBlock]) ->
     squares = np.zeros(plant.rows.sensors)
     count = np.zeros(plant.rows.sensors)
     for inputs, rows in predicted(plant, drive, blocks):
-        gap = np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
+        gap = gap_K(plant, inputs, rows)
         squares += np.nansum(gap**2, axis=0)
         count += np.isfinite(gap).sum(axis=0)
     return {

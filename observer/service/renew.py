@@ -11,6 +11,7 @@ from typing import Generic, TypeVar
 import structlog
 
 from observer.errors import UserError
+from observer.service.carry import LastStep
 from observer.service.checkpoint import Snapshot
 
 STEP_S = 0.5
@@ -36,13 +37,14 @@ class Renewal(Generic[Prepared]):
     """Why the parts are built anew, with what, and where they stood.
 
     `prepared` is what a configuration that was read again comes to, None for the one in force; `new_time`
-    says that the service's time begins anew as well.
+    says that the service's time begins anew as well. `last` is the step before.
     """
 
     reason: str
     prepared: Prepared | None = None
     new_time: bool = False
     snapshot: Snapshot | None = None
+    last: LastStep | None = None
 
 
 class Renewals(Generic[Prepared]):

@@ -127,17 +127,25 @@ def test_a_configuration_is_read_again_or_refused_whole(tmp_path):
             assert not any("refused" in r for r in seen.health()["reasons"])
             assert not seen.documents["compensation"][-1]["armed"]
 
-            # another model: a cold start, which is said
+            # another model of the screw: field and heats are carried over
             again = len(seen.estimates)
             good["screw"]["conductivity_W_mK"] = 40.0
+            reload(good)
+            begun = until(lambda: _begun_anew(seen, again), 60.0)
+            until(lambda: len(seen.estimates) > begun + 5, 60.0)
+            assert _moved(seen.estimates[begun - 1], seen.estimates[begun]) < 1.5
+
+            # one that has nothing in common with it: a cold start, which is said
+            again = len(seen.estimates)
+            good["output"] = {"positions_m": [0.0, 0.5, 1.0]}
             reload(good)
             begun = until(lambda: _begun_anew(seen, again), 60.0)
             until(lambda: len(seen.estimates) > begun + 5, 60.0)
             assert daemon.stop() < 2.0
     said = [json.loads(line) for line in daemon.said().splitlines()]
     assert any(line["event"] == "cold start" and "another configuration" in line["reason"] for line in said)
-    assert len(list(daemon.recordings.glob("*.csv"))) == 3
-    assert len(list(daemon.recordings.glob("*.start"))) == 1
+    assert len(list(daemon.recordings.glob("*.csv"))) == 4
+    assert len(list(daemon.recordings.glob("*.start"))) == 2
 
 
 def _begun_anew(seen: Subscriber, since: int) -> int | None:

@@ -1,0 +1,257 @@
+"""A found configuration in the place of the one in force, with a way back; what is done stands beside it.
+
+Beside `machine.toml` lie then `machine.toml.before-adopt`, the configuration that it has replaced, and
+`machine.toml.adopted.json`, by which a running service knows that there is something to read and to watch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from observer.errors import ConfigError, UserError
+from observer.files.folders import write_whole
+from observer.files.regular import read_regular
+from observer.files.toml import MOST_BYTES
+from observer.installation import Installation, load
+
+RECORD, BEFORE = ".adopted.json", ".before-adopt"
+RESULTS = ("result.json", "calibration.json", "learned.json")
+Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+State = Literal["watching", "kept", "taken_back", "undone", "replaced"]
+
+
+class Adoption(BaseModel):
+    """What became of an adopted configuration.
+
+    `sha256` is that of the file's text, `hash` that of its meaning, as Zenoh's `config` tells it. Of the
+    `watched_h` hours in which the machine ran so far, `hours` are wanted; the sums of the squares of both
+    open-loop gaps over the same `values` readings are in K².
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    adopted_s: Amount
+    state: State
+    before: str
+    before_sha256: str
+    before_hash: str
+    sha256: str
+    hash: str
+    hours: Amount
+    watched_h: Amount = 0.0
+    values: Annotated[int, Field(ge=0)] = 0
+    before_squares_K2: Amount = 0.0
+    squares_K2: Amount = 0.0
+    reason: str = ""
+
+    @property
+    def before_rms_K(self) -> float | None:
+        """The gap that the configuration before has over the hours watched."""
+        return math.sqrt(self.before_squares_K2 / self.values) if self.values else None
+
+    @property
+    def rms_K(self) -> float | None:
+        """The gap of the adopted one over the very same hours."""
+        return math.sqrt(self.squares_K2 / self.values) if self.values else None
+
+    def document(self) -> dict[str, Any]:
+        """What health tells of it."""
+        return {
+            "state": self.state,
+            "since_s": self.adopted_s,
+            "watched_h": round(self.watched_h, 3),
+            "hours": self.hours,
+            "before_rms_K": _rounded(self.before_rms_K),
+            "rms_K": _rounded(self.rms_K),
+            "reason": self.reason or None,
+        }
+
+    def sentence(self) -> str:
+        """The same for people."""
+        said = f"adopted {datetime.fromtimestamp(self.adopted_s, UTC):%Y-%m-%d %H:%M} UTC: "
+        said += {
+            "watching": f"watched for {self.watched_h:.3g} of {self.hours:g} h of running",
+            "replaced": "replaced by another configuration since, which is not touched",
+        }.get(self.state, self.state.replace("_", " "))
+        if self.rms_K is not None and self.before_rms_K is not None:
+            said += f"; open-loop gap {self.before_rms_K:.3g} K rms before, {self.rms_K:.3g} K now"
+        return said + (f" ({self.reason})" if self.reason else "")
+
+
+def adoption_of(config: Path) -> Adoption | None:
+    """What was adopted last in the place of a configuration, None where nothing was.
+
+    Raises `ConfigError` where the record cannot be read or is none.
+    """
+    path = _beside(config, RECORD)
+    try:
+        return Adoption.model_validate_json(read_regular(path, MOST_BYTES, "the record of an adoption"))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}); let this user read it") from None
+    except ValidationError:
+        raise ConfigError(
+            f"{path}: is not what `observer adopt` has written; remove it, the configuration stays as it is"
+        ) from None
+
+
+def note(config: Path, adoption: Adoption) -> None:
+    """Write what became of an adoption beside its configuration. Raises `UserError`."""
+    _write(_beside(config, RECORD), adoption.model_dump_json(indent=2).encode() + b"\n", config)
+
+
+def adopt(folder: Path, config: Path, hours: float, now_s: float) -> Adoption:
+    """Put the configuration that a search has written in the place of the one it has searched.
+
+    Raises `UserError` where there is none, where the configuration is not the one that was searched any more,
+    where the new one cannot be loaded or is of another machine, or where the files cannot be written.
+    """
+    config = config.resolve()
+    before, new = load(config), _found(folder, config)
+    refuse_unlike(before, new, folder / "config.toml")
+    watched = adoption_of(config)
+    if watched is not None and watched.state == "watching" and watched.sha256 == sha256(config):
+        raise UserError(f"{config}: {watched.sentence()}; wait for its end, or take it back with --undo")
+    text, kept = (folder / "config.toml").read_bytes(), _free(config)
+    adoption = Adoption(
+        adopted_s=now_s, state="watching", before=kept.name, before_sha256=sha256(config),
+        before_hash=before.digest, sha256=hashlib.sha256(text).hexdigest(), hash=new.digest, hours=hours,
+    )  # fmt: skip
+    _write(kept, config.read_bytes(), config)
+    _write(config, text, config)
+    note(config, adoption)  # last: by it the service knows that all the rest is there
+    return adoption
+
+
+def take_back(config: Path, adoption: Adoption, state: State, reason: str = "") -> Adoption:
+    """Put the configuration before an adoption in its place again; returns what is on record then.
+
+    Raises `UserError` where somebody has changed the configuration since, which is left as it is then, or
+    where a file is missing or cannot be written.
+    """
+    config = config.resolve()
+    if sha256(config) != adoption.sha256:
+        raise UserError(
+            f"{config}: has been changed since it was adopted, and stays as it is; what was before lies in "
+            f"{before_of(config, adoption)}"
+        )
+    before = before_of(config, adoption)
+    if sha256(before) != adoption.before_sha256:
+        raise UserError(f"{before}: is not the configuration any more that was in force; put it back by hand")
+    ended = adoption.model_copy(update={"state": state, "reason": reason})
+    _write(config, before.read_bytes(), config)
+    note(config, ended)
+    return ended
+
+
+def before_of(config: Path, adoption: Adoption) -> Path:
+    """Where the configuration lies that an adopted one has replaced."""
+    return config.with_name(Path(adoption.before).name)
+
+
+def undo(config: Path) -> Adoption:
+    """Take an adopted configuration back because somebody asks for it. Raises `UserError`."""
+    adoption = adoption_of(config.resolve())
+    if adoption is None:
+        raise UserError(f"{config}: nothing was adopted in its place, so there is nothing to take back")
+    if adoption.state in {"taken_back", "undone"}:
+        raise UserError(f"{config}: {adoption.sentence()}; there is nothing to take back")
+    return take_back(config, adoption, "undone")
+
+
+def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
+    """Raise `ConfigError` where a configuration is not one of the same machine and wires."""
+    for key, was, now in (
+        ("machine.name", before.machine.name, new.machine.name),
+        ("machine.axis", before.machine.axis, new.machine.axis),
+        ("channels", sorted(before.channels), sorted(new.channels)),
+        ("sensors", [s.name for s in before.sensor], [s.name for s in new.sensor]),
+    ):
+        if was != now:
+            raise ConfigError(
+                f"{place}: {key} is {now} where the one in force has {was}; adopt one of its own"
+            )
+    if (problems := new.undelivered()) and not before.undelivered():
+        raise ConfigError(f"{place}: {problems[0]}")
+
+
+def sha256(path: Path) -> str:
+    """The SHA-256 of a file, in hexadecimal digits; raises `ConfigError` where it cannot be read."""
+    try:
+        return hashlib.sha256(read_regular(path, MOST_BYTES, "a configuration")).hexdigest()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}); put it back") from None
+
+
+def _found(folder: Path, config: Path) -> Installation:
+    """The configuration that a folder of results has, if it was found for this one."""
+    result, path = _result(folder), folder / "config.toml"
+    if not path.is_file() or result.get("verdict", "named") != "named":
+        raise ConfigError(
+            f"{folder}: holds no configuration to adopt (config.toml); `observer discover` writes one only "
+            "where it has named an effect, `observer calibrate` always"
+        )
+    searched = result.get("config_sha256")
+    if searched is None:
+        raise ConfigError(
+            f"{folder}: does not say which configuration was searched (config_sha256); search again"
+        )
+    if searched != sha256(config):
+        raise ConfigError(
+            f"{folder}: {config} is no longer the configuration that was searched; search again with the one "
+            "in force"
+        )
+    return load(path)
+
+
+def _result(folder: Path) -> Mapping[str, Any]:
+    """What a search says of its results; the newer one, where two were written into a folder."""
+    there = [folder / name for name in RESULTS if (folder / name).is_file()]
+    if not there:
+        raise ConfigError(
+            f"{folder}: holds no {' or '.join(RESULTS)}; name a folder that `observer discover` or "
+            "`observer calibrate` has written"
+        )
+    newest = max(there, key=lambda path: path.stat().st_mtime_ns)
+    try:
+        document = json.loads(newest.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict):
+        raise ConfigError(f"{newest}: is damaged; search again")
+    return document
+
+
+def _beside(config: Path, suffix: str) -> Path:
+    return config.resolve().with_name(config.resolve().name + suffix)
+
+
+def _free(config: Path) -> Path:
+    """A name for the configuration before, that none has yet: nothing is lost by adopting twice."""
+    path, number = _beside(config, BEFORE), 1
+    while path.exists():
+        number += 1
+        path = _beside(config, f"{BEFORE}-{number}")
+    return path
+
+
+def _write(path: Path, data: bytes, like: Path) -> None:
+    try:
+        write_whole(path, data, like)
+    except OSError as error:
+        raise UserError(
+            f"{path}: cannot be written ({error.strerror}); let this user write there, or free space"
+        ) from None
+
+
+def _rounded(value_K: float | None) -> float | None:
+    return None if value_K is None else round(value_K, 4)

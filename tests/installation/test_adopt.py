@@ -1,0 +1,179 @@
+"""A found configuration takes the place of the one that was searched, and nothing is lost by it."""
+
+from __future__ import annotations
+
+import json
+import stat
+from pathlib import Path
+
+import pytest
+import tomlkit
+
+from observer.errors import UserError
+from observer.installation import adopt as adopting
+from observer.installation.adopt import adopt, adoption_of, before_of, sha256, take_back, undo
+from tests.discovery.cases import table
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "machine.toml"
+    path.write_text("# by hand\n" + tomlkit.dumps(table()), encoding="utf-8")
+    path.chmod(0o640)
+    return path
+
+
+@pytest.fixture
+def found(tmp_path: Path, config: Path) -> Path:
+    """What a search has written: the configuration with an effect more."""
+    folder = tmp_path / "found"
+    folder.mkdir()
+    text = config.read_text(encoding="utf-8")
+    text += '\n[[effect]]\nkind = "end_conduction"\ntarget = "left"\nconductance_W_K = 0.4\n'
+    (folder / "config.toml").write_text(text, encoding="utf-8")
+    _result(folder, verdict="named", config_sha256=sha256(config))
+    return folder
+
+
+def _result(folder: Path, **document: object) -> None:
+    (folder / "result.json").write_text(json.dumps(document), encoding="utf-8")
+
+
+def _refused(found: Path, config: Path) -> str:
+    """Why it is refused; nothing has changed then."""
+    before = {p.name: p.read_bytes() for p in config.parent.iterdir() if p.is_file()}
+    with pytest.raises(UserError) as refused:
+        adopt(found, config, 24.0, 1e9)
+    assert {p.name: p.read_bytes() for p in config.parent.iterdir() if p.is_file()} == before
+    sentence = str(refused.value)
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_the_found_one_is_in_place_and_the_one_before_beside_it(found, config):
+    text = config.read_bytes()
+    adoption = adopt(found, config, 24.0, 1.79e9)
+    assert config.read_bytes() == (found / "config.toml").read_bytes()
+    assert before_of(config, adoption).read_bytes() == text
+    assert adoption_of(config) == adoption
+    assert (adoption.state, adoption.hours, adoption.adopted_s) == ("watching", 24.0, 1.79e9)
+    assert adoption.hash != adoption.before_hash
+    for path in (config, before_of(config, adoption), config.with_name("machine.toml.adopted.json")):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o640, path  # a service of another user can read them
+
+
+def test_it_is_taken_back_whole(found, config):
+    text = config.read_bytes()
+    adopt(found, config, 24.0, 1.79e9)
+    assert undo(config).state == "undone"
+    assert config.read_bytes() == text
+    assert adoption_of(config).state == "undone"
+    with pytest.raises(UserError, match="nothing to take back"):
+        undo(config)
+
+
+def test_adopted_once_more_it_keeps_both_that_were_before(found, config):
+    adopt(found, config, 24.0, 1.0)
+    undo(config)
+    again = adopt(found, config, 24.0, 2.0)
+    assert again.before == "machine.toml.before-adopt-2"
+    assert (config.parent / "machine.toml.before-adopt").exists()
+
+
+def test_a_link_to_a_configuration_stays_one(found, config, tmp_path):
+    (tmp_path / "place").mkdir()
+    link = tmp_path / "place" / "link.toml"
+    link.symlink_to(config)
+    adopt(found, link, 24.0, 1.0)
+    assert link.is_symlink()
+    assert config.read_bytes() == (found / "config.toml").read_bytes()
+
+
+def test_what_was_changed_since_the_search_is_not_overwritten(found, config):
+    config.write_text(config.read_text() + "# and a remark\n", encoding="utf-8")
+    assert "no longer the configuration that was searched" in _refused(found, config)
+
+
+def test_what_was_changed_since_it_was_adopted_is_not_taken_back(found, config):
+    adoption = adopt(found, config, 24.0, 1.0)
+    config.write_text(config.read_text() + "# by hand since\n", encoding="utf-8")
+    text = config.read_bytes()
+    with pytest.raises(UserError, match="changed since it was adopted"):
+        take_back(config, adoption, "taken_back")
+    assert config.read_bytes() == text
+    assert adoption_of(config).state == "watching"
+
+
+def test_without_anything_named_there_is_nothing_to_adopt(found, config):
+    _result(found, verdict="none", config_sha256=sha256(config))  # and config.toml is of an older search
+    assert "holds no configuration to adopt" in _refused(found, config)
+    _result(found, verdict="named", config_sha256=sha256(config))
+    (found / "config.toml").unlink()
+    assert "holds no configuration to adopt" in _refused(found, config)
+
+
+@pytest.mark.parametrize(
+    ("document", "why"),
+    [
+        (None, "holds no result.json or calibration.json"),
+        ("", "is damaged"),
+        ("[]", "is damaged"),
+        ("[" * 100_000, "is damaged"),
+        ('{"verdict": "named"}', "does not say which configuration was searched"),
+    ],
+)
+def test_a_folder_that_is_no_result_is_refused(found, config, document, why):
+    (found / "result.json").unlink()
+    if document is not None:
+        (found / "result.json").write_text(document, encoding="utf-8")
+    assert why in _refused(found, config)
+
+
+def test_the_newer_of_two_results_counts(found, config):
+    calibration = found / "calibration.json"
+    calibration.write_text(json.dumps({"config_sha256": "of another one"}), encoding="utf-8")
+    assert "no longer the configuration that was searched" in _refused(found, config)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"machine": {"name": "other", "axis": "x"}}, "machine.name is other where"),
+        ({"machine": {"name": "machine", "axis": "y"}}, "machine.axis is y where"),
+        ({"ambient": {"channel": "air_degC"}}, "channels is"),
+        ({"surface": {"convection_W_m2K": -1.0}}, "surface.convection_W_m2K"),
+    ],
+)
+def test_another_machine_or_one_that_cannot_be_is_refused(found, config, change, why):
+    (found / "config.toml").write_text(tomlkit.dumps(table(**change)), encoding="utf-8")
+    assert why in _refused(found, config)
+
+
+def test_one_that_is_being_watched_is_not_adopted_over(found, config):
+    adopt(found, config, 24.0, 1.0)
+    _result(found, verdict="named", config_sha256=sha256(config))
+    assert "watched for 0 of 24 h" in _refused(found, config)
+
+
+def test_where_nothing_can_be_written_nothing_changes(found, config, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(adopting, "write_whole", full)
+    assert "No space left on device" in _refused(found, config)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"adopted_s": "yesterday"}', "\0"])
+def test_a_record_that_is_none_is_told(config, text):
+    config.with_name("machine.toml.adopted.json").write_text(text, encoding="utf-8")
+    with pytest.raises(UserError, match="is not what `observer adopt` has written"):
+        adoption_of(config)
+
+
+def test_a_sentence_says_how_it_stands(found, config):
+    adoption = adopt(found, config, 24.0, 1.79e9)
+    assert adoption.sentence() == "adopted 2026-09-21 14:13 UTC: watched for 0 of 24 h of running"
+    watched = adoption.model_copy(
+        update={"watched_h": 3.0, "values": 4, "before_squares_K2": 16.0, "squares_K2": 1.0}
+    )
+    assert watched.sentence().endswith("3 of 24 h of running; open-loop gap 2 K rms before, 0.5 K now")

@@ -1,0 +1,156 @@
+"""A running service takes an adopted configuration over without a gap; a worse one is taken back."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomlkit
+import zenoh
+
+from observer.installation import load
+from observer.installation.adopt import adoption_of, sha256
+from tests.publish.router import free_port
+from tests.system.plant import PERIOD_S, PREFIX, ROOT, Daemon, Subscriber, machine, table_for, until
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+
+HOURS = "0.008"
+"""Half a minute: in it a law that is six times too large leads a prediction off by kelvins."""
+LONGEST_PAUSE_S = 5.0
+"""Parts end within 1.4 s and begin within some; a busy computer takes longer than a quiet one."""
+
+
+def _observer(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "observer", *words]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100, check=False)
+
+
+def _found(folder: Path, config: Path, table: dict[str, Any]) -> Path:
+    """A folder as a search would leave it, with this configuration."""
+    folder.mkdir()
+    (folder / "config.toml").write_text(tomlkit.dumps(table), encoding="utf-8")
+    (folder / "result.json").write_text(json.dumps({"verdict": "named", "config_sha256": sha256(config)}))
+    return folder
+
+
+def _with(table: dict[str, Any], torque_Nm: float) -> dict[str, Any]:
+    """The configuration with another friction of the nut."""
+    sources = [s | ({"torque_Nm": torque_Nm} if s["name"] == "nut" else {}) for s in table["source"]]
+    return table | {"source": sources}
+
+
+def _hash(seen: Subscriber) -> str:
+    """The hash of the configuration in force, as Zenoh's `config` tells it."""
+    (reply,) = seen._session.get(f"{PREFIX}/config", timeout=20.0)
+    assert isinstance(reply.ok, zenoh.Sample)
+    return str(json.loads(reply.ok.payload.to_bytes())["hash"])
+
+
+def _begun_anew(seen: Subscriber, since: int) -> int | None:
+    """The first estimate of parts that were built anew."""
+    instances = [e["instance"] for e in list(seen.estimates)]
+    return next((k for k in range(max(1, since), len(instances)) if instances[k] != instances[k - 1]), None)
+
+
+def _assert_goes_on(seen: Subscriber, begun: int) -> None:
+    """The estimates go on from where they stood: soon, and with heats and σ as they were."""
+    before, after = seen.estimates[begun - 1], seen.estimates[begun]
+    assert after["time_s"] - before["time_s"] < LONGEST_PAUSE_S
+    sigma_W = before["heat_sigma_W"]
+    assert (np.abs(after["heat_W"] - before["heat_W"]) < sigma_W).all()
+    assert (after["heat_sigma_W"] < 1.6 * sigma_W).all()  # a cold start knows 15 W and 8 W
+    assert np.abs(after["field_degC"] - before["field_degC"]).max() < 1.0
+
+
+def test_a_better_one_is_kept_and_a_worse_one_taken_back(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        wrong = _with(table, 1.8)
+        with Daemon(tmp_path, wrong) as daemon, Subscriber(endpoint) as seen:
+            config = daemon.config
+            table["record"] = {"directory": str(daemon.recordings)}
+            until(lambda: seen.estimates, 120.0)
+            enough = len(seen.estimates) + 400  # by then the heats are known to some 2 W
+            until(lambda: len(seen.estimates) > enough, 120.0)
+            assert _hash(seen) == load(config).digest
+            assert seen.health()["adoption"] is None
+
+            better = _found(tmp_path / "better", config, table)
+            before = len(seen.estimates)
+            done = _observer("adopt", str(better), "--config", str(config), "--hours", HOURS)
+            assert done.returncode == 0, done.stderr
+            assert "takes it back if that has not shrunk" in done.stdout
+            begun = until(lambda: _begun_anew(seen, before), 90.0)
+            until(lambda: len(seen.estimates) > begun + 5, 60.0)
+            _assert_goes_on(seen, begun)
+            assert _hash(seen) == load(better / "config.toml").digest
+            until(lambda: (seen.health().get("adoption") or {}).get("state") == "kept", 150.0)
+            kept = seen.health()["adoption"]
+            assert kept["rms_K"] < 0.5 * kept["before_rms_K"]
+            assert "kept" in _observer("adopt", "--status", "--config", str(config)).stdout
+
+            worse = _found(tmp_path / "worse", config, _with(table, 1.8) | {"record": table["record"]})
+            before = len(seen.estimates)
+            done = _observer("adopt", str(worse), "--config", str(config), "--hours", HOURS)
+            assert done.returncode == 0, done.stderr
+            begun = until(lambda: _begun_anew(seen, before), 90.0)
+            until(lambda: len(seen.estimates) > begun + 5, 60.0)
+            _assert_goes_on(seen, begun)
+            again = until(lambda: _begun_anew(seen, begun + 1), 150.0)
+            until(lambda: any("has not shrunk" in r for r in seen.health()["reasons"]), 60.0)
+            until(lambda: len(seen.estimates) > again + 5, 60.0)
+            _assert_goes_on(seen, again)
+            assert _hash(seen) == load(better / "config.toml").digest
+            assert config.read_bytes() == (better / "config.toml").read_bytes()
+            assert adoption_of(config).state == "taken_back"
+
+            done = _observer("adopt", str(worse), "--config", str(config), "--hours", HOURS)
+            assert done.returncode == 0, done.stderr
+            done = _observer("adopt", "--undo", "--config", str(config))
+            assert done.returncode == 0, done.stderr
+            assert config.read_bytes() == (better / "config.toml").read_bytes()
+            assert daemon.stop() < 2.0
+    assert "carried over into another model" in daemon.said()
+    assert "cold start" not in daemon.said().replace("there is none yet", "").split("begun anew", 1)[1]
+    assert PERIOD_S < LONGEST_PAUSE_S
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "name either the folder of results, or --status, or --undo"),
+        (["found", "--undo"], "name either the folder of results, or --status, or --undo"),
+        (["absent"], "holds no result.json or calibration.json"),
+        (["--undo"], "nothing was adopted in its place"),
+    ],
+)
+def test_what_cannot_be_adopted_is_told(tmp_path, words, said):
+    config = tmp_path / "c.toml"
+    config.write_text(tomlkit.dumps(table_for({"modbus_port": 1, "can_device": "x"})), encoding="utf-8")
+    done = _observer("adopt", *words, "--config", str(config))
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_logs_and_recent_hours_exclude_each_other(tmp_path):
+    config = tmp_path / "c.toml"
+    config.write_text(tomlkit.dumps(table_for({"modbus_port": 1, "can_device": "x"})), encoding="utf-8")
+    common = ("--config", str(config), "--output", str(tmp_path / "out"))
+    for words, said in (
+        ((), "name either logs or --recent"),
+        (("log.csv", "--recent", "8h"), "name either logs or --recent"),
+        (("--recent", "8"), "is no duration"),
+        (("--recent", "8h"), "no record.directory"),
+    ):
+        done = _observer("discover", *words, *common)
+        assert done.returncode == 2, done.stderr
+        assert said in done.stderr
+    assert not (tmp_path / "out").exists()
