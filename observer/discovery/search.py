@@ -28,7 +28,8 @@ ACCEPT = 30.0
 PER_PARAMETER = 6.0
 """What each parameter beyond the first has to earn."""
 FORM = 0.01
-"""Part of what is explained already that a further effect has to explain, for no form is quite right."""
+"""Part of what is explained already that a further effect has to explain, for no form is quite right; more
+beside effects that are `rough`."""
 MATERIAL = 0.05
 """The least part of the deviance on data held out that has to go."""
 SAME = 0.97
@@ -187,7 +188,7 @@ def tried(
     crew: Crew = ALONE,
 ) -> tuple[Trial, ...]:
     """Fit the most promising candidates beside a fit in earnest, two at a time; the best first."""
-    least = max(ACCEPT, FORM * (null.deviance - base.deviance))
+    least = max(ACCEPT, form_of(present) * (null.deviance - base.deviance))
     by_name: dict[str, list[Promise]] = {}
     for p in promises(base, [s for s in found if not _taken(s.candidate, present)]):
         if p.kept >= BLIND:
@@ -201,6 +202,11 @@ def tried(
         tasks = [(base, tuple(every), least, rival) for every in pair]
         trials += [t for t in crew.each(_try, base.problem, tasks) if t is not None]
     return tuple(_descending(trials, lambda t: t.score))
+
+
+def form_of(present: Sequence[Candidate]) -> float:
+    """The part of what effects explain that their forms may leave: that of the roughest."""
+    return max([FORM, *(c.of.rough for c in present)])
 
 
 def _descending(every: Iterable[Entry], worth: Callable[[Entry], float]) -> list[Entry]:
@@ -234,7 +240,7 @@ def _try(
         return None
     for _, plain in forms[:-1]:
         plainer = _plainer(fit, plain, candidate)
-        spare = max(ACCEPT, FORM * (base.deviance - fit.deviance))
+        spare = max(ACCEPT, form_of([plain]) * (base.deviance - fit.deviance))
         if plainer is not None and plainer.deviance <= fit.deviance + spare:
             candidate, fit = plain, plainer
             break
@@ -326,7 +332,8 @@ def _pruned(null: Fit, fit: Fit, chosen: list[Trial], crew: Crew) -> tuple[Fit, 
             for f, t in zip(less, chosen, strict=True)
         ]
         least = int(np.argmin(costs))
-        if costs[least] >= max(ACCEPT, FORM * (null.deviance - less[least].deviance)):
+        form = form_of([t.candidate for t in chosen])
+        if costs[least] >= max(ACCEPT, form * (null.deviance - less[least].deviance)):
             break
         fit, chosen = less[least], [t for i, t in enumerate(chosen) if i != least]
     return fit, chosen

@@ -76,7 +76,8 @@ class EffectTable(Section):
     `target` names, if anything; `lacks` what a model without the effect lacks, with `{target}` in its place;
     `excitation` what a log must hold to tell it; `source` where its law comes from; `turning` whether it goes
     with the speed and is sought only where some source tells that; `mimicked` whether a heat law whose scale
-    is free makes up for it almost always.
+    is free makes up for it almost always; `rough`, of what it explains, the part that its form may leave, for
+    none is quite right.
     """
 
     kind: str
@@ -88,6 +89,7 @@ class EffectTable(Section):
     source: ClassVar[str]
     turning: ClassVar[bool] = False
     mimicked: ClassVar[bool] = False
+    rough: ClassVar[float] = 0.01
 
     @classmethod
     def named(cls) -> str:

@@ -64,6 +64,7 @@ class AttachedMass(EffectTable):
     lacks = "a body that stores heat at {target}"
     excitation = "heating and cooling that are fast against the body's time constant"
     source = "a lumped capacity; Li 2022, network nodes"
+    rough = 0.025  # one temperature, and one contact with all that a nut passes over
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
@@ -90,7 +91,7 @@ class AttachedMass(EffectTable):
             return (Body(at, self.capacity_J_K, self.conductance_W_K, heated, self.loss_W_K),)
         if self.heat_share > 0.0:
             raise ConfigError(
-                f'effect "{self.kind}": heat_share is part of the friction of a source, and "{self.target}" is '
+                f'effect "{self.kind}": heat_share is part of a friction, and "{self.target}" is '
                 "an end; name the source as target, or remove heat_share"
             )
         name, end_m = f"{self.kind}.{self.target}", base.free_end(machine, self.target, self.kind)
@@ -105,8 +106,8 @@ class AttachedMass(EffectTable):
         # a share that a fit has moved to 1 is no mistake of the configuration's
         if share < LEAST_SHARE or (share == 1.0 and "share" not in source.model_fields_set):
             raise ConfigError(
-                f'effect "{self.kind}": heat_share is part of the heat that does not enter the screw at once, '
-                f'and source "{source.name}" tells none; give it a law of friction with a share between '
+                f'effect "{self.kind}": heat_share is of the heat that does not enter the screw at once, '
+                f'and "{source.name}" tells none; give it a law of friction with a share between '
                 f"{LEAST_SHARE} and 1, or remove heat_share"
             )
         return self.heat_share * (1.0 - share) / share

@@ -16,17 +16,17 @@ from observer.effects.base import Unnamed
 from observer.effects.terms import AmbientShift, Lag, Offset, StretchFilm, Term
 from observer.tables.sections import Sensor
 
-Kind = Literal["whole", "place", "lag", "ambient"]
+Kind = Literal["whole", "place", "lag", "run"]
 
 UNEVEN = 0.01
 """A film's unevenness along the screw, as a part of itself."""
 STRETCHES = 4
 
 
-def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
+def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
     """Yield the configuration changed by one standard deviation of a tolerance, and of what it is one.
 
-    "place" and "lag" are one for each sensor, all changed at once; "ambient" is one for each log.
+    "place" and "lag" are one for each sensor, all changed at once; "run" is one for each of so many logs.
     """
     screw, known = config.screw, config.tolerance
     for key, off in (
@@ -49,9 +49,14 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
         if offset_K > 0.0:
             yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
     if known.ambient_K > 0.0:
-        yield _with(config, AmbientShift(0.0, known.ambient_K)), "ambient"
+        yield _with(config, AmbientShift(0.0, known.ambient_K)), "run"
     if known.lag_s > 0.0:
         yield _with(config, *(Lag(s.name, known.lag_s) for s in config.sensor)), "lag"
+    own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
+    for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
+        more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
+        changed = tuple(more if s is source else s for s in config.source)
+        yield config.model_copy(update={"source": changed}), "run"
 
 
 def _with(config: Config, *terms: Term) -> Config:

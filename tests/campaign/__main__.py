@@ -12,13 +12,26 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tests.campaign.summary import summary, typical_summary
+from tests.campaign.summary import rough_summary, summary, typical_summary
 from tests.campaign.trial import Row, try_entry
-from tests.truth.machine.entries import FIRST_SEED, Entry, campaign, slice_entries, typical_campaign
+from tests.truth.machine.entries import (
+    FIRST_SEED,
+    Entry,
+    campaign,
+    rough_campaign,
+    slice_entries,
+    typical_campaign,
+)
 
 FOLDER, PAGE = Path("docs/campaign"), Path("docs/discovery.md")
 MARKS = ("<!-- campaign -->", "<!-- end of campaign -->")
 TYPICAL_MARKS = ("<!-- typical users -->", "<!-- end of typical users -->")
+ROUGH_MARKS = ("<!-- rough -->", "<!-- end of rough -->")
+SLICES = {
+    "typical": ("typical.csv", typical_campaign, typical_summary, TYPICAL_MARKS),
+    "rough": ("rough.csv", rough_campaign, rough_summary, ROUGH_MARKS),
+}
+"""Campaigns of their own: table, cases, summary, and where that stands on the page."""
 GROUPS = ("null", "ladder", "outside", "pair", "ambiguous", "poor", "absent", "faulty")
 
 
@@ -26,10 +39,10 @@ def main() -> None:
     """Run the campaign, or go on with it."""
     options = _options()
     options.folder.mkdir(parents=True, exist_ok=True)
-    typical = options.slice == "typical"
-    table = options.folder / ("typical.csv" if typical else "results.csv")
-    every = {"ci": slice_entries, "typical": typical_campaign}
-    entries = every[options.slice]() if options.slice else campaign(options.first_seed)
+    whole = ("results.csv", slice_entries if options.slice else campaign, summary, MARKS)
+    name, every, told, marks = SLICES.get(options.slice, whole)
+    table = options.folder / name
+    entries = every() if options.first_seed is None else every(options.first_seed)
     entries = [e for e in entries if not options.only or options.only in _marks(e)]
     known = {row["name"] for row in read_rows(table) if row["outcome"] != "failed"}
     waiting = [e for e in entries if e.name not in known]
@@ -39,9 +52,7 @@ def main() -> None:
     run_entries(waiting, table, answers, options.workers, console)
     page = PAGE if options.folder == FOLDER else options.folder / "summary.md"
     before = page.read_text(encoding="utf-8") if page.exists() else ""
-    tables = (typical_summary if typical else summary)(read_rows(table))
-    marks = TYPICAL_MARKS if typical else MARKS
-    page.write_text(with_tables(before, tables, marks), encoding="utf-8")
+    page.write_text(with_tables(before, told(read_rows(table)), marks), encoding="utf-8")
     console.print(f"{table} and {page} written")
 
 
@@ -104,14 +115,14 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--answers", type=Path, help="of the answers (build/campaign/answers)")
     parser.add_argument(
         "--slice",
-        choices=("ci", "typical"),
-        help="a few cases of every sort, or the machines of typical users",
+        choices=("ci", *SLICES),
+        help="a few cases of every sort, the machines of typical users, or what is rough about real ones",
     )
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="below 3000: to set thresholds on")
+    parser.add_argument("--first-seed", type=int, help=f"{FIRST_SEED}; below 3000: to set thresholds on")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    if options.folder == FOLDER and (options.slice == "ci" or options.first_seed != FIRST_SEED):
+    if options.folder == FOLDER and (options.slice == "ci" or options.first_seed not in (None, FIRST_SEED)):
         parser.error(f"{FOLDER} is for the campaign's own seeds; give another --folder")
     return options
 

@@ -17,8 +17,8 @@ from observer.tables.sections import Description
 
 
 class Attached(NamedTuple):
-    """A network beside the screw: its `names` (n,), the `network` by itself, what each source's heat brings into
-    each node, `shares` (n, m), and the `ties` (node, source, W/K) to the screw where a source stands.
+    """A network beside the screw: its `names` (n,), the `network` by itself, what each source's heat brings
+    into each node, `shares` (n, m), and the `ties` (node, source, W/K) to the screw where a source stands.
     """
 
     names: tuple[str, ...]
