@@ -1,7 +1,7 @@
 """Where a nut was between rows that are too far apart to follow it, as far as its places in other rows tell.
 
-A nut that makes traverses between two rows shows itself at places of its stroke as if drawn by lot, or,
-as under a stroboscope, creeping: a line from one to the next is not its way. While the speed stays what it is,
+A nut that makes traverses between two rows shows itself at places of its stroke as if drawn by lot, or, as
+under a stroboscope, creeping: a line from one to the next is not its way. While the speed stays what it is,
 the nut is taken to run to and fro between the outermost places it shows.
 """
 

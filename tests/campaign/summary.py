@@ -194,7 +194,9 @@ ROUGH_GOALS: tuple[Goal, ...] = (
                 f"{what}, nothing hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=True),
                 _is(*_CLAIMS),
             ),
-            Goal(f"{what}, nothing hidden: “none”", "≥ 90 %", _at_least(0.9), _typical(group, null=True), _good),
+            Goal(
+                f"{what}, nothing hidden: “none”", "≥ 90 %", _at_least(0.9), _typical(group, null=True), _good
+            ),
             Goal(
                 f"{what}, a loss hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=False),
                 _is(*WRONG),
