@@ -176,8 +176,9 @@ def rough_campaign(first_seed: int = ROUGH_SEED) -> list[Entry]:
     """Real nuts, and logs and machines that are off in a way of their own, in the order of seeds."""
     entries = []
     for seed in range(first_seed, first_seed + ROUGH_SEEDS):
-        entries += [nut_entry(number, seed) for number in range(len(NUTS))]
-        entries += [off_entry(group, effects, seed) for group in OFF for effects in ((), (LOSSY,))]
+        off = [off_entry(group, effects, seed) for effects in ((), (LOSSY,)) for group in OFF]
+        for i, entry in enumerate(off):  # mixed, so that a part of it is a small campaign
+            entries += [nut_entry(i, seed), entry, nut_entry(len(off) + i, seed)]
     return entries
 
 
