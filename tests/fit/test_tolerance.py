@@ -14,9 +14,10 @@ from observer.discovery.candidates import library
 from observer.discovery.search import tried
 from observer.discovery.signatures import promises, signatures
 from observer.effects.bodies import EndConduction
+from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
 from observer.fit.parameters import replaced
-from observer.fit.problem import Marginal
+from observer.fit.problem import Marginal, Problem
 from observer.fit.tolerance import tolerances
 from observer.frames import FrameBlock
 from observer.model.build import build_plant
@@ -263,15 +264,15 @@ def test_a_sensor_that_reads_toward_the_air_is_within_tolerance() -> None:
 
 
 def test_a_heat_may_differ_from_one_log_to_the_next() -> None:
-    """The heater of the second log gives 3 % more than its channel says; of one log nothing is allowed."""
+    """The heater of one log gives 3 % more than its channel says; of a single log nothing is allowed."""
     config = machine()
     logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]
     honest = cost_of(logs, heat_per_log=0.03)
     heater = config.channels.index("heater_W")
-    logs[1].values[:, heater] /= 1.03
+    logs[0].values[:, heater] /= 1.03
     assert cost_of(logs, heat_per_log=0.03) < honest + 1.0 + 10.0
     assert cost_of(logs) > honest + 50.0
-    assert cost_of(logs[1:], heat_per_log=0.03) == pytest.approx(cost_of(logs[1:]))
+    assert cost_of(logs[:1], heat_per_log=0.03) == pytest.approx(cost_of(logs[:1]))
 
 
 def thinned(log: FrameBlock, rows: int) -> FrameBlock:
@@ -282,25 +283,23 @@ def thinned(log: FrameBlock, rows: int) -> FrameBlock:
     return replace(log, dt_s=np.diff(kept["time_s"], prepend=kept["time_s"][0]), **kept)
 
 
-@pytest.mark.parametrize("late_rows", [0, 1])
-def test_rows_a_minute_apart_do_not_tell_when_a_heat_changed(late_rows: int) -> None:
-    """Heats of which a recorder writes the value of the row before are late by half a minute, in the mean."""
+def test_rows_a_minute_apart_do_not_tell_when_a_heat_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Heats that are recorded half of a row late, as where a recorder holds what it is taken to ramp to."""
     config = machine()
-    logs = [thinned(made_log(config, seed, minutes=60.0), 30) for seed in range(2)]
-    honest = cost_of(logs)
-    for log in logs if late_rows else []:
+    logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]
+    honest = cost_of([thinned(log, 30) for log in logs])
+    for log in logs:
         for name in ("heater_W", "n_rpm"):
             column = log.values[:, config.channels.index(name)]
-            column[1:] = column[:-1].copy()
-    problem = problem_of(machine(tolerance=EXACT), logs)
-    assert all(run.coarse for run in problem.forward.runs)
-    slack = problem.tolerant(machine()).slack
-    assert slack is not None
-    timing = problem.by_timing(problem.predicted(machine()))
-    assert len(timing) == 2
-    # a shift by half of the rows' distance is the slope of the prediction times that
-    assert np.abs(timing[0]).max() == pytest.approx(30.0 * 15.0 / 500.0, rel=1.0)
-    assert cost_of(logs) < honest + 60.0
+            column[15:] = column[:-15].copy()
+    late = [thinned(log, 30) for log in logs]
+    allowed = cost_of(late)
+    monkeypatch.setattr(Forward, "by_rows", lambda *_: [])
+    monkeypatch.setattr(Problem, "by_timing", lambda *_: [])
+    strict = cost_of(late)
+    print(honest, allowed, strict)
+    assert allowed < honest + 30.0  # a shift of one σ, and four heats that changed by √3 σ each
+    assert strict > allowed + 200.0
 
 
 def test_rows_close_together_leave_no_such_doubt() -> None:
