@@ -40,12 +40,10 @@ class EndConduction(EffectTable):
 
 
 class AttachedMass(EffectTable):
-    """A body that stores heat, at an end or at a source (with a nut it moves):
-    C dT_b/dt = G (T − T_b) − G_air (T_b − T_amb) + heat_share (1 − share)/share Q.
+    """A body that stores heat, at an end or at a source (with a nut it moves): C dT_b/dt = G (T − T_b)."""
 
-    Q is the heat that enters the screw by the source's law, of which `share` tells what part of the friction
-    it is; the body takes `heat_share` of the rest.
-    """
+    # and + heat_share (1 − share)/share Q − loss (T_b − T_amb): Q is the source's heat by law, which enters
+    # the screw and is `share` of the friction
 
     kind: Literal["attached_mass"]
     target: Target
