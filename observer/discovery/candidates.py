@@ -55,9 +55,11 @@ class Candidate(NamedTuple):
         """What is fitted where the effect is number `index` of the configuration."""
         bounds = {key: self.of.bounds(key) for key in self.fitted}
         return tuple(
-            Parameter(index, key, p.scale, max(bounds[key][0], p.low), min(bounds[key][1], p.high))
+            Parameter(
+                index, key, p.scale, max(bounds[key][0], p.low), min(bounds[key][1], p.high), p.open_above
+            )
             for key, p in self.fitted.items()
-        )
+        )  # fmt: skip
 
     def _strong(self) -> list[tuple[Parameter, float]]:
         """The parameters that a strength multiplies, all together, each with its neutral value."""
@@ -72,10 +74,11 @@ def library(
     length_m = machine.screw.length_m
     return tuple(
         Candidate(
-            effect, target, tuple(effect.shapes(machine)),
-            {key: p.on(length_m) for key, p in effect.parameters.items()},
+            effect, target, tuple({key: shape[key] for key in form} for shape in effect.shapes(machine)),
+            {key: effect.parameters[key].on(length_m) for key in form},
         )
         for effect in LIBRARY
         if effect.named() not in without
         for target in effect.places(machine, free)
+        for form in effect.forms(machine, target, free)
     )  # fmt: skip

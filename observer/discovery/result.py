@@ -94,12 +94,21 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
         known = fit.config.effect[p.effect].parameters[p.key]
         form = 0.0 if known.level else NORMAL_95 * FORM_SHARE * value
         wide = float(np.hypot(half, form))
-        low, high = max(value - wide, p.low), min(value + wide, p.high)
+        low, high = reciprocal(value, wide) if known.reciprocal else (value - wide, value + wide)
+        low, high = max(low, p.low), min(high, p.high)
         by_effect.setdefault(p.effect, {})[p.key] = _interval(value, low, high, known.unit)
     for i, effect in enumerate(fit.config.effect[before:], start=before):
         target = getattr(effect, "target", None)
         out.append({"kind": effect.kind, "target": target, "parameters": by_effect.get(i, {})})
     return out
+
+
+def reciprocal(value: float, half: float) -> tuple[float, float]:
+    """Return the ends of the interval of a value whose reciprocal is known to `half` over its square: it may
+    have no upper one.
+    """
+    middle, half = 1.0 / value, half / value**2
+    return 1.0 / (middle + half), 1.0 / (middle - half) if middle > half else np.inf
 
 
 def calibrated_of(fit: Fit) -> dict[str, Any]:

@@ -28,11 +28,16 @@ ACCEPT = 30.0
 PER_PARAMETER = 6.0
 """What each parameter beyond the first has to earn."""
 FORM = 0.01
-"""Part of what is explained already that a further effect has to explain, for no form is quite right."""
+"""Part of what is explained already that a further effect has to explain, for no form is quite right; more
+beside effects that are `rough`."""
 MATERIAL = 0.05
 """The least part of the deviance on data held out that has to go."""
 SAME = 0.97
 """Part of the drop that a simple effect must bring to stand for a richer one of the same physics."""
+STARTS = 2
+"""Promised shapes from which an effect of several parameters is fitted, as long as none explains all."""
+PLAIN_TO_SEE = 10.0
+"""A parameter is needed that is so many half widths of its 95 % interval from nothing."""
 WEAK = 0.1
 """Part of the promised strength with which a fit begins where the whole leads astray."""
 BLIND = 0.02
@@ -76,6 +81,7 @@ class Trial:
             for p, value, half in each
             if isinstance(self.fit.config.effect[p.effect], self.candidate.of)
             and p.key in self.candidate.fitted
+            and not self.candidate.fitted[p.key].reciprocal  # the drop itself says that it is not nothing
         ]
         return all(neutral is None or abs(value - neutral) > half for neutral, value, half in own)
 
@@ -182,20 +188,25 @@ def tried(
     crew: Crew = ALONE,
 ) -> tuple[Trial, ...]:
     """Fit the most promising candidates beside a fit in earnest, two at a time; the best first."""
-    least = max(ACCEPT, FORM * (null.deviance - base.deviance))
-    best: dict[str, Promise] = {}
+    least = max(ACCEPT, form_of(present) * (null.deviance - base.deviance))
+    by_name: dict[str, list[Promise]] = {}
     for p in promises(base, [s for s in found if not _taken(s.candidate, present)]):
-        name = p.signature.candidate.name
-        if p.kept >= BLIND and (name not in best or p.drop > best[name].drop):
-            best[name] = p
-    order = _descending(best.values(), lambda p: p.drop)[: FITTED if not present else FITTED_LATER]
-    worthwhile = [p for p in order if p.drop > 0.25 * least]
+        if p.kept >= BLIND:
+            by_name.setdefault(p.signature.candidate.name, []).append(p)
+    each = [_descending(every, lambda p: p.drop) for every in by_name.values()]
+    order = _descending(each, lambda every: every[0].drop)[: FITTED if not present else FITTED_LATER]
+    worthwhile = [every for every in order if every[0].drop > 0.25 * least]
     trials: list[Trial] = []
     for pair in (worthwhile[i : i + 2] for i in range(0, len(worthwhile), 2)):
         rival = min([t.fit.deviance for t in trials], default=np.inf)
-        tasks = [(base, p, least, rival) for p in pair]
+        tasks = [(base, tuple(every), least, rival) for every in pair]
         trials += [t for t in crew.each(_try, base.problem, tasks) if t is not None]
     return tuple(_descending(trials, lambda t: t.score))
+
+
+def form_of(present: Sequence[Candidate]) -> float:
+    """The part of what effects explain that their forms may leave: that of the roughest."""
+    return max([FORM, *(c.of.rough for c in present)])
 
 
 def _descending(every: Iterable[Entry], worth: Callable[[Entry], float]) -> list[Entry]:
@@ -212,11 +223,36 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
     return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
 
 
-def _try(problem: Problem, base: Fit, promise: Promise, least: float, rival: float) -> Trial | None:
-    """Fit a candidate in earnest, from the promised strength on; None where no prediction is finite."""
-    candidate, index = promise.signature.candidate, len(base.config.effect)
-    shape = candidate.shapes[promise.signature.shape]
-    effect = candidate.effect(shape, promise.strength)
+def _try(
+    problem: Problem, base: Fit, promised: Sequence[Promise], least: float, rival: float
+) -> Trial | None:
+    """Fit a candidate in earnest, in its richest form from the shapes that promise most, and in as plain a
+    form as does; None where no prediction is finite.
+    """
+    forms = sorted({len(p.signature.candidate.fitted): p.signature.candidate for p in promised}.items())
+    candidate, fit = forms[-1][1], None
+    for promise in promised[: STARTS if len(candidate.fitted) > 1 else 1]:
+        if fit is not None and _explained(fit):
+            break
+        begun = _from(problem, base, candidate, promise, min(rival, np.inf if fit is None else fit.deviance))
+        fit = begun if fit is None or not fit.deviance <= begun.deviance else fit
+    if fit is None or not (np.isfinite(fit.residual).all() and np.isfinite(fit.jacobian).all()):
+        return None
+    for _, plain in forms[:-1]:
+        plainer = _plainer(fit, plain, candidate)
+        spare = max(ACCEPT, form_of([plain]) * (base.deviance - fit.deviance))
+        if plainer is not None and plainer.deviance <= fit.deviance + spare:
+            candidate, fit = plain, plainer
+            break
+    drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
+    return Trial(candidate, fit, drop, least, share)
+
+
+def _from(problem: Problem, base: Fit, candidate: Candidate, promise: Promise, rival: float) -> Fit:
+    """Fit a candidate beside a fit from the promised shape and strength on."""
+    index, of_shape = len(base.config.effect), promise.signature.candidate
+    shape = of_shape.shapes[promise.signature.shape]
+    effect = of_shape.effect(shape, promise.strength)
     as_given = problem.with_free(base.config, problem.free_values(problem.config))
     # a calibration without a strong effect may have gone far astray
     starts = [c.model_copy(update={"effect": (*c.effect, effect)}) for c in (base.config, as_given)]
@@ -225,12 +261,28 @@ def _try(problem: Problem, base: Fit, promise: Promise, least: float, rival: flo
     fit = fit_effects(problem, starts[int(np.argmin(costs))], parameters, rival)
     # if not, it led astray, for with next to nothing of the effect it is `base`
     if not fit.deviance <= base.deviance:
-        weak = (*base.config.effect, candidate.effect(shape, WEAK * promise.strength))
+        weak = (*base.config.effect, of_shape.effect(shape, WEAK * promise.strength))
         fit = fit_effects(problem, base.config.model_copy(update={"effect": weak}), parameters, rival)
-    if not (np.isfinite(fit.residual).all() and np.isfinite(fit.jacobian).all()):
+    return fit
+
+
+def _explained(fit: Fit) -> bool:
+    """Whether a fit leaves about what noise does, so that no other start can do better."""
+    return fit.deviance < 2.0 * fit.problem.evidence.expected * len(fit.remainder)
+
+
+def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:
+    """A fit of a candidate's last effect in a plainer form, begun from the richer one's; None where what it
+    leaves out is plain to see.
+    """
+    index, gone = len(fit.config.effect) - 1, set(rich.fitted) - set(plain.fitted)
+    own = zip(fit.parameters, fit.values, fit.half_width, strict=True)
+    if any(p.effect == index and p.key in gone and abs(v) > PLAIN_TO_SEE * half for p, v, half in own):
         return None
-    drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
-    return Trial(candidate, fit, drop, least, share)
+    without = {key: rich.of.model_fields[key].default for key in gone}
+    effects = (*fit.config.effect[:-1], fit.config.effect[-1].model_copy(update=without))
+    kept = [p for p in fit.parameters if not (p.effect == index and p.key in gone)]
+    return fit_effects(fit.problem, fit.config.model_copy(update={"effect": effects}), kept)
 
 
 def held_out(fit: Fit) -> float:
@@ -280,7 +332,8 @@ def _pruned(null: Fit, fit: Fit, chosen: list[Trial], crew: Crew) -> tuple[Fit, 
             for f, t in zip(less, chosen, strict=True)
         ]
         least = int(np.argmin(costs))
-        if costs[least] >= max(ACCEPT, FORM * (null.deviance - less[least].deviance)):
+        form = form_of([t.candidate for t in chosen])
+        if costs[least] >= max(ACCEPT, form * (null.deviance - less[least].deviance)):
             break
         fit, chosen = less[least], [t for i, t in enumerate(chosen) if i != least]
     return fit, chosen

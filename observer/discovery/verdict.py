@@ -8,7 +8,7 @@ from typing import Literal
 
 from observer.discovery.candidates import Candidate
 from observer.discovery.proof import Proof
-from observer.discovery.search import FORM, Search, same_physics
+from observer.discovery.search import Search, form_of, same_physics
 from observer.fit.hypothesis import Fit
 
 Kind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
@@ -62,7 +62,7 @@ class Verdict:
 def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     """Weigh a search; `lacking` says what the logs do not hold."""
     fit = search.fit
-    form = FORM * (goodness(search.null) - goodness(fit))
+    form = form_of([t.candidate for t in search.chosen]) * (goodness(search.null) - goodness(fit))
     noise = proof.expected
     if goodness(fit) > noise + UNFIT + form:
         return Verdict("unknown", fit, remains="in what was fitted")

@@ -22,6 +22,8 @@ from observer.tables.sections import Description, Source, owner
 Target = Annotated[str, Field(min_length=1, max_length=64)]
 Shape = Mapping[str, float]
 """An effect at a typical strength: a value of each parameter that a search fits."""
+Form = Sequence[str]
+"""The parameters of an effect that are fitted, the others being at their defaults."""
 AT_END = 0.08
 """Part of the screw within which a place is at its end."""
 
@@ -34,7 +36,9 @@ class Fitted:
     strength multiplies what it has beyond; None for one that gives the effect its form, such as a place or a
     time. `starts` are the values from which a search starts, the scale where there are none. `low` and `high`
     are limits where they are narrower than the table's own. A `bounded` parameter's interval must end below
-    `high`, for beyond it the effect is another one. A position's scale is the length of the screw over
+    `high`, for beyond it the effect is another one; one that is `open_above` may stand
+    there, being all there is or as good as without limit. Of one that is `reciprocal` more and more makes no
+    difference: how well it is known, its reciprocal tells. A position's scale is the length of the screw over
     `parts`, and its limits are the ends.
     """
 
@@ -45,6 +49,8 @@ class Fitted:
     low: float = -math.inf
     high: float = math.inf
     bounded: bool = False
+    open_above: bool = False
+    reciprocal: bool = False
     parts: int = 0
 
     def on(self, length_m: float) -> Fitted:
@@ -72,7 +78,8 @@ class EffectTable(Section):
     `excitation` what a log must hold to tell it; `source` where its law comes from; `turning` whether it goes
     with the speed and is sought only where some source tells that; `mimicked` whether a heat law whose scale
     is free makes up for it almost always; `families` what it shares with others that a log may not tell it
-    from, the closest first.
+    from, the closest first; `rough`, of what it explains, the part that its form may leave, for none is quite
+    right.
     """
 
     kind: str
@@ -85,6 +92,7 @@ class EffectTable(Section):
     turning: ClassVar[bool] = False
     mimicked: ClassVar[bool] = False
     families: ClassVar[tuple[Family, ...]] = ()
+    rough: ClassVar[float] = 0.01
 
     @classmethod
     def named(cls) -> str:
@@ -124,6 +132,11 @@ class EffectTable(Section):
         """The forms from which a search starts, at a typical strength."""
         values = product(*(p.starts or (p.scale,) for p in cls.parameters.values()))
         return [dict(zip(cls.parameters, each, strict=True)) for each in values]
+
+    @classmethod
+    def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
+        """The sets of parameters that a search fits at a target, the plainest first; of one name all."""
+        return (tuple(cls.parameters),)
 
     @classmethod
     def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from observer.effects import base
-from observer.effects.base import EffectTable, Fitted, Shape, Target
+from observer.effects.base import EffectTable, Fitted, Form, Shape, Target
 from observer.effects.families import BODY, END_LOSS, HEAT_LOSS
 from observer.effects.terms import Body, End, EndConductance, Term
-from observer.tables.quantities import Finite
-from observer.tables.sections import Description
+from observer.errors import ConfigError
+from observer.tables.laws import DIVIDED_LAWS
+from observer.tables.quantities import Finite, NonNegative, Share
+from observer.tables.sections import Description, Source
 
+LEAST_SHARE = 0.01
+"""Of a friction's heat that enters the screw: with less there is nothing to tell the rest from."""
 MOST_CAPACITY_J_K = 2e4
 """Forty kilograms of steel; a body that stores more hardly warms, and is a loss."""
 
@@ -40,31 +44,76 @@ class EndConduction(EffectTable):
 class AttachedMass(EffectTable):
     """A body that stores heat, at an end or at a source (with a nut it moves): C dT_b/dt = G (T − T_b)."""
 
+    # and + heat_share (1 − share)/share Q − loss (T_b − T_amb): Q is the source's heat by law, which enters
+    # the screw and is `share` of the friction
+
     kind: Literal["attached_mass"]
     target: Target
     capacity_J_K: Annotated[Finite, Field(ge=1, le=1e6)]
     conductance_W_K: Annotated[Finite, Field(ge=1e-3, le=1000)]
+    heat_share: Share = 0.0
+    loss_W_K: Annotated[NonNegative, Field(le=1000)] = 0.0
 
     parameters = {
         "capacity_J_K": Fitted("J/K", 1000.0, high=MOST_CAPACITY_J_K, bounded=True),
-        "conductance_W_K": Fitted("W/K", 2.0),
+        "conductance_W_K": Fitted("W/K", 2.0, open_above=True, reciprocal=True),
+        "heat_share": Fitted("1", 0.25, open_above=True),
+        "loss_W_K": Fitted("W/K", 0.5),
     }
     targets = "place"
     families = (BODY, END_LOSS)
     lacks = "a body that stores heat at {target}"
     excitation = "heating and cooling that are fast against the body's time constant"
     source = "a lumped capacity; Li 2022, network nodes"
+    rough = 0.025  # one temperature, and one contact with all that a nut passes over
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
         """Bodies by time constant and by how much of their heat the screw feels."""
-        pairs = ((100.0, 3.0), (500.0, 1.0), (2000.0, 5.0), (4000.0, 1.0))
-        return [{"capacity_J_K": C, "conductance_W_K": G} for C, G in pairs]
+        pairs = ((100.0, 3.0), (500.0, 1.0), (1000.0, 8.0), (2000.0, 5.0), (4000.0, 1.0))
+        more = {"heat_share": 0.5, "loss_W_K": 0.3}
+        return [{"capacity_J_K": C, "conductance_W_K": G, **more} for C, G in pairs]
+
+    @classmethod
+    def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
+        """A body that only stores heat; at a source of which heat is left, one that takes of it, and loses it
+        to the air besides.
+        """
+        plain = ("capacity_J_K", "conductance_W_K")
+        rubbing = [s for s in machine.source if s.name == target and LEAST_SHARE <= _share(s) < 1.0]
+        if not rubbing or f"source.{target}.share" in free:
+            return (plain,)
+        return plain, (*plain, "heat_share"), (*plain, "heat_share", "loss_W_K")
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         if self.target not in ("left", "right"):
             at = base.source_free_to_warm(machine, self.target, self.kind)
-            return (Body(at, self.capacity_J_K, self.conductance_W_K),)
+            heated = self._heated(base.named_source(machine, at, self.kind))
+            return (Body(at, self.capacity_J_K, self.conductance_W_K, heated, self.loss_W_K),)
+        if self.heat_share > 0.0:
+            raise ConfigError(
+                f'effect "{self.kind}": heat_share is part of a friction, and "{self.target}" is '
+                "an end; name the source as target, or remove heat_share"
+            )
         name, end_m = f"{self.kind}.{self.target}", base.free_end(machine, self.target, self.kind)
-        body = Body(name, self.capacity_J_K, self.conductance_W_K)
+        body = Body(name, self.capacity_J_K, self.conductance_W_K, 0.0, self.loss_W_K)
         return (base.point_heat(name, end_m, heat_W=0.0), body)
+
+    def _heated(self, source: Source) -> float:
+        """W into the body for each W of a source that enters the screw. Raises `ConfigError`."""
+        share = _share(source)
+        if self.heat_share == 0.0:
+            return 0.0
+        # a share that a fit has moved to 1 is no mistake of the configuration's
+        if share < LEAST_SHARE or (share == 1.0 and "share" not in source.model_fields_set):
+            raise ConfigError(
+                f'effect "{self.kind}": heat_share is of the heat that does not enter the screw at once, '
+                f'and "{source.name}" tells none; give it a law of friction with a share between '
+                f"{LEAST_SHARE} and 1, or remove heat_share"
+            )
+        return self.heat_share * (1.0 - share) / share
+
+
+def _share(source: Source) -> float:
+    """The part of a source's heat that enters the screw by its law; all where the law knows of no other."""
+    return source.share if source.law in DIVIDED_LAWS else 1.0

@@ -93,11 +93,16 @@ class Radiation(NamedTuple):
 
 
 class Body(NamedTuple):
-    """A lump of heat capacity that exchanges heat with the screw where a source stands."""
+    """A lump of heat capacity that exchanges heat with the screw where a source stands.
+
+    It takes up `heated` W for each W that the source gives the screw, and loses `loss_W_K` to the ambient.
+    """
 
     source: str
     capacity_J_K: float
     conductance_W_K: float
+    heated: float = 0.0
+    loss_W_K: float = 0.0
 
 
 class Lag(NamedTuple):

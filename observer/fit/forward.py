@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.fit.kept import Kept
@@ -21,11 +22,16 @@ from observer.model.plant import Plant
 from observer.model.simulate import simulate, start_from_sensors
 from observer.tables.sections import Source
 
-GAP_S, MOST_GAPS = 30.0, 12
+GAP_S, GAP_ROWS, MOST_GAPS = 30.0, 2.5, 12
+"""A gap lasts longer than both; of several the longest count."""
+SWITCHED, MOST_SWITCHES = 0.1, 24
+"""Part of a source's usual heat by which it has to change, and how often in a log, the largest first."""
 STRETCHES, STRETCH_SHARE = 8, 0.3
 """Stretches of the screw that a gap may have heated, each by a part of what the strongest source usually
 gives.
 """
+WANDERS = 0.7
+"""Of a nut's heat on a stretch, the part of which rows too far apart to follow its way do not tell."""
 MOST_KEPT = 8
 PREDICTS = {
     "screw", "surface", "ambient", "boundary", "source", "node", "link", "sensor", "model", "estimator",
@@ -103,7 +109,7 @@ class Forward:
 
         Nobody knows what the machine did there; a heat may have been off, or on, or elsewhere, or later.
         """
-        if not any((run.ticks.length_s > GAP_S).any() for run in self.runs):
+        if not any(len(gaps_of(run)) for run in self.runs):
             return []
         stretches = _stretches(config)
         setting = self._setting(config.model_copy(update={"source": (*config.source, *stretches)}))
@@ -114,7 +120,7 @@ class Forward:
             law_W, length_s = self._inputs(setting, run).law_W, run.ticks.length_s
             usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
             usual_W[stretch] = STRETCH_SHARE * usual_W.max()
-            gaps = np.flatnonzero(length_s > GAP_S)
+            gaps = gaps_of(run)
             longest = gaps[np.argsort(-length_s[gaps])][:MOST_GAPS]
             for tick in longest.tolist():
                 after = min(tick + 1, len(law_W) - 1)
@@ -145,6 +151,34 @@ class Forward:
             rows = [self._rows(setting, run)[1:] for run in self.runs]
         ambient = plant.known.ambient
         return [(values[:, -len(places) :], inputs.z_end[:, ambient]) for inputs, values in rows]
+
+    def by_rows(self, config: Config) -> list[list[FloatArray]]:
+        """The change (b, s) of each prediction with what rows far apart do not tell, one standard deviation
+        each: when between two rows a heat changed, and where on its way a nut left how much of its own.
+        """
+        if not any(run.coarse for run in self.runs):
+            return []
+        stretches, changes = _stretches(config), list[list[FloatArray]]()
+        setting = self._setting(config.model_copy(update={"source": (*config.source, *stretches)}))
+        here = self._every(setting)
+        bands = [(setting.plant.source_names.index(s.name), s) for s in stretches]
+        for i, run in enumerate(self.runs):
+            if run.coarse:
+                for more_W in _untold(run, setting.plant, self._inputs(setting, run).law_W, bands):
+                    change = [np.zeros_like(h) for h in here]
+                    change[i] = self._predict(setting, run, more_W) - here[i]
+                    changes.append(change)
+        return changes
+
+    def airs(self, config: Config) -> list[FloatArray]:
+        """The air of each run as every sensor's mean (b, s) has it, °C."""
+        setting, out = self._setting(config), []
+        for run in self.runs:
+            air = self._inputs(setting, run).z_end[:, setting.plant.known.ambient]
+            ticks, of_mean = run.ticks.mean, run.ticks.measured_degC
+            mean = np.bincount(ticks, air, len(of_mean)) / np.maximum(np.bincount(ticks), 1)
+            out.append(np.broadcast_to(mean[:, None], of_mean.shape))
+        return out
 
     def _with_tables(self, plant: Plant) -> Plant:
         """The plant with the first one's tables: what the dropped modes add goes with 1/kA, not the film."""
@@ -186,6 +220,38 @@ class Forward:
         sweep = run.sweep(plant)
         rows = simulate(plant if sweep is None else _told(plant), state, inputs, sweep)[1]
         return before, inputs, rows
+
+
+def gaps_of(run: SteppedRun) -> NDArray[np.int64]:
+    """The ticks of a run that are gaps: long, and longer than its rows usually are apart."""
+    return np.flatnonzero(run.ticks.length_s > max(GAP_S, GAP_ROWS * run.row_s))
+
+
+def _untold(
+    run: SteppedRun, plant: Plant, law_W: FloatArray, bands: Sequence[tuple[int, Source]]
+) -> Iterator[FloatArray]:
+    """Yield heats (T, m) beside those by law (T, m) that rows far apart allow; `bands` are stretches of the
+    screw, each with its number among the sources.
+    """
+    usual_W = np.maximum(np.quantile(np.abs(law_W), 0.9, axis=0), 1e-9)
+    later_W = np.diff(law_W, axis=0, prepend=law_W[:1])
+    size = np.max(np.abs(later_W) / usual_W, axis=1)
+    largest = np.argsort(-size)[:MOST_SWITCHES]
+    switches = np.sort(largest[size[largest] > SWITCHED])
+    for tick in switches.tolist():
+        more_W = np.zeros_like(law_W)
+        more_W[tick] = later_W[tick] / np.sqrt(12.0)  # the standard deviation of an even chance
+        yield more_W
+    parts = np.split(np.arange(len(law_W)), switches)
+    for nut in plant.moving:
+        place_m = run.run.frames.path[nut.channel].position_m
+        low_m, high_m = np.nanmin(place_m), np.nanmax(place_m)
+        under = [j for j, s in bands if (s.to_m or 0.0) > low_m and (s.from_m or 0.0) < high_m]
+        running = [part for part in parts if np.any(law_W[part, nut.index])]
+        for part, j in itertools.product(running, under):
+            more_W = np.zeros_like(law_W)
+            more_W[part, j] = WANDERS / len(under) * law_W[part, nut.index]
+            yield more_W
 
 
 class Setting(NamedTuple):

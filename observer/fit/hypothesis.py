@@ -36,13 +36,16 @@ temperatures aside: one σ."""
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of an effect that is fitted: which effect and key, a natural scale, and its bounds."""
+    """A parameter of an effect that is fitted: which effect and key, a natural scale, its bounds, and whether
+    it may stand at the upper one.
+    """
 
     effect: int
     key: str
     scale: float
     low: float
     high: float
+    open_above: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,9 +122,9 @@ class Fit:
 
     @property
     def at_bound(self) -> bool:
-        """Whether a parameter of an effect stands at a bound."""
+        """Whether a parameter of an effect stands at a bound where it may not."""
         return any(
-            min(v - p.low, p.high - v) < 1e-3 * p.scale
+            min(v - p.low, np.inf if p.open_above else p.high - v) < 1e-3 * p.scale
             for v, p in zip(self.values, self.parameters, strict=True)
         )
 

@@ -22,6 +22,8 @@ from observer.frames import BoolArray, FloatArray
 DIFFERENCE = 1e-3
 """Finite difference, in natural scales; the prediction is free of noise, so this costs no digits."""
 MOST_KEPT = 64
+FAR_APART_S = 2.0
+"""Rows less far apart tell when a value changed as well as any sensor follows it."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,8 @@ class Derivatives:
 @dataclass(frozen=True)
 class Problem:
     """The runs, their evidence and free parameters; and, once they are known, the derivatives by these and
-    what is known within tolerances. `within` yields these of a configuration.
+    what is known within tolerances. `within` yields these of a configuration
+    and a number of runs.
     """
 
     config: Config
@@ -64,7 +67,7 @@ class Problem:
     evidence: Evidence
     by_free: Derivatives | None = None
     slack: Slack | None = None
-    within: Callable[[Config], Iterable[tuple[Config, Kind]]] = tolerances
+    within: Callable[[Config, int], Iterable[tuple[Config, Kind]]] = tolerances
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -103,12 +106,15 @@ class Problem:
     def tolerant(self, config: Config) -> Problem:
         """The same problem within the tolerances of a configuration."""
         here, slacks, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
-        for changed, kind in self.within(config):
+        for changed, kind in self.within(config, len(self.forward.runs)):
             change = self.predicted(changed) - here
-            own = {"whole": lambda c: [c], "ambient": self.by_run}.get(kind, self.by_sensor)(change)
+            own = {"whole": lambda c: [c], "run": self.by_run}.get(kind, self.by_sensor)(change)
             slacks += own
             lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
-        gaps = [self.evidence.rows(change) for change in self.forward.by_gaps(config)]
+        known = [*self.by_gain(config, here), *self.by_timing(here)]
+        slacks, lag_of = slacks + known, lag_of + [None] * len(known)
+        unseen = [*self.forward.by_gaps(config), *self.forward.by_rows(config)]
+        gaps = [self.evidence.rows(change) for change in unseen]
         every = [*slacks, *gaps]
         changes_K = np.column_stack(every) if every else np.zeros((len(here), 0))
         lags = (*lag_of, *[None] * len(gaps))
@@ -132,6 +138,31 @@ class Problem:
     def by_run(self, change: FloatArray) -> list[FloatArray]:
         """Split a change (n,) into one of each run alone."""
         return [np.where(self.evidence.run == i, change, 0.0) for i in range(len(self.forward.runs))]
+
+    def by_gain(self, config: Config, here: FloatArray) -> list[FloatArray]:
+        """The change (n,) for each sensor that reads too near to the air by its tolerance; `here` (n,) is the
+        prediction.
+        """
+        gain = config.tolerance.gain
+        if gain == 0.0:
+            return []
+        return self.by_sensor(gain * (self.evidence.rows(self.forward.airs(config)) - here))
+
+    def by_timing(self, here: FloatArray) -> list[FloatArray]:
+        """The change (n,) of each run whose rows are so far apart that it matters if all comes later by half
+        of their distance: whether a value holds until the next row or ramps to it, the recorder knows.
+        """
+        changes = []
+        for i, run in enumerate(self.forward.runs):
+            if run.row_s < FAR_APART_S:
+                continue
+            change = np.zeros_like(here)
+            for s in range(len(self.config.sensor)):
+                mine = np.flatnonzero((self.evidence.run == i) & (self.evidence.sensor == s))
+                if len(mine) > 1:
+                    change[mine] = -0.5 * run.row_s * np.gradient(here[mine], self.evidence.time_s[mine])
+            changes.append(change)
+        return changes
 
     def marginal(self, rows: BoolArray, told: frozenset[str]) -> Marginal:
         """Return the map that marginalises the tolerances on some rows, but for the lags of some sensors."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.errors import LogError
+from observer.fit.sparse import filled
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality
 from observer.model.build import build_plant
 from observer.model.drive import Drive
@@ -83,7 +84,7 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     noise_R_K2 = np.array([s.noise_K**2 for s in config.sensor])
     with np.errstate(invalid="ignore", divide="ignore"):
         return Run(
-            frames=frames,
+            frames=filled(frames, config),
             first=first,
             usable=usable,
             values_degC=y_degC,

@@ -129,6 +129,16 @@ class SteppedRun:
         self._strokes = [mean_stretch(sources[m.index], config.screw) for m in plant.moving]
         self._weight = [] if by_row else self._weights(config, plant)
 
+    @property
+    def row_s(self) -> float:
+        """How far its rows usually are apart."""
+        return float(np.median(self.run.frames.dt_s[1:])) if len(self.run.frames) > 1 else 0.0
+
+    @property
+    def coarse(self) -> bool:
+        """Whether its rows are further apart than ticks: what changed between them changed at any time."""
+        return self.row_s > 1.5 * TICK_S
+
     def inputs(self, config: Config, plant: Plant, key: str) -> Inputs:
         """Return the inputs of the steps, (T,); `key` says the configuration."""
         if self._by_row:

@@ -29,7 +29,7 @@ from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Sensor
 
-Kind = Literal["whole", "place", "lag", "ambient"]
+Kind = Literal["whole", "place", "lag", "run"]
 
 TOLERANCE_OF = {
     "convection": ("surface.convection_W_m2K", "surface.factor"),
@@ -44,10 +44,10 @@ SETTLING_S = 1800.0
 """How long friction that is not what its law says takes to settle, once running."""
 
 
-def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
+def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
     """Yield the configuration changed by one standard deviation of a tolerance, and of what it is one.
 
-    "place" and "lag" are one for each sensor, all changed at once; "ambient" is one for each log.
+    "place" and "lag" are one for each sensor, all changed at once; "run" is one for each of so many logs.
     """
     screw, known = config.screw, config.tolerance
     for key, off in (
@@ -70,16 +70,21 @@ def tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
         if offset_K > 0.0:
             yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
     if known.ambient_K > 0.0:
-        yield _with(config, AmbientShift(0.0, known.ambient_K)), "ambient"
+        yield _with(config, AmbientShift(0.0, known.ambient_K)), "run"
     if known.lag_s > 0.0:
         yield _with(config, *(Lag(s.name, known.lag_s) for s in config.sensor)), "lag"
+    own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
+    for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
+        more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
+        changed = tuple(more if s is source else s for s in config.source)
+        yield config.model_copy(update={"source": changed}), "run"
 
 
-def calibration_tolerances(config: Config) -> Iterator[tuple[Config, Kind]]:
+def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, Kind]]:
     """Yield the tolerances, and those within which an effect would be missing rather than a value off: a loss
     at each end, and heat by friction that settles with use.
     """
-    yield from tolerances(config)
+    yield from tolerances(config, runs)
     for end in get_args(End):
         if config.tolerance.end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
             yield _with(config, EndConductance(end, config.tolerance.end_W_K)), "whole"

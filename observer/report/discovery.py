@@ -37,7 +37,8 @@ def tolerated(known: Tolerance) -> str:
         "A model never comes down to the noise alone: conductivity is known to "
         f"{100 * known.conductivity:g} %, heat capacity to {100 * known.heat_capacity:g} %, each sensor's "
         f"offset to {known.offset_K:g} K, its place to {1000 * known.position_m:g} mm and its lag to "
-        f"{known.lag_s:g} s, the air to {known.ambient_K:g} K, and how even the film is to "
+        f"{known.lag_s:g} s, its part of the rise to {100 * known.gain:g} %, the air to {known.ambient_K:g} "
+        f"K, heats from log to log to {100 * known.heat_per_log:g} %, and how even the film is to "
         f"{100 * UNEVEN:.0f} %. What these can explain is no effect and not written back."
     )
 

@@ -65,6 +65,8 @@ class NutFriction(Section):
 
 LAWS = ("torque_Nm", "bearing", "nut_friction", "heat_W_rpm", "power_channel", "heat_W", "heat_of")
 SPEED_LAWS = LAWS[:4]
+DIVIDED_LAWS = LAWS[:3]
+"""Laws of all of a friction's heat, of which `share` enters the screw."""
 
 
 class HeatLaw(Section):

@@ -24,6 +24,10 @@ class Tolerance(Section):
     film). Of the measured or stated ambient `ambient_K`; of the loss of each end to the air beyond what the
     configuration says `end_W_K`; of each sensor on the screw where it sits, `position_m`, what it reads too
     much, `offset_K`, and how late, `lag_s`. A law's scale has its own, the source's `law_uncertainty`.
+
+    Of logs, so in `discover` alone: by what part of its rise above the air each sensor reads
+    too little or too much, `gain`; and by what part a source's heat differs from one log to the next,
+    `heat_per_log`.
     """
 
     conductivity: Relative = 0.03
@@ -34,6 +38,8 @@ class Tolerance(Section):
     position_m: Annotated[NonNegative, Field(le=1)] = 0.002
     offset_K: Annotated[NonNegative, Field(le=50)] = 0.3
     lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0
+    gain: Relative = 0.02
+    heat_per_log: Relative = 0.03
 
     def offset_of_K(self, own_K: float | None) -> float:
         """Return the tolerance of a sensor's offset: its own where it says one."""

@@ -8,18 +8,19 @@ import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tests.campaign.summary import Cells, summary, typical_summary
+from tests.campaign.summary import Cells, rough_summary, summary, typical_summary
 from tests.campaign.suspects import SuspectRow, suspect_summary, try_suspect
 from tests.campaign.trial import Row, try_entry
 from tests.truth.machine.entries import (
     FIRST_SEED,
-    SUSPECT_SEED,
     Entry,
     campaign,
+    rough_campaign,
     slice_entries,
     suspect_campaign,
     typical_campaign,
@@ -28,6 +29,7 @@ from tests.truth.machine.entries import (
 FOLDER, PAGE = Path("docs/campaign"), Path("docs/discovery.md")
 MARKS = ("<!-- campaign -->", "<!-- end of campaign -->")
 TYPICAL_MARKS = ("<!-- typical users -->", "<!-- end of typical users -->")
+ROUGH_MARKS = ("<!-- rough -->", "<!-- end of rough -->")
 SUSPECT_MARKS = ("<!-- suspects -->", "<!-- end of suspects -->")
 GROUPS = ("null", "ladder", "outside", "pair", "ambiguous", "poor", "absent", "faulty")
 
@@ -36,43 +38,41 @@ def main() -> None:
     """Run the campaign, or go on with it."""
     options = _options()
     options.folder.mkdir(parents=True, exist_ok=True)
-    name, tables, marks, one = SLICES.get(options.slice, SLICES["ci"])
-    table = options.folder / name
-    entries = _entries(options)
+    own = SLICES[options.slice]
+    table = options.folder / own.table
+    entries = own.entries() if options.first_seed is None else own.entries(options.first_seed)
     entries = [e for e in entries if not options.only or options.only in _marks(e)]
     known = {row["name"] for row in read_rows(table) if row["outcome"] != "failed"}
     waiting = [e for e in entries if e.name not in known]
     console = Console()
     console.print(f"{len(entries)} cases, {len(entries) - len(waiting)} already in {table}")
     answers = options.answers or Path("build/campaign/answers")
-    run_entries(waiting, table, answers, options.workers, console, one)
+    run_entries(waiting, table, answers, options.workers, console, own.trial)
     page = PAGE if options.folder == FOLDER else options.folder / "summary.md"
     before = page.read_text(encoding="utf-8") if page.exists() else ""
-    page.write_text(with_tables(before, tables(read_rows(table)), marks), encoding="utf-8")
+    page.write_text(with_tables(before, own.summary(read_rows(table)), own.marks), encoding="utf-8")
     console.print(f"{table} and {page} written")
 
 
-Trial = Callable[[Entry, Path], Row | SuspectRow]
-SLICES: dict[str, tuple[str, Callable[[Sequence[Cells]], str], tuple[str, str], Trial]] = {
-    "ci": ("results.csv", summary, MARKS, try_entry),
-    "typical": ("typical.csv", typical_summary, TYPICAL_MARKS, try_entry),
-    "suspects": ("suspects.csv", suspect_summary, SUSPECT_MARKS, try_suspect),
+class Slice(NamedTuple):
+    """A campaign of its own: its `table`, its cases, what the page says of them between which marks, and how
+    one is tried.
+    """
+
+    table: str
+    entries: Callable[..., list[Entry]]
+    summary: Callable[[Sequence[Cells]], str]
+    marks: tuple[str, str]
+    trial: Callable[[Entry, Path], Row | SuspectRow] = try_entry
+
+
+SLICES: dict[str | None, Slice] = {
+    None: Slice("results.csv", campaign, summary, MARKS),
+    "ci": Slice("results.csv", slice_entries, summary, MARKS),
+    "typical": Slice("typical.csv", typical_campaign, typical_summary, TYPICAL_MARKS),
+    "rough": Slice("rough.csv", rough_campaign, rough_summary, ROUGH_MARKS),
+    "suspects": Slice("suspects.csv", suspect_campaign, suspect_summary, SUSPECT_MARKS, try_suspect),
 }
-"""Of each slice: its table, the page's part with its marks, and how a case is tried."""
-
-
-def _entries(options: argparse.Namespace) -> list[Entry]:
-    """The cases asked for."""
-    match options.slice:
-        case "ci":
-            return slice_entries()
-        case "typical":
-            return typical_campaign()
-        case "suspects":
-            own = options.first_seed == FIRST_SEED
-            return suspect_campaign(SUSPECT_SEED if own else options.first_seed)
-        case _:
-            return campaign(options.first_seed)
 
 
 def run_entries(
@@ -81,7 +81,7 @@ def run_entries(
     answers: Path,
     workers: int,
     console: Console,
-    one: Trial = try_entry,
+    one: Callable[[Entry, Path], Row | SuspectRow] = try_entry,
 ) -> None:
     """Search and judge cases, a line of the table as soon as one is done; an interrupted run can go on."""
     columns = (
@@ -141,14 +141,15 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--answers", type=Path, help="of the answers (build/campaign/answers)")
     parser.add_argument(
         "--slice",
-        choices=tuple(SLICES),
-        help="a few cases of every sort, the machines of typical users, or logs with something wrong",
+        choices=[name for name in SLICES if name],
+        help="a few cases of every sort, the machines of typical users, what is rough about real ones, or "
+        "logs with something wrong",
     )
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="below 3000: to set thresholds on")
+    parser.add_argument("--first-seed", type=int, help=f"{FIRST_SEED}; below 3000: to set thresholds on")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    if options.folder == FOLDER and (options.slice == "ci" or options.first_seed != FIRST_SEED):
+    if options.folder == FOLDER and (options.slice == "ci" or options.first_seed not in (None, FIRST_SEED)):
         parser.error(f"{FOLDER} is for the campaign's own seeds; give another --folder")
     return options
 

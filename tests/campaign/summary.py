@@ -166,6 +166,70 @@ TYPICAL_GOALS: tuple[Goal, ...] = tuple(
 )  # fmt: skip
 
 
+ROUGH_GOALS: tuple[Goal, ...] = (
+    Goal(
+        "a nut's body with heat of its own: named",
+        "≥ 90 %",
+        _at_least(0.9),
+        lambda row: row["group"] == "nut" and row["label"].startswith("heated"),
+        _is("right"),
+    ),
+    Goal(
+        "a nut's body without: named",
+        "≥ 90 %",
+        _at_least(0.9),
+        lambda row: row["group"] == "nut" and row["label"].startswith("plain"),
+        _is("right"),
+    ),
+    Goal("a nut's body: wrongly named", "≤ 1 %", _at_most(0.01), _of("nut"), _is(*WRONG)),
+    *(
+        goal
+        for group, what in (
+            ("minutes", "rows 1 min apart"),
+            ("gain", "sensors 3 ± 2 % toward the air"),
+            ("torque", "torque ±10 % from run to run"),
+        )
+        for goal in (
+            Goal(
+                f"{what}, nothing hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=True),
+                _is(*_CLAIMS),
+            ),
+            Goal(
+                f"{what}, nothing hidden: “none”", "≥ 90 %", _at_least(0.9), _typical(group, null=True), _good
+            ),
+            Goal(
+                f"{what}, a loss hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=False),
+                _is(*WRONG),
+            ),
+            Goal(
+                f"{what}, a loss hidden: right or in the set", "≥ 90 %", _at_least(0.9),
+                _typical(group, null=False), _is("right", "in_set"),
+            ),
+        )
+    ),
+)  # fmt: skip
+
+
+def rough_summary(rows: Sequence[Cells]) -> str:
+    """The table of real nuts and rough logs, how well the bodies' parameters were found, and each sort."""
+    lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]
+    lines += [goal.line(rows) for goal in ROUGH_GOALS]
+    named = [row for row in rows if row["group"] == "nut" and row["outcome"] == "right"]
+    lines += ["", "| parameter of a body named | cases | error, median / largest |", "|---|---|---|"]
+    for key in ("capacity_J_K", "conductance_W_K", "heat_share", "loss_W_K"):
+        cells = (cell for row in named for cell in row["errors"].split())
+        error = [
+            100 * abs(float(c.partition("=")[2])) for c in cells if c.startswith(f"attached_mass.{key}=")
+        ]
+        if error:
+            lines.append(f"| `{key}` | {len(error)} | {np.median(error):.0f} % / {max(error):.0f} % |")
+    lines += ["", "| hidden | what it came out as |", "|---|---|"]
+    for group, label in dict.fromkeys((row["group"], row["label"]) for row in rows):
+        count = Counter(r["outcome"] for r in rows if (r["group"], r["label"]) == (group, label))
+        lines.append(f"| {group}: {label} | {', '.join(f'{o} {n}' for o, n in count.most_common())} |")
+    return "\n".join(lines) + "\n"
+
+
 def typical_summary(rows: Sequence[Cells]) -> str:
     """The table of the machines of typical users, and which effects came out how."""
     lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]

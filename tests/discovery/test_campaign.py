@@ -16,9 +16,16 @@ from tests.campaign import __main__ as command
 from tests.campaign import trial
 from tests.campaign.judge import estimates, hidden_names, is_good, outcome_of
 from tests.campaign.showing import RESTING, RUNNING, Showing, showing_of
-from tests.campaign.summary import Share, detection_limit, limit_lines, parameter_lines, summary
+from tests.campaign.summary import (
+    Share,
+    detection_limit,
+    limit_lines,
+    parameter_lines,
+    rough_summary,
+    summary,
+)
 from tests.truth.machine.effects import LIBRARY, Effect
-from tests.truth.machine.entries import Entry, campaign
+from tests.truth.machine.entries import Entry, campaign, rough_campaign
 from tests.truth.machine.generate import Case
 
 MOTOR = Effect("motor_heat", "left", {"heat_W": 2.0})
@@ -213,3 +220,11 @@ def test_tables_go_between_their_marks() -> None:
     assert once == page.replace("old\n", "| new |\n")
     assert command.with_tables(once, "| new |\n") == once
     assert command.with_tables("", "| new |\n") == "| new |\n"
+
+
+def test_the_page_tells_the_rough_campaign_as_its_table_does() -> None:
+    root = Path(__file__).parents[2]
+    page = (root / "docs/discovery.md").read_text(encoding="utf-8")
+    rows = command.read_rows(root / "docs/campaign/rough.csv")
+    assert command.with_tables(page, rough_summary(rows), command.ROUGH_MARKS) == page
+    assert f"so far {len(rows)} of the {len(rough_campaign())} have been run" in page

@@ -12,6 +12,7 @@ import pytest
 from observer.discovery import verdict
 from observer.discovery.proof import Proof, SensorGap, prove
 from observer.discovery.verdict import alternatives, decide, goodness
+from observer.effects.sensing import SensorBias
 
 ROWS = 1000
 NOISE = 0.3
@@ -30,7 +31,11 @@ def trial(
     name: str, score: float, *, drop: float = 0.0, accepted: bool = True, mean_square: float = NOISE
 ) -> Any:
     return SimpleNamespace(
-        candidate=SimpleNamespace(name=name), score=score, drop=drop, accepted=accepted, fit=fit(mean_square)
+        candidate=SimpleNamespace(name=name, of=SensorBias),
+        score=score,
+        drop=drop,
+        accepted=accepted,
+        fit=fit(mean_square),
     )
 
 

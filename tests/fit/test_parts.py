@@ -180,6 +180,7 @@ class Straight:
         self.by = {name: rng.normal(size=(MEANS, 3)) for name in ("film", "heater", "k", "c", "x", "lag")}
         self.gaps = [rng.normal(size=(MEANS, 3)) for _ in range(gaps)]
         self.asked: list[Config] = []
+        self.runs = [SimpleNamespace(row_s=0.5)]
 
     def __call__(self, config: Config) -> list[FloatArray]:
         self.asked.append(config)
@@ -200,6 +201,12 @@ class Straight:
 
     def by_gaps(self, _config: Config) -> list[list[FloatArray]]:
         return [[gap] for gap in self.gaps]
+
+    def by_rows(self, _config: Config) -> list[list[FloatArray]]:
+        return []
+
+    def airs(self, _config: Config) -> list[FloatArray]:
+        return [np.full((MEANS, 3), 12.0)]
 
 
 def a_problem(forward: Straight, truth: Config | None = None, noise_K: float = 0.05) -> Problem:
@@ -247,20 +254,21 @@ def test_slack_is_what_each_tolerance_changes() -> None:
     slack = problem.slack
     assert slack is not None
     by, sensor = forward.by, problem.evidence.sensor
-    films = [np.full(3 * MEANS, 0.2 * 0.1 * i) for i in range(4)]
+    films, here = [np.full(3 * MEANS, 0.2 * 0.1 * i) for i in range(4)], forward(machine())[0].ravel()
     inward = np.array([1e-3, -1e-3, -1e-3])
     whole = {
         "k": [0.02 * by["k"].ravel()], "c": [0.002 * by["c"].ravel() * 9.2],
         "x": [np.where(sensor == s, 20.0 * (by["x"] * inward).ravel(), 0.0) for s in range(3)],
         "films": films,
         "lag": [np.where(sensor == s, 0.04 * np.repeat(by["lag"][:, 0], 3), 0.0) for s in range(3)],
+        "gain": [np.where(sensor == s, 0.02 * (12.0 - here), 0.0) for s in range(3)],
         "gaps": [gap.ravel() for gap in forward.gaps],
     }  # fmt: skip
     columns = np.column_stack([c for part in whole.values() for c in part]) / 0.05
     np.testing.assert_allclose(slack.columns, columns, rtol=1e-9, atol=1e-9)
-    assert slack.lag_of == (*[None] * 9, "a", "b", "c", None, None)
+    assert slack.lag_of == (*[None] * 9, "a", "b", "c", *[None] * 5)
     rows, r = problem.evidence.used, np.random.default_rng(1).normal(size=60)
-    for told, kept in ((frozenset(), range(14)), (frozenset({"b"}), [*range(10), 11, 12, 13])):
+    for told, kept in ((frozenset(), range(17)), (frozenset({"b"}), [*range(10), *range(11, 17)])):
         T = columns[rows][:, list(kept)]
         left = float(np.sum(problem.marginal(rows, told)(r) ** 2))
         assert left == pytest.approx(r @ np.linalg.solve(np.eye(60) + T @ T.T, r), rel=1e-9)

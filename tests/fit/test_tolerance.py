@@ -14,9 +14,10 @@ from observer.discovery.candidates import library
 from observer.discovery.search import tried
 from observer.discovery.signatures import promises, signatures
 from observer.effects.bodies import EndConduction
+from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
 from observer.fit.parameters import replaced
-from observer.fit.problem import Marginal
+from observer.fit.problem import Marginal, Problem
 from observer.fit.tolerance import tolerances
 from observer.frames import FrameBlock
 from observer.model.build import build_plant
@@ -230,3 +231,80 @@ def test_an_effect_at_its_bound_is_not_accepted() -> None:
     fit = fit_effects(problem, null.config.model_copy(update={"effect": (start,)}), candidate.parameters(0))
     assert fit.values.tolist() == [0.0]
     assert fit.at_bound
+
+
+# ---- gain, timing, heats from log to log ----
+
+
+EXACT = {
+    "conductivity": 0.0, "heat_capacity": 0.0, "position_m": 0.0, "lag_s": 0.0, "offset_K": 0.0,
+    "ambient_K": 0.0,
+}  # fmt: skip
+
+
+def cost_of(logs: list[FrameBlock], **known: float) -> float:
+    config = machine(tolerance=EXACT | {"gain": 0.0, "heat_per_log": 0.0} | known, calibrate={"free": FILM})
+    return fit_null(problem_of(config, logs), config).deviance
+
+
+FILM = ["surface.convection_W_m2K"]
+
+
+def test_a_sensor_that_reads_toward_the_air_is_within_tolerance() -> None:
+    """Three sensors of one standard deviation each cost three, and the fit's own chance."""
+    config = machine()
+    logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]
+    honest = cost_of(logs, gain=0.02)
+    for log in logs:
+        for sensor, part in zip(config.sensor, (0.02, -0.02, 0.02), strict=True):
+            column = log.values[:, config.channels.index(sensor.channel)]
+            column -= part * (column - 20.0)
+    assert cost_of(logs, gain=0.02) < honest + 3.0 + 10.0
+    assert cost_of(logs) > honest + 100.0
+
+
+def test_a_heat_may_differ_from_one_log_to_the_next() -> None:
+    """The heater of one log gives 3 % more than its channel says; of a single log nothing is allowed."""
+    config = machine()
+    logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]
+    honest = cost_of(logs, heat_per_log=0.03)
+    heater = config.channels.index("heater_W")
+    logs[0].values[:, heater] /= 1.03
+    assert cost_of(logs, heat_per_log=0.03) < honest + 1.0 + 10.0
+    assert cost_of(logs) > honest + 50.0
+    assert cost_of(logs[:1], heat_per_log=0.03) == pytest.approx(cost_of(logs[:1]))
+
+
+def thinned(log: FrameBlock, rows: int) -> FrameBlock:
+    """Every so many rows of a log."""
+    kept = {
+        key: getattr(log, key)[::rows].copy() for key in ("time_s", "values", "fresh", "quality", "age_s")
+    }
+    return replace(log, dt_s=np.diff(kept["time_s"], prepend=kept["time_s"][0]), **kept)
+
+
+def test_rows_a_minute_apart_do_not_tell_when_a_heat_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Heats that are recorded half of a row late, as where a recorder holds what it is taken to ramp to."""
+    config = machine()
+    logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]
+    honest = cost_of([thinned(log, 30) for log in logs])
+    for log in logs:
+        for name in ("heater_W", "n_rpm"):
+            column = log.values[:, config.channels.index(name)]
+            column[15:] = column[:-15].copy()
+    late = [thinned(log, 30) for log in logs]
+    allowed = cost_of(late)
+    monkeypatch.setattr(Forward, "by_rows", lambda *_: [])
+    monkeypatch.setattr(Problem, "by_timing", lambda *_: [])
+    strict = cost_of(late)
+    print(honest, allowed, strict)
+    assert allowed < honest + 30.0  # a shift of one σ, and four heats that changed by √3 σ each
+    assert strict > allowed + 200.0
+
+
+def test_rows_close_together_leave_no_such_doubt() -> None:
+    config = machine()
+    problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
+    close = thinned(made_log(config, 0, minutes=60.0), 1)
+    assert problem.forward.by_rows(config) == []
+    assert problem_of(config, [close]).forward.runs[0].row_s == 2.0

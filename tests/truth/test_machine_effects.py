@@ -19,7 +19,7 @@ from tests.truth.machine.exchange import (
     friction_W,
     rotating_film_W_m2K,
 )
-from tests.truth.machine.generate import Case, machine_of, trace
+from tests.truth.machine.generate import Case, logged, machine_of, trace
 from tests.truth.machine.machine import plain_machine
 from tests.truth.machine.physics import LEFT, NUT
 from tests.truth.machine.sensing import lagged, true_readings
@@ -161,6 +161,32 @@ def test_a_body_trails_the_screw_where_it_sits(place: str, where_m: list[float])
     # 2 %: in the first seconds the gradient at a face is steeper than slices of 2 cm can tell
     np.testing.assert_allclose(result.body_degC[:, body], trailing, atol=0.02 * np.ptp(trailing))
     assert np.ptp(np.delete(result.body_degC, body, axis=1)) == 0.0
+
+
+def test_a_nuts_body_takes_its_part_of_the_friction_and_loses_to_the_air() -> None:
+    """C dT/dt = share Q − G (T − T_air), next to without a contact: 1 − exp in closed form."""
+    effect = hidden(
+        "attached_mass", "nut", capacity_J_K=300.0, conductance_W_K=1e-6, heat_share=0.8, loss_W_K=1.5
+    )
+    physics = apply(replace(plain_machine(), physics=bare(friction_W_rpm=at(NUT, 0.02))), effect).physics
+    body = ran(physics, 400, 0.5, speed_rpm=1000.0).body_degC[-1, NUT]
+    rise_K = 0.8 * 20.0 / 1.5 * (1 - math.exp(-200.0 * 1.5 / 300.0))
+    assert body - 20.0 == pytest.approx(rise_K, rel=2e-3)  # steps of Euler, C/G = 200 s, of 0.5 s
+
+
+def test_a_sensor_that_reads_toward_the_air_shows_less_of_the_rise() -> None:
+    section, air = np.full((3, 5), 40.0), np.full(3, 20.0)
+    machine = replace(plain_machine(), toward_air=np.full(5, 0.03))
+    shown = true_readings(machine, section, air, np.ones((3, 5)), 0.5)
+    np.testing.assert_allclose(shown, 39.4)
+
+
+def test_torque_differs_between_runs_and_rows_come_every_minute() -> None:
+    case = Case("rough", (), 1, faults=("minutes",), torque=0.1)
+    traced = [trace(case, run) for run in "ab"]
+    factors = [t.scene.schedule.nut_factor[0] for t in traced]
+    assert abs(factors[0] - factors[1]) > 0.01
+    np.testing.assert_allclose(np.diff(logged(case, "a", traced[0]).time_s), 60.0)
 
 
 def test_steady_heats() -> None:

@@ -17,7 +17,7 @@ from observer.tables.sections import Description
 
 
 class Attached(NamedTuple):
-    """A network beside the screw: its `names` (n,), the `network` by itself, what of each source's heat goes
+    """A network beside the screw: its `names` (n,), the `network` by itself, what each source's heat brings
     into each node, `shares` (n, m), and the `ties` (node, source, W/K) to the screw where a source stands.
     """
 
@@ -53,11 +53,14 @@ def attached(machine: Description, terms: Sequence[Term]) -> Attached:
             ties.append((names.index(first), sources.index(second), G))
     for i, body in enumerate(bodies):
         ties.append((len(names) + i, sources.index(body.source), body.conductance_W_K))
+        to_ambient.append((len(names) + i, body.loss_W_K))
     capacity = [n.capacity_J_K for n in machine.node] + [b.capacity_J_K for b in bodies]
     shares = np.zeros((len(capacity), len(sources)))
     for j, source in enumerate(machine.source):
         for name, share in source.nodes.items():
             shares[names.index(name), j] = share
+    for i, body in enumerate(bodies):
+        shares[len(names) + i, sources.index(body.source)] = body.heated
     all_names = (*names, *(f"body at {b.source}" for b in bodies))
     return Attached(all_names, assemble(capacity, links, to_ambient), shares, tuple(ties))
 

@@ -79,10 +79,15 @@ def _end_conduction(machine: Machine, effect: Effect) -> Machine:
 
 
 def _attached_mass(machine: Machine, effect: Effect) -> Machine:
-    """A body on the nut or on an end; it exchanges heat with the screw alone."""
+    """A body on the nut or on an end; it exchanges heat with the screw, and the nut's with the air as well.
+
+    Half of the nut's friction enters the screw at once; the nut's body takes `heat_share` of the other half.
+    """
     where = NUT if effect.target == "nut" else LEFT + _end(effect)
     return _physics(
         machine,
+        nut_body_share=effect.parameters.get("heat_share", 0.0),
+        nut_body_air_W_K=effect.parameters.get("loss_W_K", 0.0),
         body_J_K=_at(machine.physics.body_J_K, where, effect["capacity_J_K"]),
         body_W_K=_at(machine.physics.body_W_K, where, effect["conductance_W_K"]),
     )

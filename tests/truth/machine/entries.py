@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from tests.truth.machine.catalogue import (
     ALIKE,
@@ -24,6 +25,7 @@ FIRST_SEED = 3000
 """Thresholds are set on seeds below, figures come from seeds from here on."""
 TYPICAL_SEED = 6000
 SUSPECT_SEED = 9000
+ROUGH_SEED, ROUGH_SEEDS = 7000, 8
 STRENGTHS = 5
 NULLS, SEEDS, FEW_SEEDS = 200, 8, 4
 
@@ -161,6 +163,56 @@ def suspect_campaign(first_seed: int = SUSPECT_SEED, made: int = 10) -> list[Ent
                 case = Case(f"other.{ladder.kind}", (ladder.effect(3 + j % 2),), seed, ladder.cycle)
                 entries.append(Entry("other", ladder.label, case, 3 + j % 2, ladder.strengths[3 + j % 2]))
     return entries
+
+
+NUTS = (
+    # capacity, J/K; contact and loss to the air, W/K; the part of the friction's rest that it takes
+    (300.0, 8.0, 0.0, 1.0), (300.0, 8.0, 1.5, 1.0), (800.0, 3.0, 0.5, 1.0), (1000.0, 8.0, 0.7, 1.0),
+    (1500.0, 8.0, 0.3, 0.7), (2500.0, 8.0, 0.0, 1.0), (2500.0, 8.0, 1.5, 1.0), (800.0, 40.0, 0.5, 1.0),
+    (300.0, 8.0, 0.0, 0.0), (1000.0, 8.0, 0.0, 0.0), (2500.0, 2.0, 0.0, 0.0), (1000.0, 40.0, 0.0, 0.0),
+)  # fmt: skip
+"""Bodies of nuts, held loosely to tightly, with heat of their own and without."""
+
+
+def nut_entry(number: int, seed: int) -> Entry:
+    """A nut with a body."""
+    values = zip(("capacity_J_K", "conductance_W_K", "loss_W_K", "heat_share"), NUTS[number], strict=True)
+    given = {key: value for key, value in values if value}
+    label = "heated" if "heat_share" in given else "plain"
+    body = Effect("attached_mass", "nut", given)
+    return Entry("nut", f"{label}.{number}", Case(f"nut.{number}", (body,), seed))
+
+
+LOSSY = Effect("end_conduction", "right", {"conductance_W_K": 0.15})
+OFF: dict[str, dict[str, Any]] = {
+    "minutes": {"faults": ("minutes",)},
+    "gain": {"short": (0.03, 0.02)},
+    "torque": {"torque": 0.1},
+}
+"""What a configuration does not tell: rows 1 min apart, sensors that read 3 ± 2 % toward the air, torque that
+differs by 10 % from run to run.
+"""
+
+
+def off_entry(group: str, effects: tuple[Effect, ...], seed: int) -> Entry:
+    """A machine or its log off in one way, with something hidden or nothing."""
+    label = effects[0].kind if effects else "null"
+    return Entry(group, label, Case(f"{group}.{label}", effects, seed, **OFF[group]))
+
+
+def rough_campaign(first_seed: int = ROUGH_SEED) -> list[Entry]:
+    """Real nuts, and logs and machines that are off in a way of their own, in the order of seeds."""
+    entries = []
+    for seed in range(first_seed, first_seed + ROUGH_SEEDS):
+        off = [off_entry(group, effects, seed) for effects in ((), (LOSSY,)) for group in OFF]
+        for i, entry in enumerate(off):  # mixed, so that a part of it is a small campaign
+            entries += [nut_entry(i, seed), entry, nut_entry(len(off) + i, seed)]
+    return entries
+
+
+def rough_slice(seed: int = 900) -> list[Entry]:
+    """One case of each sort of those."""
+    return [nut_entry(3, seed), *(off_entry(group, (), seed) for group in OFF)]
 
 
 def slice_entries(seed: int = 900) -> list[Entry]:

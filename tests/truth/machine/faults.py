@@ -6,14 +6,16 @@ import numpy as np
 
 from tests.truth.machine.physics import FloatArray
 
-FAULTS = ("gaps", "uneven", "stuck", "missing")
+FAULTS = ("gaps", "uneven", "stuck", "missing", "minutes")
+MINUTE_s = 60.0
 
 
 def sample_times_s(
     duration_s: float, step_s: float, faults: tuple[str, ...], rng: np.random.Generator
 ) -> FloatArray:
-    """When rows are written, (n,): every step, or unevenly, or with two or three gaps of 1 to 10 minutes."""
-    time_s = np.arange(1, round(duration_s / step_s) + 1) * step_s
+    """When rows are written, (n,): every step or minute, unevenly, or with gaps of 1 to 10 minutes."""
+    row_s = MINUTE_s if "minutes" in faults else step_s
+    time_s = np.arange(1, round(duration_s / row_s) + 1) * row_s
     if "uneven" in faults:
         rows = len(time_s)
         interval_s = np.where(

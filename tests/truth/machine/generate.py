@@ -38,7 +38,9 @@ class Case:
     Two cases of the same name and seed are the same machine, whatever is hidden in them. `unknown`: parts
     that neither the machine nor its configuration has, beside those that an effect implies. `typical`:
     sensors and screw are as far off as a typical user's, and his configuration says no more of that than its
-    defaults. `logs`: how many of the runs there are.
+    defaults. `logs`: how many of the runs there are. `short`: by what part of its rise above the air each
+    sensor reads too little, mean and standard deviation. `torque`: by what part the nut's differs from one
+    run to the next, standard deviation.
     """
 
     name: str
@@ -49,6 +51,8 @@ class Case:
     unknown: tuple[str, ...] = ()
     typical: bool = False
     logs: int = len(RUNS)
+    short: tuple[float, float] = (0.0, 0.0)
+    torque: float = 0.0
 
     def __post_init__(self) -> None:
         for given, known in (
@@ -59,6 +63,11 @@ class Case:
         ):
             if strange := set(given) - set(known):
                 raise ValueError(f"case {self.name}: unknown {strange}; there are {known}")
+
+    @property
+    def rough(self) -> bool:
+        """Whether more is off than a configuration that was measured says."""
+        return self.typical or any(self.short) or self.torque > 0.0 or "minutes" in self.faults
 
     @property
     def unmodelled(self) -> tuple[str, ...]:
@@ -103,6 +112,10 @@ def machine_of(case: Case) -> Machine:
     for index, source in enumerate(SOURCES[1:]):
         if source in case.unmodelled:
             friction[LEFT + index] = 0.0
+    if any(case.short):
+        mean, apart = case.short
+        toward = mean + apart * stream(case.seed, case.name, "short").standard_normal(len(SENSORS))
+        machine = replace(machine, toward_air=toward)
     known = [e for e in case.effects if e.kind in LIBRARY]
     return reduce(apply, known, replace(machine, physics=physics._replace(friction_W_rpm=friction)))
 
@@ -116,6 +129,9 @@ def trace(case: Case, run: str, machine: Machine | None = None) -> Traced:
     logged = draw_air(float(mean_degC), steps, rng)
     felt = logged + machine.air_drift_K_h * np.arange(steps + 1) * STEP_s / 3600.0
     schedule = build_schedule(phases, START_m[run], felt)
+    if case.torque:
+        factor = 1.0 + case.torque * stream(case.seed, case.name, run, "torque").standard_normal()
+        schedule = schedule._replace(nut_factor=factor * schedule.nut_factor)
     scene, facts = Scene(machine, schedule, np.ones((steps + 1, len(SENSORS)))), {}
     for effect in case.effects:
         if effect.kind in OUTSIDE:
@@ -159,7 +175,7 @@ def write_case(case: Case, folder: Path, without: tuple[str, ...] = ()) -> list[
     for log, run in zip(logs, runs_of(case), strict=True):
         write_log(log, run.time_s, run.values)
     (folder / "config.toml").write_text(
-        configuration(case.unmodelled, without, known=not case.typical), encoding="utf-8"
+        configuration(case.unmodelled, without, known=not case.rough), encoding="utf-8"
     )
     return logs
 

@@ -93,8 +93,12 @@ heat_capacity = 0.02
 position_m = 0.001
 offset_K = 0.0
 ambient_K = 0.0
+gain = 0.0
+heat_per_log = 0.0
 """
-"""What is said of a machine whose sensors were compared with each other and with the air's."""
+"""What is said of a machine whose sensors were compared with each other and with the air's, and whose
+friction is the same from day to day.
+"""
 
 
 def configuration(unknown: tuple[str, ...], without: tuple[str, ...] = (), *, known: bool = False) -> str:

@@ -29,6 +29,7 @@ class Machine:
     air_drift_K_h: float = 0.0
     sensor_m: FloatArray = field(default_factory=lambda: SENSOR_M)  # (5,) where they really sit
     step_K: float = 0.01  # in which their module tells them
+    toward_air: FloatArray = field(default_factory=lambda: np.zeros(5))  # (5,) of their rise, not told
 
     @property
     def grid(self) -> Grid:

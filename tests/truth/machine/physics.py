@@ -56,6 +56,8 @@ class Physics(NamedTuple):
     # bodies that store heat, each on the nut, the left end, the right end; no conductance: no body
     body_J_K: FloatArray
     body_W_K: FloatArray
+    nut_body_share: float  # W of friction that heat the nut's body, of each W that enters the screw
+    nut_body_air_W_K: float  # from that body to the air
     # heats at places of the surface
     local_W: FloatArray  # constant, of each slice
     spot: FloatArray  # share of each slice of `spot_W`
@@ -123,6 +125,8 @@ def plain_physics(slices: int = 100, **changes: Any) -> Physics:
         dwell=0.0,
         body_J_K=np.ones(3),
         body_W_K=np.zeros(3),
+        nut_body_share=0.0,
+        nut_body_air_W_K=0.0,
         local_W=none,
         spot=none,
     )

@@ -123,7 +123,8 @@ def _run(
         local = np.dot(under, section)
         power_W = schedule.nut_factor[k] * friction_W(physics, NUT, speed, turning_mid_s, local)
         _nut_heat(heat, under, climb, power_W, schedule.climb_factor[k], low_m, high_m, grid, physics)
-        book[k, FRICTION] += dt * heat.sum()
+        rubbed_W = heat.sum()
+        book[k, FRICTION] += dt * rubbed_W
         for i in range(grid.slices):
             local_W = physics.local_W[i] + schedule.spot_W[k] * physics.spot[i]
             heat[i] += local_W
@@ -143,6 +144,8 @@ def _run(
                 book[k],
             )  # fmt: skip
         conduct(field, load_J, change, factors)
+        to_air_W = physics.nut_body_air_W_K * (middle_body[NUT] - air)
+        into_body_W[NUT] += physics.nut_body_share * rubbed_W - to_air_W
         last_body[:] = body[k]
         for b in range(RIGHT + 1):
             body[k + 1, b] = body[k, b] + dt * into_body_W[b] / physics.body_J_K[b]

@@ -32,6 +32,7 @@ def true_readings(
     """What the sensors would show without noise and rounding, (K + 1, P)."""
     felt = air_degC[:, None] + contact * (section_degC - air_degC[:, None])
     time_h = np.arange(len(section_degC))[:, None] * step_s / 3600.0
+    felt = felt - machine.toward_air * (felt - air_degC[:, None])
     return lagged(felt, step_s, machine.lag_s) + machine.offset_K + machine.drift_K_h * time_h
 
 

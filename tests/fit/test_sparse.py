@@ -1,0 +1,66 @@
+"""Where a nut is taken to have been between rows that cannot show it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from observer.config import Config
+from observer.fit.sparse import filled
+from observer.frames import FrameBlock, NutPath
+from tests.discovery.cases import machine
+
+NUT = {
+    "name": "nut", "shape": "nut", "length_m": 0.02, "position_channel": "x_m", "speed_channel": "n_rpm",
+    "torque_Nm": 0.3, "share": 0.5,
+}  # fmt: skip
+
+
+def log_of(every_s: float, speed_rpm: float, lead_m: float = 0.005) -> tuple[Config, FrameBlock]:
+    """An hour of a nut that runs to and fro between 0.1 and 0.3 m for its second half."""
+    config = machine(source=[NUT])
+    time_s = np.arange(0.0, 3600.0, every_s)
+    running = time_s >= 1800.0
+    gone_m = np.where(running, (time_s - 1800.0) * speed_rpm / 60.0 * lead_m, 0.0)
+    place_m = 0.1 + np.abs((gone_m + 0.2) % 0.4 - 0.2)
+    values = np.full((len(time_s), len(config.channels)), 20.0)
+    values[:, config.channels.index("n_rpm")] = np.where(running, speed_rpm, 0.0)
+    values[:, config.channels.index("x_m")] = place_m
+    path = NutPath(time_s, place_m, np.arange(len(time_s) + 1), np.full(len(time_s), np.nan))
+    fresh = np.ones(values.shape, dtype=bool)
+    return config, FrameBlock(
+        channels=config.channels,
+        time_s=time_s,
+        dt_s=np.diff(time_s, prepend=time_s[0]),
+        values=values,
+        fresh=fresh,
+        quality=np.zeros(values.shape, dtype=np.int8),
+        age_s=np.zeros(values.shape),
+        path={"x_m": path},
+    )
+
+
+@pytest.mark.parametrize("speed_rpm", [1438.0, 1490.3])
+def test_between_rows_a_minute_apart_it_runs_over_what_it_shows_of_its_stroke(speed_rpm: float) -> None:
+    config, log = log_of(60.0, speed_rpm)
+    path = filled(log, config).path["x_m"]
+    late = path.time_s > 1860.0
+    shown = log.path["x_m"].position_m[log.time_s >= 1800.0]
+    low, high = shown.min(), shown.max()
+    inside = path.position_m[late]
+    # the way is told by 24 places a traverse
+    assert inside.min() == pytest.approx(low, abs=0.2 / 24)
+    assert inside.max() == pytest.approx(high, abs=0.2 / 24)
+    assert np.all(np.diff(path.time_s) > 0.0)
+    # as long in every part of its way: the spread of an even chance
+    assert inside.std() == pytest.approx((high - low) / np.sqrt(12.0), rel=0.1)
+    # at each row it is where the row says, and while it stands it stands
+    at_rows = path.position_m[path.offset[1:] - 1]
+    np.testing.assert_allclose(at_rows, log.path["x_m"].position_m)
+    assert path.offset[29] == 29
+
+
+@pytest.mark.parametrize(("every_s", "speed_rpm"), [(2.0, 1438.0), (60.0, 20.0)])
+def test_a_nut_that_rows_show_keeps_its_way(every_s: float, speed_rpm: float) -> None:
+    config, log = log_of(every_s, speed_rpm)
+    assert filled(log, config).path["x_m"].offset.tolist() == log.path["x_m"].offset.tolist()
