@@ -25,8 +25,8 @@ LEAST = 30.0
 """The least fall of the deviance over all logs, less what parameters have to earn, that tells a suspect."""
 LEAST_FOLLOWING = 100.0
 """The same of a sensor that follows a heat: beside a source one dimension alone is a little wrong."""
-BEYOND = {"ambient": 3.0, "offsets": 12.0}
-"""The same beside what the configuration tolerates of the air and of offsets."""
+BEYOND = {"ambient": 3.0, "offsets": 12.0, "heat differs between logs": 3.0}
+"""The same beside what the configuration tolerates of the air, of offsets, and of heats from log to log."""
 SHARE = 0.9
 """The least part of what noise does not explain that has to go with it."""
 WITHIN = 0.01
@@ -125,6 +125,8 @@ def intolerant(config: Config, what: What) -> Config:
     known = config.tolerance
     if what == "ambient":
         return config.model_copy(update={"tolerance": known.model_copy(update={"ambient_K": 0.0})})
+    if what == "heat differs between logs":
+        return config.model_copy(update={"tolerance": known.model_copy(update={"heat_per_log": 0.0})})
     if what == "offsets":
         sensors = tuple(s.model_copy(update={"offset_K": None}) for s in config.sensor)
         tolerance = known.model_copy(update={"offset_K": 0.0})
