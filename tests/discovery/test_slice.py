@@ -1,6 +1,6 @@
 """A slice of the campaign: one case of every sort, searched in earnest through the public face.
 
-Thirteen cases of some 30 s of one core each, so three and a half minutes on two.
+Twelve cases of some 30 s of one core each, so three minutes on two.
 """
 
 from __future__ import annotations
