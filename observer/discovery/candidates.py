@@ -68,9 +68,11 @@ class Candidate(NamedTuple):
 
 
 def library(
-    machine: Description, free: Collection[str], without: Sequence[str] = ()
+    machine: Description, free: Collection[str], without: Sequence[str] = (), *, coarse: bool = False
 ) -> tuple[Candidate, ...]:
-    """Return the candidates of a machine whose free parameters are `free`, but for some kinds."""
+    """Return the candidates of a machine whose free parameters are `free`, but for some kinds; and for those
+    of a nut's way where the rows of some log are too `coarse` to tell it.
+    """
     length_m = machine.screw.length_m
     return tuple(
         Candidate(
@@ -78,7 +80,7 @@ def library(
             {key: effect.parameters[key].on(length_m) for key in form},
         )
         for effect in LIBRARY
-        if effect.named() not in without
+        if effect.named() not in without and not (coarse and effect.on_the_way)
         for target in effect.places(machine, free)
         for form in effect.forms(machine, target, free)
     )  # fmt: skip

@@ -80,7 +80,8 @@ def discover(
     problem = Problem(
         config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
     )
-    found = search(problem, library(config, keys, config.discover.without), progress, crew)
+    coarse = any(run.coarse for run in forward.runs)
+    found = search(problem, library(config, keys, config.discover.without, coarse=coarse), progress, crew)
     progress("suspects among the logs", 0.91)
     wrong = suspects(found.null, found.ranking)
     progress("opening the proof", 0.94)

@@ -79,7 +79,8 @@ class EffectTable(Section):
     with the speed and is sought only where some source tells that; `mimicked` whether a heat law whose scale
     is free makes up for it almost always; `families` what it shares with others that a log may not tell it
     from, the closest first; `rough`, of what it explains, the part that its form may leave, for none is quite
-    right.
+    right; `on_the_way` whether it is told by where on its way a nut leaves its heat, which rows far apart do
+    not show.
     """
 
     kind: str
@@ -93,6 +94,7 @@ class EffectTable(Section):
     mimicked: ClassVar[bool] = False
     families: ClassVar[tuple[Family, ...]] = ()
     rough: ClassVar[float] = 0.01
+    on_the_way: ClassVar[bool] = False
 
     @classmethod
     def named(cls) -> str:

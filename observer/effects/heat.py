@@ -195,6 +195,7 @@ class Dwell(EffectTable):
 
     parameters = {"fraction": Fitted("1", 0.1)}
     targets = "nut"
+    on_the_way = True
     lacks = "heat of {target} that enters where it turns round"
     excitation = "a nut that runs over its whole stroke, and sensors on and beside the stroke"
     source = "Li 2022: contact weighted by the time the nut dwells at a place"

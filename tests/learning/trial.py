@@ -21,7 +21,7 @@ from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day
 FIRST_SEED = 4000
 KNOWN = (
     "[tolerance]\nconductivity = 0.0\nheat_capacity = 0.0\nconvection = 0.0\nambient_K = 0.0\nend_W_K = 0.0\n"
-    "position_m = 0.0\noffset_K = 0.0\nlag_s = 0.0\n[estimator]\nlearn = []\n"
+    "position_m = 0.0\noffset_K = 0.0\nlag_s = 0.0\ngain = 0.0\nheat_per_log = 0.0\n[estimator]\nlearn = []\n"
 )
 CALIBRATED = "rough, calibrated"
 GROUPS = {"rough": Rough(), "as configured": AS_CONFIGURED, CALIBRATED: Rough()}
