@@ -19,6 +19,7 @@ from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
 from tests.discovery.cases import machine, made_log
+from tests.learning.machines import config_of
 
 BIAS = {"kind": "sensor_bias", "target": "b", "offset_K": 0.8}
 
@@ -57,6 +58,13 @@ def test_without_leaves_out_its_kind_and_no_other(kind: str) -> None:
     whole, less = library(config, keys), library(config, keys, (kind,))
     assert [c for c in whole if c.kind != kind] == list(less)
     assert kind not in {c.kind for c in less}
+
+
+def test_rows_too_coarse_for_a_nuts_way_leave_out_what_is_told_by_it_and_no_other() -> None:
+    config = config_of()
+    fine, coarse = (library(config, free_keys(config), coarse=coarse) for coarse in (False, True))
+    assert {c.kind for c in fine} - {c.kind for c in coarse} == {"dwell"}
+    assert [c for c in fine if c.kind != "dwell"] == list(coarse)
 
 
 def trial(candidate: tuple[str, str | None] | None = None, effect: Any = None) -> Any:

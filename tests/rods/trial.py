@@ -14,7 +14,7 @@ from tests.campaign.__main__ import with_tables
 from tests.rods.truth import HIDDEN, draw, write
 
 FIRST_SEED = 9500
-RODS = 12
+RODS = 6
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "campaign" / "rods.csv", DOCS / "discovery.md"
 MARKS = ("<!-- heated rods, written by make rods-campaign -->", "<!-- end of heated rods -->")
