@@ -60,9 +60,8 @@ class Proof:
 
     @property
     def grown(self) -> bool:
-        """Whether the gap has grown in kelvin, beyond what noise makes of it."""
-        before_K, after_K = self.whole.beyond_tolerances_K
-        return after_K > before_K + self.whole.floor_rms_K
+        """Whether the gap has grown in kelvin, raw and beyond tolerances alike, by more than noise."""
+        return min(self.whole.growth_K) > self.whole.floor_rms_K
 
     @property
     def grown_on(self) -> tuple[str, ...]:

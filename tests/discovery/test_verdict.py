@@ -140,6 +140,22 @@ def test_a_sensor_whose_gap_grows_in_kelvin_beyond_its_form_is_unknown(
     assert decide(search((trial("nut", 50.0),)), found, ()).kind == ("unknown" if told else "named")
 
 
+@pytest.mark.parametrize(
+    ("raw_K", "beyond_K", "told"),
+    [
+        (0.01 + EPSILON, 0.01 + EPSILON, True),
+        (0.01 + EPSILON, 0.01 - EPSILON, False),
+        (0.01 - EPSILON, 0.01 + EPSILON, False),
+    ],
+)
+def test_a_proof_that_grows_in_kelvin_by_more_than_noise_is_unknown(
+    raw_K: float, beyond_K: float, told: bool
+) -> None:
+    found = replace(proof(), whole=gap(raw_K=(0.8, 0.8 + raw_K), beyond_K=(0.2, 0.2 + beyond_K)))
+    assert found.grown == told
+    assert decide(search((trial("nut", 50.0),)), found, ()).kind == ("unknown" if told else "named")
+
+
 def test_a_sensor_that_is_left_with_noise_has_not_grown() -> None:
     left = gap(NOISE - 0.1, NOISE - EPSILON, (0.1, 0.4), (0.1, 0.4))
     assert proof(sensors=(left,)).grown_on == ()
