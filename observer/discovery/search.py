@@ -21,7 +21,7 @@ from observer.fit.problem import Problem
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
-FITTED, FITTED_LATER = 5, 3
+FITTED, FITTED_LATER = 5, 4
 """How many candidates are fitted in earnest after the first screening, and after later ones."""
 ACCEPT = 30.0
 """The least drop of the deviance that names an effect; see `docs/discovery.md` for how it was found."""

@@ -33,3 +33,8 @@ Effect = Annotated[
 BY_KIND: dict[str, type[EffectTable]] = {effect.named(): effect for effect in get_args(get_args(Effect)[0])}
 LIBRARY = tuple(BY_KIND.values())
 KINDS = tuple(BY_KIND)
+
+
+def offset_of(sensor: str, offset_K: float) -> EffectTable:
+    """Return the effect that says what a sensor reads too much."""
+    return sensing.SensorBias(kind="sensor_bias", target=sensor, offset_K=offset_K)

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from observer.config import Config
-from observer.effects.sensing import SensorBias
+from observer.effects.base import EffectTable
+from observer.effects.catalogue import offset_of
+from observer.effects.terms import Offset
 from observer.fit.parameters import candidates
 from observer.fit.tolerance import left_of_tolerances
 
@@ -21,7 +23,7 @@ class Offer(NamedTuple):
 
     values: dict[str, float]
     left: dict[str, float]
-    biases: tuple[SensorBias, ...]
+    biases: tuple[EffectTable, ...]
 
 
 def offered(config: Config, learnt: Mapping[str, tuple[float, float]]) -> Offer:
@@ -32,11 +34,12 @@ def offered(config: Config, learnt: Mapping[str, tuple[float, float]]) -> Offer:
     """
     values = {key: value for key, (value, _) in learnt.items() if key in candidates(config) and value > 0.0}
     left = left_of_tolerances(config, {key: learnt[key][1] / value for key, value in values.items()})
-    told = {effect.target for effect in config.effect if isinstance(effect, SensorBias)}
+    terms = [term for effect in config.effect for term in effect.terms(config)]
+    told = {term.sensor for term in terms if isinstance(term, Offset)}
     biases = []
     for sensor in config.sensor:
         value_K, sigma_K = learnt.get(key := f"sensor.{sensor.name}.offset_K", (0.0, 0.0))
         if abs(value_K) > PLAIN * sigma_K and sensor.name not in told:
-            biases.append(SensorBias(kind="sensor_bias", target=sensor.name, offset_K=value_K))
+            biases.append(offset_of(sensor.name, value_K))
             left[key] = min(sigma_K, config.tolerance.offset_of_K(sensor.offset_K))
     return Offer(values, left, tuple(biases))

@@ -21,6 +21,8 @@ from observer.service.plausibility import SPEED_RATIOS, Kind, Limits, stroke_of_
 
 MOSTLY, SOMETIMES, ALL = 0.5, 0.05, 0.99
 """Parts of a channel's values: beyond its limits (a speed is 0 at rest), and within them once converted."""
+FIRST = 5
+"""How many values a temperature has begun with."""
 OFF_STROKE = 0.1
 """How far beyond a stroke a nut may go, as a part of it."""
 LIKE = 0.25
@@ -66,6 +68,9 @@ def read_rightly(log: Log, config: Config) -> tuple[Log, tuple[Misread, ...]]:
 _EXPECTED = dict.fromkeys(Kind, "°C") | {Kind.POSITION: "m", Kind.SPEED: "rpm", Kind.OTHER: "its unit"}
 
 
+_BEGIN_ANYWHERE = (Kind.POSITION, Kind.SPEED, Kind.OTHER)
+
+
 def _unit(
     limits: Limits, j: int, column: FloatArray, air_degC: float
 ) -> tuple[str, Callable[[float], float]] | None:
@@ -76,6 +81,8 @@ def _unit(
     least = SOMETIMES if limits.kinds[j] is Kind.SPEED else MOSTLY
     if _beyond(limits, j, values, air_degC) < least:
         return None
+    if limits.kinds[j] not in _BEGIN_ANYWHERE and _beyond(limits, j, values[:FIRST], air_degC) < ALL:
+        return None  # it became so hot; in another unit it would have been from the first row on
     for unit, back in units_of(limits.kinds[j]):
         ours = np.asarray(back(values))  # type: ignore[arg-type]
         if _beyond(limits, j, ours, air_degC) <= 1.0 - ALL and _usual(limits, j, ours):

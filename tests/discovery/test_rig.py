@@ -73,10 +73,16 @@ def assert_page(path: Path) -> None:
     assert not re.search(r"<(script|link|iframe)\b|@import", text)
 
 
+def known(folder: Path) -> Path:
+    """The rig's configuration with what its source says: no sensor is off, and no heat differs by the log."""
+    path = folder / "config.toml"
+    path.write_text(CONFIG.read_text(encoding="utf-8") + KNOWN, encoding="utf-8")
+    return path
+
+
 @pytest.mark.slow
 def test_a_machine_as_configured_lacks_nothing(command: Command, tmp_path: Path) -> None:
-    config, folder = tmp_path / "config.toml", tmp_path / "found"
-    config.write_text(CONFIG.read_text(encoding="utf-8") + KNOWN, encoding="utf-8")
+    config, folder = known(tmp_path), tmp_path / "found"
     result = discovered(command, NULL, folder, config)
     assert result["verdict"] == "none"
     assert result["effects"] == result["alternatives"] == []
@@ -93,7 +99,7 @@ def test_a_machine_as_configured_lacks_nothing(command: Command, tmp_path: Path)
 def test_what_is_hidden_is_named_proved_and_of_use(case: str, command: Command, tmp_path: Path) -> None:
     kind, target, key, true = HIDDEN[case]
     folder = tmp_path / "found"
-    result = discovered(command, case, folder)
+    result = discovered(command, case, folder, known(tmp_path))
     assert result["verdict"] == "named", result["reason"]
     assert [(e["kind"], e["target"]) for e in result["effects"]] == [(kind, target)]
     found = result["effects"][0]["parameters"][key]

@@ -126,6 +126,17 @@ def test_a_fault_code_is_no_unit() -> None:
     assert read_rightly(Log(Path("log"), time_s, names, values), config)[1] == ()
 
 
+def test_a_machine_that_gets_hot_is_in_no_other_unit() -> None:
+    """Without `[limits]` a reading 45 K above the air is refused; that alone makes it no tenth of a degree."""
+    config = machine()
+    time_s = np.arange(0.0, 6000.0, 2.0)
+    hot_degC = 20.0 + 90.0 * (1.0 - np.exp(-time_s / 600.0))
+    names = ("a_degC", "b_degC", "c_degC", "heater_W", "n_rpm")
+    still = np.zeros_like(time_s)
+    values = np.column_stack([hot_degC, hot_degC, hot_degC, still + 5.0, still])
+    assert read_rightly(Log(Path("log"), time_s, names, values), config)[1] == ()
+
+
 @pytest.mark.parametrize(
     ("kind", "after"),
     [("named", "unknown"), ("ambiguous", "unknown"), ("unknown", "unknown"), ("none", "none"),

@@ -215,9 +215,10 @@ def test_calibrate_finds_what_multiplies_laws_and_film() -> None:
         friction_machine() | {"surface": {"law": "churchill-chu", "factor": 2.0, "emissivity": 0.2}}
     )
     found = calibrate(guess, [[frames(guess, time_s, columns)]])
-    assert found.values["surface.factor"] == pytest.approx(3.0, rel=1e-3)
-    assert found.values["source.nut.scale"] == pytest.approx(1.3, rel=1e-3)
-    assert found.values["source.bearing.scale"] == pytest.approx(0.7, rel=1e-3)
+    # a fit ends where no step lowers the deviance by 0.05, a fifth of a σ, and σ is some per cent of each
+    assert found.values["surface.factor"] == pytest.approx(3.0, rel=1e-2)
+    assert found.values["source.nut.scale"] == pytest.approx(1.3, rel=1e-2)
+    assert found.values["source.bearing.scale"] == pytest.approx(0.7, rel=1e-2)
 
 
 def test_the_example_of_kim_is_told_by_kims_own_equations() -> None:

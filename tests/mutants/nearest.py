@@ -48,7 +48,6 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/evidence.py": PARTS,
     "observer/fit/footprint.py": _at("tests/fit/test_footprint.py", compiled=True),
     "observer/fit/hypothesis.py": PARTS,
-    "observer/fit/interval.py": _at("tests/fit/test_interval.py"),
     "observer/fit/minimise.py": _at("tests/fit/test_minimise.py"),
     "observer/fit/parameters.py": _at("tests/fit/test_parameters.py"),
     "observer/fit/problem.py": PARTS,
