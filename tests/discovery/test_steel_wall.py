@@ -144,7 +144,9 @@ def test_a_body_beside_the_loss_is_refuted_by_the_data_held_back(*, documented: 
 
 
 def test_with_the_scale_of_the_flux_free_loss_and_body_are_a_family_each() -> None:
-    """Each but for where it is, if that cannot be told. The flux is then taken for 21 % more than measured, and the loss with it."""
+    """Each but for where it is, if that cannot be told. The flux is then taken for a fifth more than measured,
+    and the loss with it.
+    """
     found = discovery_result(searched("source.flux.scale"))
     family, scale = found["family"], found["calibrated"]["source.flux.scale"]["value"]
     assert (family["name"], set(family["members"])) == ("heat_loss", set(LOSSES))

@@ -127,7 +127,7 @@ def test_a_fault_code_is_no_unit() -> None:
 
 
 def test_a_machine_that_gets_hot_is_in_no_other_unit() -> None:
-    """Without `[limits]` a reading 45 K above the air is refused; that alone makes it no tenth of a degree."""
+    """Without `[limits]` a reading 45 K above the air is refused; it is no tenth of a degree for that."""
     config = machine()
     time_s = np.arange(0.0, 6000.0, 2.0)
     hot_degC = 20.0 + 90.0 * (1.0 - np.exp(-time_s / 600.0))
