@@ -144,7 +144,7 @@ def test_a_body_beside_the_loss_is_refuted_by_the_data_held_back(*, documented: 
 
 
 def test_with_the_scale_of_the_flux_free_loss_and_body_are_a_family_each() -> None:
-    """Each but for where it is, if that cannot be told. The flux is then taken for a fifth more than measured,
+    """Each but for where it is, if that cannot be told. The flux is then taken for a fifth more,
     and the loss with it.
     """
     found = discovery_result(searched("source.flux.scale"))
