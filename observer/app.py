@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -176,7 +176,7 @@ def calibrate(
 
     config = load(config_path)
     searched = config_path.read_bytes()
-    runs, odd = _runs(log_paths, config)
+    runs, odd, _ = _runs(log_paths, config)
     with results_in(output) as part:
         found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
         progress("process noise by maximum likelihood")
@@ -224,23 +224,16 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     return told
 
 
-def _runs(log_paths: Sequence[Path], config: Installation) -> tuple[list[list[FrameBlock]], list[str]]:
-    """The frames of each log, and what is doubtful about the logs' channels."""
-    plan = AlignPlan.of(config)
-    runs, odd = [], []
-    for path in log_paths:
-        log = read_log(path, config.channels)
-        runs.append(list(frames_of_log(log, plan)))
-        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, runs[-1], config)]
-    return runs, odd
+class _Runs(NamedTuple):
+    """The frames of each log, what is doubtful about the logs as they are, and what was in another unit."""
+
+    frames: list[list[FrameBlock]]
+    odd: list[str]
+    misread: tuple[Misread, ...] = ()
 
 
-def _runs_read_rightly(
-    log_paths: Sequence[Path], config: Installation
-) -> tuple[list[list[FrameBlock]], list[str], tuple[Misread, ...]]:
-    """The frames of each log with its channels in the units expected, what was doubtful about the logs as
-    they are, and which channels are in another unit.
-    """
+def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = False) -> _Runs:
+    """Read logs; `rightly`, those in which a channel is in another unit in the one expected."""
     from observer.service.misread import read_rightly
 
     plan, runs = AlignPlan.of(config), []
@@ -250,14 +243,14 @@ def _runs_read_rightly(
         log = read_log(path, config.channels)
         frames = list(frames_of_log(log, plan))
         odd += [f"{path.name}: {sentence}" for sentence in doubts(log, frames, config)]
-        log, found = read_rightly(log, config)
+        log, found = read_rightly(log, config) if rightly else (log, ())
         misread |= dict.fromkeys(found)
         runs.append(list(frames_of_log(log, plan)) if found else frames)
-    return runs, odd, tuple(misread)
+    return _Runs(runs, odd, tuple(misread))
 
 
-def _recent(config: Installation, last_s: float) -> tuple[list[list[FrameBlock]], list[str], list[str]]:
-    """The frames of each stretch recorded lately, what is doubtful about them, and what each is called."""
+def _recent(config: Installation, last_s: float) -> tuple[_Runs, list[str]]:
+    """What the service recorded lately, a run for each stretch, and what each is called."""
     from observer.service.plausibility import doubts_of_log
     from observer.service.recent import stretches
 
@@ -271,7 +264,7 @@ def _recent(config: Installation, last_s: float) -> tuple[list[list[FrameBlock]]
             f"{names[-1]}: {sentence}"
             for sentence in doubts_of_log(config, frames.values, frames.channels, [frames.path])
         ]
-    return runs, odd, names
+    return _Runs(runs, odd), names
 
 
 def _about(searched: bytes, names: Sequence[str]) -> dict[str, Any]:
@@ -329,17 +322,15 @@ def discover(
     config = load(config_path)
     progress("reading logs", 0.0)
     searched = config_path.read_bytes()
-    misread: tuple[Misread, ...] = ()
     if recent_s is None:
-        runs, odd, misread = _runs_read_rightly(log_paths, config)
-        names = [path.name for path in log_paths]
+        runs, names = _runs(log_paths, config, rightly=True), [path.name for path in log_paths]
     else:
-        runs, odd, names = _recent(config, recent_s)
-    righted = [Suspect("units", m.channel, m.unit, m.text) for m in misread]
+        runs, names = _recent(config, recent_s)
+    righted = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
     with results_in(output) as part:
         with Crew() as crew:
-            found = find(config, runs, progress, crew, righted)
-        result = _about(searched, names) | discovery_result(found) | {"doubts": odd}
+            found = find(config, runs.frames, progress, crew, righted)
+        result = _about(searched, names) | discovery_result(found) | {"doubts": runs.odd}
         if found.verdict.kind == "named":
             values = {key: entry["value"] for key, entry in result["calibrated"].items()}
             text = write_back(config_path.read_text(encoding="utf-8"), values)

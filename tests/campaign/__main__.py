@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import multiprocessing
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tests.campaign.summary import Cells, rough_summary, summary, typical_summary
+from tests.campaign.summary import rough_summary, summary, typical_summary
 from tests.campaign.suspects import SuspectRow, suspect_summary, try_suspect
 from tests.campaign.trial import Row, try_entry
+from tests.resumable import Rows, go_on, read_rows, show
 from tests.truth.machine.entries import (
     FIRST_SEED,
     Entry,
@@ -42,15 +41,14 @@ def main() -> None:
     table = options.folder / own.table
     entries = own.entries() if options.first_seed is None else own.entries(options.first_seed)
     entries = [e for e in entries if not options.only or options.only in _marks(e)]
-    known = {row["name"] for row in read_rows(table) if row["outcome"] != "failed"}
+    known = {row["name"] for row in latest(table) if row["outcome"] != "failed"}
     waiting = [e for e in entries if e.name not in known]
     console = Console()
     console.print(f"{len(entries)} cases, {len(entries) - len(waiting)} already in {table}")
     answers = options.answers or Path("build/campaign/answers")
-    run_entries(waiting, table, answers, options.workers, console, own.trial)
+    go_on(waiting, partial(rows_of, own.trial, answers), table, console, options.workers, _told)
     page = PAGE if options.folder == FOLDER else options.folder / "summary.md"
-    before = page.read_text(encoding="utf-8") if page.exists() else ""
-    page.write_text(with_tables(before, own.summary(read_rows(table)), own.marks), encoding="utf-8")
+    show(page, own.summary(latest(table)), own.marks)
     console.print(f"{table} and {page} written")
 
 
@@ -61,7 +59,7 @@ class Slice(NamedTuple):
 
     table: str
     entries: Callable[..., list[Entry]]
-    summary: Callable[[Sequence[Cells]], str]
+    summary: Callable[[Rows], str]
     marks: tuple[str, str]
     trial: Callable[[Entry, Path], Row | SuspectRow] = try_entry
 
@@ -75,57 +73,21 @@ SLICES: dict[str | None, Slice] = {
 }
 
 
-def run_entries(
-    entries: Sequence[Entry],
-    table: Path,
-    answers: Path,
-    workers: int,
-    console: Console,
-    one: Callable[[Entry, Path], Row | SuspectRow] = try_entry,
-) -> None:
-    """Search and judge cases, a line of the table as soon as one is done; an interrupted run can go on."""
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True)
-    )  # fmt: skip
-    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-    with pool, Progress(*columns, console=console, speed_estimate_period=600.0) as progress:
-        task = progress.add_task("searching", total=len(entries))
-        jobs = [pool.submit(one, entry, answers) for entry in entries]
-        try:
-            for job in as_completed(jobs):
-                row = job.result()
-                append_row(table, row)
-                good = "good" if row.good == "1" else f"[bold]{row.outcome}[/bold]"
-                progress.update(task, advance=1, description=f"{row.name}: {good}")
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
-            raise SystemExit("interrupted; the same command goes on from here") from None
+def rows_of(trial: Callable[[Entry, Path], Row | SuspectRow], answers: Path, entry: Entry) -> Rows:
+    """The line of a case."""
+    return [asdict(trial(entry, answers))]
 
 
-def with_tables(page: str, tables: str, marks: tuple[str, str] = MARKS) -> str:
-    """The page with its tables, between the two marks, replaced; a page without marks becomes the tables."""
-    head, begin, rest = page.partition(marks[0])
-    _, end, tail = rest.partition(marks[1])
-    return f"{head}{begin}\n\n{tables}\n{end}{tail}" if begin and end else tables
-
-
-def append_row(table: Path, row: Row | SuspectRow) -> None:
-    """Add a line to the table, with the header before the first."""
-    fresh = not table.exists()
-    with table.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, row.columns(), lineterminator="\n")
-        if fresh:
-            writer.writeheader()
-        writer.writerow(row.cells())
-
-
-def read_rows(table: Path) -> list[dict[str, str]]:
-    """The table's lines in the order of their names, the last of each; none where there is no table."""
-    if not table.exists():
-        return []
-    with table.open(newline="", encoding="utf-8") as file:
-        last = {row["name"]: row for row in csv.DictReader(file)}
+def latest(table: Path) -> list[dict[str, str]]:
+    """The table's lines in the order of their names, the last of each."""
+    last = {row["name"]: row for row in read_rows(table)}
     return [last[name] for name in sorted(last)]
+
+
+def _told(rows: Rows) -> str:
+    (row,) = rows
+    good = "good" if row["good"] == "1" else f"[bold]{row['outcome']}[/bold]"
+    return f"{row['name']}: {good}"
 
 
 def _marks(entry: Entry) -> set[str]:

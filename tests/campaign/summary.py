@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.campaign.judge import WRONG
+from tests.resumable import Cells
 from tests.truth.machine.catalogue import LADDER
 
-Cells = dict[str, str]
 STRONG_SIGMA, FAIR_SIGMA = 4.0, 2.0
 DETECTED = 0.9
 """An effect is detected at a strength from which on its right name comes in this part of the cases."""
@@ -141,46 +141,38 @@ GOALS: tuple[Goal, ...] = (
 )  # fmt: skip
 
 
-def _typical(*groups: str, null: bool) -> Callable[[Cells], bool]:
-    return lambda row: row["group"] in groups and (row["label"] == "null") == null
+def _body(label: str) -> Callable[[Cells], bool]:
+    return lambda row: row["group"] == "nut" and row["label"].startswith(label)
+
+
+def _goals(
+    group: str, name: str, hidden: str, none: tuple[str, Callable[[float], bool] | None]
+) -> list[Goal]:
+    """What is asked of the logs of a group, called by its name, in which nothing or an effect is hidden."""
+    null, other = (
+        lambda row: row["group"] == group and row["label"] == "null",
+        lambda row: row["group"] == group and row["label"] != "null",
+    )
+    one_in_100 = ("≤ 1 %", _at_most(0.01))
+    return [
+        Goal(f"{name}, nothing hidden: wrongly named", *one_in_100, null, _is(*_CLAIMS)),
+        Goal(f"{name}, nothing hidden: “none”", *none, null, _good),
+        Goal(f"{name}, {hidden} hidden: wrongly named", *one_in_100, other, _is(*WRONG)),
+        Goal(
+            f"{name}, {hidden} hidden: right or in the set", "≥ 90 %", _at_least(0.9), other,
+            _is("right", "in_set"),
+        ),
+    ]  # fmt: skip
 
 
 TYPICAL_GOALS: tuple[Goal, ...] = tuple(
-    goal
-    for group in ("typical", "one log")
-    for goal in (
-        Goal(
-            f"{group}, nothing hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=True),
-            _is(*_CLAIMS),
-        ),
-        Goal(f"{group}, nothing hidden: “none”", "–", None, _typical(group, null=True), _good),
-        Goal(
-            f"{group}, an effect hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=False),
-            _is(*WRONG),
-        ),
-        Goal(
-            f"{group}, an effect hidden: right or in the set", "≥ 90 %", _at_least(0.9),
-            _typical(group, null=False), _is("right", "in_set"),
-        ),
-    )
-)  # fmt: skip
+    goal for group in ("typical", "one log") for goal in _goals(group, group, "an effect", ("–", None))
+)
 
 
 ROUGH_GOALS: tuple[Goal, ...] = (
-    Goal(
-        "a nut's body with heat of its own: named",
-        "≥ 90 %",
-        _at_least(0.9),
-        lambda row: row["group"] == "nut" and row["label"].startswith("heated"),
-        _is("right"),
-    ),
-    Goal(
-        "a nut's body without: named",
-        "≥ 90 %",
-        _at_least(0.9),
-        lambda row: row["group"] == "nut" and row["label"].startswith("plain"),
-        _is("right"),
-    ),
+    Goal("a nut's body with heat of its own: named", "≥ 90 %", _at_least(0.9), _body("heated"), _is("right")),
+    Goal("a nut's body without: named", "≥ 90 %", _at_least(0.9), _body("plain"), _is("right")),
     Goal("a nut's body: wrongly named", "≤ 1 %", _at_most(0.01), _of("nut"), _is(*WRONG)),
     *(
         goal
@@ -189,25 +181,9 @@ ROUGH_GOALS: tuple[Goal, ...] = (
             ("gain", "sensors 3 ± 2 % toward the air"),
             ("torque", "torque ±10 % from run to run"),
         )
-        for goal in (
-            Goal(
-                f"{what}, nothing hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=True),
-                _is(*_CLAIMS),
-            ),
-            Goal(
-                f"{what}, nothing hidden: “none”", "≥ 90 %", _at_least(0.9), _typical(group, null=True), _good
-            ),
-            Goal(
-                f"{what}, a loss hidden: wrongly named", "≤ 1 %", _at_most(0.01), _typical(group, null=False),
-                _is(*WRONG),
-            ),
-            Goal(
-                f"{what}, a loss hidden: right or in the set", "≥ 90 %", _at_least(0.9),
-                _typical(group, null=False), _is("right", "in_set"),
-            ),
-        )
+        for goal in _goals(group, what, "a loss", ("≥ 90 %", _at_least(0.9)))
     ),
-)  # fmt: skip
+)
 
 
 def rough_summary(rows: Sequence[Cells]) -> str:

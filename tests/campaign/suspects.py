@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,8 @@ from observer.fit.runs import prepare
 from observer.installation import parse
 from observer.service.align import AlignPlan, frames_of_log
 from observer.service.misread import read_rightly
-from tests.campaign.summary import Cells, Share
+from tests.campaign.summary import Share
+from tests.resumable import Cells
 from tests.truth.machine.entries import Entry
 from tests.truth.machine.generate import runs_of
 from tests.truth.machine.logs import configuration
@@ -54,15 +55,6 @@ class SuspectRow:
     good: str
     search_s: str
     reason: str
-
-    @classmethod
-    def columns(cls) -> list[str]:
-        """The header of the table."""
-        return [f.name for f in fields(cls)]
-
-    def cells(self) -> dict[str, str]:
-        """The line as cells."""
-        return asdict(self)
 
 
 def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -44,15 +44,6 @@ class Row:
     floor_K: str
     search_s: str
     reason: str
-
-    @classmethod
-    def columns(cls) -> list[str]:
-        """The header of the table."""
-        return [f.name for f in fields(cls)]
-
-    def cells(self) -> dict[str, str]:
-        """The line as cells."""
-        return asdict(self)
 
 
 def search(entry: Entry, folder: Path) -> tuple[dict[str, Any], float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from tests.campaign.summary import (
     rough_summary,
     summary,
 )
+from tests.resumable import append_rows, go_on, with_tables
 from tests.truth.machine.effects import LIBRARY, Effect
 from tests.truth.machine.entries import Entry, campaign, rough_campaign
 from tests.truth.machine.generate import Case
@@ -140,7 +141,7 @@ def rows() -> list[dict[str, str]]:
         null = Entry("null", "null", Case("null", (), seed))
         answer = result("named", found(MOTOR)) if seed == 1003 else result("none", gap={"before_rms_K": 0.06})
         lines.append(trial.judged(null, answer, replace(SHOWS, rms_K=0.0), 8.0))
-    return [line.cells() for line in lines]
+    return [asdict(line) for line in lines]
 
 
 def test_the_summary_counts() -> None:
@@ -199,32 +200,31 @@ def test_a_search_sees_logs_and_a_failure_is_a_line(tmp_path: Path, monkeypatch:
     table, answers = tmp_path / "results.csv", tmp_path / "answers"
     for seed in (1000, 1001):
         row = trial.try_entry(Entry("null", "null", Case("null", (), seed)), answers)
-        command.append_row(table, row)
+        append_rows(table, [asdict(row)])
         assert (answers / f"null.null.{seed}.json").exists()
     assert seen == ["null.null.1000.json"]  # of the case before, none of its own
-    first, second = command.read_rows(table)
+    first, second = command.latest(table)
     assert (first["outcome"], first["good"], first["search_s"]) == ("none", "1", "1.5")
     assert (second["outcome"], second["good"], second["reason"]) == ("failed", "0", "RuntimeError: no luck")
     console = Console(file=io.StringIO())
-    command.run_entries([], table, answers, 1, console)
-    assert len(command.read_rows(table)) == 2
-    command.append_row(
-        table, trial.judged(Entry("null", "null", Case("null", (), 1001)), result("none"), SHOWS, 2.0)
-    )
-    assert [row["outcome"] for row in command.read_rows(table)] == ["none", "none"]
+    go_on([], lambda _entry: [], table, console, 1)
+    assert len(command.latest(table)) == 2
+    again = trial.judged(Entry("null", "null", Case("null", (), 1001)), result("none"), SHOWS, 2.0)
+    append_rows(table, [asdict(again)])
+    assert [row["outcome"] for row in command.latest(table)] == ["none", "none"]
 
 
 def test_tables_go_between_their_marks() -> None:
     page = "# Page\n\n<!-- campaign -->\n\nold\n\n<!-- end of campaign -->\n\nMore.\n"
-    once = command.with_tables(page, "| new |\n")
+    once = with_tables(page, "| new |\n", command.MARKS)
     assert once == page.replace("old\n", "| new |\n")
-    assert command.with_tables(once, "| new |\n") == once
-    assert command.with_tables("", "| new |\n") == "| new |\n"
+    assert with_tables(once, "| new |\n", command.MARKS) == once
+    assert with_tables("", "| new |\n", command.MARKS) == "| new |\n"
 
 
 def test_the_page_tells_the_rough_campaign_as_its_table_does() -> None:
     root = Path(__file__).parents[2]
     page = (root / "docs/discovery.md").read_text(encoding="utf-8")
-    rows = command.read_rows(root / "docs/campaign/rough.csv")
-    assert command.with_tables(page, rough_summary(rows), command.ROUGH_MARKS) == page
+    rows = command.latest(root / "docs/campaign/rough.csv")
+    assert with_tables(page, rough_summary(rows), command.ROUGH_MARKS) == page
     assert f"so far {len(rows)} of the {len(rough_campaign())} have been run" in page

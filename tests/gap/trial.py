@@ -4,15 +4,15 @@ month of working days, and what appears after a week is noticed. Rows that are t
 
 from __future__ import annotations
 
-import csv
-import sys
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
-from tests.campaign.__main__ import with_tables
 from tests.gap.months import EFFECTS, Found, Rig
 from tests.learning.machines import AS_CONFIGURED, Rough, draw
+from tests.resumable import append_rows, read_rows, show
 
 FIRST_SEED = 9200
 ROUGH, PLAIN = 12, 1
@@ -58,23 +58,6 @@ def _row(group: str, number: int, appears: str, days: int, found: Found) -> dict
     return dict(zip(COLUMNS, map(str, cells), strict=True))
 
 
-def read(path: Path) -> list[dict[str, str]]:
-    """The rows that are there."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def write(path: Path, rows: list[dict[str, str]]) -> None:
-    """Write the rows, in the order of their machines."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(sorted(rows, key=lambda r: (r["group"], int(r["machine"]))))
-
-
 def table(rows: list[dict[str, str]]) -> str:
     """The campaign in a table, a line for what appeared."""
     lines = [
@@ -103,15 +86,12 @@ def table(rows: list[dict[str, str]]) -> str:
 
 def main() -> None:
     """Run what is missing, and write the table into the page."""
-    rows, rig = read(RESULTS), Rig()
-    done = {(r["group"], int(r["machine"])) for r in rows}
+    rig, console = Rig(), Console(stderr=True)
+    done = {(r["group"], int(r["machine"])) for r in read_rows(RESULTS)}
     todo = [("as configured", i) for i in range(PLAIN)] + [("rough", i) for i in range(ROUGH)]
-    todo = [what for what in todo if what not in done]
-    for count, what in enumerate(todo, start=1):
-        rows += month(rig, *what)
-        write(RESULTS, rows)
-        sys.stderr.write(f"{count} of {len(todo)} machines\n")
-    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), table(rows), MARKS), encoding="utf-8")
+    for what in track([each for each in todo if each not in done], "machines", console=console):
+        append_rows(RESULTS, month(rig, *what))
+    show(PAGE, table(read_rows(RESULTS)), MARKS)
 
 
 if __name__ == "__main__":

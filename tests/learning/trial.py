@@ -7,16 +7,14 @@ Rows that are there already are not run again.
 
 from __future__ import annotations
 
-import csv
-import multiprocessing
-import sys
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
-from tests.campaign.__main__ import with_tables
 from tests.learning.cover import QUANTITIES, calibrated, judged
 from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day, draw
+from tests.resumable import go_on, read_rows, show
 
 FIRST_SEED = 4000
 KNOWN = (
@@ -51,14 +49,6 @@ def tried(what: tuple[str, int]) -> list[dict[str, str]]:
     return rows
 
 
-def read(path: Path) -> list[dict[str, str]]:
-    """The rows that are there."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def table(rows: list[dict[str, str]]) -> str:
     """The campaign in a table, a line for each group and quantity."""
     lines = [
@@ -89,28 +79,12 @@ def table(rows: list[dict[str, str]]) -> str:
     return "\n".join(lines)
 
 
-def write(path: Path, rows: list[dict[str, str]]) -> None:
-    """Write the rows, in the order of their machines."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(sorted(rows, key=lambda r: (r["group"], int(r["machine"]))))
-
-
 def main() -> None:
     """Run what is missing, two at a time, and write the table into the page."""
-    rows = read(RESULTS)
-    done = {(r["group"], int(r["machine"])) for r in rows}
+    done = {(r["group"], int(r["machine"])) for r in read_rows(RESULTS)}
     todo = [(g, i) for g in GROUPS for i in range(MACHINES[g]) if (g, i) not in done]
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
-        for count, found in enumerate(pool.imap_unordered(tried, todo), start=1):
-            rows += found
-            write(RESULTS, rows)
-            sys.stderr.write(f"\r{count} of {len(todo)} machines")
-    sys.stderr.write("\n")
-    page = with_tables(PAGE.read_text(encoding="utf-8"), table(rows), MARKS)
-    PAGE.write_text(page, encoding="utf-8")
+    go_on(todo, tried, RESULTS, Console(stderr=True))
+    show(PAGE, table(read_rows(RESULTS)), MARKS)
 
 
 if __name__ == "__main__":

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import sys
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tests.campaign.__main__ import with_tables
+from rich.console import Console
+
+from tests.resumable import Rows, go_on, read_rows, show
 from tests.rods.truth import HIDDEN, draw, write
 
 FIRST_SEED = 9500
@@ -36,7 +35,7 @@ def outcome_of(hidden: str, result: Mapping[str, Any]) -> str:
     return verdict
 
 
-def tried(what: tuple[str, int]) -> dict[str, str]:
+def tried(what: tuple[str, int]) -> Rows:
     """One rod's row."""
     from observer.app import discover
 
@@ -51,7 +50,7 @@ def tried(what: tuple[str, int]) -> dict[str, str]:
     several = " | ".join(" ".join(names) for names in result["alternatives"])
     outcome, told = outcome_of(hidden, result), family.get("name", "")
     cells = (hidden, seed, outcome, result["verdict"], named, several, told, result["reason"])
-    return dict(zip(COLUMNS, map(str, cells), strict=True))
+    return [dict(zip(COLUMNS, map(str, cells), strict=True))]
 
 
 def table(rows: list[dict[str, str]]) -> str:
@@ -67,24 +66,11 @@ def table(rows: list[dict[str, str]]) -> str:
 
 def main() -> None:
     """Run what is missing, two at a time, and write the table into the page."""
-    rows = []
-    if RESULTS.exists():
-        with RESULTS.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    done = {(row["hidden"], int(row["seed"])) for row in rows}
+    done = {(row["hidden"], int(row["seed"])) for row in read_rows(RESULTS)}
     seeds = range(FIRST_SEED, FIRST_SEED + RODS)
     todo = [(hidden, seed) for seed in seeds for hidden in HIDDEN if (hidden, seed) not in done]
-    with ProcessPoolExecutor(2) as pool:
-        for count, row in enumerate(pool.map(tried, todo), start=1):
-            rows.append(row)
-            with RESULTS.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-                writer.writeheader()
-                writer.writerows(rows)
-            sys.stderr.write(f"\r{count} of {len(todo)} rods")
-    sys.stderr.write("\n")
-    page = with_tables(PAGE.read_text(encoding="utf-8"), table(rows), MARKS)
-    PAGE.write_text(page, encoding="utf-8")
+    go_on(todo, tried, RESULTS, Console(stderr=True))
+    show(PAGE, table(read_rows(RESULTS)), MARKS)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ the sensors are off, misplaced, late and coarse.
 
 from __future__ import annotations
 
-import gzip
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+
+from tests.truth.machine.logs import write_log
 
 FloatArray = NDArray[np.float64]
 CELLS = 160
@@ -219,9 +220,7 @@ def write(rod: Rod, seed: int, folder: Path) -> Path:
     """Write `rod.csv.gz` and `config.toml`; return the log."""
     folder.mkdir(parents=True, exist_ok=True)
     time_s, values = logged(rod, seed)
-    rows = [",".join(["time_s", *CHANNELS])]
-    rows += [f"{t:.1f}," + ",".join(f"{v:.2f}" for v in row) for t, row in zip(time_s, values, strict=True)]
     path = folder / "rod.csv.gz"
-    path.write_bytes(gzip.compress("\n".join([*rows, ""]).encode(), 5, mtime=0))
+    write_log(path, time_s, values, dict.fromkeys(CHANNELS, "%.2f"))
     (folder / "config.toml").write_text(configuration(rod), encoding="utf-8")
     return path

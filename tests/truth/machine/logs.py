@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +12,25 @@ import numpy as np
 from tests.truth.machine.machine import SENSOR_M, SENSORS, SOURCES
 from tests.truth.machine.physics import FloatArray
 
-CHANNELS = (*(f"{s}_degC" for s in SENSORS), "nut_position_m", "screw_speed_rpm", "ambient_degC")
-FORMATS = (*(["%.2f"] * len(SENSORS)), "%.4f", "%.0f", "%.2f")
+FORMATS = {f"{s}_degC": "%.2f" for s in SENSORS} | {
+    "nut_position_m": "%.4f",
+    "screw_speed_rpm": "%.0f",
+    "ambient_degC": "%.2f",
+}
+CHANNELS = tuple(FORMATS)
 
 
-def write_log(path: Path, time_s: FloatArray, values: FloatArray) -> None:
-    """Write one run as gzipped CSV, the same bytes for the same values; NaN becomes an empty cell."""
+def write_log(
+    path: Path, time_s: FloatArray, values: FloatArray, formats: Mapping[str, str] = FORMATS
+) -> None:
+    """Write one run as gzipped CSV, the same bytes for the same values; NaN becomes an empty cell.
+
+    `formats` says how each channel is printed, in the order of the values' columns.
+    """
     clock = "%.1f" if np.allclose(time_s * 10.0 % 1.0, 0.0) else "%.3f"
-    row = ",".join([clock, *FORMATS])
+    row = ",".join([clock, *formats.values()])
     table = np.column_stack([time_s, values]).tolist()
-    text = "\n".join([",".join(["time_s", *CHANNELS]), *(row % tuple(cells) for cells in table), ""])
+    text = "\n".join([",".join(["time_s", *formats]), *(row % tuple(cells) for cells in table), ""])
     path.write_bytes(gzip.compress(text.replace("nan", "").encode(), 5, mtime=0))
 
 
