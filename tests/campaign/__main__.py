@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +12,7 @@ from rich.console import Console
 
 from tests.campaign.summary import rough_summary, summary, typical_summary
 from tests.campaign.suspects import SuspectRow, suspect_summary, try_suspect
-from tests.campaign.trial import Row, try_entry
+from tests.campaign.trial import Row, rows_of, try_entry
 from tests.resumable import Rows, go_on, read_rows, show
 from tests.truth.machine.entries import (
     FIRST_SEED,
@@ -71,11 +70,6 @@ SLICES: dict[str | None, Slice] = {
     "rough": Slice("rough.csv", rough_campaign, rough_summary, ROUGH_MARKS),
     "suspects": Slice("suspects.csv", suspect_campaign, suspect_summary, SUSPECT_MARKS, try_suspect),
 }
-
-
-def rows_of(trial: Callable[[Entry, Path], Row | SuspectRow], answers: Path, entry: Entry) -> Rows:
-    """The line of a case."""
-    return [asdict(trial(entry, answers))]
 
 
 def latest(table: Path) -> list[dict[str, str]]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from tests.campaign.judge import estimates, is_good, is_localised, outcome_of
 from tests.campaign.showing import Showing, showing_of
+from tests.resumable import Rows
 from tests.truth.machine.entries import Entry
 from tests.truth.machine.generate import write_answer, write_case
 
@@ -71,6 +73,11 @@ def try_entry(entry: Entry, answers: Path) -> Row:
             reason = f"{type(error).__name__}: {error}".replace("\n", " ")
     write_answer(entry.case, answers, entry.name)
     return judged(entry, result, showing_of(entry.case), seconds, reason)
+
+
+def rows_of(trial: Callable[[Entry, Path], Any], answers: Path, entry: Entry) -> Rows:
+    """The row of a case that is tried in a process of its own: a dataclass as cells."""
+    return [asdict(trial(entry, answers))]
 
 
 def judged(
