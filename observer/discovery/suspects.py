@@ -87,10 +87,10 @@ def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
 
 def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial]) -> bool:
     """Whether a hypothesis, its kind not tolerated, explains the logs, and no single effect does as well."""
-    config = intolerant(null.config, weighed.hypothesis.what)
+    config, strict = intolerant(null.config, weighed.hypothesis.what), null
     if config.tolerance != null.config.tolerance:
-        null = replace(null, problem=null.problem.tolerant(config))
-        weighed = Look.at(null.problem, weighed.config).weighed(weighed.hypothesis, deviance(null))
+        strict = replace(null, problem=null.problem.tolerant(config))
+        weighed = Look.at(strict.problem, weighed.config).weighed(weighed.hypothesis, deviance(strict))
     noise = null.problem.evidence.expected * len(null.residual)
     misfit = weighed.left + weighed.drop - noise
     return (
@@ -114,10 +114,13 @@ def about_the_air(fit: Fit) -> bool:
 
 
 def _as_well(null: Fit, weighed: Weighed, rival: Trial) -> bool:
-    """Whether a single effect of the library explains the logs about as well as a hypothesis about them."""
-    drop = deviance(null) - deviance(replace(rival.fit, problem=null.problem))
-    drop -= PER_PARAMETER * (len(rival.candidate.fitted) - 1)
-    return score(weighed) < drop + max(WITHIN_REACH, WITHIN * drop)
+    """Whether a single effect of the library, within the tolerances, leaves about as little of the logs as a
+    hypothesis about them.
+    """
+    left = deviance(replace(rival.fit, problem=null.problem))
+    drop = deviance(null) - left - PER_PARAMETER * (len(rival.candidate.fitted) - 1)
+    more = PER_PARAMETER * (len(rival.candidate.fitted) - weighed.hypothesis.parameters)
+    return left + more < weighed.left + max(WITHIN_REACH, WITHIN * drop)
 
 
 def intolerant(config: Config, what: What) -> Config:
