@@ -180,6 +180,7 @@ ROUGH_GOALS: tuple[Goal, ...] = (
             ("minutes", "rows 1 min apart"),
             ("gain", "sensors 3 ± 2 % toward the air"),
             ("torque", "torque ±10 % from run to run"),
+            ("air", "air ±6 K in some hours"),
         )
         for goal in _goals(group, what, "a loss", ("≥ 90 %", _at_least(0.9)))
     ),

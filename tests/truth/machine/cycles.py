@@ -105,10 +105,10 @@ def steps_of(phases: tuple[Phase, ...]) -> int:
     return sum(round(p.duration_s / STEP_s) for p in phases)
 
 
-def draw_air(mean_degC: float, steps: int, rng: np.random.Generator) -> FloatArray:
-    """Air that varies slowly by at most 0.5 K around a mean, (K + 1,)."""
+def draw_air(mean_degC: float, steps: int, rng: np.random.Generator, most_K: float = 0.5) -> FloatArray:
+    """Air that varies slowly by at most so much around a mean, (K + 1,)."""
     time_s = np.arange(steps + 1) * STEP_s
     period_s = rng.uniform(1.5, 5.0, 3) * 3600.0
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
     size = rng.dirichlet(np.ones(3))
-    return mean_degC + 0.5 * size @ np.sin(2.0 * np.pi * time_s / period_s[:, None] + phase[:, None])
+    return mean_degC + most_K * size @ np.sin(2.0 * np.pi * time_s / period_s[:, None] + phase[:, None])

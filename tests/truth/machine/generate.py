@@ -40,7 +40,7 @@ class Case:
     sensors and screw are as far off as a typical user's, and his configuration says no more of that than its
     defaults. `logs`: how many of the runs there are. `short`: by what part of its rise above the air each
     sensor reads too little, mean and standard deviation. `torque`: by what part the nut's differs from one
-    run to the next, standard deviation.
+    run to the next, standard deviation. `air_K`: by how much the air varies, which is measured.
     """
 
     name: str
@@ -53,6 +53,7 @@ class Case:
     logs: int = len(RUNS)
     short: tuple[float, float] = (0.0, 0.0)
     torque: float = 0.0
+    air_K: float = 0.5
 
     def __post_init__(self) -> None:
         for given, known in (
@@ -126,7 +127,7 @@ def trace(case: Case, run: str, machine: Machine | None = None) -> Traced:
     phases = programme(case.cycle, run, stream(case.seed, case.name, run, "programme"))
     rng, steps = stream(case.seed, case.name, run, "air"), steps_of(phases)
     mean_degC = stream(case.seed, case.name, "season").uniform(18.0, 25.0) + rng.uniform(-1.0, 1.0)
-    logged = draw_air(float(mean_degC), steps, rng)
+    logged = draw_air(float(mean_degC), steps, rng, case.air_K)
     felt = logged + machine.air_drift_K_h * np.arange(steps + 1) * STEP_s / 3600.0
     schedule = build_schedule(phases, START_m[run], felt)
     if case.torque:
