@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 
 from tests.packaging.dockerfile import Machine, Step, carry_out, parse
-from tests.patience import PATIENCE_S, until
+from tests.patience import COMPILE_S, PATIENCE_S, until
 
 ROOT = Path(__file__).parents[2]
 STEPS = parse(ROOT / "Dockerfile")
@@ -188,12 +188,12 @@ def service(machine: Machine) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
 
 
 def _observer(machine: Machine, *words: str) -> subprocess.CompletedProcess[str]:
-    return machine.run([str(machine.root / "opt/observer/bin/observer"), *words], timeout_s=2 * PATIENCE_S)
+    return machine.run([str(machine.root / "opt/observer/bin/observer"), *words], timeout_s=COMPILE_S)
 
 
 @pytest.mark.system
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(3 * COMPILE_S)
 class TestBuiltImage:
     """What the built image does; its steps are carried out once for all of these."""
 
@@ -227,7 +227,7 @@ class TestBuiltImage:
             return done.returncode == 0
 
         # the kernels are compiled at the first start, with nothing cached
-        until(is_healthy, 5 * PATIENCE_S, pause_s=0.5)
+        until(is_healthy, COMPILE_S, pause_s=0.5)
         process.send_signal(getattr(signal, _only("STOPSIGNAL").text))
         assert process.wait(PATIENCE_S) == 0
         assert _observer(machine, *words).returncode == 1

@@ -21,9 +21,11 @@ import os, threading
 threading.Thread(target=lambda: (os.read(0, 1), os._exit(0)), daemon=True).start()
 while True: pass
 """
-# A session's leader that opens a terminal has it for its own; then the program takes over.
+# A session's leader that opens a terminal has it for its own; then the program takes over. Tests that run behind
+# something else may have Ctrl-C ignored, which whoever sits at a terminal has not.
 _TAKE_TERMINAL = """
-import os, sys
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_DFL)
 os.close(os.open(os.ttyname(0), os.O_RDWR))
 os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 """
