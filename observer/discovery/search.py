@@ -36,6 +36,8 @@ SAME = 0.97
 """Part of the drop that a simple effect must bring to stand for a richer one of the same physics."""
 STARTS = 2
 """Promised shapes from which an effect of several parameters is fitted, as long as none explains all."""
+EXPLAINED = 1.1
+"""So many times what noise does is about that: no other start can do better."""
 PLAIN_TO_SEE = 10.0
 """A parameter is needed that is so many half widths of its 95 % interval from nothing."""
 WEAK = 0.1
@@ -267,8 +269,8 @@ def _from(problem: Problem, base: Fit, candidate: Candidate, promise: Promise, r
 
 
 def _explained(fit: Fit) -> bool:
-    """Whether a fit leaves about what noise does, so that no other start can do better."""
-    return fit.deviance < 2.0 * fit.problem.evidence.expected * len(fit.remainder)
+    """Whether a fit leaves about what noise does."""
+    return fit.deviance < EXPLAINED * fit.problem.evidence.expected * len(fit.remainder)
 
 
 def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:

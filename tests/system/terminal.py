@@ -21,8 +21,8 @@ import os, threading
 threading.Thread(target=lambda: (os.read(0, 1), os._exit(0)), daemon=True).start()
 while True: pass
 """
-# A session's leader that opens a terminal has it for its own; then the program takes over. Whoever runs the tests
-# may have Ctrl-C ignored, as behind other work; whoever sits at a terminal has not.
+# A session's leader that opens a terminal has it for its own; then the program takes over. Tests behind
+# other work may have Ctrl-C ignored; whoever sits at a terminal has not.
 _TAKE_TERMINAL = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.SIG_DFL)
