@@ -65,7 +65,7 @@ month: $(READY)  ## two simulated months of a machine as configured: at most one
 soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"
 	$(BIN)/python -m tests.soak $(ARGS)
 
-learning-campaign: $(READY)  ## what learning is worth on 128 machines, or go on where it was stopped
+learning-campaign: $(READY)  ## what learning is worth on 144 machines, or go on where it was stopped
 	$(BIN)/python -m tests.learning.trial
 
 identify-campaign: $(READY)  ## do the true heats of 16 logs lie within their bands? Or go on

@@ -29,7 +29,7 @@ from observer.effects.terms import (
 from observer.frames import FloatArray
 from observer.model.realise import realise
 from observer.tables.laws import SPEED_LAWS
-from observer.tables.sections import Sensor
+from observer.tables.sections import Screw, Sensor
 from observer.tables.tolerance import Learnable
 
 Kind = Literal["whole", "place", "lag", "run"]
@@ -53,11 +53,11 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
     "place" and "lag" are one for each sensor, all changed at once; "run" is one for each of so many logs.
     """
     screw, known = config.screw, config.tolerance
-    for key, changed in _materials(config).items():
+    for key, material in _materials(config).items():
         if TOLERANCE_OF[key][-1] not in (config.calibrate.free or ()):
-            yield changed, "whole"
-    for changed in _places(config):
-        yield changed, "place"
+            yield material, "whole"
+    for moved in _places(config):
+        yield moved, "place"
     film = config.surface.convection_W_m2K
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
@@ -67,10 +67,10 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
         offset_K = known.offset_of_K(sensor.offset_K)
         if offset_K > 0.0:
             yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
-    for changed in _air(config):
-        yield changed, "run"
-    for changed in _lags(config):
-        yield changed, "lag"
+    for warmer in _air(config):
+        yield warmer, "run"
+    for late in _lags(config):
+        yield late, "lag"
     own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
     for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
         more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
@@ -138,7 +138,8 @@ class Settling:
 
 def _materials(config: Config) -> dict[Literal["conductivity", "heat_capacity"], Config]:
     """Conductivity and heat capacity."""
-    screw, known, found = config.screw, config.tolerance, {}
+    screw, known = config.screw, config.tolerance
+    found: dict[Literal["conductivity", "heat_capacity"], Screw] = {}
     if known.conductivity > 0.0:
         more = screw.conductivity_W_mK * (1 + known.conductivity)
         found["conductivity"] = screw.model_copy(update={"conductivity_W_mK": more})
