@@ -23,7 +23,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak learning-campaign gap-campaign discover-campaign rods-campaign config-mutants mutants figures container-check lock dist sbom clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign config-mutants mutants figures container-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -65,8 +65,11 @@ month: $(READY)  ## two simulated months of a machine as configured: at most one
 soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"
 	$(BIN)/python -m tests.soak $(ARGS)
 
-learning-campaign: $(READY)  ## what learning is worth on 128 machines, or go on where it was stopped
+learning-campaign: $(READY)  ## what learning is worth on 144 machines, or go on where it was stopped
 	$(BIN)/python -m tests.learning.trial
+
+identify-campaign: $(READY)  ## do the true heats of 16 logs lie within their bands? Or go on
+	$(BIN)/python -m tests.learning.histories
 
 gap-campaign: $(READY)  ## months of machines in which something appears, or nothing does; or go on
 	$(BIN)/python -m tests.gap.trial

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -96,6 +97,7 @@ def identify(
 
     `accept` is handed to `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
+    from observer.fit.changes import changes_within
     from observer.history.identify import heat_history
     from observer.report.heat_history import write_heat_history
     from observer.service.identify import inputs_of, write_history
@@ -109,10 +111,11 @@ def identify(
     machine = Machine.of(config.model_copy(update={"output": ends_only}))
     frames = list(frames_of_log(log, machine.plan))
     blocks, odd = inputs_of(frames, machine.drive), doubts(log, frames, config)
-    del frames  # the method needs the memory
     progress(options.method)
     try:
-        history = heat_history(machine.plant, config.estimator, blocks, options)
+        history = heat_history(
+            machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, frames)
+        )
     except UserError as error:
         raise LogError(f"{log_path}: {error}") from None
     more: dict[str, Any] = {

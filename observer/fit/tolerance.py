@@ -19,6 +19,7 @@ from observer.effects.terms import (
     AmbientShift,
     End,
     EndConductance,
+    Film,
     Lag,
     LawFactor,
     Offset,
@@ -26,8 +27,10 @@ from observer.effects.terms import (
     Term,
 )
 from observer.frames import FloatArray
+from observer.model.realise import realise
 from observer.tables.laws import SPEED_LAWS
-from observer.tables.sections import Sensor
+from observer.tables.sections import Screw, Sensor
+from observer.tables.tolerance import Learnable
 
 Kind = Literal["whole", "place", "lag", "run"]
 
@@ -50,16 +53,11 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
     "place" and "lag" are one for each sensor, all changed at once; "run" is one for each of so many logs.
     """
     screw, known = config.screw, config.tolerance
-    for key, off in (
-        ("conductivity_W_mK", known.conductivity),
-        ("specific_heat_J_kgK", known.heat_capacity),
-    ):
-        if off > 0.0 and f"screw.{key}" not in (config.calibrate.free or ()):
-            value = getattr(screw, key) * (1 + off)
-            yield config.model_copy(update={"screw": screw.model_copy(update={key: value})}), "whole"
-    if known.position_m > 0.0:
-        moved = [_moved_inward(s, screw.length_m, known.position_m) for s in config.sensor]
-        yield config.model_copy(update={"sensor": tuple(moved)}), "place"
+    for key, material in _materials(config).items():
+        if TOLERANCE_OF[key][-1] not in (config.calibrate.free or ()):
+            yield material, "whole"
+    for moved in _places(config):
+        yield moved, "place"
     film = config.surface.convection_W_m2K
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
@@ -69,10 +67,10 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
         offset_K = known.offset_of_K(sensor.offset_K)
         if offset_K > 0.0:
             yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
-    if known.ambient_K > 0.0:
-        yield _with(config, AmbientShift(0.0, known.ambient_K)), "run"
-    if known.lag_s > 0.0:
-        yield _with(config, *(Lag(s.name, known.lag_s) for s in config.sensor)), "lag"
+    for warmer in _air(config):
+        yield warmer, "run"
+    for late in _lags(config):
+        yield late, "lag"
     own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
     for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
         more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
@@ -85,12 +83,32 @@ def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, 
     at each end, and heat by friction that settles with use.
     """
     yield from tolerances(config, runs)
-    for end in get_args(End):
-        if config.tolerance.end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
-            yield _with(config, EndConductance(end, config.tolerance.end_W_K)), "whole"
+    for changed in _ends(config):
+        yield changed, "whole"
     for source in config.source:
         if source.law in SPEED_LAWS and source.law_uncertainty > 0.0:
             yield _with(config, LawFactor(source.name, Settling(source.law_uncertainty))), "whole"
+
+
+def heat_tolerances(config: Config) -> Iterator[tuple[Config, Learnable]]:
+    """Yield the configuration changed by one standard deviation of a tolerance that is none of heats, and its
+    key; places and lags of all sensors at once. Nothing where it is 0.
+
+    For a log whose heats are sought, by what is configured of all else.
+    """
+    film_W_m2K = config.tolerance.convection * realise(config).config.surface.convection_W_m2K
+    for key, changed in _materials(config).items():
+        yield changed, key
+    if film_W_m2K > 0.0:
+        yield _with(config, Film(film_W_m2K)), "convection"
+    for changed in _ends(config):
+        yield changed, "end_W_K"
+    for changed in _air(config):
+        yield changed, "ambient_K"
+    for changed in _places(config):
+        yield changed, "position_m"
+    for changed in _lags(config):
+        yield changed, "lag_s"
 
 
 def left_of_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:
@@ -116,6 +134,45 @@ class Settling:
     def __call__(self, _speed_rpm: FloatArray, running_s: FloatArray, /) -> FloatArray:
         """Return it at speeds and times of running (K,)."""
         return np.asarray(1.0 + self.part * np.exp(-running_s / SETTLING_S))
+
+
+def _materials(config: Config) -> dict[Literal["conductivity", "heat_capacity"], Config]:
+    """Conductivity and heat capacity."""
+    screw, known = config.screw, config.tolerance
+    found: dict[Literal["conductivity", "heat_capacity"], Screw] = {}
+    if known.conductivity > 0.0:
+        more = screw.conductivity_W_mK * (1 + known.conductivity)
+        found["conductivity"] = screw.model_copy(update={"conductivity_W_mK": more})
+    if known.heat_capacity > 0.0:
+        more = screw.specific_heat_J_kgK * (1 + known.heat_capacity)
+        found["heat_capacity"] = screw.model_copy(update={"specific_heat_J_kgK": more})
+    return {key: config.model_copy(update={"screw": other}) for key, other in found.items()}
+
+
+def _places(config: Config) -> Iterator[Config]:
+    """Where the sensors sit."""
+    if config.tolerance.position_m > 0.0:
+        moved = [_moved_inward(s, config.screw.length_m, config.tolerance.position_m) for s in config.sensor]
+        yield config.model_copy(update={"sensor": tuple(moved)})
+
+
+def _air(config: Config) -> Iterator[Config]:
+    """The ambient."""
+    if config.tolerance.ambient_K > 0.0:
+        yield _with(config, AmbientShift(0.0, config.tolerance.ambient_K))
+
+
+def _lags(config: Config) -> Iterator[Config]:
+    """How late the sensors are."""
+    if config.tolerance.lag_s > 0.0:
+        yield _with(config, *(Lag(s.name, config.tolerance.lag_s) for s in config.sensor))
+
+
+def _ends(config: Config) -> Iterator[Config]:
+    """What each end loses."""
+    for end in get_args(End):
+        if config.tolerance.end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
+            yield _with(config, EndConductance(end, config.tolerance.end_W_K))
 
 
 def _with(config: Config, *terms: Term) -> Config:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from observer.history.spread import spread
 from observer.history.stacked import Prior, StackedProblem, stacked_problem, stationary
 from observer.history.stepwise import stepwise_heats
 from observer.history.tikhonov import NormalEquations, normal_equations, solve
+from observer.history.within import Change, Within, most_probable, with_readings
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -26,13 +28,47 @@ _Found = tuple[FloatArray, FloatArray, dict[str, Any]]
 
 
 def heat_history(
-    plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], options: MethodOptions
+    plant: Plant,
+    settings: EstimatorSettings,
+    blocks: Sequence[Inputs],
+    options: MethodOptions,
+    tolerances: Callable[[FloatArray], Sequence[Change]] | None = None,
 ) -> HeatHistory:
     """Return the heats over a whole log, given as consecutive blocks of inputs.
 
-    Raises `UserError` where the options contradict each other, or the method cannot take this log.
+    `tolerances` returns what one standard deviation of each tolerance does to the sensors, along heats
+    (K, m_e), NaN where they are not known; it is shown those that the smoother finds without any. What is
+    learnt of them is taken off the readings, and what they leave to the heats is in σ: for every method what
+    they leave to the smoother. Raises `UserError` where the options contradict each other, or the method
+    cannot take this log.
     """
     options.check()
+    found = None if tolerances is None else _within(plant, settings, blocks, tolerances)
+    if found is None:
+        return _by_method(plant, settings, blocks, options)
+    history = _by_method(plant, settings, with_readings(blocks, -found.sensor_K), options)
+    sigma_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
+    return replace(history, heat_sigma_W=sigma_W)
+
+
+def _within(
+    plant: Plant,
+    settings: EstimatorSettings,
+    blocks: Sequence[Inputs],
+    tolerances: Callable[[FloatArray], Sequence[Change]],
+) -> Within | None:
+    """What the tolerances come to, None where there are none."""
+    first = smooth_heats(plant, settings, blocks)
+    changes = tolerances(first.heat_W)
+    if not changes:
+        return None
+    return most_probable(plant, settings, blocks, np.isfinite(first.residual_K), changes)
+
+
+def _by_method(
+    plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], options: MethodOptions
+) -> HeatHistory:
+    """The heats of a machine that is as configured."""
     if options.method == "smoother":
         return smooth_heats(plant, settings, blocks)
     as_printed = options.order == 0 or options.gradient == "central-differences"

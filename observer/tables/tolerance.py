@@ -25,9 +25,9 @@ class Tolerance(Section):
     configuration says `end_W_K`; of each sensor on the screw where it sits, `position_m`, what it reads too
     much, `offset_K`, and how late, `lag_s`. A law's scale has its own, the source's `law_uncertainty`.
 
-    Of logs, so in `discover` and `calibrate` alone: by what part of its rise above the air each sensor reads
-    too little or too much, `gain`; and by what part a source's heat differs from one log to the next,
-    `heat_per_log`.
+    Of logs, so in `discover`, `calibrate` and `identify`: by what part of its rise above the air each sensor
+    reads too little or too much, `gain`; and, of several logs, by what part a source's heat differs from one
+    to the next, `heat_per_log`.
     """
 
     conductivity: Relative = 0.03

@@ -26,7 +26,8 @@ TWO_SIDED_95 = 1.96
 def log_of(day: Day) -> Log:
     """A day as the log that its user has."""
     values = np.column_stack([day.sensor_degC, day.nut_m, day.speed_rpm, day.air_degC])
-    return Log(Path("day.csv"), day.time_s, CHANNELS, values)
+    sensors = CHANNELS[: day.sensor_degC.shape[1]]
+    return Log(Path("day.csv"), day.time_s, (*sensors, *CHANNELS[-3:]), values)
 
 
 def estimates(config: Config, day: Day) -> EstimateBlock:

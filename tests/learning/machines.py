@@ -69,11 +69,15 @@ class Day(NamedTuple):
 
 @dataclass(frozen=True)
 class Specimen:
-    """One machine, where its sensors really sit, and by how much its air is warmer than the log says."""
+    """One machine, where its sensors really sit, and by how much its air is warmer than the log says.
+
+    With `on_bodies` the sensors are three, on the nut and on both housings, and none is on the screw.
+    """
 
     machine: Machine
     sensor_m: FloatArray
     ambient_K: float
+    on_bodies: bool = False
 
 
 def draw(seed: int, number: int, rough: Rough) -> Specimen:
@@ -123,7 +127,8 @@ def work(
     physics = specimen.machine.physics
     result = run_machine(physics, schedule, np.concatenate([specimen.sensor_m, FINE_M]))
     section, fine = result.section_degC[:, :5], result.section_degC[:, 5:]
-    reading = true_readings(specimen.machine, section, felt, np.ones_like(section), STEP_s)
+    seen = result.body_degC if specimen.on_bodies else section
+    reading = true_readings(specimen.machine, seen, felt, np.ones_like(seen), STEP_s)
     rows = np.arange(int(from_s / STEP_s), len(felt), PERIOD_STEPS)
     step = np.minimum(rows, len(schedule.speed_rpm) - 1)
     speed_rpm = schedule.speed_rpm
@@ -143,10 +148,13 @@ def work(
 
 
 def _friction_W(physics: Physics, speed_rpm: FloatArray) -> FloatArray:
-    """The heats (K, 3) over each step: with speed, and larger while the machine runs in."""
+    """The heats (K, 3) over each step, the nut's with what its body takes: with speed, and larger while the
+    machine runs in.
+    """
     turned_s = np.cumsum(np.where(speed_rpm != 0.0, STEP_s, 0.0)) - 0.5 * STEP_s
     more = 1.0 + physics.run_in * np.exp(-turned_s[:, None] / physics.run_in_s)
-    return np.asarray(physics.friction_W_rpm * np.abs(speed_rpm)[:, None] * more)
+    whole = np.array([1.0 + physics.nut_body_share, 1.0, 1.0])
+    return np.asarray(whole * physics.friction_W_rpm * np.abs(speed_rpm)[:, None] * more)
 
 
 def _growth_um(rise_K: FloatArray) -> FloatArray:
