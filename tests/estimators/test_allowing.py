@@ -126,7 +126,8 @@ def test_what_is_allowed_for_changes_sigma_and_no_estimate(kind):
     assert until > 20
     np.testing.assert_array_equal(one.heat_W[:until], other.heat_W[:until])
     assert (other.heat_sigma_W[:until] >= one.heat_sigma_W[:until]).all()
-    assert (other.field_sigma_K[20:until] > 1.5 * one.field_sigma_K[20:until]).all()
+    near = int(np.argmin(one.field_sigma_K[until - 1]))  # beside a sensor, which may be off by 0.3 K for good
+    assert other.field_sigma_K[until - 1, near] > 0.8 * 0.3 > 1.5 * one.field_sigma_K[until - 1, near]
 
 
 @pytest.mark.slow
