@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from observer.errors import UserError
 from observer.estimators.by_block import BlockEstimator
+from observer.estimators.compiled import packing
+from observer.estimators.compiled.allowing import Allowed
 from observer.estimators.compiled.cruise_kernel import columns
 from observer.estimators.compiled.fixed_gain_kernel import DONE, GainTable, Rungs, run_fixed_gain
 from observer.estimators.compiled.packing import Results, Running, Work
 from observer.estimators.compiled.steps import Chunk
 from observer.estimators.design.gains import Refusal, everything, sensor_rows
 from observer.estimators.design.riccati import steady_covariance
+from observer.estimators.protocol import EstimatorState
 from observer.frames import BoolArray, FloatArray, contiguous
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
@@ -98,6 +102,8 @@ class GainBank:
 class FixedGainEstimator(BlockEstimator):
     """An observer with a designed gain for every set of sensors and length of step.
 
+    The gain knows field and heats alone; what the plant knows only roughly is allowed for in every σ.
+
     `optimal`: it corrects by the Kalman gain until the covariance has settled. `refused` is what is said
     where there is no gain for all sensors.
     """
@@ -107,11 +113,29 @@ class FixedGainEstimator(BlockEstimator):
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         """Design the gain for all sensors at the period. Raises `UserError` where there is none."""
+        self._roughly = packing.pack_plant(plant)
+        plant = replace(plant, learning=None)
         super().__init__(plant, settings)
         whole = self.gain(step_matrices(plant, settings.period_s), everything(plant))
         if isinstance(whole, Refusal):
             raise UserError(self.refused.format(sensors=", ".join(whole.sensors), reason=whole.reason))
         self._bank = GainBank(plant, settings.period_s, self.gain)
+
+    def initial(self) -> EstimatorState:
+        """Return the state before the first measurement, with room for what is allowed for."""
+        state, L = super().initial(), len(self._roughly.learn.kind)
+        n, s = len(state.x_hat), len(state.suspect)
+        return replace(state, around=np.zeros(n + 2 * s + n * L if L else 0))
+
+    def _allowed(self, running: Running) -> Allowed:
+        """What is allowed for, in arrays that are those of the state."""
+        n, s, L = len(running.x), len(running.suspect), len(self._roughly.learn.kind)
+        first = n + 2 * s if L else 0
+        S = running.around[first:].reshape(n, L)
+        return Allowed(
+            self._roughly, self._own.allowing, running.around[:first], S, np.zeros(n + L), np.zeros((s, L)),
+            np.zeros(s), np.zeros(s), np.zeros(1, np.int64),
+        )  # fmt: skip
 
     @abstractmethod
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
@@ -119,12 +143,14 @@ class FixedGainEstimator(BlockEstimator):
 
     def _take(self, chunk: Chunk, running: Running, out: Results, work: Work) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
-        rungs = self._bank.rungs(chunk.lengths_s)
+        if not hasattr(self._own, "allowing"):
+            self._own.allowing = packing.scratch(self._roughly)
+        rungs, allowed = self._bank.rungs(chunk.lengths_s), self._allowed(running)
         first, resumed, key = 0, 0, 0
         while key != DONE:
             first, key, resumed = run_fixed_gain(
                 self._arrays, chunk.table, rungs, chunk.inputs, chunk.step, running, self._gate_sigma,
-                self.optimal, self._bank.table, out, first, resumed, work, columns(self._arrays),
+                self.optimal, self._bank.table, out, first, resumed, work, columns(self._arrays), allowed,
             )  # fmt: skip
             if key != DONE:
                 self._bank.add(int(key))

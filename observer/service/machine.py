@@ -30,8 +30,8 @@ class Machine:
 
     @classmethod
     def of(cls, config: Config, *, learns: bool = False) -> Machine:
-        """Build the parts of a configuration; with `learns`, of one whose estimator learns as it asks for."""
-        plant = build_plant(config, learns=learns and config.estimator.learns)
+        """Build the parts of a configuration; with `learns`, with what its estimator learns or allows for."""
+        plant = build_plant(config, learns=learns and config.estimator.allows)
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
 
     def self_test(self) -> SelfTest:

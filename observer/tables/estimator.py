@@ -30,6 +30,11 @@ class EstimatorSettings(Section):
     bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
     @property
+    def allows(self) -> bool:
+        """Whether the estimator is one whose σ hold what tolerances cost."""
+        return self.kind == "luenberger" or self.engine != "filterpy"
+
+    @property
     def learnt(self) -> tuple[str, ...]:
         """What is learnt; nothing by an estimator with a gain that knows of heats and field alone."""
         return self.learn if self.learns else ()

@@ -14,6 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.compiled import inlined, rarely
+from observer.estimators.compiled.allowing import (
+    allow,
+    allow_for_readings,
+    correct_allowed,
+    finish_allowing,
+    widen,
+)
 from observer.estimators.compiled.judging import (
     GOOD,
     NUT_LOST,
@@ -106,8 +113,10 @@ def is_regular(p, rungs, u, d, k, usable, state, gains, settled):
 
 
 @inlined
-def step_state(p, u, k, usable, gate_sigma, gains, settled, c):
-    """Predict, compare and correct; return whether every innovation passes the gate (c.x is then x⁺)."""
+def step_state(p, u, k, usable, gate_sigma, variance, c):
+    """Predict, compare and correct; return whether every innovation passes the gate at its `variance` (s,)
+    (c.x is then x⁺).
+    """
     n_x, s, m, known = len(p.uniform), len(usable), u.law_W.shape[1], u.z_end.shape[1]
     for j in range(m):
         c.weights[j] = u.law_W[k, j]
@@ -124,7 +133,7 @@ def step_state(p, u, k, usable, gate_sigma, gains, settled, c):
     add_scaled(c.expected, c.sensors, c.x_pred, n_x)
     for i in range(s):
         c.nu[i] = u.y_degC[k, i] - c.expected[i] if usable[i] else 0.0
-        if c.nu[i] * c.nu[i] > gate_sigma * gate_sigma * gains.S[settled, i]:
+        if c.nu[i] * c.nu[i] > gate_sigma * gate_sigma * variance[i]:
             return False
     for b in range(len(c.x)):
         c.x[b] = c.x_pred[b]
@@ -134,7 +143,7 @@ def step_state(p, u, k, usable, gate_sigma, gains, settled, c):
 
 @inlined
 def write_steady(p, u, k, usable, gains, settled, c, work, out):
-    """Write step k with the steady σ; return whether all values are numbers."""
+    """Write step k with the steady σ of noise; return whether all values are numbers."""
     n_x, value, lost = len(p.uniform), work.value, 0
     out.log_likelihood[k] = 0.0
     for i in range(len(usable)):
@@ -156,7 +165,7 @@ def write_steady(p, u, k, usable, gains, settled, c, work, out):
 
 
 @inlined
-def cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work, c):
+def cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work, c, allowed):
     """Take regular steps from k on; return the first that is not, or that the gate would refuse."""
     laid_out = -1
     for a in range(len(state.x)):
@@ -170,10 +179,19 @@ def cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work
             move_rows(p, u, k, work.rows)
             lay_out(p, t, step[k], work.B, work.C, gains.K[settled], gains.S[settled], c)
             laid_out = step[k]
-        if not step_state(p, u, k, work.usable, gate_sigma, gains, settled, c):
+        allow(allowed, t, step[k], u, k)
+        allow_for_readings(allowed, gains.S[settled])
+        if not step_state(p, u, k, work.usable, gate_sigma, allowed.variance, c):
             break
+        correct_allowed(allowed, gains.K[settled], work.usable)
+        finish_allowing(allowed, u.dt_s[k], c.x)
         out.quality[k] = judge(u, k, work.usable, work.usable, state, out)
-        if not write_steady(p, u, k, work.usable, gains, settled, c, work, out):
+        known = write_steady(p, u, k, work.usable, gains, settled, c, work, out)
+        for i in range(allowed.nu.shape[0]):
+            if allowed.nu.shape[1] > 0 and work.usable[i]:
+                out.innovation_sigma[k, i] = np.sqrt(allowed.variance[i])
+        widen(allowed, work.rows, k, out)
+        if not known:
             invalidate(out, k)
         k += 1
     for a in range(len(state.x)):

@@ -1,8 +1,9 @@
 """The compiled loop of an observer with fixed gains: one gain per set of sensors and length of step.
 
 x⁺ = x_pred + K (y - C x_pred). While the covariance is that of the steady state it is neither propagated nor
-reported anew, which makes the step many times cheaper. As soon as a sensor is lost, a step has another length
-or a law jumps, it is propagated with the gain in use (Joseph form for an arbitrary K), so σ stays honest.
+reported anew, which makes the step many times cheaper; only what is allowed for (`allowing`) is. As soon as a
+sensor is lost, a step has another length or a law jumps, it is propagated with the gain in use (Joseph form
+for an arbitrary K), so σ stays honest.
 """
 
 # numba compiles these functions: their types are those of the arrays they get.
@@ -18,6 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.compiled import cached_loop, inlined
+from observer.estimators.compiled.allowing import (
+    allow,
+    allow_for_readings,
+    begin_allowing,
+    correct_allowed,
+    correct_allowed_jointly,
+    finish_allowing,
+    widen,
+)
 from observer.estimators.compiled.cruise_kernel import cruise
 from observer.estimators.compiled.judging import (
     GOOD,
@@ -39,6 +49,7 @@ from observer.estimators.compiled.judging import (
 from observer.estimators.compiled.kernels import (
     compare,
     covariance_with_sensors,
+    is_drastic,
     joint_update,
     predict,
     start,
@@ -176,13 +187,16 @@ def correct_state(K, chosen, accepted, nu, x):
 
 
 @cached_loop
-def run_fixed_gain(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first, resumed, work, c):
+def run_fixed_gain(
+    p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first, resumed, work, c, allowed
+):
     """Run the observer over the K steps of `u` from `first` on, changing `state` and filling `out`.
 
     `step` (K,) is where each step's length is in the table `t`.
     Returns (k, key, resumed). Where a gain is not in the table it stops before that step's correction and
     names it; called again from there with the `resumed` it returned, it goes on. `optimal`: until the
     covariance has settled, correct by the Kalman gain of the moment instead of the one in the table.
+    What is `allowed` for widens the gate and the σ that are told, and no estimate.
     """
     s = u.y_degC.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
@@ -192,7 +206,7 @@ def run_fixed_gain(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out,
     k = first
     while k < len(step):
         if settled >= 0:
-            k = cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work, c)
+            k = cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work, c, allowed)
             settled = -1
             continue
         present = find_usable(u, k, usable)
@@ -205,19 +219,22 @@ def run_fixed_gain(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out,
         move_columns(p, u, k, B, C)
         if resumed == 0 and state.flags[0] == 0:
             start(p, C, u, k, usable, x, P, nu)
+            begin_allowing(allowed, u, k, x)
             put_laws(p, u, k, B, x, work.law)
             started = True
             state.flags[0] = 1
         elif resumed == 0:
+            allow(allowed, t, d, u, k)
             predict(p, t, d, u, k, B, x, P, work)
             doubt_nut(p, u, k, state.lost_s, P)
         resumed = 0
         covariance_with_sensors(C, P, s, g)
         compare(p, C, u, k, usable, g, x, nu, S)
+        allow_for_readings(allowed, S)
         copy(state.suspect, suspect)
-        write_innovations(nu, S, usable, k, out)
+        write_innovations(nu, allowed.variance, usable, k, out)
         out.log_likelihood[k] = 0.0
-        released = gate(nu, S, usable, state.suspect, gate_sigma, accepted)
+        released = gate(nu, allowed.variance, usable, state.suspect, gate_sigma, accepted)
         if not released:
             hold_back(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
         correcting = accepted.any()
@@ -232,18 +249,26 @@ def run_fixed_gain(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out,
             covariance_with_sensors(C, P, s, g)
             compare(p, C, u, k, usable, g, x, nu, S)
         if correcting and (optimal or started or released):
+            drastic = is_drastic(p.R_K2, accepted, S)
             joint_update(p.R_K2, C, accepted, g, nu, S, x, P, work)
+            if drastic:  # no factors are left; the gain of the table is near enough for what is allowed for
+                correct_allowed(allowed, gains.K[chosen], accepted)
+            else:
+                correct_allowed_jointly(allowed, accepted, work.L, work.W, work.order)
         elif correcting:
+            correct_allowed(allowed, gains.K[chosen], accepted)
             correct_state(gains.K, chosen, accepted, nu, x)
             correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)
         steady = correcting and complete and rungs.exact[d] and p.coupling.active == 0
         if steady and gains.steady[chosen] and near(P, gains.P[chosen]):
             put(gains.P[chosen], P)
             settled = chosen
+        finish_allowing(allowed, u.dt_s[k], x)
         out.quality[k] = judge(u, k, usable, accepted, state, out)
         move_rows(p, u, k, work.rows)
         known = write_values(p, u, k, x, work, out)
         known = write_sigmas(P, out.heat_sigma, out.field_sigma, k, work) and known
+        widen(allowed, work.rows, k, out)
         if not known:
             invalidate(out, k)
         k += 1

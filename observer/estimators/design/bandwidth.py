@@ -8,6 +8,7 @@ from observer.errors import UserError
 from observer.estimators.design import gains
 from observer.estimators.design.gains import LuenbergerGain, Refusal
 from observer.estimators.design.riccati import steady_covariance
+from observer.estimators.design.standing import standing_growth_1_s
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.plant import Plant
@@ -19,12 +20,16 @@ _LADDER_STEPS = 32
 _WORSE = 10.0
 # Sensor noise alone may at most move a heat by this share of its initial sigma.
 _NOISE_AT_MOST = 1.0
+# Without a sensor, errors may grow e-fold in no less than 17 minutes while a nut stands.
+_GROWTH_AT_MOST_1_S = 1e-3
 
 
 def design(
     plant: Plant, step: StepMatrices, present: BoolArray, rule: str, bandwidth_1_s: float
 ) -> LuenbergerGain | Refusal:
-    """Design by the configured rule; under the bandwidth rule a gain that only makes noise is refused."""
+    """Design by the configured rule; under the bandwidth rule a gain that only makes noise is refused, and
+    one for sensors that are left over that would run away while a nut stands still.
+    """
     if rule == "kim":
         return gains.design_kim(plant, step, present)
     gain = gains.design_bandwidth(plant, step, present, bandwidth_1_s)
@@ -32,6 +37,12 @@ def design(
         return gains.refusal(
             plant, present, "sensor noise alone would move a heat by more than its initial_sigma_W"
         )
+    if isinstance(gain, LuenbergerGain) and not present.all():
+        growth_1_s = standing_growth_1_s(plant, step, gain.K)
+        if growth_1_s > _GROWTH_AT_MOST_1_S:
+            return gains.refusal(
+                plant, present, f"while the nut stands, errors would grow e-fold in {1.0 / growth_1_s:.0f} s"
+            )
     return gain
 
 
