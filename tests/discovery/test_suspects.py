@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.discovery.mistakes import weigh
+from observer.discovery.candidates import library
+from observer.discovery.mistakes import deviance, weigh
+from observer.discovery.signatures import promises, signatures
 from observer.discovery.suspects import Suspect, alike, plain, suspects
 from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
@@ -68,6 +70,24 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
     useless: Any = SimpleNamespace(fit=null, candidate=SimpleNamespace(fitted={}))
     assert plain(null, best, [useless])
     assert not plain(null, best, [useless, rival])
+
+
+@pytest.mark.parametrize(("by", "told"), [(1.0, False), (-1.0, True)])
+def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them(
+    by: float, told: bool
+) -> None:
+    """A suspect that leaves a little more than heat at an end promises to, and one that leaves less."""
+    config = machine()
+    truth = machine(effect=[{"kind": "motor_heat", "target": "left", "heat_W": 0.3}])
+    null = fit_null(problem_of(config, [made_log(truth, 1)]), config)
+    motor = [c for c in library(config, null.problem.keys) if c.name == "motor_heat at left"]
+    found = signatures(null.problem, null.config, motor)
+    fitted, everywhere = promises(null, found)[0].drop, promises(null, found, everywhere=True)[0].drop
+    assert 100.0 < 2.0 * fitted < everywhere < deviance(null)  # the proof tells more of it
+    clocks = next(w for w in weigh(null) if w.hypothesis.what == "heat starts late")
+    suspected = replace(clocks, left=deviance(null) - everywhere + by, drop=everywhere - by)
+    assert plain(null, suspected, [])
+    assert plain(null, suspected, [], motor) is told
 
 
 @pytest.mark.slow
