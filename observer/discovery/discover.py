@@ -91,16 +91,17 @@ def discover(
     told = [s.text for s in wrong if s.what != "ambient" or not about_the_air(verdict.fit)]
     verdict = under_suspicion(verdict, told)
     where = localised(found.null, problem.evidence.used)
+    missing = verdict.kind == "unknown" and not verdict.suspected  # else it is told of logs that are wrong
     return Discovery(
         problem,
         found,
         verdict,
         proof,
         where,
-        event(found.fit) if verdict.kind == "unknown" else None,
+        event(found.fit) if missing else None,
         _experiment(found.null.problem, found, verdict, crew),
         ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
-        partial_of(found) if verdict.kind == "unknown" else None,
+        partial_of(found) if missing else None,
         (*righted, *wrong),
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from observer.discovery.candidates import library
+from observer.discovery.discover import discover
 from observer.discovery.mistakes import deviance, weigh
 from observer.discovery.signatures import promises, signatures
 from observer.discovery.suspects import Suspect, alike, plain, suspects
@@ -88,6 +89,21 @@ def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them
     suspected = replace(clocks, left=deviance(null) - everywhere + by, drop=everywhere - by)
     assert plain(null, suspected, [])
     assert plain(null, suspected, [], motor) is told
+
+
+def test_of_logs_in_doubt_nothing_is_told_to_be_missing() -> None:
+    """Inputs that are recorded 200 s early: neither a partial answer nor an event of the machine."""
+    config = machine()
+    log = made_log(config, 1)
+    early = [log.channels.index(name) for name in ("heater_W", "n_rpm")]
+    values = log.values.copy()
+    values[:, early] = np.vstack([values[100:, early], np.repeat(values[-1:, early], 100, axis=0)])
+    found = discover(config, [[replace(log, values=values)]])
+    assert [s.what for s in found.suspects] == ["heat starts late"]
+    assert found.verdict.kind == "unknown"
+    assert found.verdict.suspected
+    assert found.partial is None
+    assert found.event is None
 
 
 @pytest.mark.slow
