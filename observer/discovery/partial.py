@@ -1,7 +1,6 @@
 """What of the unknown an effect explains: the one that explains most, how much of it, and what remains.
 
-Only effects whose strength leaves out nothing at all, and which explain some of the data that they were not
-fitted to, are told.
+Only effects the interval of whose strength leaves out nothing at all are told.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class Partial:
 
 def partial_of(search: Search) -> Partial | None:
     """Return what an effect explains of what is left of the null hypothesis; None where none does any."""
-    trials = [t for t in search.ranking if t.drop > 0.0 and t.held_out > 0.0 and t.there]
+    trials = [t for t in search.ranking if t.drop > 0.0 and t.there]
     if not trials:
         return None
     best = max(trials, key=lambda t: t.drop)
