@@ -81,25 +81,27 @@ def discover(
         config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
     )
     coarse = any(run.coarse for run in forward.runs)
-    found = search(problem, library(config, keys, config.discover.without, coarse=coarse), progress, crew)
+    known = library(config, keys, config.discover.without, coarse=coarse)
+    found = search(problem, known, progress, crew)
     progress("suspects among the logs", 0.91)
-    wrong = suspects(found.null, found.ranking)
+    wrong = suspects(found.null, found.ranking, known)
     progress("opening the proof", 0.94)
     proof = prove(found.null, found.fit, _with_one_less(found, crew))
     verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))
     told = [s.text for s in wrong if s.what != "ambient" or not about_the_air(verdict.fit)]
     verdict = under_suspicion(verdict, told)
     where = localised(found.null, problem.evidence.used)
+    missing = verdict.kind == "unknown" and not verdict.suspected  # else it is told of logs that are wrong
     return Discovery(
         problem,
         found,
         verdict,
         proof,
         where,
-        event(found.fit) if verdict.kind == "unknown" else None,
+        event(found.fit) if missing else None,
         _experiment(found.null.problem, found, verdict, crew),
         ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
-        partial_of(found) if verdict.kind == "unknown" else None,
+        partial_of(found) if missing else None,
         (*righted, *wrong),
     )
 

@@ -1,4 +1,7 @@
-"""What of the unknown an effect explains: the one that explains most, how much of it, and what remains."""
+"""What of the unknown an effect explains: the one that explains most, how much of it, and what remains.
+
+Only effects the interval of whose strength leaves out nothing at all are told.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ class Partial:
 
 def partial_of(search: Search) -> Partial | None:
     """Return what an effect explains of what is left of the null hypothesis; None where none does any."""
-    trials = [t for t in search.ranking if t.drop > 0.0]
+    trials = [t for t in search.ranking if t.drop > 0.0 and t.there]
     if not trials:
         return None
     best = max(trials, key=lambda t: t.drop)
@@ -60,7 +63,7 @@ def partial_of(search: Search) -> Partial | None:
 def _alike(best: Trial, trials: list[Trial]) -> Tie | None:
     """The best and all that explain as much, where they are one family."""
     reach = max(WITHIN_REACH, WITHIN_SHARE * best.drop)
-    near = [t for t in trials if best.drop - t.drop <= reach and t.there and not t.fit.at_bound]
+    near = [t for t in trials if best.drop - t.drop <= reach and not t.fit.at_bound]
     if best not in near:
         return None
     tie = tie_of([Member.of(t.candidate, t.fit) for t in near])

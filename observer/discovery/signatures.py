@@ -10,6 +10,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Candidate
+from observer.discovery.mistakes import deviance
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem, told_lags
 from observer.frames import FloatArray
@@ -51,10 +52,12 @@ def signatures(problem: Problem, config: Config, candidates: Sequence[Candidate]
     ]
 
 
-def promises(base: Fit, found: Sequence[Signature]) -> list[Promise]:
-    """Return what each signature promises beside a fit."""
+def promises(base: Fit, found: Sequence[Signature], *, everywhere: bool = False) -> list[Promise]:
+    """Return what each signature promises beside a fit: on the rows that were fitted, or on all of them."""
     out: list[Promise] = []
     problem, used = base.problem, base.problem.evidence.used
+    used = np.ones_like(used) if everywhere else used
+    before = deviance(base) if everywhere else base.deviance
     by_tolerance: dict[frozenset[str], list[Signature]] = {}
     for s in found:
         effect = s.candidate.effect(s.candidate.shapes[s.shape])
@@ -64,7 +67,7 @@ def promises(base: Fit, found: Sequence[Signature]) -> list[Promise]:
         Q, _ = np.linalg.qr(marginal(base.jacobian[used]))
         remainder = marginal(base.residual[used])
         remainder = remainder - Q @ (Q.T @ remainder)  # the free parameters fitted to these tolerances
-        price = base.deviance - float(np.sum(remainder**2))
+        price = before - float(np.sum(remainder**2))
         columns = marginal(np.column_stack([s.change for s in group])[used])
         rest = columns - Q @ (Q.T @ columns)
         rest = rest - Q @ (Q.T @ rest)  # twice is enough (Giraud, Langou & Rozložník 2005)

@@ -13,9 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
+from observer.discovery.candidates import Candidate
 from observer.discovery.mistakes import Look, Weighed, What, deviance, follows, score, weigh
-from observer.discovery.search import PER_PARAMETER, Trial
+from observer.discovery.search import BLIND, PER_PARAMETER, Trial
+from observer.discovery.signatures import promises, signatures
 from observer.discovery.verdict import WITHIN_REACH
+from observer.effects.base import EffectTable
 from observer.effects.terms import AmbientShift
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem
@@ -60,14 +63,16 @@ class Suspect(NamedTuple):
     text: str
 
 
-def suspects(null: Fit, rivals: Sequence[Trial]) -> tuple[Suspect, ...]:
-    """Return what is wrong with the logs, as far as it shows; `rivals` are fits of single effects."""
+def suspects(null: Fit, rivals: Sequence[Trial], library: Sequence[Candidate] = ()) -> tuple[Suspect, ...]:
+    """Return what is wrong with the logs, as far as it shows; `rivals` are fits of single effects, `library`
+    all that could have been fitted.
+    """
     if units := tuple(misscaled(null)):  # beside which nothing else can be told
         return units
     for weighed in weigh(null):
         if alike(weighed):
             continue
-        if beyond_tolerance(null.problem.config, weighed) and plain(null, weighed, rivals):
+        if beyond_tolerance(null.problem.config, weighed) and plain(null, weighed, rivals, library):
             return (told(null.problem, weighed),)
     return ()
 
@@ -85,7 +90,7 @@ def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
     return score(weighed) >= (BEYOND[weighed.hypothesis.what] if tolerated else least)
 
 
-def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial]) -> bool:
+def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial], library: Sequence[Candidate] = ()) -> bool:
     """Whether a hypothesis, its kind not tolerated, explains the logs, and no single effect does as well."""
     config, strict = intolerant(null.config, weighed.hypothesis.what), null
     if config.tolerance != null.config.tolerance:
@@ -97,6 +102,7 @@ def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial]) -> bool:
         score(weighed) >= LEAST
         and weighed.drop >= SHARE * misfit
         and not any(_as_well(null, weighed, trial) for trial in rivals if not _the_same(weighed, trial))
+        and not _promised(null, weighed, library)
     )
 
 
@@ -105,12 +111,30 @@ def _the_same(weighed: Weighed, rival: Trial) -> bool:
     return weighed.hypothesis.what == "ambient" and about_the_air(rival.fit)
 
 
+def _promised(null: Fit, weighed: Weighed, library: Sequence[Candidate]) -> bool:
+    """Whether an effect, no stronger than it may be, promises to leave less of all logs than a hypothesis
+    about them. One that shows on the proof alone is not among those fitted, and suspects look at the proof.
+    """
+    found = signatures(null.problem, null.config, library) if library else ()
+    before = deviance(null)
+    for promise in promises(null, found, everywhere=True):
+        candidate = promise.signature.candidate
+        effect = candidate.effect(candidate.shapes[promise.signature.shape])
+        more = PER_PARAMETER * (len(candidate.fitted) - weighed.hypothesis.parameters)
+        same = weighed.hypothesis.what == "ambient" and _is_air(effect, null.config)
+        if before - promise.drop + more < weighed.left and promise.kept >= BLIND and not same:
+            return True
+    return False
+
+
+def _is_air(effect: EffectTable, config: Config) -> bool:
+    """Whether an effect is nothing but another temperature of the air."""
+    return all(isinstance(term, AmbientShift) for term in effect.terms(config))
+
+
 def about_the_air(fit: Fit) -> bool:
     """Whether a fit has an effect that is nothing but another temperature of the air."""
-    return any(
-        all(isinstance(term, AmbientShift) for term in effect.terms(fit.config))
-        for effect in fit.config.effect[len(fit.problem.config.effect) :]
-    )
+    return any(_is_air(effect, fit.config) for effect in fit.config.effect[len(fit.problem.config.effect) :])
 
 
 def _as_well(null: Fit, weighed: Weighed, rival: Trial) -> bool:

@@ -143,7 +143,10 @@ def _header(path: Path, data: bytes) -> list[str]:
         raise LogError(f"{path}: not UTF-8 text; save the log as CSV in UTF-8") from None
     header = [cell.strip() for cell in cells]
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise LogError(f"{path}: columns are separated by semicolons or tabs; separate them by commas")
+        raise LogError(
+            f"{path}: columns are separated by semicolons or tabs; separate them by commas, and write "
+            "numbers with a point"
+        )
     _check_names(path, header)
     return header
 
@@ -161,18 +164,23 @@ def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[st
     """The columns to read: time, what is needed (everything, if nothing is), and a recording's own."""
     missing = [name for name in dict.fromkeys(needed) if name not in header]
     if missing:
-        names = ", ".join(f'"{name}"{_similar(name, header)}' for name in missing)
-        noun, verb = ("column", "is") if len(missing) == 1 else ("columns", "are")
+        spare = [name for name in header if name not in (TIME, *needed)]
+        names = ", ".join(f'"{name}"{_similar(name, spare)}' for name in missing)
+        one = len(missing) == 1
+        noun, verb, it, other = (
+            ("column", "is", "it", "another") if one else ("columns", "are", "them", "others")
+        )
         raise LogError(
-            f"{path}: {noun} {names} {verb} missing; add them to the log or name others in the configuration"
+            f"{path}: {noun} {names} {verb} missing; add {it} to the log or name {other} in the configuration"
         )
     own = {STEP, FLAGS, LATE} if _is_recording(header) else set()
     keep = {TIME, *needed, *own} if needed else set(header)
     return [name for name in header if name in keep and name]
 
 
-def _similar(name: str, header: Sequence[str]) -> str:
-    close = difflib.get_close_matches(name, header, n=1)
+def _similar(name: str, spare: Sequence[str]) -> str:
+    """Which of the columns that nothing else needs may be meant."""
+    close = difflib.get_close_matches(name, spare, n=1)
     return f' (did you mean "{close[0]}"?)' if close else ""
 
 

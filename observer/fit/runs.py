@@ -64,6 +64,7 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     Raises `LogError` where an input or every sensor is without a value throughout.
     """
     frames = joined(blocks)
+    _refuse_empty(config, frames, name)
     drive = Drive(config, replace(build_plant(config), moving=()))  # nobody asks here where nuts are
     inputs = drive.run(drive.initial(), frames)[1]
     known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
@@ -93,6 +94,16 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
             start_degC=np.where(usable[early], y_degC[early], 0.0).sum(axis=0) / at_start,
             start_R_K2=noise_R_K2 / at_start,
         )
+
+
+def _refuse_empty(config: Config, frames: FrameBlock, name: str) -> None:
+    """Refuse a log in which what tells a heat is without a value throughout: no heat is another heat."""
+    tell = [c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)]
+    for channel in dict.fromkeys(c for c in tell if c is not None):
+        if not np.isfinite(frames.values[:, frames.channels.index(channel)]).any():
+            raise LogError(
+                f"{name}: {channel}, by which heat enters, has no value; mend that column of the log"
+            )
 
 
 def frozen(y_degC: FloatArray, rejected: BoolArray) -> BoolArray:

@@ -230,7 +230,10 @@ def doubts_of_log(
     limits = Limits.of(config)
     ambient_degC = limits.ambient_degC
     if config.ambient.channel in channels:
-        ambient_degC = float(np.nanmedian(values[:, channels.index(str(config.ambient.channel))]))
+        air_degC = values[:, channels.index(str(config.ambient.channel))]
+        ambient_degC = (
+            float(np.median(air_degC[np.isfinite(air_degC)])) if np.isfinite(air_degC).any() else np.nan
+        )
     for j, name in enumerate(config.channels):
         if name not in channels:
             continue

@@ -72,8 +72,9 @@ def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
     null = fit_null(problem, config)
     found = suspects(null, ())
     if found:  # effects only take suspects back
-        marks = signatures(null.problem, null.config, library(config, problem.keys, config.discover.without))
-        found = suspects(null, tried(null, null, marks, (), ALONE))
+        known = library(config, problem.keys, config.discover.without)
+        marks = signatures(null.problem, null.config, known)
+        found = suspects(null, tried(null, null, marks, (), ALONE), known)
     return (*righted, *found)
 
 

@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.discovery.mistakes import weigh
+from observer.discovery.candidates import library
+from observer.discovery.discover import discover
+from observer.discovery.mistakes import deviance, weigh
+from observer.discovery.signatures import promises, signatures
 from observer.discovery.suspects import Suspect, alike, plain, suspects
 from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
@@ -68,6 +71,39 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
     useless: Any = SimpleNamespace(fit=null, candidate=SimpleNamespace(fitted={}))
     assert plain(null, best, [useless])
     assert not plain(null, best, [useless, rival])
+
+
+@pytest.mark.parametrize(("by", "told"), [(1.0, False), (-1.0, True)])
+def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them(
+    by: float, told: bool
+) -> None:
+    """A suspect that leaves a little more than heat at an end promises to, and one that leaves less."""
+    config = machine()
+    truth = machine(effect=[{"kind": "motor_heat", "target": "left", "heat_W": 0.3}])
+    null = fit_null(problem_of(config, [made_log(truth, 1)]), config)
+    motor = [c for c in library(config, null.problem.keys) if c.name == "motor_heat at left"]
+    found = signatures(null.problem, null.config, motor)
+    fitted, everywhere = promises(null, found)[0].drop, promises(null, found, everywhere=True)[0].drop
+    assert 100.0 < 2.0 * fitted < everywhere < deviance(null)  # the proof tells more of it
+    clocks = next(w for w in weigh(null) if w.hypothesis.what == "heat starts late")
+    suspected = replace(clocks, left=deviance(null) - everywhere + by, drop=everywhere - by)
+    assert plain(null, suspected, [])
+    assert plain(null, suspected, [], motor) is told
+
+
+def test_of_logs_in_doubt_nothing_is_told_to_be_missing() -> None:
+    """Inputs that are recorded 200 s early: neither a partial answer nor an event of the machine."""
+    config = machine()
+    log = made_log(config, 1)
+    early = [log.channels.index(name) for name in ("heater_W", "n_rpm")]
+    values = log.values.copy()
+    values[:, early] = np.vstack([values[100:, early], np.repeat(values[-1:, early], 100, axis=0)])
+    found = discover(config, [[replace(log, values=values)]])
+    assert [s.what for s in found.suspects] == ["heat starts late"]
+    assert found.verdict.kind == "unknown"
+    assert found.verdict.suspected
+    assert found.partial is None
+    assert found.event is None
 
 
 @pytest.mark.slow

@@ -78,6 +78,7 @@ def test_reads_a_recording(tmp_path):
         ("t1_degC,time_s\n1,2\n", ["first column", "'t1_degC'"]),
         ("time_s,t1_degC\n", ["no rows"]),
         ("time_s;t1_degC\n0;1\n", ["semicolons", "commas"]),
+        ("time_s;t1_degC\n0;21,5\n", ["semicolons", "commas", "numbers with a point"]),
         ("time_s,a,a\n0,1,1\n", ['"a"', "twice"]),
         ("time_s,a\n0,1\n1,x\n", ["row 2 (line 3)", '"a"', "'x'", "not a number"]),
         ("time_s,a\n\n0,1\n1,1_0\n", ["row 2 (line 4)", "'1_0'"]),
@@ -104,6 +105,11 @@ def test_refuses_with_place_and_remedy(tmp_path, text, words):
 def test_names_missing_columns_and_similar_ones(tmp_path):
     with pytest.raises(LogError, match=r'columns "t1_degc" \(did you mean "t1_degC"\?\), "zzz" are missing'):
         read_log(_write(tmp_path, GOOD), ["t1_degc", "zzz"])
+
+
+def test_suggests_no_column_that_is_another_channels(tmp_path):
+    with pytest.raises(LogError, match=r'column "t9_degC" is missing; add it to the log or name another in'):
+        read_log(_write(tmp_path, GOOD), ["t1_degC", "t9_degC"])
 
 
 @pytest.mark.parametrize("name", ["log.txt", "log"])

@@ -9,7 +9,7 @@ from observer.config import ConfigError
 from observer.frames import Quality, Reading
 from observer.installation import parse
 from observer.service.align import Aligner, AlignPlan
-from observer.service.plausibility import Breach, Kind, Limits, motion_sentence, unit_hint
+from observer.service.plausibility import Breach, Kind, Limits, doubts_of_log, motion_sentence, unit_hint
 from tests.reference import live
 
 
@@ -97,3 +97,10 @@ def test_no_unit_is_guessed_where_none_fits():
 def test_a_ratio_of_ways_names_the_unit(ratio, words):
     assert words in motion_sentence("nut_position_m", "screw_speed_rpm", ratio)
     assert np.isfinite(ratio)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_log_whose_air_has_no_value_is_doubted_without_a_warning():
+    config = parse(table() | {"ambient": {"channel": "air_degC"}})
+    values = np.full((3, len(config.channels)), np.nan)
+    assert list(doubts_of_log(config, values, config.channels, [])) == []

@@ -1,0 +1,50 @@
+"""What is told of an unknown: the effect that explains most, if it explains anything for sure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+from observer.discovery.candidates import library
+from observer.discovery.partial import partial_of
+from observer.discovery.search import Search, Trial
+from observer.fit.hypothesis import Fit, fit_effects, fit_null
+from tests.discovery.cases import machine, made_log
+from tests.discovery.small import problem_of
+
+
+@cache
+def null() -> Fit:
+    """Of a machine one of whose sensors reads 0.5 K too much."""
+    config = machine()
+    bias = {"effect": [{"kind": "sensor_bias", "target": "a", "offset_K": 0.5}]}
+    return fit_null(problem_of(config, [made_log(machine(**bias), 1)]), config)
+
+
+@cache
+def trial(name: str) -> Trial:
+    """An effect fitted beside it."""
+    base = null()
+    config = base.problem.config
+    candidate = next(c for c in library(config, base.problem.keys) if c.name == name)
+    added = config.model_copy(update={"effect": (candidate.effect(candidate.shapes[0]),)})
+    fit = fit_effects(base.problem, added, candidate.parameters(0))
+    return Trial(candidate, fit, base.deviance - fit.deviance, 30.0, 0.5)
+
+
+def told(*ranking: Trial) -> str | None:
+    partial = partial_of(Search(null(), null(), (), (), ranking, ()))
+    return None if partial is None else partial.trial.candidate.name
+
+
+def test_what_explains_most_is_told() -> None:
+    assert told(trial("sensor_bias at a"), trial("sensor_drift at a")) == "sensor_bias at a"
+    assert told() is None
+
+
+def test_a_strength_that_may_be_nothing_is_not_told() -> None:
+    """The interval of an offset of the sensor without one holds zero."""
+    right = trial("sensor_bias at a")
+    weak = replace(trial("sensor_bias at c"), drop=2.0 * right.drop)
+    assert not weak.there
+    assert told(weak, right) == "sensor_bias at a"
