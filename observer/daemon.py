@@ -27,7 +27,7 @@ from observer.service.machine import Machine
 from observer.service.notify import service_manager
 from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
-from observer.service.retention import Retention
+from observer.service.retention import Retention, refuse_shared
 from observer.service.trial import Trial
 from observer.service.warm import Compiler
 
@@ -41,6 +41,8 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     """
     refuse_taken(listening(config.publish), "publish.listen")
     ready, clock = _Ready.of(config), ServiceClock()
+    if (folder := config.record.directory) is not None:
+        refuse_shared(folder, f"{config.machine.name}-{config.machine.axis}")
     renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
     trial = None if path is None else Trial(path, renewals.reload, ready.compiler)
 

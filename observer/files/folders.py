@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,21 +25,38 @@ def write_whole(path: Path, data: bytes, like: Path | None = None) -> None:
 
     It may be read and written by whoever may `like`, as far as this user can give that; else by its owner.
     """
-    part = path.with_name(f".{path.name}.part")
+    write_together({path: data}, like)
+
+
+def write_together(files: Mapping[Path, bytes], like: Path | None = None) -> None:
+    """Replace files as `write_whole` does: all are on the disk before the first takes its place.
+
+    Where there is no room for one of them, none changes. They take their places in the order given.
+    """
+    parts = {path: path.with_name(f".{path.name}.part") for path in files}
+    try:
+        for path, data in files.items():
+            _write_part(parts[path], data, like)
+        for path, part in parts.items():
+            part.replace(path)
+    except OSError:
+        for part in parts.values():
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+        raise
+    for folder in {path.parent for path in files}:
+        _sync_folder(folder)
+
+
+def _write_part(part: Path, data: bytes, like: Path | None) -> None:
     part.unlink(missing_ok=True)  # left behind by a power cut
     fd = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, OWNER_ONLY)
-    try:
-        with os.fdopen(fd, "wb") as file:
-            if like is not None:
-                _as_open_as(fd, like)
-            file.write(data)
-            file.flush()
-            os.fsync(fd)
-        part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
-    _sync_folder(path.parent)
+    with os.fdopen(fd, "wb") as file:
+        if like is not None:
+            _as_open_as(fd, like)
+        file.write(data)
+        file.flush()
+        os.fsync(fd)
 
 
 def _as_open_as(fd: int, like: Path) -> None:

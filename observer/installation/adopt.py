@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from observer.errors import ConfigError, UserError
-from observer.files.folders import write_whole
+from observer.files.folders import write_together
 from observer.files.regular import read_regular
 from observer.files.toml import MOST_BYTES
 from observer.installation import Installation, load
@@ -106,7 +106,7 @@ def adoption_of(config: Path) -> Adoption | None:
 
 def note(config: Path, adoption: Adoption) -> None:
     """Write what became of an adoption beside its configuration. Raises `UserError`."""
-    _write(_beside(config, RECORD), adoption.model_dump_json(indent=2).encode() + b"\n", config)
+    _write({_beside(config, RECORD): _text(adoption)}, config)
 
 
 def adopt(folder: Path, config: Path, hours: float, now_s: float) -> Adoption:
@@ -116,19 +116,17 @@ def adopt(folder: Path, config: Path, hours: float, now_s: float) -> Adoption:
     where the new one cannot be loaded or is of another machine, or where the files cannot be written.
     """
     config = config.resolve()
-    before, new = load(config), _found(folder, config)
-    refuse_unlike(before, new, folder / "config.toml")
-    watched = adoption_of(config)
+    before, watched = load(config), adoption_of(config)
     if watched is not None and watched.state == "watching" and watched.sha256 == sha256(config):
         raise UserError(f"{config}: {watched.sentence()}; wait for its end, or take it back with --undo")
+    new = _found(folder, config)
+    refuse_unlike(before, new, folder / "config.toml")
     text, kept = (folder / "config.toml").read_bytes(), _free(config)
     adoption = Adoption(
         adopted_s=now_s, state="watching", before=kept.name, before_sha256=sha256(config),
         before_hash=before.digest, sha256=hashlib.sha256(text).hexdigest(), hash=new.digest, hours=hours,
     )  # fmt: skip
-    _write(kept, config.read_bytes(), config)
-    _write(config, text, config)
-    note(config, adoption)  # last: by it the service knows that all the rest is there
+    _write({kept: config.read_bytes(), config: text, _beside(config, RECORD): _text(adoption)}, config)
     return adoption
 
 
@@ -148,8 +146,7 @@ def take_back(config: Path, adoption: Adoption, state: State, reason: str = "") 
     if sha256(before) != adoption.before_sha256:
         raise UserError(f"{before}: is not the configuration any more that was in force; put it back by hand")
     ended = adoption.model_copy(update={"state": state, "reason": reason})
-    _write(config, before.read_bytes(), config)
-    note(config, ended)
+    _write({config: before.read_bytes(), _beside(config, RECORD): _text(ended)}, config)
     return ended
 
 
@@ -244,12 +241,19 @@ def _free(config: Path) -> Path:
     return path
 
 
-def _write(path: Path, data: bytes, like: Path) -> None:
+def _text(adoption: Adoption) -> bytes:
+    return adoption.model_dump_json(indent=2).encode() + b"\n"
+
+
+def _write(files: Mapping[Path, bytes], like: Path) -> None:
+    """Write all or none; the record comes last, for by it the service knows that all the rest is there."""
     try:
-        write_whole(path, data, like)
+        write_together(files, like)
     except OSError as error:
+        place = error.filename or like.parent
         raise UserError(
-            f"{path}: cannot be written ({error.strerror}); let this user write there, or free space"
+            f"{like}: nothing is changed, for {place} cannot be written ({error.strerror}); let this user "
+            "write there, or free space"
         ) from None
 
 

@@ -239,7 +239,10 @@ class GapWatch:
             "hours": round(state.judged_s / 3600.0, 2),
             "rms_K": round(float(total[0][0]), 3),
             "allowed_K": round(float(total[1][0]), 3),
-            "per_sensor": {n: round(float(g), 3) for n, g in zip(self._sensors, gap_K, strict=True)},
+            "per_sensor": {
+                name: round(float(rms_K), 3) if seen_s else None
+                for name, rms_K, seen_s in zip(self._sensors, gap_K, work[:, 2], strict=True)
+            },
             "since_s": state.last_s if told else None,
             "sensor": self._sensors[state.sensor] if told else None,
             "phase": PHASES[state.phase] if told else None,

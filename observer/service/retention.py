@@ -13,9 +13,11 @@ import re
 import shutil
 import stat
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from observer.errors import ConfigError
 from observer.service.checkpoint import START_SUFFIX
 from observer.tables.keeping import Record
 
@@ -111,14 +113,36 @@ def recordings(folder: Path, name: str) -> list[Recording]:
 def is_being_written(path: Path) -> bool:
     """Whether a service holds the file open for writing; one that cannot be asked counts as held."""
     try:
-        fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+        return _is_locked(path)
     except FileNotFoundError:
         return False
     except OSError:
         return True
+
+
+def refuse_shared(folder: Path, name: str) -> None:
+    """Raise `ConfigError` where a service of this name is recording into a folder, as far as locks tell.
+
+    The network may not show it. The two would write over each other's checkpoint.
+    """
+    files: list[Recording] = []
+    with suppress(OSError):  # not there yet, or not to be listed
+        files = recordings(folder, name)
+    for file in files:
+        with suppress(OSError):  # of another user, or on a file system without locks
+            if _is_locked(file.path):
+                raise ConfigError(
+                    f"record.directory: another service called {name} is recording {file.path}; stop it, or "
+                    "name another directory"
+                )
+
+
+def _is_locked(path: Path) -> bool:
+    """Whether somebody has locked a file. Raises `OSError` where that cannot be asked."""
+    fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         return True
     finally:
         os.close(fd)

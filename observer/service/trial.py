@@ -166,22 +166,29 @@ class Trial:
 
     def look(self) -> None:
         """See whether something was adopted or taken back by hand, and work through the frames so far."""
-        adoption = self._read()
+        try:
+            adoption = adoption_of(self._path)
+        except UserError as error:
+            self._fail(str(error))
+            return
         if self._key(adoption) != self._seen:
             self._adoption, self._seen, self._problem = adoption, self._key(adoption), None
             self._forget()
             log.info("a configuration was adopted or taken back", says=adoption and adoption.sentence())
             self._reload()
             return
-        if self._adoption is not None and self._watching():
-            self._work(self._adoption)
+        if (adoption := self._adoption) is None:
+            self._problem = None
+        elif adoption.state != "watching":
+            self._note(adoption)
+        elif sha256(self._path) != adoption.sha256:
+            self._end(adoption.model_copy(update={"state": "replaced"}))
+        elif self._watching():
+            self._work(adoption)
 
     def _work(self, adoption: Adoption) -> None:
         frames = self._due(adoption)
         if not frames:
-            return
-        if sha256(self._path) != adoption.sha256:
-            self._end(adoption.model_copy(update={"state": "replaced"}))
             return
         if self._pair is None:
             self._pair = self._pair_of(adoption)
@@ -224,14 +231,22 @@ class Trial:
         self._reload()
 
     def _end(self, adoption: Adoption) -> None:
-        self._adoption, self._seen = adoption, self._key(adoption)
+        self._adoption = adoption
         log.info("adopted configuration", says=adoption.sentence())
         self._note(adoption)
 
     def _note(self, adoption: Adoption) -> None:
+        """Write down how it stands, unless that is there, or somebody has undone or adopted meanwhile.
+
+        What cannot be written is tried again at the next look, if the watch has ended.
+        """
         self._noted_s = time.monotonic()
         try:
-            note(self._path, adoption)
+            if adoption.state != "watching" and self._key(adoption) == self._seen:
+                self._problem = None
+            elif self._key(adoption_of(self._path)) == self._seen:
+                note(self._path, adoption)
+                self._seen, self._problem = self._key(adoption), None
         except UserError as error:
             self._fail(f"{error}; until then a restart forgets what has been watched")
 

@@ -103,6 +103,18 @@ def test_nothing_is_told_before_an_hour_of_work(machine: Machine, inputs) -> Non
     assert watch.figures["hours"] == pytest.approx(2.5, abs=0.2)
 
 
+def test_a_sensor_that_was_never_read_has_no_gap(machine: Machine, inputs) -> None:
+    """It has not agreed to 0 K."""
+    watch = _watch(machine)
+    for block in inputs:
+        usable = block.usable.copy()
+        usable[:, 1] = False
+        watch.take(block._replace(usable=usable))
+    per_sensor = watch.figures["per_sensor"]
+    assert per_sensor["t2"] is None
+    assert per_sensor["t1"] > 0.0
+
+
 def test_row_by_row_it_is_the_same_as_in_blocks(machine: Machine, inputs) -> None:
     whole, rows = _watch(machine), _watch(machine)
     part = inputs[0].part(0, 1400)

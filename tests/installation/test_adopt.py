@@ -10,6 +10,7 @@ import pytest
 import tomlkit
 
 from observer.errors import UserError
+from observer.files import folders
 from observer.installation import adopt as adopting
 from observer.installation.adopt import adopt, adoption_of, before_of, sha256, take_back, undo
 from tests.discovery.cases import table
@@ -151,6 +152,7 @@ def test_another_machine_or_one_that_cannot_be_is_refused(found, config, change,
 
 def test_one_that_is_being_watched_is_not_adopted_over(found, config):
     adopt(found, config, 24.0, 1.0)
+    assert "watched for 0 of 24 h" in _refused(found, config)  # the very same, typed twice
     _result(found, verdict="named", config_sha256=sha256(config))
     assert "watched for 0 of 24 h" in _refused(found, config)
 
@@ -159,8 +161,37 @@ def test_where_nothing_can_be_written_nothing_changes(found, config, monkeypatch
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(adopting, "write_whole", full)
+    monkeypatch.setattr(adopting, "write_together", full)
     assert "No space left on device" in _refused(found, config)
+
+
+@pytest.mark.parametrize("fits", [0, 1, 2])
+def test_where_the_disk_is_full_meanwhile_nothing_changes(found, config, monkeypatch, fits):
+    """Neither is an adopted one in force that nobody watches, nor is one half taken back."""
+    _full_after(fits, monkeypatch)
+    assert "No space left on device" in _refused(found, config)
+    monkeypatch.undo()
+    adoption = adopt(found, config, 24.0, 1.0)
+    if fits < 2:
+        _full_after(fits, monkeypatch)
+        with pytest.raises(UserError, match="No space left on device"):
+            take_back(config, adoption, "taken_back")
+        monkeypatch.undo()
+        assert sha256(config) == adoption.sha256
+        assert adoption_of(config) == adoption
+        assert undo(config).state == "undone"
+
+
+def _full_after(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the disk take so many files more."""
+    written: list[int] = []
+
+    def write(fd: int) -> None:
+        written.append(fd)
+        if len(written) > count:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(folders.os, "fsync", write)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"adopted_s": "yesterday"}', "\0"])

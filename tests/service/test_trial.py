@@ -194,11 +194,54 @@ def test_a_folder_that_cannot_be_written_is_told(config, monkeypatch):
     def refuse(*_: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(adopting, "write_whole", refuse)
+    monkeypatch.setattr(adopting, "write_together", refuse)
     told: list[str] = []
     _catching(service, _ticks(TRUE), told)
     assert "the gap has not shrunk, but it cannot be taken back" in told[-1]
     assert "Read-only file system" in told[-1]
+
+
+def test_a_better_one_stays_kept_where_that_cannot_be_written_down(config, monkeypatch):
+    """The unit of the installation lets nothing be written there: no reason to watch all over again."""
+    service = Running(config)
+    _adopt(config, EFFECT)
+    service.trial.look()
+
+    def refuse(*_: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(adopting, "write_together", refuse)
+        service.see(_ticks(TRUE))
+        assert service.reloads == 1
+        assert service.trial.document()["state"] == "kept"
+        (notice,) = service.trial.notices()
+        assert "Read-only file system" in notice
+    service.trial.look()
+    assert adoption_of(config).state == "kept"
+    assert service.trial.notices() == ()
+
+
+def test_what_somebody_has_written_and_put_in_force_at_once_ends_the_watch(config):
+    service = Running(config)
+    _adopt(config, WORSE)
+    service.trial.look()
+    config.write_text(tomlkit.dumps(table(effect=[EFFECT])), encoding="utf-8")
+    service._reload()
+    service.trial.look()
+    assert adoption_of(config).state == "replaced"
+    assert service.trial.document()["state"] == "replaced"
+
+
+def test_a_service_that_ends_does_not_overwrite_what_was_done_meanwhile(config):
+    service = Running(config)
+    _adopt(config, EFFECT)
+    service.trial.look()
+    service.see(_ticks(TRUE, 0, len(TRUE) // 3))
+    undo(config)
+    service.trial._closing.set()
+    service.trial._supervised()
+    assert adoption_of(config).state == "undone"
 
 
 def _catching(service: Running, frames: Iterator[FrameBlock], told: list[str]) -> None:
@@ -221,6 +264,24 @@ def test_a_record_that_is_damaged_stops_nothing(config):
     (notice,) = service.trial.notices()
     assert "is not what `observer adopt` has written" in notice
     assert service.trial.document() is None
+    config.with_name("machine.toml.adopted.json").unlink()
+    service.trial.look()
+    assert service.trial.notices() == ()
+
+
+def test_a_record_that_is_damaged_meanwhile_does_not_end_the_watch(config):
+    service = Running(config)
+    _adopt(config, EFFECT)
+    service.trial.look()
+    record = config.with_name("machine.toml.adopted.json")
+    whole = record.read_bytes()
+    record.write_text("{", encoding="utf-8")
+    service.trial.look()
+    assert service.reloads == 1
+    record.write_bytes(whole)
+    service.see(_ticks(TRUE))
+    assert service.reloads == 1
+    assert adoption_of(config).state == "kept"
 
 
 def test_gaps_are_those_of_the_same_readings(config):

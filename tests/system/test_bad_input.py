@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
 import subprocess
@@ -119,6 +120,24 @@ def test_a_port_that_another_program_has(verb, tmp_path, command):
     place = {"run": "publish.listen", "demo": "--listen"}[verb]
     assert (
         errors == f"observer: {place}: another program listens on {taken}; stop it or choose another port\n"
+    )
+
+
+def test_a_folder_that_another_service_records_into(tmp_path, command):
+    """Two services of one axis on separate networks do not see each other there."""
+    (tmp_path / "log.csv").write_text(text(rows()), encoding="utf-8")
+    player = {"kind": "player", "path": "log.csv"}
+    record = {"directory": str(tmp_path / "kept")}
+    config = write(tmp_path, changed(drivers__log=player, record=record))
+    recording = tmp_path / "kept" / "machine-x-20260101T000000Z.csv"
+    recording.parent.mkdir()
+    with recording.open("wb") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        code, _, errors = command(["run", "--config", str(config), "--seconds", "0.5"])
+    assert code == 2
+    assert errors == (
+        f"observer: record.directory: another service called machine-x is recording {recording}; stop it, or "
+        "name another directory\n"
     )
 
 
