@@ -77,9 +77,13 @@ def discover(
     if max(run.duration_s for run in prepared) < LEAST_S:
         raise LogError(f"the logs are shorter than {LEAST_S:.0f} s; record a longer one")
     forward = Forward(config, prepared)
-    problem = Problem(
-        config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
-    )
+    evidence = gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
+    if not evidence.proof.any():
+        raise LogError(
+            "the last log, or the end of a single one, is kept as proof and holds no usable reading; "
+            "end with a log whose readings are there and within [limits]"
+        )
+    problem = Problem(config, keys, forward, evidence)
     coarse = any(run.coarse for run in forward.runs)
     known = library(config, keys, config.discover.without, coarse=coarse)
     found = search(problem, known, progress, crew)

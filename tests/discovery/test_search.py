@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -15,6 +16,7 @@ from observer.discovery.search import held_out, same_physics
 from observer.effects.catalogue import BY_KIND, KINDS
 from observer.effects.film import UnevenConvection
 from observer.effects.heat import LocalHeat
+from observer.errors import LogError
 from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
@@ -41,6 +43,18 @@ def test_a_bias_is_named_and_a_bar_as_modelled_is_not() -> None:
     assert plain.search.chosen == ()
     assert plain.verdict.kind == "not_identifiable"  # one speed only
     assert "1000 rpm only" in plain.verdict.reason
+
+
+def test_a_proof_without_a_reading_is_refused() -> None:
+    config = machine()
+    log = made_log(config, 0)
+    fresh, late = log.fresh.copy(), log.time_s > 0.6 * log.time_s[-1]
+    sensors = [i for i, name in enumerate(log.channels) if name.endswith("_degC")]
+    fresh[np.ix_(late, sensors)] = False
+    values = np.where(fresh, log.values, np.nan)
+    broken = replace(log, fresh=fresh, values=values, quality=np.where(fresh, log.quality, 1))
+    with pytest.raises(LogError, match="kept as proof and holds no usable reading"):
+        discover(config, [[broken]])
 
 
 def test_what_is_left_out_is_neither_tried_nor_named() -> None:

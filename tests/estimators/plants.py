@@ -36,11 +36,22 @@ def source_columns(index, at_m, modes, sources, lag_1_s, places_m):
     return B, 0.02 * np.exp(-np.abs(at_m[:, None] - places_m) / 0.02)
 
 
-def empty_table(rows):
+def empty_table(n_x, rows):
     """A nut's table with nothing in it: the columns of what moves are given to these plants."""
     none = np.zeros(0)
     return NutTable(
-        none, none, none, 1.0, 0.05, LENGTH_M, LENGTH_M, 0, 1.0, np.zeros((2, rows)), none, np.zeros(rows)
+        none,
+        none,
+        none,
+        1.0,
+        0.05,
+        LENGTH_M,
+        LENGTH_M,
+        0,
+        1.0,
+        np.zeros((2, rows)),
+        np.zeros(n_x),
+        np.zeros(rows),
     )
 
 
@@ -93,7 +104,9 @@ def rod(
         B=B,
         E=E,
         rows=Rows(C, np.full((len(places), 1), 0.0), s, grid),
-        moving=tuple(MovingSource(j, "nut_position_m", empty_table(len(places)), 0.0) for j in moving),
+        moving=tuple(
+            MovingSource(j, "nut_position_m", empty_table(modes + m, len(places)), 0.0) for j in moving
+        ),
         uniform=uniform,
         prior_P=initial_sigma_K**2 * smooth,
         smooth_P=initial_sigma_K**2 * smooth,
