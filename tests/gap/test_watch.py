@@ -236,7 +236,7 @@ def test_a_nut_that_fails_while_it_works_is_told_by_a_replay_of_the_whole_day(tm
     one = work(draw(SEED, 2, Rough()), phases, START_m["a"], rng, 0.0, fails_s)
     values = np.column_stack([one.sensor_degC, one.nut_m, one.speed_rpm, one.air_degC])
     write_log(tmp_path / "day.csv.gz", one.time_s, values)
-    (tmp_path / "config.toml").write_text(CONFIG + '[estimator]\nkind = "luenberger"\n', encoding="utf-8")
+    (tmp_path / "config.toml").write_text(CONFIG + '[estimator]\nengine = "constant"\n', encoding="utf-8")
     config = load(tmp_path / "config.toml")
     summary = app.replay(tmp_path / "day.csv.gz", config, tmp_path / "out", ".csv", progress=lambda *_: None)
     first, *others = summary["gap"]["departures"]
