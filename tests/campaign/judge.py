@@ -89,7 +89,7 @@ def is_good(entry: Entry, outcome: str) -> bool:
     match entry.group:
         case "null":
             good = ["none"]
-        case "faulty" | "typical" | "minutes" | "gain" | "torque" if not entry.case.effects:
+        case "faulty" | "typical" | "minutes" | "gain" | "torque" | "air" if not entry.case.effects:
             good = ["none"]
         case "one log" if not entry.case.effects:
             good = ["none", "not_identifiable"]
