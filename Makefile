@@ -111,8 +111,8 @@ $(READY): $(VENV)/.locked pyproject.toml
 	@touch $@
 
 lock: build/uv/bin/uv  ## write the lock files again; ARGS=--upgrade takes the newest versions
-	$(COMPILE) $(ARGS) pyproject.toml --output-file requirements.lock
-	$(COMPILE) $(ARGS) pyproject.toml --group dev --output-file requirements-dev.lock
+	$(COMPILE) $(ARGS) --all-extras pyproject.toml --output-file requirements.lock
+	$(COMPILE) $(ARGS) --all-extras pyproject.toml --group dev --output-file requirements-dev.lock
 	$(COMPILE) $(ARGS) --group build --output-file requirements-build.lock
 
 build/uv/bin/uv:
