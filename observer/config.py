@@ -95,7 +95,8 @@ class ChannelLimits(Section):
 
 
 _BESIDE_THE_MODEL = {
-    "machine", "calibrate", "discover", "compensation", "drivers", "publish", "record", "checkpoint"
+    "machine", "calibrate", "discover", "compensation", "drivers", "publish", "record", "checkpoint",
+    "page", "metrics", "mqtt", "opcua",
 }  # fmt: skip
 
 

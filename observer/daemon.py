@@ -9,6 +9,9 @@ from pathlib import Path
 from observer.errors import ConfigError
 from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
+from observer.gateway.feed import Feed
+from observer.gateway.outlets import Outlets
+from observer.gateway.start import Start
 from observer.installation import Installation, load
 from observer.publish.codec import config_json
 from observer.publish.session import listening
@@ -22,7 +25,7 @@ from observer.service.compensate import Compensator
 from observer.service.gap import GapState
 from observer.service.keeper import Keeper, carried, known_of_gap, stored
 from observer.service.lives import run
-from observer.service.loop import Service
+from observer.service.loop import Publisher, Service
 from observer.service.machine import Machine
 from observer.service.notify import service_manager
 from observer.service.record import Recorder
@@ -55,12 +58,12 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         carry = carried(snapshot, before.fit, ready.fit, lambda: _over(renewal, before, ready))
         if trial is not None:
             trial.in_force(ready.config)
-        return _service(ready, clock, renewals, trial, carry, alone=False)
+        return _service(ready, clock, renewals, trial, carry, alone=False, path=path)
 
     file = ready.config.checkpoint_file
     start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
     known = known_of_gap(file, ready.fit) if file is not None and start is None else None
-    service = _service(ready, clock, renewals, trial, start, alone=True, known=known)
+    service = _service(ready, clock, renewals, trial, start, alone=True, known=known, path=path)
     if trial is None:
         run(service, seconds, anew)
         return
@@ -123,6 +126,7 @@ def _service(
     *,
     alone: bool,
     known: GapState | None = None,
+    path: Path | None = None,
 ) -> Service:
     """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
 
@@ -145,15 +149,7 @@ def _service(
         plan=machine.plan,
         drive=machine.drive,
         estimator=estimator,
-        publisher=ZenohPublisher(
-            name.name,
-            name.axis,
-            config.publish,
-            config_json(config, instance),
-            estimator.layout,
-            instance,
-            compensates=compensator is not None,
-        ),
+        publisher=_publisher(ready, instance, path, compensates=compensator is not None),
         recorder=Recorder(
             record.directory,
             f"{name.name}-{name.axis}",
@@ -178,3 +174,14 @@ def _service(
         trial=trial,
         gap=gap,
     )
+
+
+def _publisher(ready: _Ready, instance: str, path: Path | None, *, compensates: bool) -> Publisher:
+    """Zenoh, with a gateway beside it where the configuration asks for one."""
+    config, name = ready.config, ready.config.machine
+    told, layout = config_json(config, instance), ready.estimator.layout
+    publisher = ZenohPublisher(
+        name.name, name.axis, config.publish, told, layout, instance, compensates=compensates
+    )
+    start = Start.of(config, path)
+    return publisher if start is None else Outlets(publisher, Feed(start, told.encode()))

@@ -16,6 +16,7 @@ from observer.config import Config, effect_problems
 from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.installation.problems import as_message, problems_of
+from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 from observer.tables.keeping import Checkpoint, Record
 from observer.tables.publishing import Client, Publish
 from observer.tables.quantities import Name
@@ -30,6 +31,10 @@ class Installation(Config):
     publish: Publish = Publish()
     record: Record = Record()
     checkpoint: Checkpoint = Checkpoint()
+    page: Page | None = None
+    metrics: Metrics | None = None
+    mqtt: Mqtt | None = None
+    opcua: Opcua | None = None
 
     def contradictions(self) -> list[str]:
         """What does not fit together, a sentence each."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout, Quality
 
 ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
 ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
@@ -26,10 +26,14 @@ JSON_ENCODING = "application/json"
 _FLOAT32_LE = 85
 _DIGITS = 6
 _QUALITY = [quality.label for quality in EstimateQuality]
+_CHANNEL_QUALITY = [quality.label for quality in Quality]
 _QUALITY_CBOR = [cbor2.dumps(label) for label in _QUALITY]
 _SENSOR_QUALITY_CBOR = [cbor2.dumps(quality.label) for quality in Quality]
 _SEQUENCE = cbor2.dumps("sequence")
 _FLOAT64, _FLOAT64_MARK = struct.Struct(">Bd"), 0xFB
+_WHO_MAY: Any = {
+    "publish": {"tls", "login", "access"}, "page": True, "metrics": True, "mqtt": True, "opcua": True
+}  # fmt: skip
 _JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
 _ARRAYS = (
     "heat_W", "heat_sigma_W", "law_W", "field_degC", "field_sigma_K", "error_um", "error_sigma_um",
@@ -126,6 +130,16 @@ class EstimateEncoder:
         told = [{"value": value, "sigma": sigma} for value, sigma in pairs]
         return self._json(block, k, sequence, {"parameters": dict(zip(self._learned, told, strict=True))})
 
+    def readings(self, frame: FrameBlock, k: int, sequence: int) -> bytes:
+        """The `readings` document: of every channel its value, what that is worth, and how old it is."""
+        columns = _rounded(frame.values[k]), frame.quality[k].tolist(), _rounded(frame.age_s[k])
+        channels = {
+            name: {"value": value, "quality": _CHANNEL_QUALITY[quality], "age_s": age_s}
+            for name, value, quality, age_s in zip(frame.channels, *columns, strict=True)
+        }
+        head = {"time_s": float(frame.time_s[k]), "sequence": sequence, "instance": self._instance}
+        return to_json({**head, "channels": channels})
+
     def _json(self, block: EstimateBlock, k: int, sequence: int, body: dict[str, Any]) -> bytes:
         quality = _QUALITY[block.quality[k]]
         head = {"time_s": float(block.time_s[k]), "sequence": sequence, "instance": self._instance}
@@ -149,7 +163,7 @@ def config_json(config: Config, instance: str) -> str:
 
     Who may connect, and by which files, is left out: everybody who may look can read the answer.
     """
-    kept = config.model_dump(mode="json", by_alias=True, exclude={"publish": {"tls", "login", "access"}})
+    kept = config.model_dump(mode="json", by_alias=True, exclude=_WHO_MAY)
     return json.dumps({"hash": config.digest, "instance": instance, "config": kept})
 
 

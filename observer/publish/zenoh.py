@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ import structlog
 import zenoh
 
 from observer.exchange import Command, PublishStatus
-from observer.frames import EstimateBlock, Layout
+from observer.frames import EstimateBlock, FrameBlock, Layout
 from observer.publish.answers import Answers
 from observer.publish.codec import ESTIMATE_ENCODING, JSON_ENCODING, EstimateEncoder, to_json
 from observer.publish.rivals import Rivals
@@ -93,6 +93,7 @@ class ZenohPublisher:
         self._published = self._dropped = self._reconnects = 0
         self._reason: str | None = "Zenoh: the session is not open yet"
         self._taken: str | None = None
+        self.tap: Callable[[str, bytes], object] | None = None  # takes every message too; waits for nothing
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zenoh-open", daemon=True)
 
@@ -142,6 +143,10 @@ class ZenohPublisher:
             self._learned_slot = second
             self._put("learned", self._encoder.learned(block, 0, sequence))
 
+    def readings(self, frame: FrameBlock, sequence: int) -> None:
+        """Publish what the estimate of this number was made of: a frame of one step."""
+        self._put("readings", self._encoder.readings(frame, 0, sequence))
+
     def health(self, document: Mapping[str, Any]) -> None:
         """Publish a health document, which also answers those who ask for it."""
         self._document("health", document)
@@ -162,6 +167,8 @@ class ZenohPublisher:
         return link is None or close_within(link, timeout_s)
 
     def _put(self, key: str, payload: bytes) -> None:
+        if self.tap is not None:
+            self.tap(key, payload)
         link = self._link
         if link is None:
             self._dropped += 1
@@ -235,6 +242,7 @@ class ZenohPublisher:
         keys = (
             "estimate",
             "heat",
+            "readings",
             "field",
             "error",
             "health",

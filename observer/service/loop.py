@@ -79,6 +79,9 @@ class Publisher(Protocol):
     def publish(self, block: EstimateBlock, sequence: int) -> None:
         """Publish a block of one estimate."""
 
+    def readings(self, frame: FrameBlock, sequence: int) -> None:
+        """Publish what the estimate of this number was made of: a frame of one step."""
+
     def health(self, document: Mapping[str, Any]) -> None:
         """Publish a health document."""
 
@@ -280,6 +283,7 @@ class _Cycles:
                 self._service.publisher.compensation(document)
             return changed
         self._service.publisher.publish(estimate, self.count)
+        self._service.publisher.readings(frame, self.count)
         if compensator is not None:
             if (rival := self._service.publisher.status.rival) is not None:
                 compensator.disarm(f"{rival}, then arm again")

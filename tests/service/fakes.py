@@ -90,6 +90,7 @@ class FakePublisher:
     """Keeps what it is given."""
 
     estimates: list = field(default_factory=list)
+    readings_: list = field(default_factory=list)
     healths: list = field(default_factory=list)
     compensations: list = field(default_factory=list)
     asked: list = field(default_factory=list)
@@ -109,6 +110,9 @@ class FakePublisher:
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
         self.estimates.append((sequence, block))
+
+    def readings(self, frame, sequence: int) -> None:
+        self.readings_.append((sequence, frame))
 
     def health(self, document: bytes) -> None:
         self.healths.append(document)

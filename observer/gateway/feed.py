@@ -1,0 +1,142 @@
+"""The service's side of the gateway: starts its process, feeds it, and never waits for it.
+
+Should the process end, it is started again and told all that is known; what is wrong with it is a reason in
+health, and no more than that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from typing import Any
+
+import structlog
+
+from observer.exchange import Command
+from observer.gateway.framing import framed
+from observer.gateway.pending import Pending
+from observer.gateway.start import Start
+
+_RETRY_S = 1.0
+_ANSWERS = ("config", "health", "compensation", "alarms", "forecast", "learned")
+"""What a process that begins later is told at once, beside what comes by itself with the next step."""
+START_KEY, REPLY_KEY = "start", "reply"
+
+log = structlog.get_logger()
+
+
+class Feed:
+    """Hands every message on to the gateway's process, of each key the newest where it is behind."""
+
+    def __init__(self, start: Start, config_json: bytes) -> None:
+        """Take what the process is to serve, and the configuration in force as `config` tells it."""
+        self._start = start
+        self._known = {"config": config_json}
+        self._awake = threading.Event()
+        self._pending = Pending(self._awake.set)
+        self._commands: deque[Command] = deque()
+        self._reasons: dict[str, str] = {}
+        self._child: subprocess.Popen[bytes] | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="gateway", daemon=True)
+
+    def start(self) -> None:
+        """Begin to start the process; returns at once."""
+        self._thread.start()
+
+    @property
+    def reason(self) -> str | None:
+        """What is wrong with an outlet, in a sentence; None if nothing is."""
+        return next(iter(self._reasons.values()), None)
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Hand a message on; waits for nothing."""
+        if key in _ANSWERS:
+            self._known[key] = payload
+        self._pending.put(key, payload)
+
+    def commands(self) -> list[Command]:
+        """The commands that came since the last call."""
+        return [self._commands.popleft() for _ in range(len(self._commands))]
+
+    def close(self, timeout_s: float) -> bool:
+        """End the process; says whether it ended by itself in that time."""
+        self._closing.set()
+        self._awake.set()
+        end_s = time.monotonic() + timeout_s
+        self._thread.join(timeout_s / 2)
+        child = self._child
+        if child is None:
+            return True
+        try:
+            child.wait(max(0.0, end_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            child.kill()
+            return False
+        return True
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            # in a session of its own: Ctrl-C is for the service, which then ends it
+            with subprocess.Popen(
+                (sys.executable, "-m", "observer.gateway"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
+                start_new_session=True,
+            ) as child:
+                self._child = child
+                threading.Thread(target=self._listen, args=(child,), name="gateway-said", daemon=True).start()
+                with contextlib.suppress(OSError):  # it has ended
+                    self._serve(child)
+                with contextlib.suppress(OSError):
+                    assert child.stdin is not None
+                    child.stdin.close()
+            if not self._closing.is_set():
+                self._reasons["gateway"] = (
+                    "gateway: the process of page and plant ended and begins again; look at the lines before"
+                )
+                self._closing.wait(_RETRY_S)
+
+    def _serve(self, child: subprocess.Popen[bytes]) -> None:
+        """Write what comes until closing; raises `OSError` once the process has ended."""
+        assert child.stdin is not None
+        _write(child, START_KEY, self._start.model_dump_json().encode())
+        for key, payload in list(self._known.items()):
+            _write(child, key, payload)
+        while not self._closing.is_set() and child.poll() is None:
+            self._awake.wait(_RETRY_S)
+            self._awake.clear()
+            for key, payload in self._pending.take():
+                _write(child, key, payload)
+
+    def _listen(self, child: subprocess.Popen[bytes]) -> None:
+        """Take what the process says, a line of JSON at a time."""
+        assert child.stdout is not None
+        for line in child.stdout:
+            try:
+                self._take(json.loads(line))
+            except (ValueError, KeyError, TypeError) as error:
+                log.warning("the gateway said something strange", line=line[:200], reason=str(error))
+
+    def _take(self, said: dict[str, Any]) -> None:
+        if "outlet" in said:
+            self._reasons.pop("gateway", None)
+            name, reason = said["outlet"], said["reason"]
+            if reason is None:
+                self._reasons.pop(name, None)
+                log.info("outlet", name=name, address=said.get("address"))
+            else:
+                self._reasons[name] = reason
+
+
+def _write(child: subprocess.Popen[bytes], key: str, payload: bytes) -> None:
+    data = memoryview(framed(key, payload))
+    assert child.stdin is not None
+    while data:
+        data = data[child.stdin.write(data) :]

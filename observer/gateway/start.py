@@ -1,0 +1,52 @@
+"""What the gateway's process is told at its start."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict
+
+from observer.installation import Installation
+from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
+
+
+class Start(BaseModel):
+    """Which outlets there are to be, and of what they tell.
+
+    `config_file` is the configuration's file, None if it has none; `recordings` the folder of the recordings.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    machine: str
+    axis: str
+    period_s: float
+    page: Page | None = None
+    metrics: Metrics | None = None
+    mqtt: Mqtt | None = None
+    opcua: Opcua | None = None
+    config_file: Path | None = None
+    recordings: Path | None = None
+
+    @classmethod
+    def of(cls, config: Installation, path: Path | None) -> Start | None:
+        """What a configuration asks for, None if it asks for no outlet."""
+        outlets = {name: getattr(config, name) for name in OUTLETS}
+        if all(outlet is None for outlet in outlets.values()):
+            return None
+        return cls(
+            machine=config.machine.name,
+            axis=config.machine.axis,
+            period_s=config.estimator.period_s,
+            config_file=None if path is None else path.absolute(),
+            recordings=None if (folder := config.record.directory) is None else folder.absolute(),
+            **outlets,
+        )
+
+    @property
+    def prefix(self) -> str:
+        """Where everything about the axis is published."""
+        return f"ballscrew/{self.machine}/{self.axis}"
+
+
+OUTLETS = ("page", "metrics", "mqtt", "opcua")
