@@ -19,6 +19,6 @@ def messages(read: Callable[[int], bytes]) -> Iterator[tuple[str, bytes]]:
     while len(head := read(_HEAD.size)) == _HEAD.size:
         name, size = _HEAD.unpack(head)
         key, payload = read(name), read(size)
-        if len(payload) < size:
+        if len(key) + len(payload) < name + size:
             return
         yield key.decode(), payload
