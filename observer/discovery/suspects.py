@@ -30,6 +30,8 @@ LEAST_FOLLOWING = 100.0
 """The same of a sensor that follows a heat: beside a source one dimension alone is a little wrong."""
 BEYOND = {"ambient": 3.0, "offsets": 12.0, "heat differs between logs": 3.0}
 """The same beside what the configuration tolerates of the air, of offsets, and of heats from log to log."""
+SPARED = 12.0
+"""The same where the tolerances explain the logs without it: one of them at three and a half of its sigma."""
 SHARE = 0.9
 """The least part of what noise does not explain that has to go with it."""
 WITHIN = 0.01
@@ -92,18 +94,23 @@ def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
 
 def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial], library: Sequence[Candidate] = ()) -> bool:
     """Whether a hypothesis, its kind not tolerated, explains the logs, and no single effect does as well."""
+    noise = null.problem.evidence.expected * len(null.residual)
+    taken = deviance(null) <= noise  # by the tolerances, at a price that this would spare them
+    if taken and score(weighed) >= SPARED and _alone(null, weighed, rivals, library):
+        return True
     config, strict = intolerant(null.config, weighed.hypothesis.what), null
     if config.tolerance != null.config.tolerance:
         strict = replace(null, problem=null.problem.tolerant(config))
         weighed = Look.at(strict.problem, weighed.config).weighed(weighed.hypothesis, deviance(strict))
-    noise = null.problem.evidence.expected * len(null.residual)
     misfit = weighed.left + weighed.drop - noise
-    return (
-        score(weighed) >= LEAST
-        and weighed.drop >= SHARE * misfit
-        and not any(_as_well(null, weighed, trial) for trial in rivals if not _the_same(weighed, trial))
-        and not _promised(null, weighed, library)
-    )
+    earned = score(weighed) >= LEAST and weighed.drop >= SHARE * misfit
+    return earned and _alone(null, weighed, rivals, library)
+
+
+def _alone(null: Fit, weighed: Weighed, rivals: Sequence[Trial], library: Sequence[Candidate]) -> bool:
+    """Whether no single effect explains the logs as well as a hypothesis about them."""
+    as_well = any(_as_well(null, weighed, trial) for trial in rivals if not _the_same(weighed, trial))
+    return not as_well and not _promised(null, weighed, library)
 
 
 def _the_same(weighed: Weighed, rival: Trial) -> bool:

@@ -73,6 +73,14 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
     assert not plain(null, best, [useless, rival])
 
 
+@pytest.mark.slow
+def test_air_far_off_what_is_tolerated_is_told_though_tolerances_explain_the_logs() -> None:
+    """Those of the air and of offsets take all of it; the air alone is dearer than it may be."""
+    (entry,) = (e for e in suspect_campaign(9100) if e.name == "suspect.ambient.9104")
+    (suspect,) = told_of(entry, troubled(entry.case, "ambient"))
+    assert suspect.what == "ambient"
+
+
 @pytest.mark.parametrize(("by", "told"), [(1.0, False), (-1.0, True)])
 def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them(
     by: float, told: bool
