@@ -361,6 +361,22 @@ def place(config: Installation, count: int, spacing_m: float | None) -> list[dic
     ]
 
 
+def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | None], str] | None) -> str:
+    """Write a first configuration from what is given and what `ask` is told; returns what to do next."""
+    from observer.installation.init.asking import answers
+    from observer.installation.init.writing import write_new
+
+    if output.exists():  # before anything is asked
+        raise UserError(f"{output}: is there already and is not overwritten; name another file with --output")
+    write_new(output, answers(given, ask))
+    return (
+        f'written: {output}. What is marked "look" in it is a usual value. Next:\n'
+        f"  observer check --config {output}           what it means\n"
+        f"  observer check --config {output} --wires   what each device delivers\n"
+        f"  observer run --config {output}             the service"
+    )
+
+
 def wires(config: Installation) -> dict[str, Any]:
     """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
     from observer.service.one_look import look
