@@ -43,8 +43,8 @@ with zenoh.open(session_config("client", (sys.argv[1],), ())) as session:
 # A fault shows in the next reading, a reading in the next tick: two periods. On a busy computer, machine and
 # daemon may each be held up for a moment, and a reading that is late for this reason is stale.
 FLAGGED_S = 2 * PERIOD_S + 0.3
-# A reading that is well again tells in the next tick, and a wire is tried again each second; a second more is for
-# a computer that does something else meanwhile.
+# A reading that is well again tells in the next tick, and a wire is tried again each second; a second more is
+# for a computer that does something else meanwhile.
 BACK_S = 1.0 + PERIOD_S + 1.1
 MOST = 0.8
 NOISY_TICKS = 30  # a sensor that never showed noise cannot be told from one that is stuck
