@@ -522,6 +522,15 @@ def main() -> None:
     except UserError as error:
         _say(error)
         sys.exit(2)
+    except ModuleNotFoundError as error:
+        from observer.installation.extras import remedy
+
+        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        sentence = remedy(f"observer {verb}", error)
+        if sentence is None:
+            raise
+        _say(UserError(sentence))
+        leave(2)  # a daemon may have started threads by then
 
 
 def _say(error: UserError) -> None:
