@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -375,6 +376,27 @@ def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | N
         f"  observer check --config {output} --wires   what each device delivers\n"
         f"  observer run --config {output}             the service"
     )
+
+
+def service(config_path: Path | None, root: Path, *, dry_run: bool) -> Iterator[str]:
+    """Install the service of a configuration, without one remove it; yields what is done, in words."""
+    from observer.installation import unit
+    from observer.report.examine import examine
+
+    if config_path is None:
+        plan = unit.to_remove()
+    else:
+        program = Path(sys.argv[0]).absolute()
+        plan = unit.to_install(examine(config_path), config_path.read_text(encoding="utf-8"), program)
+    if dry_run:
+        yield from plan.lines()
+        return
+    unit.carry_out(plan, root)
+    yield from plan.lines() if root == Path("/") else (f"written below {root}; nothing was run",)
+    if config_path is None:
+        yield f"kept: {unit.CONFIG.parent} and {unit.STATE}"
+    else:
+        yield f"from now on edit {unit.CONFIG}; see journalctl -u {unit.NAME} and observer health"
 
 
 def wires(config: Installation) -> dict[str, Any]:

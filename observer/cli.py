@@ -442,6 +442,26 @@ def place(
 
 
 @app.command()
+def service(
+    action: Annotated[Literal["install", "remove"], typer.Argument(help="What is to be done.")],
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="install: the configuration (TOML).")
+    ] = None,
+    root: Annotated[Path, typer.Option(help="Put the files below another folder, and run nothing.")] = Path(
+        "/"
+    ),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
+) -> None:
+    """Install the service with systemd (unit, user, folders), or remove it; configuration and data stay."""
+    if (action == "install") != (config is not None):
+        raise UserError("service: install needs --config, and remove takes none")
+    from observer import app as parts
+
+    for line in parts.service(config, root, dry_run=dry_run):
+        typer.echo(line)
+
+
+@app.command()
 def watch(
     connect: ConnectOption = DEFAULT_ENDPOINT,
     machine: MachineOption = "*",
