@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -386,7 +385,9 @@ def service(config_path: Path | None, root: Path, *, dry_run: bool) -> Iterator[
     if config_path is None:
         plan = unit.to_remove()
     else:
-        program = Path(sys.argv[0]).absolute()
+        program = unit.this_program()
+        if root == Path("/") and not dry_run:
+            unit.refuse_unseen(program)
         plan = unit.to_install(examine(config_path), config_path.read_text(encoding="utf-8"), program)
     if dry_run:
         yield from plan.lines()

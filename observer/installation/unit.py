@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+import sys
 import sysconfig
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -47,16 +48,26 @@ class Plan:
             yield "run    " + " ".join(command)
 
 
-def to_install(config: Installation, text: str, program: Path) -> Plan:
-    """What installs the service of a configuration, whose file says `text`, with a program.
+def this_program() -> str:
+    """How this program was started, as a service starts it."""
+    started = Path(sys.argv[0]).absolute()
+    return f"{sys.executable} -m observer" if started.name == "__main__.py" else str(started)
 
-    Raises `UserError` where the service could not see the program or a file that it needs.
-    """
-    if str(program).startswith(_HIDDEN):
+
+def refuse_unseen(program: str) -> None:
+    """Raise `UserError` where the service could not see the program."""
+    if program.startswith(_HIDDEN):
         raise UserError(
             f"service: {program} belongs to one user, and the service does not see it; install it for all: "
             "sudo PIPX_HOME=/opt/pipx PIPX_BIN_DIR=/usr/local/bin pipx install ballscrew-observer"
         )
+
+
+def to_install(config: Installation, text: str, program: str) -> Plan:
+    """What installs the service of a configuration, whose file says `text`, with a program.
+
+    Raises `UserError` where the service could not see a file that it needs.
+    """
     _files_are_seen(config)
     unit = _OURS.sub(lambda _: f"ExecStart={program} run --config {CONFIG}", _shipped())
     return Plan(

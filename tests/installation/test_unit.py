@@ -5,16 +5,25 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from observer.errors import UserError
 from observer.installation import load, parse
-from observer.installation.unit import CONFIG, NAME, carry_out, to_install, to_remove
+from observer.installation.unit import (
+    CONFIG,
+    NAME,
+    carry_out,
+    refuse_unseen,
+    this_program,
+    to_install,
+    to_remove,
+)
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
-PROGRAM = Path("/usr/local/bin/observer")
+PROGRAM = "/usr/local/bin/observer"
 
 
 @pytest.fixture
@@ -49,7 +58,7 @@ def test_the_service_may_take_an_adopted_configuration_back(plan, tmp_path):
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze")
 def test_systemd_finds_nothing_wrong(tmp_path):
-    carry_out(to_install(load(DEMO), DEMO.read_text(), Path("/bin/true")), tmp_path)
+    carry_out(to_install(load(DEMO), DEMO.read_text(), "/bin/true"), tmp_path)
     unit = tmp_path / "etc/systemd/system/ballscrew-observer.service"
     command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(unit)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
@@ -58,7 +67,7 @@ def test_systemd_finds_nothing_wrong(tmp_path):
 
 def test_again_is_an_update_and_another_configuration_is_not_overwritten(plan, tmp_path):
     carry_out(plan, tmp_path)
-    carry_out(to_install(load(DEMO), DEMO.read_text(), Path("/usr/bin/observer")), tmp_path)
+    carry_out(to_install(load(DEMO), DEMO.read_text(), "/usr/bin/observer"), tmp_path)
     assert "ExecStart=/usr/bin/observer" in (tmp_path / f"etc/systemd/system/{NAME}.service").read_text()
     other = tmp_path / "etc/ballscrew-observer/observer.toml"
     other.write_text("mine")
@@ -76,7 +85,15 @@ def test_removing_keeps_the_configuration(plan, tmp_path):
 
 def test_a_program_of_one_user_is_refused():
     with pytest.raises(UserError, match="install it for all"):
-        to_install(load(DEMO), DEMO.read_text(), Path("/home/eve/.local/bin/observer"))
+        refuse_unseen("/home/eve/.local/bin/observer")
+    refuse_unseen(PROGRAM)
+
+
+def test_the_service_starts_what_was_started(monkeypatch):
+    monkeypatch.setattr("sys.argv", [PROGRAM, "service"])
+    assert this_program() == PROGRAM
+    monkeypatch.setattr("sys.argv", ["/src/observer/__main__.py"])
+    assert this_program() == f"{sys.executable} -m observer"
 
 
 @pytest.mark.parametrize(
