@@ -23,7 +23,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign config-mutants mutants figures container-check lock dist sbom clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign config-mutants mutants figures container-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -61,6 +61,9 @@ demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loo
 
 month: $(READY)  ## two simulated months of a machine as configured: at most one false reason each
 	$(BIN)/python -m pytest tests/reference/test_selftest.py -m slow -s -p no:benchmark $(ARGS)
+
+faults: $(READY)  ## the table of faults: what other daemons promise, and what this one does; two minutes
+	$(BIN)/python -m tests.faults
 
 soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"
 	$(BIN)/python -m tests.soak $(ARGS)

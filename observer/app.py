@@ -361,6 +361,45 @@ def place(config: Installation, count: int, spacing_m: float | None) -> list[dic
     ]
 
 
+def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | None], str] | None) -> str:
+    """Write a first configuration from what is given and what `ask` is told; returns what to do next."""
+    from observer.installation.init.asking import answers
+    from observer.installation.init.writing import write_new
+
+    if output.exists():  # before anything is asked
+        raise UserError(f"{output}: is there already and is not overwritten; name another file with --output")
+    write_new(output, answers(given, ask))
+    return (
+        f'written: {output}. What is marked "look" in it is a usual value. Next:\n'
+        f"  observer check --config {output}           what it means\n"
+        f"  observer check --config {output} --wires   what each device delivers\n"
+        f"  observer run --config {output}             the service"
+    )
+
+
+def service(config_path: Path | None, root: Path, *, dry_run: bool) -> Iterator[str]:
+    """Install the service of a configuration, without one remove it; yields what is done, in words."""
+    from observer.installation import unit
+    from observer.report.examine import examine
+
+    if config_path is None:
+        plan = unit.to_remove()
+    else:
+        program = unit.this_program()
+        if root == Path("/") and not dry_run:
+            unit.refuse_unseen(program)
+        plan = unit.to_install(examine(config_path), config_path.read_text(encoding="utf-8"), program)
+    if dry_run:
+        yield from plan.lines()
+        return
+    unit.carry_out(plan, root)
+    yield from plan.lines() if root == Path("/") else (f"written below {root}; nothing was run",)
+    if config_path is None:
+        yield f"kept: {unit.CONFIG.parent} and {unit.STATE}"
+    else:
+        yield f"from now on edit {unit.CONFIG}; see journalctl -u {unit.NAME} and observer health"
+
+
 def wires(config: Installation) -> dict[str, Any]:
     """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
     from observer.service.one_look import look

@@ -340,6 +340,48 @@ def adopt(
         typer.echo(parts.adopted(config, undo=undo))
 
 
+def _answer(words: str) -> Any:
+    return typer.Option(help=words, show_default=False)
+
+
+@app.command()
+def init(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="File to write; one that is there is not overwritten.")
+    ] = Path("observer.toml"),
+    machine: Annotated[str | None, _answer("Name of the machine.")] = None,
+    axis: Annotated[str | None, _answer("Its axis.")] = None,
+    screw: Annotated[str | None, _answer("Screw of the catalogue, as 40x10.")] = None,
+    steel: Annotated[str | None, _answer("bearing, case, carbon or stainless.")] = None,
+    length_m: Annotated[str | None, _answer("Length between the bearings.")] = None,
+    stroke_m: Annotated[str | None, _answer("Where the nut's middle travels, as 0.15,0.80.")] = None,
+    sensors_m: Annotated[str | None, _answer("Places of the thermocouples, as 0.05,0.5,0.95.")] = None,
+    module: Annotated[str | None, _answer("Thermocouple module, as wago_750_458.")] = None,
+    module_at: Annotated[str | None, _answer("Its address, serial line or CAN interface.")] = None,
+    ambient: Annotated[str | None, _answer("Air in °C, or input: the module's next input.")] = None,
+    control: Annotated[str | None, _answer("Position by canopen, modbus, can or none.")] = None,
+    control_at: Annotated[str | None, _answer("Its address or CAN interface.")] = None,
+    node_id: Annotated[str | None, _answer("canopen: the drive's node.")] = None,
+    counts_per_m: Annotated[str | None, _answer("canopen, modbus: counts per metre.")] = None,
+    position_register: Annotated[str | None, _answer("modbus: first of the pair, from 0.")] = None,
+    speed_register: Annotated[str | None, _answer("modbus: register of the speed in rpm.")] = None,
+    dbc: Annotated[str | None, _answer("can: the DBC file.")] = None,
+    position_signal: Annotated[str | None, _answer("can: as AxisStatus.NutPosition.")] = None,
+    speed_signal: Annotated[str | None, _answer("can: as AxisStatus.ScrewSpeed.")] = None,
+) -> None:
+    """Write a first configuration: asks for what is not given as an option."""
+    given = dict(locals())
+    from observer import app as parts
+
+    ask: Any = None
+    if sys.stdin.isatty():
+
+        def ask(words: str, usual: str | None) -> str:
+            return str(typer.prompt(words, default=usual))
+
+    typer.echo(parts.init(given.pop("output"), given, ask))
+
+
 @app.command()
 def check(
     config: ConfigOption,
@@ -397,6 +439,26 @@ def place(
         places = "  ".join(f"{1000 * x:g}" for x in found["positions_m"])
         table.add_row(str(found["sensors"]), places, f"{found['score_K']:.3g}", f"{found['condition']:.3g}")
     Console(highlight=False).print(table)
+
+
+@app.command()
+def service(
+    action: Annotated[Literal["install", "remove"], typer.Argument(help="What is to be done.")],
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="install: the configuration (TOML).")
+    ] = None,
+    root: Annotated[Path, typer.Option(help="Put the files below another folder, and run nothing.")] = Path(
+        "/"
+    ),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
+) -> None:
+    """Install the service with systemd (unit, user, folders), or remove it; configuration and data stay."""
+    if (action == "install") != (config is not None):
+        raise UserError("service: install needs --config, and remove takes none")
+    from observer import app as parts
+
+    for line in parts.service(config, root, dry_run=dry_run):
+        typer.echo(line)
 
 
 @app.command()
@@ -480,6 +542,15 @@ def main() -> None:
     except UserError as error:
         _say(error)
         sys.exit(2)
+    except ModuleNotFoundError as error:
+        from observer.installation.extras import remedy
+
+        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        sentence = remedy(f"observer {verb}", error)
+        if sentence is None:
+            raise
+        _say(UserError(sentence))
+        leave(2)  # a daemon may have started threads by then
 
 
 def _say(error: UserError) -> None:

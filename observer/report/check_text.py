@@ -108,16 +108,20 @@ def wires_as_text(found: dict[str, Any]) -> RenderableType:
     table = Table(show_header=False, box=None, pad_edge=False)
     for _ in range(4):
         table.add_column(overflow="fold")
+    remedies: dict[str, list[str]] = {}
     for name, driver in found["drivers"].items():
         state = "connected" if driver["connected"] else "not connected"
         table.add_row(Text(name, style="bold"), state, _rate(driver), _errors(driver))
         for channel, one in driver["channels"].items():
             style = "" if one["usable"] else "yellow"
             table.add_row(*(Text(cell, style=style) for cell in _cells(channel, one)))
+            if one["remedy"]:
+                remedies.setdefault(one["remedy"], []).append(channel)
     if not found["drivers"]:
         return Text("no drivers: write a [drivers.…] table for each device", style="yellow")
     verdict = "every channel came" if found["good"] else "warning: not every channel came with a usable value"
-    return Group(table, Text(verdict, style="green" if found["good"] else "yellow"))
+    told = (Text(f"{', '.join(channels)}: {remedy}") for remedy, channels in remedies.items())
+    return Group(table, Text(verdict, style="green" if found["good"] else "yellow"), *told)
 
 
 def unit_of(channel: str) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 from drivers.protocol import Driver
 from observer.frames import Reading
 from observer.service.clock import ServiceClock
+from observer.service.remedies import remedy_for
 
 LOOK_S = 5.0
 """How long is waited for a value of every channel; half as long again as a period, where that is longer."""
@@ -101,13 +102,18 @@ def _told(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, An
 
 def _channel(channel: str, seen: _Seen, now_s: float, implausible: Implausible) -> dict[str, Any]:
     if channel not in seen.newest:
-        return {"value": None, "fault": "never_came", "age_s": None, "implausible": None, "usable": False}
+        return _judged(None, "never_came", None, None)
     value, fault, arrived_s = seen.newest[channel]
     doubt = None if fault else implausible(channel, value)
+    return _judged(None if fault else value, fault, now_s - arrived_s, doubt)
+
+
+def _judged(value: float | None, fault: str | None, age_s: float | None, doubt: str | None) -> dict[str, Any]:
     return {
-        "value": None if fault else value,
+        "value": value,
         "fault": fault,
-        "age_s": now_s - arrived_s,
+        "age_s": age_s,
         "implausible": doubt,
         "usable": fault is None and doubt is None,
+        "remedy": remedy_for(fault, doubt),
     }

@@ -57,6 +57,8 @@ def main() -> None:
     def notify(text: str) -> None:
         if text.startswith("READY"):
             print("ready", flush=True)
+        if "WATCHDOG=1" in text:
+            print("ping", flush=True)
 
     aligned = plan(period_s=0.1)
     run(Service((driver,), aligned, FakeDrive(), estimator, publisher, recorder, ServiceClock(), notify))

@@ -66,6 +66,8 @@ def test_an_open_thermocouple_is_told(mended, tmp_path):
     assert code == 1
     assert channels["t3_degC"]["fault"] == "open_circuit"
     assert [name for name, one in channels.items() if not one["usable"]] == ["t3_degC"]
+    assert "terminals of this input" in channels["t3_degC"]["remedy"]
+    assert channels["t1_degC"]["remedy"] is None
 
 
 def test_a_silent_bus_is_told(mended, tmp_path):
@@ -86,6 +88,9 @@ def test_a_device_that_is_not_there_is_told(plant, tmp_path):
     assert "not connected" in printed
     assert "disconnected" in printed
     assert "usable" in printed
+    assert "t1_degC, t2_degC, t3_degC, t4_degC, t5_degC: look whether the device is on" in " ".join(
+        printed.split()
+    )
 
 
 def test_a_position_in_mm_is_told(plant, tmp_path):
@@ -94,6 +99,7 @@ def test_a_position_in_mm_is_told(plant, tmp_path):
     code, channels = documents(tmp_path, table)
     assert code == 1
     assert "looks like mm" in channels["nut_position_m"]["implausible"]
+    assert "scale" in channels["nut_position_m"]["remedy"]
 
 
 def test_what_cannot_be_used_is_refused_before_anything_is_opened(plant, tmp_path):

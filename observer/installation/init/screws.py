@@ -1,0 +1,58 @@
+"""A small catalogue of screws and steels, as starting values for a configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class CatalogueScrew:
+    """A ball screw by nominal diameter and lead.
+
+    `root_mm` is the diameter between the grooves: nominal less 0.8 times the usual ball of that size (pitch
+    circle 0.2 balls above nominal, groove one ball deep; ISO 3408-2 for diameters and leads). Torque and
+    bearing heat are usual of a preloaded nut and a pair of angular contact bearings at that size: priors of
+    an estimator that finds the heats itself, not data of a maker.
+    """
+
+    lead_mm: float
+    root_mm: float
+    nut_mm: float
+    torque_Nm: float
+    bearing_W_rpm: float
+
+
+SCREWS = {
+    "16x5": CatalogueScrew(5.0, 13.5, 42.0, 0.05, 0.002),
+    "20x5": CatalogueScrew(5.0, 17.5, 52.0, 0.10, 0.003),
+    "25x5": CatalogueScrew(5.0, 22.5, 55.0, 0.15, 0.004),
+    "25x10": CatalogueScrew(10.0, 21.2, 75.0, 0.20, 0.004),
+    "32x5": CatalogueScrew(5.0, 29.5, 58.0, 0.20, 0.005),
+    "32x10": CatalogueScrew(10.0, 26.9, 95.0, 0.30, 0.005),
+    "40x5": CatalogueScrew(5.0, 37.5, 62.0, 0.25, 0.006),
+    "40x10": CatalogueScrew(10.0, 34.9, 100.0, 0.40, 0.006),
+    "40x20": CatalogueScrew(20.0, 34.9, 110.0, 0.40, 0.006),
+    "50x10": CatalogueScrew(10.0, 44.9, 110.0, 0.60, 0.008),
+    "63x10": CatalogueScrew(10.0, 57.9, 120.0, 0.90, 0.010),
+    "80x10": CatalogueScrew(10.0, 74.9, 125.0, 1.20, 0.012),
+}
+"""By nominal diameter and lead in mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Steel:
+    """What a screw is made of, near room temperature."""
+
+    conductivity_W_mK: float
+    density_kg_m3: float
+    specific_heat_J_kgK: float
+    expansion_1_K: float
+
+
+STEELS = {
+    "bearing": Steel(46.0, 7810.0, 475.0, 11.8e-6),  # 100Cr6, SUJ2, induction hardened through
+    "case": Steel(44.0, 7830.0, 470.0, 11.7e-6),  # SCM415, SCM420, 16MnCr5
+    "carbon": Steel(49.0, 7850.0, 480.0, 11.7e-6),  # S55C, Cf53, 50CrMo4
+    "stainless": Steel(27.0, 7700.0, 460.0, 10.4e-6),  # X46Cr13, 440C
+}
+"""By family; within a family the conductivity differs by a tenth and the rest by a few per cent."""

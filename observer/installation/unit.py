@@ -1,0 +1,166 @@
+"""The service of the system: what is put where for systemd, and how it is put there or taken away.
+
+All of it is files, so that a look at them says what an installation is; systemd's own tools make of them the
+user, the folders and the running service.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from observer.errors import UserError
+from observer.installation import Installation
+
+NAME = "ballscrew-observer"
+CONFIG = Path("/etc") / NAME / "observer.toml"
+STATE = Path("/var/lib") / NAME
+_UNIT = Path("/etc/systemd/system") / f"{NAME}.service"
+_USER = Path("/etc/sysusers.d") / f"{NAME}.conf"
+_FOLDERS = Path("/etc/tmpfiles.d") / f"{NAME}.conf"
+_HIDDEN = ("/home/", "/root/", "/run/user/", "/tmp/", "/var/tmp/")  # from the service, by its unit
+_OURS = re.compile(r"^ExecStart=.*$", re.M)
+_COMMAND_S = 120.0
+_PACKAGES = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be done: files with their content (None is to be removed), and commands before and after."""
+
+    files: dict[Path, str | None]
+    before: tuple[tuple[str, ...], ...]
+    after: tuple[tuple[str, ...], ...]
+
+    def lines(self) -> Iterator[str]:
+        """What it comes to, in words."""
+        for command in self.before:
+            yield "run    " + " ".join(command)
+        for path, content in self.files.items():
+            yield f"{'remove' if content is None else 'write '} {path}"
+        for command in self.after:
+            yield "run    " + " ".join(command)
+
+
+def this_program() -> str:
+    """How this program was started, as a service starts it."""
+    started = Path(sys.argv[0]).absolute()
+    return f"{sys.executable} -m observer" if started.name == "__main__.py" else str(started)
+
+
+def refuse_unseen(program: str) -> None:
+    """Raise `UserError` where the service could not see the program."""
+    if program.startswith(_HIDDEN):
+        raise UserError(
+            f"service: {program} belongs to one user, and the service does not see it; install it for all: "
+            "sudo PIPX_HOME=/opt/pipx PIPX_BIN_DIR=/usr/local/bin pipx install ballscrew-observer"
+        )
+
+
+def to_install(config: Installation, text: str, program: str) -> Plan:
+    """What installs the service of a configuration, whose file says `text`, with a program.
+
+    Raises `UserError` where the service could not see a file that it needs.
+    """
+    _files_are_seen(config)
+    unit = _OURS.sub(lambda _: f"ExecStart={program} run --config {CONFIG}", _shipped())
+    return Plan(
+        {
+            CONFIG: text,
+            _UNIT: unit,
+            _USER: 'u ballscrew - "Ballscrew Observer"\nm ballscrew dialout\n',
+            _FOLDERS: f"d {CONFIG.parent} 0750 ballscrew ballscrew\nz {CONFIG} 0640 ballscrew ballscrew\n",
+        },
+        (),
+        (
+            ("systemd-sysusers", str(_USER)),
+            ("systemd-tmpfiles", "--create", str(_FOLDERS)),
+            ("systemctl", "daemon-reload"),
+            ("systemctl", "enable", NAME),
+            ("systemctl", "restart", NAME),
+        ),
+    )
+
+
+def to_remove() -> Plan:
+    """What takes the service away; configuration, recordings and user stay."""
+    return Plan(
+        dict.fromkeys((_UNIT, _USER, _FOLDERS)),
+        (("systemctl", "disable", "--now", NAME),),
+        (("systemctl", "daemon-reload"),),
+    )
+
+
+def carry_out(plan: Plan, root: Path) -> None:
+    """Do it below `root`; commands are run only where that is the system itself.
+
+    Raises `UserError` where a file cannot be written, a command fails, or another configuration is there.
+    """
+    live = root == Path("/")
+    if live and os.geteuid() != 0:
+        raise UserError("service: only root may do this; write sudo before it, or look with --dry-run")
+    _not_another(root, plan.files.get(CONFIG))
+    if live:
+        _run(plan.before)
+    for path, content in plan.files.items():
+        _put(root / path.relative_to("/"), content)
+    if live:
+        _run(plan.after)
+
+
+def _not_another(root: Path, text: str | None) -> None:
+    there = root / CONFIG.relative_to("/")
+    if text is not None and there.exists() and there.read_text(encoding="utf-8") != text:
+        raise UserError(
+            f"service: {there} is there already and is another one; give it with --config, or move it away"
+        )
+
+
+def _put(path: Path, content: str | None) -> None:
+    try:
+        if content is None:
+            path.unlink(missing_ok=True)
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != content:
+            path.write_text(content, encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"service: {path} cannot be written ({error.strerror})") from None
+
+
+def _run(commands: tuple[tuple[str, ...], ...]) -> None:
+    for command in commands:
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_COMMAND_S, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise UserError(f"service: {' '.join(command)}: {error}; systemd is needed here") from None
+        if done.returncode:
+            last = (done.stderr.strip().splitlines() or ["no word"])[-1]
+            raise UserError(f"service: {' '.join(command)} failed: {last}; see journalctl -u {NAME}")
+
+
+def _files_are_seen(config: Installation) -> None:
+    """The service starts in its state's folder, so a file by a relative path is not where it was."""
+    for name, driver in config.drivers.items():
+        for key in ("dbc", "path"):
+            file = getattr(driver, key, None)
+            if file is None or (not file.is_absolute() and (_PACKAGES / file).exists()):
+                continue  # none, or one that comes with the drivers
+            if not file.is_absolute() or str(file).startswith(_HIDDEN):
+                raise UserError(
+                    f"drivers.{name}.{key}: the service does not see {file}; put it into {CONFIG.parent} and "
+                    "write its whole path"
+                )
+
+
+def _shipped() -> str:
+    """The unit that comes with the program."""
+    beside = _PACKAGES / "config" / f"{NAME}.service"
+    shared = Path(sysconfig.get_path("data")) / "share" / NAME / f"{NAME}.service"
+    return (beside if beside.exists() else shared).read_text(encoding="utf-8")

@@ -1,0 +1,142 @@
+"""`observer init`: every combination of pieces loads; nothing is overwritten; wrong answers end in words."""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from observer.cli import app
+from observer.errors import UserError
+from observer.installation import parse
+from observer.installation.init.asking import QUESTIONS, answers
+from observer.installation.init.screws import SCREWS, STEELS
+from observer.installation.init.wires import CONTROLS, MODULES
+from observer.installation.init.writing import compose, write_new
+from observer.report.examine import examine
+
+GIVEN = {
+    "length_m": "1.0",
+    "stroke_m": "0.15,0.80",
+    "sensors_m": "0.05 0.95",
+    "module_at": "192.168.0.20",
+    "ambient": "21.5",
+}
+OF_CONTROL = {
+    "none": {},
+    "canopen": {"control_at": "can0", "node_id": "5", "counts_per_m": "1e6"},
+    "modbus": {"control_at": "192.168.0.21:1502", "counts_per_m": "-1e6", "speed_register": "2"},
+    "can": {
+        "control_at": "/dev/ttyACM0",
+        "dbc": str(Path(__file__).parents[2] / "drivers/simulated/axis.dbc"),
+        "position_signal": "AxisStatus.NutPosition",
+        "speed_signal": "AxisStatus.ScrewSpeed",
+    },
+}
+
+
+@pytest.mark.parametrize(("module", "control"), list(itertools.product(MODULES, CONTROLS)))
+def test_every_module_with_every_control_passes_the_check(module, control, tmp_path):
+    on_can = module in {"css_canmod_temp", "peak_mu_thermocouple1"}
+    given = GIVEN | {"module": module, "module_at": "can1" if on_can else "/dev/ttyUSB0"}
+    path = tmp_path / "observer.toml"
+    write_new(path, answers(given | {"control": control} | OF_CONTROL[control], None))
+    config = examine(path)
+    assert config.undelivered() == []
+    with_speed = control in {"modbus", "can"}
+    assert all((source.law is not None) == with_speed for source in config.source)
+    assert config.source[0].position_channel == (None if control == "none" else "nut_position_m")
+
+
+@pytest.mark.parametrize("screw", SCREWS)
+def test_every_screw_of_every_steel_loads(screw):
+    lead_mm = float(screw.split("x")[1])
+    for steel in STEELS:
+        given = GIVEN | {"screw": screw, "steel": steel, "control": "modbus"} | OF_CONTROL["modbus"]
+        config = parse(tomllib.loads(compose(answers(given, None))))
+        assert config.source[0].lead_m == pytest.approx(lead_mm / 1000)
+        assert (
+            0.8 * float(screw.split("x")[0]) / 1000
+            < config.screw.diameter_m
+            < float(screw.split("x")[0]) / 1000
+        )
+
+
+def test_the_ambient_may_be_the_modules_next_input():
+    config = parse(tomllib.loads(compose(answers(GIVEN | {"ambient": "input"}, None))))
+    assert config.drivers["thermocouples"].channels == {"t1_degC": 0, "t2_degC": 1, "ambient_degC": 2}
+
+
+def test_a_register_pair_is_scaled_to_metres():
+    found = parse(tomllib.loads(compose(answers(GIVEN | {"control": "modbus"} | OF_CONTROL["modbus"], None))))
+    place = found.drivers["axis"].channels["nut_position_m"]
+    assert (place.type, place.scale) == ("int32", pytest.approx(-1e-6))
+    assert found.drivers["axis"].port == 1502
+
+
+def test_what_is_not_given_is_asked_until_it_will_do():
+    said = {"Length between": iter(["long", "1.0"]), "Stroke": iter(["0.8,0.1", "0.1,0.8"])}
+    asked = []
+
+    def ask(words, usual):
+        asked.append(words)
+        (typed,) = [typed for start, typed in said.items() if start in words]
+        return next(typed)
+
+    usual = {q.name: q.usual for q in QUESTIONS if q.usual is not None and not q.of}
+    given = usual | {k: v for k, v in GIVEN.items() if k not in {"length_m", "stroke_m"}}
+    found = answers(given, ask)
+    assert (found.length_m, found.stroke_m) == (1.0, (0.1, 0.8))
+    assert len(asked) == 4
+    assert "'long' is no number" in asked[1]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"screw": "41x3"}, "--screw: '41x3' is not known; give one of 16x5"),
+        ({"stroke_m": "0.8"}, "--stroke-m: '0.8' is no stroke"),
+        ({"sensors_m": "a,b"}, "--sensors-m: 'a,b' are no lengths"),
+        ({"sensors_m": ",".join(["0.1"] * 9)}, "9 inputs are needed"),
+        ({"ambient": "warm"}, "--ambient: 'warm' is neither"),
+        ({"module_at": "host:x"}, "--module-at: 'host:x' is no address"),
+        ({"node_id": "5"}, "--node-id: belongs to --control canopen"),
+        ({"control": "canopen", "control_at": "can0"}, "give --node-id, --counts-per-m"),
+        ({"control": "can"} | OF_CONTROL["can"] | {"position_signal": "Nut"}, "names no signal"),
+        ({"sensors_m": "0.05 1.2"}, "sensor t2: position_m = 1.2 m lies beyond"),
+        ({"length_m": "0"}, "--length-m: '0' is out of range"),
+    ],
+)
+def test_a_wrong_answer_is_told_in_one_sentence(wrong, words, tmp_path):
+    with pytest.raises(UserError) as told:
+        write_new(tmp_path / "new.toml", answers(GIVEN | wrong, None))
+    assert words in str(told.value)
+    assert not (tmp_path / "new.toml").exists()
+
+
+def test_a_file_that_is_there_stays(tmp_path):
+    path = tmp_path / "observer.toml"
+    path.write_text("mine")
+    with pytest.raises(UserError, match="not overwritten"):
+        write_new(path, answers(GIVEN, None))
+    assert path.read_text() == "mine"
+
+
+def test_the_command_says_what_comes_next(tmp_path):
+    path = tmp_path / "observer.toml"
+    options = [part for name, value in GIVEN.items() for part in (f"--{name.replace('_', '-')}", value)]
+    done = CliRunner().invoke(app, ["init", "--output", str(path), *options])
+    assert done.exit_code == 0, done.output
+    assert f"observer check --config {path} --wires" in " ".join(done.output.replace("\n", "").split())
+    examine(path)
+
+
+def test_every_question_is_an_option_and_every_option_a_question():
+    import typer
+
+    command = typer.main.get_command(app).commands["init"]
+    options = {p.opts[0] for p in command.params} - {"--output", "--help"}
+    assert options == {q.option for q in QUESTIONS}

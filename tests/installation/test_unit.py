@@ -1,0 +1,134 @@
+"""`observer service`: the files of an installation, and what is refused before anything is written."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from observer.errors import UserError
+from observer.installation import load, parse
+from observer.installation.unit import (
+    CONFIG,
+    NAME,
+    carry_out,
+    refuse_unseen,
+    this_program,
+    to_install,
+    to_remove,
+)
+
+DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
+PROGRAM = "/usr/local/bin/observer"
+
+
+@pytest.fixture
+def plan():
+    return to_install(load(DEMO), DEMO.read_text(), PROGRAM)
+
+
+def _tree(root: Path) -> set[str]:
+    return {str(path.relative_to(root)) for path in root.rglob("*") if path.is_file()}
+
+
+def test_it_is_files_in_the_usual_places(plan, tmp_path):
+    carry_out(plan, tmp_path)
+    assert _tree(tmp_path) == {
+        "etc/ballscrew-observer/observer.toml",
+        "etc/systemd/system/ballscrew-observer.service",
+        "etc/sysusers.d/ballscrew-observer.conf",
+        "etc/tmpfiles.d/ballscrew-observer.conf",
+    }
+    assert (tmp_path / "etc/ballscrew-observer/observer.toml").read_text() == DEMO.read_text()
+    unit = (tmp_path / "etc/systemd/system/ballscrew-observer.service").read_text()
+    assert re.findall("^ExecStart=(.*)$", unit, re.M) == [f"{PROGRAM} run --config {CONFIG}"]
+
+
+def test_the_service_may_take_an_adopted_configuration_back(plan, tmp_path):
+    carry_out(plan, tmp_path)
+    unit = (tmp_path / "etc/systemd/system/ballscrew-observer.service").read_text()
+    assert f"ReadWritePaths=-{CONFIG.parent}" in unit
+    folders = (tmp_path / "etc/tmpfiles.d/ballscrew-observer.conf").read_text().splitlines()
+    assert folders[0] == f"d {CONFIG.parent} 0750 ballscrew ballscrew"
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze")
+def test_systemd_finds_nothing_wrong(tmp_path):
+    carry_out(to_install(load(DEMO), DEMO.read_text(), "/bin/true"), tmp_path)
+    unit = tmp_path / "etc/systemd/system/ballscrew-observer.service"
+    command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(unit)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert unit.name not in done.stderr, done.stderr
+
+
+def test_again_is_an_update_and_another_configuration_is_not_overwritten(plan, tmp_path):
+    carry_out(plan, tmp_path)
+    carry_out(to_install(load(DEMO), DEMO.read_text(), "/usr/bin/observer"), tmp_path)
+    assert "ExecStart=/usr/bin/observer" in (tmp_path / f"etc/systemd/system/{NAME}.service").read_text()
+    other = tmp_path / "etc/ballscrew-observer/observer.toml"
+    other.write_text("mine")
+    with pytest.raises(UserError, match="is there already"):
+        carry_out(plan, tmp_path)
+    assert other.read_text() == "mine"
+
+
+def test_removing_keeps_the_configuration(plan, tmp_path):
+    carry_out(plan, tmp_path)
+    carry_out(to_remove(), tmp_path)
+    assert _tree(tmp_path) == {"etc/ballscrew-observer/observer.toml"}
+    carry_out(to_remove(), tmp_path)  # nothing left to remove is no error
+
+
+def test_a_program_of_one_user_is_refused():
+    with pytest.raises(UserError, match="install it for all"):
+        refuse_unseen("/home/eve/.local/bin/observer")
+    refuse_unseen(PROGRAM)
+
+
+def test_the_service_starts_what_was_started(monkeypatch):
+    monkeypatch.setattr("sys.argv", [PROGRAM, "service"])
+    assert this_program() == PROGRAM
+    monkeypatch.setattr("sys.argv", ["/src/observer/__main__.py"])
+    assert this_program() == f"{sys.executable} -m observer"
+
+
+@pytest.mark.parametrize(
+    ("dbc", "seen"), [("{}/axis.dbc", False), ("/home/eve/axis.dbc", False), (None, True)]
+)
+def test_a_file_that_the_service_does_not_see_is_refused(dbc, seen, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "axis.dbc").write_text("")
+    table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
+    if dbc is not None:
+        table["drivers"]["axis"]["dbc"] = "axis.dbc" if "{}" in dbc else dbc
+    config = parse(table)
+    if seen:
+        to_install(config, "", PROGRAM)
+        return
+    with pytest.raises(UserError, match=r"drivers\.axis\.dbc: the service does not see"):
+        to_install(config, "", PROGRAM)
+
+
+def test_only_root_changes_the_system(plan, monkeypatch):
+    monkeypatch.setattr("os.geteuid", lambda: 1000)
+    with pytest.raises(UserError, match="sudo"):
+        carry_out(plan, Path("/"))
+
+
+def test_a_command_that_fails_is_told_with_its_last_word(plan, monkeypatch, tmp_path):
+    from observer.installation import unit
+
+    with pytest.raises(UserError, match=r"sh -c .* failed: no bus"):
+        unit._run((("sh", "-c", "echo no bus >&2; exit 3"),))
+    with pytest.raises(UserError, match="systemd is needed"):
+        unit._run((("no-such-program-here",),))
+
+
+def test_what_would_be_done_is_told(plan):
+    lines = list(plan.lines())
+    assert f"write  {CONFIG}" in lines
+    assert lines[-1] == f"run    systemctl restart {NAME}"
