@@ -10,24 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from drivers.places import MtConnectAgent, MtConnectChannel
 from drivers.protocol import Driver
-from drivers.settings import ChannelName, DriverTable, PollPeriod, Scale, Settings, Text, Timeout
-from observer.tables.quantities import Finite
-
-
-class MtConnectChannel(Settings):
-    """One data item of the agent: value = scale · number in SI units + offset; or 1 where it `equals`."""
-
-    item: Annotated[Text, Field(pattern=r"^\S+$")]
-    equals: Text | None = None
-    scale: Scale = 1.0
-    offset: Finite = 0.0
-
-    @model_validator(mode="after")
-    def _sensible(self) -> MtConnectChannel:
-        if self.scale == 0:
-            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
-        return self
+from drivers.settings import ChannelName, DriverTable, PollPeriod, Text, Timeout
 
 
 class MtConnectSettings(DriverTable):
@@ -62,4 +47,6 @@ class MtConnectSettings(DriverTable):
         from drivers.mtconnect_session import connect  # noqa: PLC0415  (the libraries only when they are used)
         from drivers.polled import Polled  # noqa: PLC0415
 
-        return Polled(name, self.delivered, self.period_s, lambda: connect(self))
+        url = self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")
+        agent = MtConnectAgent(url, self.timeout_s, self.channels)
+        return Polled(name, self.delivered, self.period_s, lambda: connect(agent))

@@ -13,14 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from math import isfinite, nan
-from urllib.parse import quote
 from xml.etree.ElementTree import Element, ParseError
 
 import httpx
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from drivers.mtconnect import MtConnectChannel, MtConnectSettings
+from drivers.places import MtConnectAgent, MtConnectChannel
 from drivers.polled import Answer, LostError
 
 logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every request otherwise
@@ -47,15 +46,15 @@ class _Item:
     equals: str | None
 
 
-async def connect(settings: MtConnectSettings) -> MtConnectSession:
+async def connect(agent: MtConnectAgent) -> MtConnectSession:
     """Ask the agent once what it has. Raises `LostError`."""
     client = httpx.AsyncClient(
-        timeout=settings.timeout_s,
+        timeout=agent.timeout_s,
         follow_redirects=False,
         trust_env=False,
         headers={"Accept": "text/xml", "Accept-Encoding": "identity"},
     )
-    session = MtConnectSession(client, settings)
+    session = MtConnectSession(client, agent)
     try:
         await session.probe()
     except BaseException:
@@ -67,11 +66,11 @@ async def connect(settings: MtConnectSettings) -> MtConnectSession:
 class MtConnectSession:
     """An agent that has told its data items."""
 
-    def __init__(self, client: httpx.AsyncClient, settings: MtConnectSettings) -> None:
+    def __init__(self, client: httpx.AsyncClient, agent: MtConnectAgent) -> None:
         self.problem: str | None = None
         self._client = client
-        self._settings = settings
-        self._url = settings.url.rstrip("/") + ("" if settings.device is None else f"/{settings.device}")
+        self._agent = agent
+        self._url = agent.url
         self._instance: str | None = None
         self._items: dict[str, _Item | str] = {}
         self._made_s = nan
@@ -85,7 +84,7 @@ class MtConnectSession:
         for element in root.iter():
             if _name(element) == "DataItem":
                 known.setdefault(element.get("id", ""), []).append(element)
-        for channel, place in self._settings.channels.items():
+        for channel, place in self._agent.channels.items():
             self._items[channel] = _item(place, known.get(place.item, []))
         wrong = {channel: item for channel, item in self._items.items() if isinstance(item, str)}
         problems = [f"channel {channel}: {item}" for channel, item in wrong.items()]
@@ -98,14 +97,14 @@ class MtConnectSession:
         if header.get("instanceId") != self._instance:
             raise LostError("restarted", f"{self._url}: the agent has started anew; its items are read again")
         self._refuse_old(_seconds(header.get("creationTime")))
-        wanted = {place.item for place in self._settings.channels.values()}
+        wanted = {place.item for place in self._agent.channels.values()}
         said: dict[str, list[Element]] = {}
         for element in root.iter():
             if (key := element.get("dataItemId")) in wanted:
                 said.setdefault(str(key), []).append(element)
         return {
             channel: _answer(self._items[channel], place, said.get(place.item, []))
-            for channel, place in self._settings.channels.items()
+            for channel, place in self._agent.channels.items()
         }
 
     async def close(self) -> None:
@@ -119,14 +118,14 @@ class MtConnectSession:
             if made_s < self._made_s - _CLOCK_STEP_S:
                 raise LostError("stale", f"{self._url}: the answer is older than the one before")
             self._made_s, self._fresh_s = made_s, now_s
-        elif now_s - self._fresh_s > self._settings.timeout_s + _CLOCK_STEP_S:
+        elif now_s - self._fresh_s > self._agent.timeout_s + _CLOCK_STEP_S:
             raise LostError("stale", f"{self._url}: the same answer as before comes again, as from a cache")
 
     async def _get(self, what: str, kind: str) -> Element:
         """Fetch a document of a kind of the standard. Raises `LostError`."""
-        url = f"{self._url}/{quote(what)}"
+        url = f"{self._url}/{what}"
         try:
-            async with asyncio.timeout(self._settings.timeout_s):  # the whole of it, however slowly it drips
+            async with asyncio.timeout(self._agent.timeout_s):  # the whole of it, however slowly it drips
                 data = await self._body(url)
         except TimeoutError:
             raise LostError("timeout", f"{url} does not answer in time") from None

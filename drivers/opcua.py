@@ -6,35 +6,16 @@ value at the limit of its sensor or one that somebody has overridden included, i
 
 from __future__ import annotations
 
-import re
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from drivers.places import OpcUaChannel, OpcUaServer
 from drivers.protocol import Driver
-from drivers.settings import ChannelName, DriverTable, PollPeriod, Scale, Settings, Text, Timeout
-from observer.tables.quantities import File, Finite
-
-_NODE = r"^(ns=\d{1,5};)?([is]=.+|[gb]=.+)$"
-_NUMBER = re.compile(r"i=\d{1,10}")
-
-
-class OpcUaChannel(Settings):
-    """One variable of the server: value = scale · number + offset."""
-
-    node: Annotated[Text, Field(pattern=_NODE)]
-    scale: Scale = 1.0
-    offset: Finite = 0.0
-
-    @model_validator(mode="after")
-    def _sensible(self) -> OpcUaChannel:
-        if self.scale == 0:
-            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
-        name = self.node.rpartition(";")[2] if self.node.startswith("ns=") else self.node
-        if name.startswith("i=") and not _NUMBER.fullmatch(name):
-            raise ValueError(f'{self.node} is no node: after "i=" stands a number; mend it')
-        return self
+from drivers.settings import ChannelName, DriverTable, PollPeriod, Text, Timeout
+from observer.tables.quantities import File
 
 
 class OpcUaSettings(DriverTable):
@@ -99,4 +80,6 @@ class OpcUaSettings(DriverTable):
         from drivers.opcua_session import connect  # noqa: PLC0415  (the bus library only when it is used)
         from drivers.polled import Polled  # noqa: PLC0415
 
-        return Polled(name, self.delivered, self.period_s, lambda: connect(self))
+        keys = (f.name for f in fields(OpcUaServer))
+        server = OpcUaServer(**{key: getattr(self, key) for key in keys})
+        return Polled(name, self.delivered, self.period_s, lambda: connect(server))

@@ -16,7 +16,7 @@ from asyncua.crypto import security_policies
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.uaerrors import UaError
 
-from drivers.opcua import OpcUaChannel, OpcUaSettings
+from drivers.places import OpcUaChannel, OpcUaServer
 from drivers.polled import Answer, LostError
 
 # Everything asyncua logs is also told by its exceptions, and then counted in the driver's status.
@@ -27,53 +27,53 @@ _LIMITS = {0x0500: "under_range", 0x0600: "over_range"}  # bits 8 to 11: at its 
 _NEVER = datetime(1980, 1, 1, tzinfo=UTC)  # servers without a clock give 1601, 1970 or none
 
 
-async def connect(settings: OpcUaSettings) -> OpcUaSession:
+async def connect(server: OpcUaServer) -> OpcUaSession:
     """Connect once. Raises `LostError`."""
-    client = Client(settings.url, timeout=settings.timeout_s, watchdog_intervall=3600.0)
+    client = Client(server.url, timeout=server.timeout_s, watchdog_intervall=3600.0)
     try:
-        async with asyncio.timeout(settings.timeout_s):
-            await _secure(client, settings)
+        async with asyncio.timeout(server.timeout_s):
+            await _secure(client, server)
             await client.connect()
     except TimeoutError:
         await _end(client)
-        raise LostError("disconnected", f"{settings.url} does not answer") from None
+        raise LostError("disconnected", f"{server.url} does not answer") from None
     except (OSError, ValueError, UaError) as error:
         await _end(client)
-        raise LostError("disconnected", f"{settings.url}: {_told(error)}") from None
+        raise LostError("disconnected", f"{server.url}: {_told(error)}") from None
     except asyncio.CancelledError:
         await _end(client)
         raise
-    return OpcUaSession(client, settings)
+    return OpcUaSession(client, server)
 
 
-async def _secure(client: Client, settings: OpcUaSettings) -> None:
-    if settings.certificate is not None:
-        policy = getattr(security_policies, f"SecurityPolicy{settings.policy}")
+async def _secure(client: Client, server: OpcUaServer) -> None:
+    if server.certificate is not None:
+        policy = getattr(security_policies, f"SecurityPolicy{server.policy}")
         await client.set_security(
             policy,
-            str(settings.certificate),
-            str(settings.private_key),
-            server_certificate=str(settings.server_certificate),
+            str(server.certificate),
+            str(server.private_key),
+            server_certificate=str(server.server_certificate),
         )
-    if settings.user is not None and settings.password_file is not None:
-        client.set_user(settings.user)
-        client.set_password(settings.password_file.read_text(encoding="utf-8").strip())
+    if server.user is not None and server.password_file is not None:
+        client.set_user(server.user)
+        client.set_password(server.password_file.read_text(encoding="utf-8").strip())
 
 
 class OpcUaSession:
     """A session that is open."""
 
-    def __init__(self, client: Client, settings: OpcUaSettings) -> None:
+    def __init__(self, client: Client, server: OpcUaServer) -> None:
         self.problem: str | None = None
         self._client = client
-        self._settings = settings
-        self._nodes = [client.get_node(place.node) for place in settings.channels.values()]
+        self._server = server
+        self._nodes = [client.get_node(place.node) for place in server.channels.values()]
 
     async def ask(self) -> Mapping[str, Answer]:
         """Read every node in one request. Raises `LostError`."""
-        url = self._settings.url
+        url = self._server.url
         try:
-            async with asyncio.timeout(self._settings.timeout_s):
+            async with asyncio.timeout(self._server.timeout_s):
                 found = await self._client.read_attributes(self._nodes, AttributeIds.Value)
         except TimeoutError:
             raise LostError("timeout", f"{url} does not answer in time") from None
@@ -84,7 +84,7 @@ class OpcUaSession:
         self.problem = None
         return {
             channel: self._answer(channel, place, data)
-            for (channel, place), data in zip(self._settings.channels.items(), found, strict=True)
+            for (channel, place), data in zip(self._server.channels.items(), found, strict=True)
         }
 
     async def close(self) -> None:

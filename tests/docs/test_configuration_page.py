@@ -56,9 +56,9 @@ DEVICES = {
     "A CAN channel": places.CanChannel,
     "`canopen`": canopen.CanopenSettings,
     "`opcua`": opcua.OpcUaSettings,
-    "An OPC UA channel": opcua.OpcUaChannel,
+    "An OPC UA channel": places.OpcUaChannel,
     "`mtconnect`": mtconnect.MtConnectSettings,
-    "An MTConnect channel": mtconnect.MtConnectChannel,
+    "An MTConnect channel": places.MtConnectChannel,
     "`player`": player.PlayerSettings,
 }
 CASES = [("configuration.md", t, m) for t, m in CONFIGURATION.items()]
