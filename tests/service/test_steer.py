@@ -61,6 +61,9 @@ def test_what_is_armed_is_followed_at_the_controls_rate_and_let_go_of_when_it_is
         assert told["now_um"] == pytest.approx([10.0, -20.0, 30.0])
         assert told["fastest_um_s"] <= RATE_UM_S * (1 + 1e-9)
         assert steered.failure is None
+        watch = Stopwatch()
+        hold(steered, table, lambda: watch.took_s() > 3 * VALID_S)  # its sign of life advances
+        assert (control.largest_um, steered.failure) == (30.0, None)
         with ModbusTcpClient("127.0.0.1", port=control.port) as reader:  # the registers of the page
             words = reader.read_holding_registers(0, count=22, device_id=1).registers
         head = struct.unpack(">HHHHIiiiii", struct.pack(">16H", *words[:16]))
