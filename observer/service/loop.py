@@ -288,7 +288,7 @@ class _Cycles:
             if (rival := self._service.publisher.status.rival) is not None:
                 compensator.disarm(f"{rival}, then arm again")
             control = self._service.control
-            if compensator.reason is None and control is not None and control.failure is not None:
+            if control is not None and control.failure is not None and compensator.reason is None:
                 compensator.disarm(f"{control.failure}; arm again")
             self._compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
