@@ -13,10 +13,18 @@ from pydantic import Field
 from drivers.can import CanSettings
 from drivers.canopen import CanopenSettings
 from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings
+from drivers.mtconnect import MtConnectSettings
+from drivers.opcua import OpcUaSettings
 from drivers.player import PlayerSettings
 
 DriverSettings = Annotated[
-    ModbusTcpSettings | ModbusRtuSettings | CanSettings | CanopenSettings | PlayerSettings,
+    ModbusTcpSettings
+    | ModbusRtuSettings
+    | CanSettings
+    | CanopenSettings
+    | OpcUaSettings
+    | MtConnectSettings
+    | PlayerSettings,
     Field(discriminator="kind"),
 ]
 

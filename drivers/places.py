@@ -1,7 +1,8 @@
-"""Where a value stands on a wire, written out: a register of a Modbus device, a signal of a CAN message."""
+"""Where a value stands on a wire, written out: a register, a signal of a CAN message, a node, a data item."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,6 +92,62 @@ class CanChannel(Settings):
     def where(self) -> tuple[object, ...]:
         """What two channels must not share."""
         return self.message, self.signal
+
+
+class OpcUaChannel(Settings):
+    """One variable of the server: value = scale · number + offset."""
+
+    node: Annotated[Text, Field(pattern=r"^(ns=\d{1,5};)?([is]=.+|[gb]=.+)$")]
+    scale: Scale = 1.0
+    offset: Finite = 0.0
+
+    @model_validator(mode="after")
+    def _sensible(self) -> OpcUaChannel:
+        if self.scale == 0:
+            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
+        name = self.node.rpartition(";")[2] if self.node.startswith("ns=") else self.node
+        if name.startswith("i=") and not re.fullmatch(r"i=\d{1,10}", name):
+            raise ValueError(f'{self.node} is no node: after "i=" stands a number; mend it')
+        return self
+
+
+class MtConnectChannel(Settings):
+    """One data item of the agent: value = scale · number in SI units + offset; or 1 where it `equals`."""
+
+    item: Annotated[Text, Field(pattern=r"^\S+$")]
+    equals: Text | None = None
+    scale: Scale = 1.0
+    offset: Finite = 0.0
+
+    @model_validator(mode="after")
+    def _sensible(self) -> MtConnectChannel:
+        if self.scale == 0:
+            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class OpcUaServer:
+    """Where an OPC UA server is, how its wire is secured, and what is read from it."""
+
+    url: str
+    timeout_s: float
+    policy: str
+    certificate: Path | None
+    private_key: Path | None
+    server_certificate: Path | None
+    user: str | None
+    password_file: Path | None
+    channels: Mapping[str, OpcUaChannel]
+
+
+@dataclass(frozen=True, slots=True)
+class MtConnectAgent:
+    """Where an MTConnect agent is, its device included, and what is read from it."""
+
+    url: str
+    timeout_s: float
+    channels: Mapping[str, MtConnectChannel]
 
 
 def check_channels(

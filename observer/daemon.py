@@ -22,6 +22,7 @@ from observer.service.carry import carried_over
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
+from observer.service.compensation import LATE_PERIODS
 from observer.service.gap import GapState
 from observer.service.keeper import Keeper, carried, known_of_gap, stored
 from observer.service.lives import run
@@ -31,6 +32,7 @@ from observer.service.notify import service_manager
 from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
 from observer.service.retention import Retention, refuse_shared
+from observer.service.steer import Steering
 from observer.service.trial import Trial
 from observer.service.warm import Compiler
 
@@ -173,6 +175,7 @@ def _service(
         alone=alone,
         trial=trial,
         gap=gap,
+        control=_steering(config),
     )
 
 
@@ -185,3 +188,14 @@ def _publisher(ready: _Ready, instance: str, path: Path | None, *, compensates: 
     )
     start = Start.of(config, path)
     return publisher if start is None else Outlets(publisher, Feed(start, told.encode()))
+
+
+def _steering(config: Installation) -> Steering | None:
+    """What writes the compensation to the control; None where no control is named."""
+    settings = config.compensation
+    if (at := settings.control) is None or not settings.enabled:
+        return None
+    from drivers.control_modbus import ModbusControl  # noqa: PLC0415  (the bus library only when it is used)
+
+    control = ModbusControl(at.host, at.port, at.unit_id, at.first_register, at.timeout_s)
+    return Steering(control, LATE_PERIODS * config.estimator.period_s)

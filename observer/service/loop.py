@@ -33,6 +33,7 @@ from observer.service.pipeline import Drive, Pipeline
 from observer.service.reasons import departure_sentence
 from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
+from observer.service.steer import Steering
 from observer.service.trial import Trial
 from observer.service.warm import Compiler
 from observer.service.wires import Wires
@@ -46,6 +47,7 @@ _DRIVERS_END_S = 0.3
 _RECORDER_END_S = 0.4
 _PUBLISHER_END_S = 0.7
 _KEEPER_END_S = 0.1
+_CONTROL_END_S = 0.3
 
 log = structlog.get_logger()
 
@@ -118,10 +120,11 @@ class Service:
     alone: bool = True
     trial: Trial | None = None
     gap: GapWatch | None = None
+    control: Steering | None = None
 
 
 async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
-    """Serve until cancelled or until a renewal is due, then end every part within 1.4 s.
+    """Serve until cancelled or until a renewal is due, then end every part within 1.7 s.
 
     `when_warm` is called before the first tick. Raises `UserError` where another service has the axis
     already.
@@ -139,6 +142,8 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
         renewal = await cycles.tick_until_renewed()
         return renewal
     finally:
+        if service.control is not None and not service.control.close(_CONTROL_END_S):
+            log.warning("the control could not be released in time; its dead-man takes it to zero")
         if service.compiler is not None:
             service.compiler.end()
         if service.keeper is not None:
@@ -279,15 +284,17 @@ class _Cycles:
             if changed:
                 log.error("step failed", exc_info=True)
             if compensator is not None:
-                document = compensator.fail(float(frame.time_s[0]), self.count, self._failure)
-                self._service.publisher.compensation(document)
+                self._compensation(compensator.fail(float(frame.time_s[0]), self.count, self._failure))
             return changed
         self._service.publisher.publish(estimate, self.count)
         self._service.publisher.readings(frame, self.count)
         if compensator is not None:
             if (rival := self._service.publisher.status.rival) is not None:
                 compensator.disarm(f"{rival}, then arm again")
-            self._service.publisher.compensation(compensator.step(estimate, frame, self.count))
+            control = self._service.control
+            if control is not None and control.failure is not None and compensator.reason is None:
+                compensator.disarm(f"{control.failure}; arm again")
+            self._compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
         self._last = LastStep(frame, self._pipeline.inputs, estimate)
         gap = self._service.gap
@@ -300,6 +307,12 @@ class _Cycles:
         self._had_estimate |= self._estimate != EstimateQuality.INVALID
         self._failure = None
         return before != self._estimate
+
+    def _compensation(self, document: Mapping[str, Any]) -> None:
+        """Tell the subscribers and the control what is compensated."""
+        self._service.publisher.compensation(document)
+        if self._service.control is not None:
+            self._service.control.take(document)
 
     def _ping(self) -> None:
         """Tell the service manager that a cycle is complete and, if they are, that all threads live."""
@@ -320,6 +333,9 @@ class _Cycles:
         told = () if self.wires.alive else ("drivers: their thread has ended; restart the service",)
         if keeper is not None and keeper.reason:
             told = (*told, f"checkpoint: {keeper.reason}")
+        control = self._service.control
+        if control is not None and control.failure is not None:
+            told = (*told, f"compensation: {control.failure}")
         told = told if trial is None else (*told, *trial.notices())
         gap = self._service.gap
         if gap is not None and (departure := gap.departure) is not None:

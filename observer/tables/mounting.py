@@ -37,6 +37,21 @@ class Supports(Section):
         return self
 
 
+class ModbusControl(Section):
+    """A control that takes the compensation over Modbus TCP holding registers."""
+
+    kind: Literal["modbus"]
+    host: Annotated[str, Field(min_length=1, max_length=256, pattern=r"^\S+$")]
+    port: Annotated[Count, Field(ge=1, le=65535)] = 502
+    unit_id: Annotated[Count, Field(ge=0, le=255)] = 1
+    first_register: Annotated[Count, Field(ge=0, le=0xFF00)] = 0
+    timeout_s: Annotated[Positive, Field(ge=0.01, le=5.0)] = 0.2
+
+
+MOST_POINTS = 50
+"""A longer table does not fit into one request of Modbus, and no control must see half of one."""
+
+
 class Compensation(Section):
     """What a control is told so that it can take the thermal error out of its axis; off unless enabled."""
 
@@ -51,6 +66,15 @@ class Compensation(Section):
     rate_limit_um_s: Positive = 1.0
     gradient_limit_um_m: Positive = 100.0
     limit_um: Positive = 200.0
+    control: ModbusControl | None = None
+
+    @model_validator(mode="after")
+    def _fits_into_one_request(self) -> Compensation:
+        if self.control is not None and self.points > MOST_POINTS:
+            raise ValueError(
+                f"points = {self.points} is more than a control takes; give {MOST_POINTS} at most"
+            )
+        return self
 
     @model_validator(mode="after")
     def _nobody_else_compensates(self) -> Compensation:

@@ -39,7 +39,7 @@ def house(tmp_path: Path) -> Path:
     driver, line = (body for _, language, body in blocks(PAGE) if language == "python")
     (copied / "one_wire.py").write_text(driver, encoding="utf-8")
     imported, union = (part.rstrip() for part in line.split("\n\n"))
-    before = union.replace(" | OneWireSettings", "")
+    before = union.replace("\n    | OneWireSettings", "")
     text = (copied / "__init__.py").read_text(encoding="utf-8")
     assert text.count(before) == 1, "the page shows another list of drivers than there is"
     neighbour = "from drivers.player import"

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 import drivers
-from drivers import can, canopen, devices, modbus, places, player
+from drivers import can, canopen, devices, modbus, mtconnect, opcua, places, player
 from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
@@ -39,6 +39,7 @@ CONFIGURATION = {
     "`[output]`": config.Output,
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
+    "`[compensation.control]`": mounting.ModbusControl,
     "`[limits]`": config.ChannelLimits,
     "`[publish]`": publishing.Publish,
     "`[publish.tls]`": publishing.Tls,
@@ -55,6 +56,10 @@ DEVICES = {
     "`can`": can.CanSettings,
     "A CAN channel": places.CanChannel,
     "`canopen`": canopen.CanopenSettings,
+    "`opcua`": opcua.OpcUaSettings,
+    "An OPC UA channel": places.OpcUaChannel,
+    "`mtconnect`": mtconnect.MtConnectSettings,
+    "An MTConnect channel": places.MtConnectChannel,
     "`player`": player.PlayerSettings,
 }
 CASES = [("configuration.md", t, m) for t, m in CONFIGURATION.items()]

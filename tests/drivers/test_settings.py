@@ -43,6 +43,16 @@ EXAMPLES = {
         node_id = 5
         counts_per_m = 1e6
     """,
+    "opcua": """
+        kind = "opcua"
+        url = "opc.tcp://127.0.0.1:4840"
+        channels = { nut_position_m = { node = "ns=2;s=Axis.X.Position", scale = 0.001 } }
+    """,
+    "mtconnect": """
+        kind = "mtconnect"
+        url = "http://127.0.0.1:5000"
+        channels = { nut_position_m = { item = "xpos" }, runs_1 = { item = "exec" } }
+    """,
 }
 
 

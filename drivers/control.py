@@ -1,0 +1,57 @@
+"""What writes to a control, in four functions; not a driver, and nothing here reads a machine.
+
+A correction is in whole numbers, so that what a control reads back either is what was written or is not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+class ControlError(Exception):
+    """The control cannot be reached, refuses, or does not do what it was told; the text says which."""
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """The thermal error that a control takes out, in the machine's coordinates; it subtracts it.
+
+    A line, error(x) = offset + slope · (x − reference), and a table over equidistant places from `first_um`
+    to `last_um`; a control takes the one or the other.
+    """
+
+    reference_um: int
+    offset_nm: int
+    slope_nm_m: int
+    first_um: int
+    last_um: int
+    error_nm: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReadBack:
+    """What the control says it was told, whether it follows that, and if not, why not in words."""
+
+    correction: Correction
+    following: bool
+    reason: str | None = None
+
+
+class Control(Protocol):
+    """A control that takes out an error, at its own rate, and goes to zero when nobody tells it any more.
+
+    Each function waits for an answer at most for a time of its own and raises `ControlError`.
+    """
+
+    def open(self) -> None:
+        """Connect, and have the control off, whatever it was before."""
+
+    def write(self, correction: Correction, valid_s: float) -> None:
+        """Have a correction followed for `valid_s`, and a sign of life advance."""
+
+    def read_back(self) -> ReadBack:
+        """What the control has of the last writing."""
+
+    def release(self) -> None:
+        """Have the control go to zero by its own ramp, and hang up."""

@@ -1,0 +1,118 @@
+"""A control behind Modbus TCP holding registers, in the layout of docs/how-to/compensate.md.
+
+One correction is one request, so that a control never sees half of one. Nothing is sent twice by itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ModbusPDU
+
+from drivers.control import ControlError, Correction, ReadBack
+
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # it is all told by `ControlError`
+
+LAYOUT = 1
+OFF, FOLLOW = 0, 1
+_HEAD = struct.Struct(">HHHHIiiiii")
+_STATE_AT, _STATE_WORDS = 128, 4
+_FOLLOWING = 1
+_REASONS = {
+    1: "its dead-man has let go",
+    2: "a value is beyond its limits",
+    3: "it does not understand what was written",
+    4: "it was switched off at the control",
+}
+
+
+class ModbusControl:
+    """A control over Modbus TCP; to be used from one thread."""
+
+    def __init__(self, host: str, port: int, unit_id: int, first_register: int, timeout_s: float) -> None:
+        self._where = f"{host}:{port}"
+        self._unit_id = unit_id
+        self._first = first_register
+        self._client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0, reconnect_delay=0)
+        self._beat = 0
+        self._words = 0
+
+    def open(self) -> None:
+        """Connect, and have the control off, whatever it was before. Raises `ControlError`."""
+        self._client.close()  # type: ignore[no-untyped-call]
+        try:
+            connected = self._client.connect()  # type: ignore[no-untyped-call]
+        except (OSError, ModbusException) as error:
+            raise ControlError(f"{self._where} cannot be reached: {error}") from None
+        if not connected:
+            raise ControlError(f"{self._where} cannot be reached; is the control on?")
+        self._write([LAYOUT, OFF])
+
+    def write(self, correction: Correction, valid_s: float) -> None:
+        """Have a correction followed for `valid_s`. Raises `ControlError`."""
+        self._beat = (self._beat + 1) & 0xFFFF
+        count = len(correction.error_nm)
+        line = (correction.reference_um, correction.offset_nm, correction.slope_nm_m)
+        ends = (correction.first_um, correction.last_um)
+        try:
+            head = _HEAD.pack(LAYOUT, FOLLOW, self._beat, count, round(1e3 * valid_s), *line, *ends)
+            table = struct.pack(f">{count}i", *correction.error_nm)
+        except struct.error:
+            raise ControlError("a value is too large for the control's registers") from None
+        words = list(struct.unpack(f">{(len(head) + len(table)) // 2}H", head + table))
+        self._words = len(words)
+        self._write(words)
+
+    def read_back(self) -> ReadBack:
+        """What the control has of the last writing. Raises `ControlError`."""
+        words = self._read(0, self._words)
+        layout, state, reason, beat = self._read(_STATE_AT, _STATE_WORDS)
+        if layout != LAYOUT:
+            raise ControlError(f"{self._where} has registers of layout {layout}, not {LAYOUT}")
+        data = struct.pack(f">{len(words)}H", *words)
+        _, command, _, count, _, reference, offset, slope, first, last = _HEAD.unpack_from(data)
+        table = data[_HEAD.size :]
+        error = struct.unpack(f">{len(table) // 4}i", table)
+        if command == FOLLOW and count == len(error) and beat != self._beat and state == _FOLLOWING:
+            raise ControlError(f"{self._where} does not see the sign of life advance")
+        correction = Correction(reference, offset, slope, first, last, error)
+        told = _REASONS.get(reason, f"reason {reason}") if reason else None
+        return ReadBack(correction, state == _FOLLOWING and command == FOLLOW and count == len(error), told)
+
+    def release(self) -> None:
+        """Have the control go to zero by its own ramp, and hang up. Raises `ControlError`."""
+        try:
+            if self._client.connected:
+                self._write([LAYOUT, OFF])
+            else:
+                self.open()
+        finally:
+            self._client.close()  # type: ignore[no-untyped-call]
+
+    def _write(self, words: list[int]) -> None:
+        try:
+            answer = self._client.write_registers(self._first, words, device_id=self._unit_id)
+        except (OSError, ModbusException) as error:
+            raise ControlError(f"{self._where} does not answer: {error}") from None
+        self._refuse_error(answer, "writing")
+
+    def _read(self, offset: int, count: int) -> list[int]:
+        try:
+            answer = self._client.read_holding_registers(
+                self._first + offset, count=count, device_id=self._unit_id
+            )
+        except (OSError, ModbusException) as error:
+            raise ControlError(f"{self._where} does not answer: {error}") from None
+        self._refuse_error(answer, "reading")
+        if len(answer.registers) != count:
+            raise ControlError(
+                f"{self._where} was asked for {count} registers and gave {len(answer.registers)}"
+            )
+        return list(answer.registers)
+
+    def _refuse_error(self, answer: ModbusPDU, what: str) -> None:
+        if answer.isError():
+            raise ControlError(f"{self._where} refuses {what}: Modbus exception {answer.exception_code}")

@@ -1,0 +1,52 @@
+"""An MTConnect agent, as many controls have one: data items by their id, asked for each period over HTTP.
+
+Channels are numbers, so an event that is a word becomes 1 where it `equals` the word that is given, else 0:
+EXECUTION is 1 while it is ACTIVE, and PROGRAM can be 1 while one program is loaded.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from drivers.places import MtConnectAgent, MtConnectChannel
+from drivers.protocol import Driver
+from drivers.settings import ChannelName, DriverTable, PollPeriod, Text, Timeout
+
+
+class MtConnectSettings(DriverTable):
+    """An MTConnect agent; `device` is needed where it has several and an id is not unique."""
+
+    kind: Literal["mtconnect"]
+    url: Annotated[Text, Field(pattern=r"^https?://[^/@\s?#]+(/[^\s?#]*)?$")]
+    device: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=128)] | None = None
+    period_s: PollPeriod = 0.5
+    timeout_s: Timeout = 1.0
+    channels: dict[ChannelName, MtConnectChannel] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _each_its_own(self) -> MtConnectSettings:
+        places = [(place.item, place.equals) for place in self.channels.values()]
+        if twice := [item for item, equals in places if places.count((item, equals)) > 1]:
+            raise ValueError(f"two channels read {twice[0]}; give each its own")
+        return self
+
+    @property
+    def delivered(self) -> tuple[str, ...]:
+        """The channels it delivers."""
+        return tuple(self.channels)
+
+    @property
+    def sample_s(self) -> float:
+        """How often each channel comes."""
+        return self.period_s
+
+    def open(self, name: str) -> Driver:
+        """Make the driver that asks the agent."""
+        from drivers.mtconnect_session import connect  # noqa: PLC0415  (the libraries only when they are used)
+        from drivers.polled import Polled  # noqa: PLC0415
+
+        url = self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")
+        agent = MtConnectAgent(url, self.timeout_s, self.channels)
+        return Polled(name, self.delivered, self.period_s, lambda: connect(agent))

@@ -1,0 +1,218 @@
+"""The one file that asks an MTConnect agent: its documents over HTTP, and what they say (ANSI/MTC1.4).
+
+An answer may be anything. It is read up to a size and within the time, without document types and entities,
+and counts only where it is a document of the standard.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from math import isfinite, nan
+from xml.etree.ElementTree import Element, ParseError
+
+import httpx
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from drivers.places import MtConnectAgent, MtConnectChannel
+from drivers.polled import Answer, LostError
+
+logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every request otherwise
+
+LARGEST_BYTES = 2_000_000  # a probe of a large machining centre has some 200 kB
+_ROOT = re.compile(r"\{urn:mtconnect\.org:MTConnect(Devices|Streams|Error):[12]\.\d+\}MTConnect\1")
+_NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
+_UNAVAILABLE = "UNAVAILABLE"
+_CLOCK_STEP_S = 1.0  # many agents tell the time of a document in whole seconds
+FACTORS = {
+    "": 1.0, "COUNT": 1.0, "CELSIUS": 1.0, "PERCENT": 1.0, "REVOLUTION/MINUTE": 1.0, "DEGREE": 1.0,
+    "NEWTON": 1.0, "NEWTON_METER": 1.0, "WATT": 1.0, "AMPERE": 1.0, "VOLT": 1.0, "HERTZ": 1.0,
+    "SECOND": 1.0, "KILOWATT": 1e3, "MILLIMETER": 1e-3, "MILLIMETER/SECOND": 1e-3,
+    "MILLIMETER/SECOND^2": 1e-3, "MICROMETER": 1e-6, "METER": 1.0,
+}  # fmt: skip
+"""Units of the standard (part 2, 7.2.2.5) as factors to those of the house."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Item:
+    """How a data item becomes a number: by the factor of its unit, or as 1 where it equals a word."""
+
+    factor: float
+    equals: str | None
+
+
+async def connect(agent: MtConnectAgent) -> MtConnectSession:
+    """Ask the agent once what it has. Raises `LostError`."""
+    client = httpx.AsyncClient(
+        timeout=agent.timeout_s,
+        follow_redirects=False,
+        trust_env=False,
+        headers={"Accept": "text/xml", "Accept-Encoding": "identity"},
+    )
+    session = MtConnectSession(client, agent)
+    try:
+        await session.probe()
+    except BaseException:
+        await session.close()
+        raise
+    return session
+
+
+class MtConnectSession:
+    """An agent that has told its data items."""
+
+    def __init__(self, client: httpx.AsyncClient, agent: MtConnectAgent) -> None:
+        self.problem: str | None = None
+        self._client = client
+        self._agent = agent
+        self._url = agent.url
+        self._instance: str | None = None
+        self._items: dict[str, _Item | str] = {}
+        self._made_s = nan
+        self._fresh_s = 0.0
+
+    async def probe(self) -> None:
+        """Look for every channel's item. Raises `LostError`."""
+        root = await self._get("probe", "Devices")
+        self._instance = _header(root).get("instanceId")
+        known: dict[str, list[Element]] = {}
+        for element in root.iter():
+            if _name(element) == "DataItem":
+                known.setdefault(element.get("id", ""), []).append(element)
+        for channel, place in self._agent.channels.items():
+            self._items[channel] = _item(place, known.get(place.item, []))
+        wrong = {channel: item for channel, item in self._items.items() if isinstance(item, str)}
+        problems = [f"channel {channel}: {item}" for channel, item in wrong.items()]
+        self.problem = problems[0] if problems else None
+
+    async def ask(self) -> Mapping[str, Answer]:
+        """What each item is now. Raises `LostError`."""
+        root = await self._get("current", "Streams")
+        header = _header(root)
+        if header.get("instanceId") != self._instance:
+            raise LostError("restarted", f"{self._url}: the agent has started anew; its items are read again")
+        self._refuse_old(_seconds(header.get("creationTime")))
+        wanted = {place.item for place in self._agent.channels.values()}
+        said: dict[str, list[Element]] = {}
+        for element in root.iter():
+            if (key := element.get("dataItemId")) in wanted:
+                said.setdefault(str(key), []).append(element)
+        return {
+            channel: _answer(self._items[channel], place, said.get(place.item, []))
+            for channel, place in self._agent.channels.items()
+        }
+
+    async def close(self) -> None:
+        """End the connection."""
+        await self._client.aclose()
+
+    def _refuse_old(self, made_s: float) -> None:
+        """Refuse documents out of some cache: their time of making stands still."""
+        now_s = asyncio.get_running_loop().time()
+        if made_s != self._made_s:
+            if made_s < self._made_s - _CLOCK_STEP_S:
+                raise LostError("stale", f"{self._url}: the answer is older than the one before")
+            self._made_s, self._fresh_s = made_s, now_s
+        elif now_s - self._fresh_s > self._agent.timeout_s + _CLOCK_STEP_S:
+            raise LostError("stale", f"{self._url}: the same answer as before comes again, as from a cache")
+
+    async def _get(self, what: str, kind: str) -> Element:
+        """Fetch a document of a kind of the standard. Raises `LostError`."""
+        url = f"{self._url}/{what}"
+        try:
+            async with asyncio.timeout(self._agent.timeout_s):  # the whole of it, however slowly it drips
+                data = await self._body(url)
+        except TimeoutError:
+            raise LostError("timeout", f"{url} does not answer in time") from None
+        except httpx.TimeoutException:
+            raise LostError("timeout", f"{url} does not answer in time") from None
+        except (httpx.HTTPError, httpx.InvalidURL, OSError, ValueError) as error:
+            raise LostError("disconnected", f"{url}: {error or type(error).__name__}") from None
+        return document(data, kind, url)
+
+    async def _body(self, url: str) -> bytes:
+        data = bytearray()
+        async with self._client.stream("GET", url) as response:
+            if response.status_code >= 500 or response.status_code in {301, 302, 303, 307, 308}:
+                raise LostError("bad_reply", f"{url} answers with HTTP {response.status_code}")
+            async for part in response.aiter_raw():
+                data += part
+                if len(data) > LARGEST_BYTES:
+                    raise LostError("bad_reply", f"{url} sends more than {LARGEST_BYTES} bytes")
+            if response.status_code != 200 and not data.lstrip().startswith(b"<?xml"):
+                raise LostError("bad_reply", f"{url} answers with HTTP {response.status_code}")
+        return bytes(data)
+
+
+def document(data: bytes, kind: str, url: str) -> Element:
+    """The root of a document of a kind. Raises `LostError` for anything else."""
+    try:
+        root: Element = fromstring(data, forbid_dtd=True)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        told = re.sub(r"\s+", " ", str(error))[:120]
+        raise LostError("bad_reply", f"{url} is no XML that can be trusted: {told}") from None
+    found = _ROOT.fullmatch(root.tag)
+    if found is not None and found[1] == "Error":
+        told = next((" ".join((e.text or "").split())[:120] for e in root.iter() if _name(e) == "Error"), "")
+        raise LostError("bad_reply", f"{url}: the agent refuses: {told}")
+    if found is None or found[1] != kind:
+        raise LostError(
+            "bad_reply", f"{url} is no MTConnect{kind} document of version 1 or 2, but {root.tag[:80]}"
+        )
+    return root
+
+
+def _item(place: MtConnectChannel, elements: list[Element]) -> _Item | str:
+    """What the probe says of a channel's item, or a sentence why it cannot be had."""
+    if not elements:
+        return f"the agent has no data item {place.item}; mend its item"
+    if len(elements) > 1:
+        return f"the agent has {len(elements)} data items {place.item}; name the device"
+    item = elements[0]
+    if item.get("category") == "CONDITION":
+        return f"{place.item} is a condition, which is no number; name a sample or an event"
+    equals = place.equals or ("ACTIVE" if item.get("type") == "EXECUTION" else None)
+    units = item.get("units", "")
+    factor = 1.0 if equals is not None else FACTORS.get(units)
+    if factor is None:
+        return f"{place.item} is in {units[:40]}, which is not known here; name another item"
+    return _Item(factor, equals)
+
+
+def _answer(item: _Item | str, place: MtConnectChannel, elements: list[Element]) -> Answer:
+    """What an item says now."""
+    if isinstance(item, str):
+        return Answer(fault="unknown_item")
+    if len(elements) != 1:
+        return Answer(fault="ambiguous" if elements else "missing")
+    text, stamp_s = (elements[0].text or "").strip(), _seconds(elements[0].get("timestamp"))
+    if text == _UNAVAILABLE or len(elements[0]):
+        return Answer(fault="unavailable" if text == _UNAVAILABLE else "wrong_type", stamp_s=stamp_s)
+    if item.equals is not None:
+        return Answer(place.scale * float(text == item.equals) + place.offset, stamp_s=stamp_s)
+    if not _NUMBER.fullmatch(text):
+        return Answer(fault="wrong_type", stamp_s=stamp_s)
+    value = place.scale * item.factor * float(text) + place.offset
+    return Answer(value, stamp_s=stamp_s) if isfinite(value) else Answer(fault="not_finite")
+
+
+def _header(root: Element) -> Mapping[str, str]:
+    return next((element.attrib for element in root if _name(element) == "Header"), {})
+
+
+def _name(element: Element) -> str:
+    return element.tag.rpartition("}")[2]
+
+
+def _seconds(text: str | None) -> float:
+    """A time of the standard (ISO 8601, UTC) as seconds since the epoch; NaN where it is none."""
+    try:
+        stamp = datetime.fromisoformat((text or "")[:40])
+    except ValueError:
+        return nan
+    return stamp.timestamp() if stamp.tzinfo is not None else nan

@@ -1,0 +1,85 @@
+"""An OPC UA server, as controls and gateways have one: the values of named nodes, read each period.
+
+Only the Read service is ever called. A value counts where its status is plainly Good; everything else, a
+value at the limit of its sensor or one that somebody has overridden included, is a fault by the status' name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from drivers.places import OpcUaChannel, OpcUaServer
+from drivers.protocol import Driver
+from drivers.settings import ChannelName, DriverTable, PollPeriod, Text, Timeout
+from observer.tables.quantities import File
+
+
+class OpcUaSettings(DriverTable):
+    """An OPC UA server; certificate and key, user and password file belong together."""
+
+    kind: Literal["opcua"]
+    url: Annotated[Text, Field(pattern=r"^opc\.tcp://[^/@\s]+(/\S*)?$")]
+    period_s: PollPeriod = 0.1
+    timeout_s: Timeout = 1.0
+    policy: Literal["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"] = "Basic256Sha256"
+    certificate: File | None = None
+    private_key: File | None = None
+    server_certificate: File | None = None
+    user: Text | None = None
+    password_file: File | None = None
+    channels: dict[ChannelName, OpcUaChannel] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> OpcUaSettings:
+        files = (self.certificate, self.private_key, self.server_certificate)
+        if any(files) and not all(files):
+            raise ValueError(
+                "certificate, private_key and server_certificate belong together; give all or none"
+            )
+        if (self.user is None) != (self.password_file is None):
+            raise ValueError("user and password_file belong together; give both or neither")
+        if self.user is not None and self.certificate is None:
+            raise ValueError(
+                "a password goes over no wire in the clear; give certificate and private_key too"
+            )
+        nodes = [place.node for place in self.channels.values()]
+        if twice := sorted({node for node in nodes if nodes.count(node) > 1}):
+            raise ValueError(f"two channels read {twice[0]}; give each its own")
+        return self
+
+    @property
+    def delivered(self) -> tuple[str, ...]:
+        """The channels it delivers."""
+        return tuple(self.channels)
+
+    @property
+    def sample_s(self) -> float:
+        """How often each channel comes."""
+        return self.period_s
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that it names, by key."""
+        keys = ("certificate", "private_key", "server_certificate", "password_file")
+        return {key: file for key in keys if (file := getattr(self, key)) is not None}
+
+    def file_problems(self, _name: str) -> list[str]:
+        """Say which files are not there."""
+        return [
+            f"{key}: {file} is no file; mend the path"
+            for key, file in self.files.items()
+            if not file.is_file()
+        ]
+
+    def open(self, name: str) -> Driver:
+        """Make the driver that asks the server."""
+        from drivers.opcua_session import connect  # noqa: PLC0415  (the bus library only when it is used)
+        from drivers.polled import Polled  # noqa: PLC0415
+
+        keys = (f.name for f in fields(OpcUaServer))
+        server = OpcUaServer(**{key: getattr(self, key) for key in keys})
+        return Polled(name, self.delivered, self.period_s, lambda: connect(server))

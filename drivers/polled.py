@@ -1,0 +1,164 @@
+"""Asking a server for every channel each period, for ever: what OPC UA and MTConnect share.
+
+The one task that asks also connects, so a server that comes back is met within `RETRY_S` of an attempt; what
+has not been answered when a period ends is delivered as faulty.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+from collections.abc import Awaitable, Callable, Mapping
+from math import isnan, nan
+from typing import Protocol
+
+from drivers.protocol import Clock, Deliver, DriverStatus, faulty
+from drivers.stamps import DeviceClock
+from observer.frames import Reading
+
+RETRY_S = 0.25
+_END_S = 0.2  # to say good-bye in
+_AFTER_S = 1e-6
+
+
+class LostError(Exception):
+    """A connection that must not be used again; `fault` is what its channels have meanwhile."""
+
+    def __init__(self, fault: str, text: str) -> None:
+        super().__init__(text)
+        self.fault = fault
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Answer:
+    """What a server said of a channel: a value or a fault, and the source's own time where it gave one."""
+
+    value: float = nan
+    fault: str | None = None
+    stamp_s: float = nan
+
+
+class Session(Protocol):
+    """One connection to a server; `problem` is a sentence where a channel cannot be had as configured."""
+
+    problem: str | None
+
+    async def ask(self) -> Mapping[str, Answer]:
+        """Ask for every channel. Raises `LostError`."""
+
+    async def close(self) -> None:
+        """End the connection."""
+
+
+class SourceTimes:
+    """When values were true, in the service's time, by the stamps that their sources gave them.
+
+    A server repeats the stamp of a value that has not changed; such a value is true when it arrives. The
+    stamp of one that has changed is of a clock of its own, which `DeviceClock` follows; but no value is older
+    than the answer that did not have it yet, so that no channel's time runs back.
+    """
+
+    def __init__(self) -> None:
+        self._clocks: dict[str, DeviceClock] = {}
+        self._stamps_s: dict[str, float] = {}
+        self._before_s = nan
+
+    def readings(self, answers: Mapping[str, Answer], arrival_s: float) -> list[Reading]:
+        """The answers as readings, one for each time, oldest first."""
+        at: dict[float, dict[str, Answer]] = {}
+        for channel, answer in answers.items():
+            at.setdefault(self._time_s(channel, answer.stamp_s, arrival_s), {})[channel] = answer
+        self._before_s = arrival_s
+        return [
+            Reading(
+                time_s,
+                {c: a.value for c, a in at[time_s].items()},
+                {c: a.fault for c, a in at[time_s].items() if a.fault is not None},
+            )
+            for time_s in sorted(at)
+        ]
+
+    def _time_s(self, channel: str, stamp_s: float, arrival_s: float) -> float:
+        before_s, self._stamps_s[channel] = self._stamps_s.get(channel, nan), stamp_s
+        if isnan(before_s) or isnan(stamp_s) or stamp_s == before_s:
+            return arrival_s
+        time_s = self._clocks.setdefault(channel, DeviceClock()).time_s(stamp_s, arrival_s)
+        return min(max(time_s, self._before_s + _AFTER_S), arrival_s)
+
+
+class Polled:
+    """A server that is asked each period; `connect` makes a session or raises `LostError`."""
+
+    def __init__(
+        self,
+        name: str,
+        channels: tuple[str, ...],
+        period_s: float,
+        connect: Callable[[], Awaitable[Session]],
+    ) -> None:
+        self.name = name
+        self.channels = channels
+        self.period_s = period_s
+        self.status = DriverStatus()
+        self._connect = connect
+        self._session: Session | None = None
+        self._why = "disconnected"
+        self._answered_before = False
+        self._times = SourceTimes()
+
+    async def run(self, deliver: Deliver, now: Clock) -> None:
+        """Deliver what each channel is once a period until cancelled."""
+        loop = asyncio.get_running_loop()
+        poll: asyncio.Task[list[Reading]] | None = None
+        next_s = loop.time()
+        try:
+            while True:
+                next_s = max(next_s + self.period_s, loop.time())
+                poll = poll or loop.create_task(self._poll(now))
+                await asyncio.wait({poll}, timeout=next_s - loop.time())
+                if poll.done():
+                    for reading in poll.result():
+                        deliver(reading)
+                    poll = None
+                else:
+                    why = self._why if self._session is None else "timeout"
+                    deliver(faulty(self.channels, why, now()))
+                await asyncio.sleep(next_s - loop.time())
+        finally:
+            while poll is not None and not poll.done():
+                poll.cancel()  # again where a connection that opens at this very moment swallowed it
+                await asyncio.wait({poll}, timeout=_END_S)
+            await self._close()
+
+    async def _poll(self, now: Clock) -> list[Reading]:
+        """Ask until there is an answer, on a new connection after each failure."""
+        while True:
+            try:
+                if self._session is None:
+                    self._session = await self._connect()
+                    self._times = SourceTimes()
+                answers = await self._session.ask()
+                self._answered(self._session)
+                return self._times.readings(answers, now())
+            except LostError as error:
+                self._why = error.fault
+                self.status = dataclasses.replace(
+                    self.status, connected=False, errors=self.status.errors + 1, last_error=str(error)
+                )
+            await self._close()
+            await asyncio.sleep(RETRY_S)
+
+    def _answered(self, session: Session) -> None:
+        status = self.status
+        if not status.connected:
+            again = status.reconnects + self._answered_before
+            status = dataclasses.replace(status, connected=True, reconnects=again)
+            self._answered_before = True
+        if session.problem is not None:
+            status = dataclasses.replace(status, errors=status.errors + 1, last_error=session.problem)
+        self.status = status
+
+    async def _close(self) -> None:
+        session, self._session = self._session, None
+        if session is not None:
+            await session.close()

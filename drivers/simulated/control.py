@@ -1,0 +1,171 @@
+"""`python -m drivers.simulated.control`: a control with a compensation of its own, behind Modbus TCP.
+
+It trusts nobody: it goes toward what it is told at its own rate, refuses what is beyond its limit, and goes
+to zero when the sign of life stands still, until it has been told to be off once. It says its port in one
+JSON line, obeys lines on standard input (`{"alter": true}` has it hold something else than was written,
+`{"off": true}` is the operator's switch, `{}` only asks) with what it is doing, and ends when that is closed.
+It shares nothing with the client but the page that describes the registers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import logging
+import sys
+import threading
+from typing import Any
+
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+STEP_S = 0.01
+REGISTERS = 256
+STATE = 128
+OFF, FOLLOWING, TO_ZERO = 0, 1, 2
+NOTHING, DEAD_MAN, BEYOND, STRANGE, SWITCHED_OFF = range(5)
+WRITES = (6, 16)
+
+
+def signed(high: int, low: int) -> int:
+    """The signed number in two registers."""
+    number = high << 16 | low
+    return number - (1 << 32) if number >> 31 else number
+
+
+class Compensation:
+    """The table in force and what it goes to, µm."""
+
+    def __init__(self, rate_um_s: float, limit_um: float, longest_s: float) -> None:
+        self.rate_um_s, self.limit_um, self.longest_s = rate_um_s, limit_um, longest_s
+        self.state, self.reason, self.beat, self.writes = OFF, NOTHING, 0, 0
+        self.now_um: list[float] = []
+        self.wanted_um: list[float] = []
+        self.fastest_um_s = 0.0
+        self._left_s = 0.0
+
+    def told(self, words: list[int]) -> ExcCodes | None:
+        """Take a writing from the first register on; None where it is accepted."""
+        self.writes += 1
+        if len(words) >= 2 and words[:2] == [1, 0]:
+            self.stop(NOTHING)
+            return None
+        count = words[3] if len(words) > 3 else 0
+        if words[:2] != [1, 1] or count < 2 or len(words) != 16 + 2 * count:
+            self.stop(STRANGE)
+            return ExcCodes.ILLEGAL_VALUE
+        if self.reason != NOTHING:  # it must be told to be off first
+            return ExcCodes.DEVICE_BUSY
+        table_um = [signed(*words[16 + 2 * i : 18 + 2 * i]) * 1e-3 for i in range(count)]
+        if max(abs(um) for um in table_um) > self.limit_um:
+            self.stop(BEYOND)
+            return ExcCodes.ILLEGAL_VALUE
+        if self.state != FOLLOWING or words[2] != self.beat:
+            self._left_s = min(signed(words[4], words[5]) * 1e-3, self.longest_s)
+        self.state, self.beat, self.wanted_um = FOLLOWING, words[2], table_um
+        self.now_um = self.now_um if len(self.now_um) == count else [0.0] * count
+        return None
+
+    def stop(self, reason: int) -> None:
+        """Go to zero."""
+        self.state, self.reason = TO_ZERO, reason
+        self.wanted_um = [0.0] * len(self.now_um)
+
+    def advance(self, elapsed_s: float) -> None:
+        """Go on."""
+        self._left_s -= elapsed_s
+        if self.state == FOLLOWING and self._left_s < 0.0:
+            self.stop(DEAD_MAN)
+        most = self.rate_um_s * elapsed_s
+        steps = [min(most, max(-most, b - a)) for a, b in zip(self.now_um, self.wanted_um, strict=True)]
+        self.now_um = [a + step for a, step in zip(self.now_um, steps, strict=True)]
+        self.fastest_um_s = max([self.fastest_um_s, *(abs(s) / elapsed_s for s in steps)])
+        if self.state == TO_ZERO and not any(self.now_um):
+            self.state = OFF
+
+    def document(self) -> dict[str, Any]:
+        """What it is doing."""
+        return {
+            "state": self.state, "reason": self.reason, "writes": self.writes, "now_um": self.now_um,
+            "wanted_um": self.wanted_um, "fastest_um_s": self.fastest_um_s,
+        }  # fmt: skip
+
+
+class Process:
+    """The control and its wire."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self._compensation = Compensation(args.rate_um_s, args.limit_um, args.dead_man_s)
+        self._port = args.port
+        self._altered = False
+
+    async def run(self) -> None:
+        """Serve until standard input is closed."""
+        loop = asyncio.get_running_loop()
+        ended = asyncio.Event()
+        block = SimData(0, values=[0] * REGISTERS, datatype=DataType.REGISTERS)
+        device = SimDevice(id=1, simdata=[block], action=self._answer)
+        server = ModbusTcpServer(device, address=("127.0.0.1", self._port))
+        await server.serve_forever(background=True)
+        port = server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]
+        print(json.dumps({"port": port}), flush=True)
+
+        def listen() -> None:
+            for line in sys.stdin:
+                loop.call_soon_threadsafe(self._obey, json.loads(line))
+            loop.call_soon_threadsafe(ended.set)
+
+        threading.Thread(target=listen, daemon=True).start()
+        before_s = loop.time()
+        while not ended.is_set():
+            await asyncio.sleep(STEP_S)
+            now_s = loop.time()
+            self._compensation.advance(now_s - before_s)
+            before_s = now_s
+        await server.shutdown()  # type: ignore[no-untyped-call]
+
+    def _obey(self, command: dict[str, Any]) -> None:
+        self._altered = command.get("alter", self._altered)
+        if command.get("off"):
+            self._compensation.stop(SWITCHED_OFF)
+        print(json.dumps(self._compensation.document()), flush=True)
+
+    async def _answer(
+        self,
+        function: int,
+        _first: int,
+        address: int,
+        _count: int,
+        current: list[int],
+        written: list[int] | list[bool] | None,
+    ) -> ExcCodes | None:
+        """Called by pymodbus before each answer."""
+        it = self._compensation
+        if function in WRITES:
+            if address != 0:
+                return ExcCodes.ILLEGAL_ADDRESS
+            return it.told([int(word) for word in written or []])
+        table = [word for um in it.now_um for word in divmod(round(1e3 * um) & 0xFFFFFFFF, 1 << 16)]
+        largest = divmod(round(1e3 * max([0.0, *map(abs, it.now_um)])), 1 << 16)
+        state = [1, it.state, it.reason, it.beat, *largest, len(it.now_um), 0, *table]
+        current[STATE : STATE + len(state)] = state
+        if self._altered:
+            current[17] ^= 1
+        return None
+
+
+def main() -> None:
+    """Start the control."""
+    parser = argparse.ArgumentParser(prog="python -m drivers.simulated.control", description="A control.")
+    parser.add_argument("--port", type=int, default=0, help="Modbus TCP port on loopback; 0 takes a free one")
+    parser.add_argument("--rate-um-s", type=float, default=5.0, help="how fast it compensates at most")
+    parser.add_argument("--limit-um", type=float, default=300.0, help="what it refuses to go beyond")
+    parser.add_argument("--dead-man-s", type=float, default=2.0, help="how long a sign of life holds at most")
+    logging.basicConfig(level=logging.CRITICAL)
+    asyncio.run(Process(parser.parse_args()).run())
+
+
+if __name__ == "__main__":
+    main()

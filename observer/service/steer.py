@@ -1,0 +1,140 @@
+"""The compensation's way to a control: a thread that writes what the loop says, and lets go at every doubt.
+
+It decides nothing. What the loop's compensation publishes as armed is written; the first document that is not
+armed, a writing that fails and the end of the service release the control. A sign of life is only sent with a
+document of the loop's, so that a loop that stands still is for the control the same as one that is dead.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import structlog
+
+from drivers.control import Control, ControlError, Correction
+
+_ATTEMPTS = 2
+
+log = structlog.get_logger()
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """What to write, and until when; None is to let go."""
+
+    correction: Correction | None
+    until_s: float
+
+
+class Steering:
+    """Writes to one control; the loop waits for nothing in it. `valid_s` is how long a document holds."""
+
+    def __init__(self, control: Control, valid_s: float) -> None:
+        self._control = control
+        self._valid_s = valid_s
+        self._changed = threading.Condition()
+        self._next: _Job | None = None
+        self._closing = False
+        self._armed = False
+        self._failure: str | None = None
+        self._written: Correction | None = None
+        self._held = False
+        self._thread = threading.Thread(target=self._live, name="control", daemon=True)
+        self._thread.start()
+
+    @property
+    def failure(self) -> str | None:
+        """Why the control does not follow, since it was armed last; None while it does."""
+        if self._failure is None and not self._thread.is_alive():
+            return "control: its thread has ended; restart the service"
+        return self._failure
+
+    def take(self, document: Mapping[str, Any]) -> None:
+        """Take a document of the compensation; before one is armed, the control is not touched at all."""
+        correction = correction_of(document) if document["armed"] else None
+        with self._changed:
+            if correction is None and not self._armed:
+                return
+            if not self._armed:
+                self._failure = None
+            self._armed = correction is not None
+            self._next = _Job(correction, time.monotonic() + self._valid_s)
+            self._changed.notify()
+
+    def close(self, timeout_s: float) -> bool:
+        """Let go of the control; False where that did not end in time, and its dead-man must do it."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _live(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._next is not None or self._closing)
+                job, self._next = self._next, None
+                closing = self._closing
+            if closing or job is None or job.correction is None:
+                self._let_go()
+            elif self._failure is None:
+                self._try(job, job.correction)
+            if closing:
+                return
+
+    def _try(self, job: _Job, correction: Correction) -> None:
+        try:
+            self._write(job, correction)
+        except Exception as error:  # whatever it is, the loop must hear of it and the control be released
+            if not isinstance(error, ControlError):
+                log.error("control failed", error=repr(error), exc_info=True)
+            self._failure = f"control: {str(error) or type(error).__name__}"
+            self._let_go()
+
+    def _write(self, job: _Job, correction: Correction) -> None:
+        """Make sure that what was written last still holds, write, and make sure again."""
+        if self._written is not None:
+            self._check(self._written)
+        else:
+            self._held = True
+            self._control.open()
+        if time.monotonic() > job.until_s:
+            raise ControlError(f"nothing could be written for {self._valid_s:g} s")
+        self._control.write(correction, self._valid_s)
+        self._check(correction)
+        self._written = correction
+
+    def _check(self, written: Correction) -> None:
+        back = self._control.read_back()
+        if back.reason is not None or not back.following:
+            raise ControlError(f"it does not follow: {back.reason or 'it is off'}")
+        if back.correction != written:
+            raise ControlError("it reads back something else than was written; find who else writes to it")
+
+    def _let_go(self) -> None:
+        """Release the control, once; where that cannot be, its dead-man does it."""
+        self._written = None
+        for _ in range(_ATTEMPTS if self._held else 0):
+            try:
+                self._control.release()
+                break
+            except ControlError as error:
+                log.warning("control not released; its dead-man takes it to zero", error=str(error))
+        self._held = False
+
+
+def correction_of(document: Mapping[str, Any]) -> Correction:
+    """The document of an armed compensation in a control's whole numbers."""
+    places_m = document["position_m"]
+    return Correction(
+        reference_um=round(1e6 * document["reference_m"]),
+        offset_nm=round(1e3 * document["offset_um"]),
+        slope_nm_m=round(1e3 * document["slope_um_m"]),
+        first_um=round(1e6 * places_m[0]),
+        last_um=round(1e6 * places_m[-1]),
+        error_nm=tuple(round(1e3 * error_um) for error_um in document["error_um"]),
+    )

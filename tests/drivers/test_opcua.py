@@ -1,0 +1,156 @@
+"""The OPC UA driver against real servers on loopback, in good days and bad."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from contextlib import asynccontextmanager
+
+import pytest
+from asyncua import Server, ua
+from pydantic import ValidationError
+
+from drivers.opcua import OpcUaSettings
+from tests.drivers.harness import running
+from tests.publish.router import free_port
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # the server's own
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+NODES = {"Position": 123.5, "Load": 40, "Name": "G54", "Array": [1.0, 2.0]}
+
+
+@asynccontextmanager
+async def serving(port, nodes=None):
+    """A server with variables in namespace 2."""
+    server = Server()
+    await server.init()
+    server.set_endpoint(f"opc.tcp://127.0.0.1:{port}/control")
+    server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+    await server.register_namespace("urn:test")
+    variables = {}
+    for name, value in (NODES if nodes is None else nodes).items():
+        node_id = ua.NodeId(f"Axis.X.{name}", 2)
+        variables[name] = await server.nodes.objects.add_variable(node_id, f"2:{name}", value)
+    await server.start()
+    try:
+        yield variables
+    finally:
+        await server.stop()
+
+
+def settings(port, nodes, **more):
+    channels = {
+        channel: {"node": f"ns=2;s=Axis.X.{node}", **extra} for channel, (node, extra) in nodes.items()
+    }
+    table = {"kind": "opcua", "url": f"opc.tcp://127.0.0.1:{port}/control", "channels": channels}
+    return OpcUaSettings(**(table | {"period_s": 0.05, "timeout_s": 0.5} | more))
+
+
+POSITION = {"x_m": ("Position", {"scale": 1e-3, "offset": 0.1})}
+
+
+STATUSES = {
+    ua.StatusCodes.BadSensorFailure: "bad_sensor_failure",
+    ua.StatusCodes.BadWaitingForInitialData: "bad_waiting_for_initial_data",
+    ua.StatusCodes.UncertainLastUsableValue: "uncertain_last_usable_value",
+    ua.StatusCodes.GoodLocalOverride: "good_local_override",
+    0x0500: "under_range",
+    0x0600: "over_range",
+}
+
+
+async def test_what_is_plainly_good_is_a_value_and_everything_else_a_fault_with_its_name():
+    port = free_port()
+    nodes = POSITION | {"load_percent": ("Load", {}), "name_1": ("Name", {}), "a_1": ("Array", {})}
+    nodes |= {"y_m": ("Nowhere", {})}
+    async with serving(port) as variables, running(settings(port, nodes).open("cnc"), lambda: 42.5) as cnc:
+        reading = await cnc.until(lambda r: "x_m" not in r.faults)
+        assert reading.time_s == 42.5
+        assert reading.values["x_m"] == pytest.approx(0.2235)
+        assert reading.values["load_percent"] == 40.0
+        others = {"name_1": "wrong_type", "a_1": "wrong_type", "y_m": "bad_node_id_unknown"}
+        assert reading.faults == others
+        assert math.isnan(reading.values["name_1"])
+        assert math.isnan(reading.values["y_m"])
+        told = "channel y_m: the server has no node ns=2;s=Axis.X.Nowhere; mend its node"
+        assert cnc.driver.status.last_error == told
+
+        for code, fault in STATUSES.items():
+            value = ua.DataValue(ua.Variant(99.0), StatusCode=ua.StatusCode(ua.UInt32(code)))
+            await variables["Position"].write_value(value)
+            reading = await cnc.until(lambda r, fault=fault: r.faults.get("x_m") == fault)
+            assert math.isnan(reading.values["x_m"])
+            assert reading.values["load_percent"] == 40.0
+        await variables["Position"].write_value(ua.DataValue(ua.Variant(math.inf)))
+        await cnc.until(lambda r: r.faults.get("x_m") == "not_finite")
+        await variables["Position"].write_value(ua.DataValue(ua.Variant(7.0)))
+        await cnc.good("x_m")
+        assert 99.0e-3 + 0.1 not in [r.values["x_m"] for r in cnc.readings]
+
+
+async def test_a_server_that_returns_is_met_within_a_second_and_there_is_no_silence_meanwhile():
+    port = free_port()
+    async with running(settings(port, POSITION | {"a_1": ("Array", {})}).open("cnc")) as cnc:
+        assert await cnc.fault("x_m") == "disconnected"
+        for times in range(2):
+            async with serving(port):
+                await cnc.good("x_m", timeout_s=1.0)  # from when it listens
+                assert cnc.driver.status.connected
+                assert cnc.driver.status.reconnects == times
+                told = "channel a_1: ns=2;s=Axis.X.Array holds list, not a number; name another node"
+                assert cnc.driver.status.last_error == told
+            await cnc.fault("x_m")
+            assert all("x_m" in r.faults for r in await cnc.more(10))
+            assert not cnc.driver.status.connected
+
+
+async def test_a_server_that_hangs_or_talks_nonsense_is_a_fault_each_period():
+    held = []
+
+    async def hang(reader, writer):
+        held.append(writer)
+        if len(held) % 2:
+            writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        await reader.read()
+        writer.close()
+
+    server = await asyncio.start_server(hang, "127.0.0.1", 0)
+    port = server.sockets[0].getsockname()[1]
+    try:
+        async with running(settings(port, POSITION, timeout_s=0.2).open("cnc")) as cnc:
+            readings = await cnc.more(20)
+    finally:
+        server.close()
+    assert all(r.faults == {"x_m": "disconnected"} for r in readings)
+    assert cnc.driver.status.errors > 1
+    assert len(held) < 20  # not hammered
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ({"url": "http://127.0.0.1"}, "url"),
+        ({"channels": {"x_m": {"node": "Axis.X"}}}, "node"),
+        ({"channels": {"x_m": {"node": "ns=2;i=x"}}}, 'after "i=" stands a number'),
+        ({"channels": {"x_m": {"node": "i=1"}, "y_m": {"node": "i=1"}}}, "give each its own"),
+        ({"channels": {"x_m": {"node": "i=1", "scale": 0}}}, "scale = 0"),
+        ({"certificate": "a.pem"}, "belong together"),
+        ({"user": "me"}, "belong together"),
+        ({"user": "me", "password_file": "p"}, "in the clear"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_begins(table, told):
+    with pytest.raises(ValidationError, match=told):
+        OpcUaSettings(
+            **({"kind": "opcua", "url": "opc.tcp://h", "channels": {"x_m": {"node": "i=1"}}} | table)
+        )
+
+
+def test_files_that_are_not_there_are_named(tmp_path):
+    files = {k: tmp_path / k for k in ("certificate", "private_key", "server_certificate")}
+    channels = {"x_m": {"node": "i=1"}}
+    table = OpcUaSettings(kind="opcua", url="opc.tcp://h", channels=channels, **files)
+    assert len(table.file_problems("cnc")) == 3

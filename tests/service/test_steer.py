@@ -1,0 +1,150 @@
+"""The thread that writes to a control, against a control in a process of its own."""
+
+from __future__ import annotations
+
+import signal
+import struct
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+
+from drivers.control_modbus import ModbusControl
+from observer.service.steer import Steering, correction_of
+from tests.patience import Stopwatch, until
+from tests.service.a_control import simulated_control
+
+pytestmark = pytest.mark.system
+VALID_S = 0.5
+RATE_UM_S = 100.0
+OFF = {"armed": False}
+
+
+def document(*error_um: float) -> dict[str, object]:
+    """An armed document of a table."""
+    count = len(error_um)
+    return {
+        "armed": True, "reference_m": 0.5, "offset_um": 1.25, "slope_um_m": -3.5,
+        "position_m": [0.2 + 0.6 * i / (count - 1) for i in range(count)], "error_um": list(error_um),
+    }  # fmt: skip
+
+
+def steering(port: int) -> Steering:
+    return Steering(ModbusControl("127.0.0.1", port, 1, 0, 0.3), VALID_S)
+
+
+def hold(steered: Steering, told: dict[str, object], wanted, timeout_s: float = 10.0) -> None:
+    """Tell the same each 50 ms, as the loop does, until something is wanted."""
+
+    def look():
+        steered.take(told)
+        return wanted()
+
+    until(look, timeout_s)
+
+
+def test_a_correction_is_in_the_controls_whole_numbers():
+    found = correction_of(document(10.0, -20.0005, 30.0))
+    assert (found.reference_um, found.offset_nm, found.slope_nm_m) == (500_000, 1250, -3500)
+    assert (found.first_um, found.last_um) == (200_000, 800_000)
+    assert found.error_nm == (10_000, -20_000, 30_000)
+
+
+def test_what_is_armed_is_followed_at_the_controls_rate_and_let_go_of_when_it_is_off():
+    with simulated_control("--rate-um-s", "100") as control:
+        steered = steering(control.port)
+        for _ in range(20):
+            steered.take(OFF)
+        assert control.tell()["writes"] == 0  # never, while it is not armed
+        table = document(10.0, -20.0, 30.0)
+        hold(steered, table, lambda: control.largest_um >= 30.0)
+        told = control.tell()
+        assert told["now_um"] == pytest.approx([10.0, -20.0, 30.0])
+        assert told["fastest_um_s"] <= RATE_UM_S * (1 + 1e-9)
+        assert steered.failure is None
+        watch = Stopwatch()
+        hold(steered, table, lambda: watch.took_s() > 3 * VALID_S)  # its sign of life advances
+        assert (control.largest_um, steered.failure) == (30.0, None)
+        with ModbusTcpClient("127.0.0.1", port=control.port) as reader:  # the registers of the page
+            words = reader.read_holding_registers(0, count=22, device_id=1).registers
+        head = struct.unpack(">HHHHIiiiii", struct.pack(">16H", *words[:16]))
+        assert head[:2] == (1, 1)
+        assert head[3:] == (3, 500, 500_000, 1250, -3500, 200_000, 800_000)
+        assert struct.unpack(">3i", struct.pack(">6H", *words[16:])) == (10_000, -20_000, 30_000)
+
+        steered.take(OFF)
+        until(lambda: control.largest_um == 0.0)
+        told = control.tell()
+        assert (told["state"], told["reason"]) == (0, 0)  # released, not let go by the dead-man
+        steered.take(OFF)
+        assert control.tell()["writes"] == told["writes"]
+        hold(steered, table, lambda: control.largest_um >= 30.0)  # and again
+        assert steered.close(1.0)
+        until(lambda: control.largest_um == 0.0)
+        assert control.tell()["reason"] == 0
+
+
+def test_a_loop_that_stands_still_is_let_go_by_the_dead_man_although_the_thread_lives():
+    with simulated_control() as control:
+        steered = steering(control.port)
+        hold(steered, document(3.0, 3.0), lambda: control.largest_um >= 3.0)
+        watch = Stopwatch()
+        until(lambda: control.tell()["reason"] == 1)
+        assert watch.took_s() < VALID_S + 0.5
+        until(lambda: control.largest_um == 0.0)
+        hold(steered, document(3.0, 3.0), lambda: steered.failure is not None)
+        assert steered.failure == "control: it does not follow: its dead-man has let go"
+        assert steered.close(1.0)
+
+
+@pytest.mark.parametrize(
+    ("told", "table", "why"),
+    [
+        ({"alter": True}, (1.0, 2.0), "reads back something else than was written"),
+        ({"off": True}, (1.0, 2.0), "switched off at the control"),
+        ({}, (1.0, 400.0), "refuses writing: Modbus exception 3"),
+        ({}, (1.0, 1e9), "too large for the control's registers"),
+    ],
+)
+def test_a_control_that_does_not_do_as_it_is_told_is_let_go_of_with_the_reason(told, table, why):
+    with simulated_control() as control:
+        steered = steering(control.port)
+        hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
+        control.tell(**told)
+        hold(steered, document(*table), lambda: steered.failure is not None)
+        assert why in steered.failure
+        until(lambda: control.largest_um == 0.0)
+        control.tell(alter=False)
+        writes = until(lambda: control.tell()["writes"])
+        steered.take(document(1.0, 2.0))
+        assert why in steered.failure  # it stays, until it was off once
+        assert control.tell()["writes"] == writes
+        steered.take(OFF)
+        hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
+        assert steered.failure is None
+        assert steered.close(1.0)
+
+
+def test_a_control_that_is_gone_or_hangs_never_holds_up_who_asks():
+    with simulated_control() as control:
+        steered = steering(control.port)
+        hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
+        control.process.send_signal(signal.SIGSTOP)
+        slowest_s = 0.0
+
+        def take() -> bool:
+            nonlocal slowest_s
+            watch = Stopwatch()
+            steered.take(document(1.0, 2.0))
+            slowest_s = max(slowest_s, watch.took_s())
+            return steered.failure is not None
+
+        until(take)
+        assert slowest_s < 0.1  # a time-out of the wire is 0.3 s
+        assert "does not answer" in steered.failure
+        control.process.send_signal(signal.SIGCONT)
+        steered.take(OFF)
+        hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
+    hold(steered, document(1.0, 2.0), lambda: steered.failure is not None)
+    steered.take(OFF)
+    hold(steered, document(1.0, 2.0), lambda: "cannot be reached" in str(steered.failure))
+    assert steered.close(2.0)
