@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 import typer
 
 from observer.errors import UserError
+from observer.fleet.cli import fleet
 from observer.service.shutdown import leave
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(fleet, name="fleet")
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="Configuration (TOML).")]
