@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -141,7 +141,7 @@ def _run(
     workers: int | None,
     memory_GB: float | None,
     limit_s: float,
-    **options: str,
+    **options: Any,
 ) -> None:
     if (table is None) == (not logs) or (config is None) == (table is None):
         raise UserError(f"fleet {verb}: name either logs with --config for all of them, or a --table alone")

@@ -153,6 +153,8 @@ def alone_in(output: Path) -> Iterator[Path]:
         with (output / ".lock").open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if not (output / ".lock").exists():  # removed by a run that ended at this moment
+                    raise BlockingIOError
             except BlockingIOError:
                 raise UserError(
                     f"{output}: another run is at work there; wait for it, or name another folder"
