@@ -124,7 +124,7 @@ class Axis:
 def serve_axes(paths: Sequence[Path], seconds: float | None, log_format: str) -> int:
     """Serve several axes until SIGTERM, SIGINT or for `seconds`; returns the exit code. Raises `ConfigError`.
 
-    One is started after the other is ready, so that the kernels are compiled once; SIGHUP has all of them
+    The others start when the first is ready, so that the kernels are compiled once; SIGHUP has all of them
     read their configurations again. Should this process be killed, they end by themselves.
     """
     configs = check_axes(paths)
@@ -153,13 +153,18 @@ def serve_axes(paths: Sequence[Path], seconds: float | None, log_format: str) ->
 
 
 def _look_after(axes: Sequence[Axis]) -> None:
-    """Hear and see to each, and start the next one that is to run unless another is just starting."""
+    """Hear and see to each, and start the next one that is to run.
+
+    The first starts alone, for it may have to compile what all then find; later ones as many at a time as
+    there are cores.
+    """
     select.select([axis.ear for axis in axes], [], [], LOOK_S)
     now_s = time.monotonic()
     for axis in axes:
         axis.hear(now_s)
         axis.see_to(now_s, ending=False)
-    if not any(axis.process is not None and not axis.ready for axis in axes):
+    starting = sum(axis.process is not None and not axis.ready for axis in axes)
+    if starting < ((os.cpu_count() or 1) if any(axis.ready for axis in axes) else 1):
         for axis in axes:
             if axis.process is None and axis.over is None and now_s >= axis.due_s:
                 axis.start(now_s)

@@ -13,6 +13,7 @@ import zenoh
 
 from observer.errors import ConfigError
 from observer.fleet.axes import LONGEST_PAUSE_S, START_S, WATCHDOG_S, Axis, check_axes
+from observer.publish.session import session_config
 from tests.docs.console import blocks
 from tests.fleet.axes import axes_of, children, listening_at, served
 from tests.fleet.machines import configuration
@@ -133,17 +134,14 @@ def test_the_page_s_router_routes(tmp_path):
     assert replaced == 1
     file = tmp_path / "router.json5"
     file.write_text(text, encoding="utf-8")
-    with zenoh.open(zenoh.Config.from_file(str(file))), listening_at(endpoint) as heard:
-        with (
-            listening_at(endpoint),
-            zenoh.open(
-                zenoh.Config.from_json5('{mode: "client", connect: {endpoints: ["' + endpoint + '"]}}')
-            ) as axis,
-        ):
-            document = b'{"quality": "good", "sequence": 1}'
+    with (
+        zenoh.open(zenoh.Config.from_file(str(file))),
+        listening_at(endpoint) as heard,
+        zenoh.open(session_config("client", (endpoint,), ())) as axis,
+    ):
 
-            def told() -> bool:
-                axis.put("ballscrew/m/x/heat", document)
-                return "m" in heard.count
+        def told() -> bool:
+            axis.put("ballscrew/m/x/heat", b'{"quality": "good", "sequence": 1}')
+            return "m" in heard.count
 
-            until(told)
+        until(told)
