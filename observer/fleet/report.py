@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,7 +38,7 @@ def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
     shared = groups(known_of(rows))
     hot = [b for b in beside if b.hot]
     found = [row for row in rows if row["verb"] == "discover"]
-    machines = sorted({row["machine"] for row in [*rows, *failures]})
+    machines = sorted({row["machine"] for row in [*rows, *failures]}, key=_counting)
     head = tiles(
         [
             ("machines", str(len(machines))),
@@ -53,13 +54,18 @@ def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
     parts = [
         Html(f"<header><h1>{len(machines)} machines side by side</h1></header>"),
         head,
-        _machines(machines, rows, beside, shared),
         _effects(found),
         _hot(beside),
         _groups(shared),
         _failures(failures),
+        _machines(machines, rows, beside, shared),
     ]
     return document("Fleet", [part for part in parts if part])
+
+
+def _counting(name: str) -> list[tuple[int, str]]:
+    """What sorts names as people count: 2 before 10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def heats_of(rows: Sequence[Row]) -> list[Heat]:
@@ -99,7 +105,7 @@ def _machines(
     machines: Sequence[str], rows: Sequence[Row], beside: Sequence[Beside], shared: Sequence[Shared]
 ) -> Html:
     types = {row["machine"]: row["found"]["type"] for row in rows}
-    logs = Counter(row["machine"] for row in rows for _ in row["logs"])
+    logs = Counter(machine for machine, _ in {(row["machine"], log) for row in rows for log in row["logs"]})
     lacks = {row["machine"]: _lacks(row) for row in rows if row["verb"] == "discover"}
     group = {machine: i for i, each in enumerate(shared, 1) for machine in each.machines}
     heats: dict[str, list[Html]] = {}
@@ -219,7 +225,7 @@ def _value(key: str, value: float, low: float, high: float) -> str:
 
 
 def _failures(failures: Sequence[Row]) -> Html:
-    lines = [[row["machine"], row["name"], row["verb"], row["problem"]] for row in failures[:MOST_FAILED]]
+    lines = [[row["machine"], row["name"], row["problem"], row["verb"]] for row in failures[:MOST_FAILED]]
     more = len(failures) - MOST_FAILED
     rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
-    return section("Could not be done", table(("machine", "log", "verb", "why"), lines), rest)
+    return section("Could not be done", table(("machine", "log", "why", "verb"), lines), rest)
