@@ -12,42 +12,66 @@ from __future__ import annotations
 
 import argparse
 import os
+import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
-from observer.fleet.journal import How
+from observer.fleet.batches import batches
+from observer.fleet.finish import conclude
+from observer.fleet.journal import How, done
 from observer.fleet.orders import orders_of, read_table
 from observer.fleet.work import work
 from tests.fleet.machines import LENGTHS_M, a_fleet
 
 
-def one_run(table: Path, workers: int) -> float:
-    """Wall seconds of a whole command."""
+class Took(NamedTuple):
+    """How long a run took by the clock, and of processors, which other programs do not lengthen."""
+
+    wall_s: float
+    cpu_s: float
+
+
+def one_run(table: Path, workers: int) -> Took:
+    """Seconds of a whole command."""
     with tempfile.TemporaryDirectory() as output:
         command = [
             sys.executable, "-m", "observer", "fleet", "replay",
             "--table", str(table), "--output", output, "--workers", str(workers),
         ]  # fmt: skip
-        begun_s = time.monotonic()
+        before, begun_s = _of_children_s(), time.monotonic()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        return time.monotonic() - begun_s
+        return Took(time.monotonic() - begun_s, _of_children_s() - before)
 
 
-def alone(table: Path) -> tuple[float, float]:
-    """Wall seconds of all logs in this process, when it is warm; and those of the first of each type."""
+def _of_children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def alone(table: Path) -> tuple[float, float, float]:
+    """Processor seconds of all logs in this process, when it is warm; of the first of each type; and of what
+    one process does for all others: looking what is done, portions, and the table and page at the end.
+    """
     with tempfile.TemporaryDirectory() as output:
         orders = sorted(orders_of(read_table(table), "replay"), key=lambda order: str(order.config))
         firsts = list({order.config: order for order in orders}.values())
-        begun_s = time.monotonic()
+        begun_s = time.process_time()
         work(firsts, How("replay", Path(output, "first")))
-        warm_s = time.monotonic()
-        rows = work(orders, How("replay", Path(output, "all")))
+        warm_s = time.process_time()
+        how = How("replay", Path(output, "all"))
+        rows = work(orders, how)
+        done_s = time.process_time()
         assert not any(row["problem"] for row in rows)
-        return time.monotonic() - warm_s, warm_s - begun_s
+        assert all(done(order, how) for order in orders)
+        batches(orders, 2)
+        conclude(how.output, rows)
+        return done_s - warm_s, warm_s - begun_s, time.process_time() - done_s
 
 
 def small(table: Path, workers: int) -> Path:
@@ -74,32 +98,43 @@ def main() -> None:
         table = a_fleet(Path(place), 3 * 4, asked.logs // 12, asked.rows)
         logs = len(read_table(table))
         print(f"{logs} logs of {asked.rows} rows, load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
-        work_s, first_s = alone(table)
+        work_s, first_s, serial_s = alone(table)
         print(
             f"in one process without Dask: {work_s:.1f} s, {1000 * work_s / logs:.1f} ms a log; "
-            f"the first of each type {first_s:.1f} s"
+            f"the first of each type {first_s:.1f} s; "
+            f"by the one process for all: {1000 * serial_s / logs:.2f} ms a log"
         )
-        ratios, walls, starts = [], {1: [], 2: []}, {1: [], 2: []}
+        starts, alls = ({1: list[Took](), 2: list[Took]()} for _ in range(2))
         for _ in range(asked.pairs):
             for workers in (1, 2):
                 starts[workers].append(one_run(small(table, workers), workers))
-                walls[workers].append(one_run(table, workers))
-            ratios.append(walls[1][-1] / walls[2][-1])
-            print(
-                "  ".join(
-                    f"{w}: {walls[w][-1]:.1f} s, {logs / walls[w][-1]:.1f}/s, start {starts[w][-1]:.1f} s"
-                    for w in (1, 2)
-                )
-                + f"  ratio {ratios[-1]:.2f}  load {os.getloadavg()[0]:.1f}",
-                flush=True,
-            )
-        start_s, wall_s = ({w: statistics.median(all_[w]) for w in (1, 2)} for all_ in (starts, walls))
-        after = {w: wall_s[w] - start_s[w] for w in (1, 2)}
-        print(
-            f"medians: ratio {statistics.median(ratios):.2f}; start {start_s[1]:.1f} and {start_s[2]:.1f} s; "
-            f"after it {after[1]:.1f} and {after[2]:.1f} s, ratio {after[1] / after[2]:.2f}; "
-            f"Dask, journal and waiting {1000 * (after[1] - work_s) / logs:.1f} ms a log"
+                alls[workers].append(one_run(table, workers))
+            print(_told(logs, starts, alls, lambda each: each[-1]), flush=True)
+        if asked.pairs:
+            print("medians: " + _told(logs, starts, alls, _median))
+
+
+def _median(each: list[Took]) -> Took:
+    return Took(*(statistics.median(column) for column in zip(*each, strict=True)))
+
+
+def _told(
+    logs: int, starts: dict[int, list[Took]], alls: dict[int, list[Took]], of: Callable[[list[Took]], Took]
+) -> str:
+    """Two runs beside each other, and what lies between their start and their end."""
+    parts = []
+    for workers in (1, 2):
+        start, whole = of(starts[workers]), of(alls[workers])
+        # the start did three logs for each worker itself
+        more = logs - len(LENGTHS_M) * workers
+        parts.append(
+            f"{workers} worker{'s' * (workers > 1)}: {whole.wall_s:.1f} s ({whole.cpu_s:.1f} s of cores), "
+            f"{logs / whole.wall_s:.2f} logs/s; start {start.wall_s:.1f} s ({start.cpu_s:.1f}), then "
+            f"{1000 * (whole.wall_s - start.wall_s) / more:.0f} ms a log "
+            f"({1000 * (whole.cpu_s - start.cpu_s) / more:.0f})"
         )
+    ratio = of(alls[1]).wall_s / of(alls[2]).wall_s
+    return "\n  ".join([*parts, f"ratio {ratio:.2f}, load {os.getloadavg()[0]:.1f}"])
 
 
 if __name__ == "__main__":
