@@ -25,6 +25,7 @@ from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 MACHINES, LOGS, ROWS = 3, 5, 1500
+START_S = 5 * PATIENCE_S  # processes that import everything, on a computer that does much else
 LONG_ROWS = 40_000  # takes a second or more, time enough to be killed in
 
 
@@ -86,7 +87,7 @@ def test_a_run_killed_in_the_middle_goes_on_and_a_broken_log_is_told(tmp_path, f
     ]
     table.write_text("\n".join([*lines, f"broken.csv,m000,{fleet.parent}/type-1.toml"]) + "\n")
     with _started("replay", "--table", table, "--output", output, "--workers", 1) as process:
-        until(lambda: len(_done(output)) >= 2)
+        until(lambda: len(_done(output)) >= 2, START_S)
         process.send_signal(signal.SIGKILL)
         process.wait(PATIENCE_S)
         workers = _workers(process.pid)
@@ -131,7 +132,7 @@ def test_a_worker_that_is_killed_has_its_log_tried_once_more(tmp_path, times):
     with _started("replay", *logs, "--config", config, "--output", output, "--workers", 1) as process:
         for number in range(1, times + 1):
             # the part of the long log is there once its estimates are being written
-            until(lambda number=number: [*output.glob(f".work/*.{number}/*/.estimates*")])
+            until(lambda number=number: [*output.glob(f".work/*.{number}/*/.estimates*")], START_S)
             (worker,) = _workers(process.pid)
             os.kill(worker, signal.SIGKILL)
         said, _ = process.communicate(timeout=5 * PATIENCE_S)
