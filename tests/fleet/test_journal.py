@@ -89,6 +89,13 @@ def test_two_tries_that_died_are_enough(order, how):
         begin(order, how)
 
 
+def test_the_second_try_may_succeed_and_nothing_is_left_of_the_first(order, how):
+    begin(order, how)
+    _do(order, how)
+    assert done(order, how)
+    assert not list((how.output / WORK).iterdir())
+
+
 def test_what_was_ended_for_its_time_is_not_tried_again(order, how):
     (begin(order, how) / WHY).write_text("run.csv: not done within 3 s")
     with pytest.raises(GivenUpError, match="not done within 3 s"):
