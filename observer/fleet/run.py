@@ -108,7 +108,8 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # None would be port 8787, on all interfaces
+            scheduler_kwargs={"dashboard": False},
             local_directory=str(folder),
             memory_limit="auto" if memory_GB is None else int(memory_GB * 1e9),
             silence_logs=logging.CRITICAL,

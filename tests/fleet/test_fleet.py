@@ -148,7 +148,7 @@ def test_a_cluster_that_is_there_already_is_used_by_its_address(tmp_path, fleet)
     orders, how, told = orders_of(lines, "identify"), How("identify", tmp_path / "out"), []
     with LocalCluster(
         n_workers=1, threads_per_worker=3, processes=False, protocol="tcp", host="127.0.0.1",
-        dashboard_address=None, local_directory=str(tmp_path / "dask"),
+        dashboard_address="127.0.0.1:0", local_directory=str(tmp_path / "dask"),
     ) as cluster:  # fmt: skip
         arguments = {"workers": 1, "address": cluster.scheduler_address}
         rows, before = running.run(orders, how, lambda *done: told.append(done), **arguments)
