@@ -14,6 +14,7 @@ import numpy as np
 
 from observer.config import Output
 from observer.errors import ConfigError, LogError, UserError
+from observer.estimators.protocol import Estimator
 from observer.files.logs import Log, read_log, suffix_of
 from observer.files.results import results_in, write_json
 from observer.frames import EstimateBlock, FloatArray, FrameBlock
@@ -30,6 +31,19 @@ if TYPE_CHECKING:  # the other commands start without the search
 Progress = Callable[[int, int], None]
 
 
+class Ready(NamedTuple):
+    """A machine with its estimator, built once for as many logs as there are."""
+
+    machine: Machine
+    estimator: Estimator
+
+    @classmethod
+    def of(cls, config: Installation) -> Ready:
+        """Build them. Raises `UserError` where no gain to be trusted exists."""
+        machine = Machine.of(config, learns=True)
+        return cls(machine, machine.estimator())
+
+
 def replay(
     log_path: Path,
     config: Installation,
@@ -37,20 +51,22 @@ def replay(
     suffix: str,
     *,
     progress: Progress,
+    ready: Ready | None = None,
+    picture: bool = True,
     **accept: bool,
 ) -> dict[str, Any]:
     """Run a log through the live path; write estimates, `summary.json` and `overview.png` into `output`.
 
+    `ready` is what was built of the same configuration before; `picture` says whether there is to be one.
     `accept` is handed to `read_log`. Returns the summary. Raises `LogError` or `ConfigError`.
     """
     from observer.report.collect import ReplaySamples
     from observer.report.overview import write_overview
     from observer.service.checkpoint import Fit
-    from observer.service.replay import estimates_of, lasting, nut_paths, start_of, write_results
+    from observer.service.replay import estimates_of, lasting, nut_paths, speeds, start_of, write_results
 
     log = _recorded(log_path, config, **accept)
-    machine = Machine.of(config, learns=True)
-    estimator = machine.estimator()
+    machine, estimator = ready or Ready.of(config)
     pipeline = machine.pipeline(estimator)
     start, told = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
     samples = ReplaySamples(config, estimator.layout)
@@ -58,13 +74,15 @@ def replay(
 
     def blocks() -> Iterator[EstimateBlock]:
         for block in estimates_of(log, machine.plan, pipeline, progress, start):
-            samples.take(pipeline.inputs, block)
+            if picture:
+                samples.take(pipeline.inputs, block)
             yield block
         reasons.update(lasting(pipeline))
         more["gap"] = None if pipeline.gap is None else pipeline.gap.history
 
     more: dict[str, Any] = {
         "nut_path": nut_paths(config, log),
+        "speed_mean_rpm": speeds(config, log),
         "open_loop_rms_K": open_loop_rms_K(machine.plant, machine.drive, frames_of_log(log, machine.plan)),
         "doubts": doubts(log, frames_of_log(log, machine.plan), config),
         "reasons": reasons,
@@ -72,7 +90,8 @@ def replay(
     }
     with results_in(output) as part:
         summary = write_results(part, suffix, estimator.layout, blocks(), log, config.digest, more)
-        write_overview(part / "overview.png", config, samples, f"replay of {log_path.name}")
+        if picture:
+            write_overview(part / "overview.png", config, samples, f"replay of {log_path.name}")
     return summary
 
 
@@ -91,17 +110,20 @@ def identify(
     options: MethodOptions,
     *,
     progress: Callable[[str], None],
+    suffix: str = ".csv",
+    picture: bool = True,
     **accept: bool,
 ) -> dict[str, Any]:
     """Estimate the heats over a whole log at once; write `heat.csv`, `summary.json` and `heat.png`.
 
-    `accept` is handed to `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
+    `suffix` is that of the heats' file; `picture` says whether there is to be one. `accept` is handed to
+    `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
     from observer.fit.changes import changes_within
     from observer.history.identify import heat_history
     from observer.report.heat_history import write_heat_history
     from observer.service.identify import inputs_of, write_history
-    from observer.service.replay import nut_paths
+    from observer.service.replay import nut_paths, speeds
 
     options.check()
     progress("reading the log")
@@ -122,12 +144,14 @@ def identify(
         "config": config.digest,
         "method": options.method,
         "nut_path": nut_paths(config, log),
+        "speed_mean_rpm": speeds(config, log),
         "doubts": odd,
     }
     with results_in(output) as part:
-        summary = write_history(part, machine.plant.layout, history, log, more)
+        summary = write_history(part, machine.plant.layout, history, log, more, suffix)
         title, by = f"heats in {log_path.name}", f"by {options.method}"
-        write_heat_history(part / "heat.png", config, history, blocks, title, by)
+        if picture:
+            write_heat_history(part / "heat.png", config, history, blocks, title, by)
     return summary
 
 
@@ -309,10 +333,12 @@ def discover(
     *,
     recent_s: float | None = None,
     report: bool = True,
+    alone: bool = False,
 ) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
-    With `recent_s` the logs are what the service has recorded in so many last seconds. Returns what was
+    With `recent_s` the logs are what the service has recorded in so many last seconds; `alone`, in this
+    process only, for the other cores have work of their own. Returns what was
     found, and the content of `result.json`.
     """
     from observer.discovery.crew import Crew
@@ -331,7 +357,7 @@ def discover(
         runs, names = _recent(config, recent_s)
     righted = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
     with results_in(output) as part:
-        with Crew() as crew:
+        with Crew(alone=alone) as crew:
             found = find(config, runs.frames, progress, crew, righted)
         result = _about(searched, names) | discovery_result(found) | {"doubts": runs.odd}
         if found.verdict.kind == "named":

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 import typer
 
 from observer.errors import UserError
+from observer.fleet.cli import fleet
 from observer.service.shutdown import leave
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(fleet, name="fleet")
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="Configuration (TOML).")]
@@ -92,11 +94,20 @@ def demo(
 
 @app.command()
 def run(
-    config: ConfigOption,
+    config: Annotated[
+        list[Path], typer.Option("--config", "-c", help="Configuration (TOML); given again, another axis.")
+    ],
     seconds: SecondsOption = None,
     log_format: Annotated[Literal["text", "json"], typer.Option(help="How messages are written.")] = "text",
 ) -> None:
-    """Run the daemon beside the CNC until SIGTERM or Ctrl-C."""
+    """Run the daemon beside the CNC until SIGTERM or Ctrl-C; of several axes, a process for each."""
+    if len(config) > 1:
+        from observer.fleet.axes import serve_axes
+        from observer.service.messages import configure
+
+        configure(as_json=log_format == "json")
+        leave(serve_axes(config, seconds, log_format))
+    path = config[0]
     from observer.service.spare import import_sparingly
 
     import_sparingly()
@@ -106,7 +117,7 @@ def run(
 
     configure(as_json=log_format == "json")
     try:
-        serve(load(config), seconds, config)
+        serve(load(path), seconds, path)
     except UserError as error:
         _say(error)
         leave(2)  # threads of parts that had been started may hang at the interpreter's exit

@@ -28,9 +28,14 @@ def inputs_of(log: Iterable[FrameBlock], drive: Drive) -> list[Inputs]:
 
 
 def write_history(
-    output: Path, layout: Layout, history: HeatHistory, log: Log, more: Mapping[str, Any]
+    output: Path,
+    layout: Layout,
+    history: HeatHistory,
+    log: Log,
+    more: Mapping[str, Any],
+    suffix: str = ".csv",
 ) -> dict[str, Any]:
-    """Write `heat.csv` and `summary.json` into `output`; return the content of the latter.
+    """Write `heat` + suffix and `summary.json` into `output`; return the content of the latter.
 
     Raises `LogError` where the log holds nothing to learn a heat from.
     """
@@ -39,7 +44,7 @@ def write_history(
             f"{log.path}: no sensor has a value while all inputs are known, so no heat can be told; check "
             "the sensors' channels"
         )
-    with TableWriter(output / "heat.csv") as writer:
+    with TableWriter(output / f"heat{suffix}") as writer:
         writer.write(heat_columns(layout, history))
     names = layout.sources
     summary = {

@@ -7,8 +7,12 @@ import sys
 import structlog
 
 
-def configure(*, as_json: bool) -> None:
-    """Set structlog up once, before anything is logged."""
+def configure(*, as_json: bool, axis: str | None = None) -> None:
+    """Set structlog up once, before anything is logged; `axis` stands in each message of one of several."""
+
+    def named(_log: object, _method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+        return event if axis is None else {**event, "axis": axis}
+
     renderer: structlog.typing.Processor = (
         structlog.processors.JSONRenderer()
         if as_json
@@ -19,6 +23,7 @@ def configure(*, as_json: bool) -> None:
         processors=[
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
+            named,
             *exceptions,
             renderer,
         ],

@@ -177,3 +177,14 @@ def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
             column = log.values[:, log.channels.index(source.position_channel)]
             found[source.name] = judge_path(column, high - low)
     return found
+
+
+def speeds(config: Config, log: Log) -> Mapping[str, float]:
+    """Return, per source with a speed, the mean of that over the log, whichever way it turns, in rpm."""
+    found = {}
+    for source in config.source:
+        if source.speed_channel is not None:
+            column = np.abs(log.values[:, log.channels.index(source.speed_channel)])
+            if np.isfinite(column).any():
+                found[source.name] = float(np.nanmean(column))
+    return found

@@ -1,0 +1,183 @@
+"""`observer fleet …`: the verbs for logs, for a whole fleet."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from observer.errors import UserError
+
+fleet = typer.Typer(
+    help="Logs of many machines at once, on all cores or a Dask cluster; goes on where it was ended.",
+    no_args_is_help=True,
+)
+
+LogsArgument = Annotated[
+    list[Path] | None, typer.Argument(metavar="LOGS...", help="Logs, with --config for all of them.")
+]
+TableOption = Annotated[
+    Path | None, typer.Option(help="In place of logs, a table (.csv, .parquet): log, machine, config.")
+]
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", "-c", help="Configuration of all logs, which are of its machine.")
+]
+OutputOption = Annotated[
+    Path, typer.Option("--output", "-o", help="Folder for the results; what is done there is not done again.")
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option(help="Address of a Dask cluster; else one is started on this computer.")
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="Processes to start here; as many as cores by default.")
+]
+MemoryOption = Annotated[
+    float | None,
+    typer.Option(
+        "--memory-GB", min=0.2, help="Of each process; one that needs more is ended. By default its share."
+    ),
+]
+LimitOption = Annotated[
+    float, typer.Option(min=1.0, help="The longest that a piece of work may take before it is given up.")
+]
+FormatOption = Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")]
+MethodOption = Annotated[
+    Literal["smoother", "tikhonov", "conjugate-gradient"], typer.Option(help="How the heats are found.")
+]
+MOST_TOLD = 20
+_SHOWN = {
+    "replay": "each log",
+    "identify": "each log",
+    "calibrate": "each machine",
+    "discover": "each machine",
+}
+
+
+@fleet.command()
+def replay(
+    output: OutputOption,
+    logs: LogsArgument = None,
+    table: TableOption = None,
+    config: ConfigOption = None,
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = None,
+    memory: MemoryOption = None,
+    limit_s: LimitOption = 600.0,
+    format: FormatOption = "parquet",
+) -> None:
+    """Replay every log: estimates and summary.json of each, and one report of all."""
+    _run("replay", output, logs, table, config, scheduler, workers, memory, limit_s, format=format)
+
+
+@fleet.command()
+def identify(
+    output: OutputOption,
+    logs: LogsArgument = None,
+    table: TableOption = None,
+    config: ConfigOption = None,
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = None,
+    memory: MemoryOption = None,
+    limit_s: LimitOption = 3600.0,
+    format: FormatOption = "parquet",
+    method: MethodOption = "smoother",
+) -> None:
+    """Find the heats over every log at once: heats and summary.json of each, and one report of all."""
+    _run(
+        "identify",
+        output,
+        logs,
+        table,
+        config,
+        scheduler,
+        workers,
+        memory,
+        limit_s,
+        format=format,
+        method=method,
+    )
+
+
+@fleet.command()
+def calibrate(
+    output: OutputOption,
+    logs: LogsArgument = None,
+    table: TableOption = None,
+    config: ConfigOption = None,
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = None,
+    memory: MemoryOption = None,
+    limit_s: LimitOption = 3600.0,
+) -> None:
+    """Fit every machine to all of its logs: config.toml and calibration.json of each, one report of all."""
+    _run("calibrate", output, logs, table, config, scheduler, workers, memory, limit_s)
+
+
+@fleet.command()
+def discover(
+    output: OutputOption,
+    logs: LogsArgument = None,
+    table: TableOption = None,
+    config: ConfigOption = None,
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = None,
+    memory: MemoryOption = None,
+    limit_s: LimitOption = 7200.0,
+) -> None:
+    """Find what every machine lacks by all of its logs: result.json of each, and one report of all."""
+    _run("discover", output, logs, table, config, scheduler, workers, memory, limit_s)
+
+
+def _run(
+    verb: Literal["replay", "identify", "calibrate", "discover"],
+    output: Path,
+    logs: list[Path] | None,
+    table: Path | None,
+    config: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    memory_GB: float | None,
+    limit_s: float,
+    **options: Any,
+) -> None:
+    if (table is None) == (not logs) or (config is None) == (table is None):
+        raise UserError(f"fleet {verb}: name either logs with --config for all of them, or a --table alone")
+    from observer.fleet.finish import conclude
+    from observer.fleet.journal import How
+    from observer.fleet.orders import given, orders_of, read_table
+    from observer.fleet.run import run
+    from observer.report.progress import counting
+
+    lines = read_table(table) if table is not None else given(logs or [], config or Path())
+    orders = orders_of(lines, verb)
+    how = How(verb, Path(os.path.abspath(output)), limit_s=limit_s, **options)
+    with counting(f"fleet {verb}") as progress:
+        rows, before = run(
+            orders,
+            how,
+            progress,
+            workers=workers or os.cpu_count() or 1,
+            memory_GB=memory_GB,
+            address=scheduler,
+        )
+    failures = conclude(how.output, rows)
+    _tell(rows_done=len(rows) - len(failures), before=before, failures=[row["problem"] for row in failures])
+    typer.echo(f"written to {output}: {_SHOWN[verb]} in its folder, results.parquet, report.html")
+    if failures:
+        raise typer.Exit(2 if len(failures) == len(rows) else 1)
+
+
+def _tell(*, rows_done: int, before: int, failures: list[str]) -> None:
+    say: Callable[[str], None] = typer.echo
+    say(
+        f"{rows_done} done"
+        + (f", {before} of them before" if before else "")
+        + f", {len(failures)} could not be done"
+    )
+    for problem in failures[:MOST_TOLD]:
+        typer.echo(f"warning: {problem}", err=True)
+    if len(failures) > MOST_TOLD:
+        typer.echo(f"warning: … and {len(failures) - MOST_TOLD} more, in results.parquet", err=True)

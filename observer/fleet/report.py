@@ -1,0 +1,231 @@
+"""`report.html`: a fleet on one page. Which machines lack what, whose bearings run hot, what they share."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from observer.fleet.compare import Beside, Heat, Known, Shared, beside_fleet, groups
+from observer.fleet.journal import Row
+from observer.report.page import Html, code, document, paragraph, section, table, tiles
+
+MOST_FAILED = 200
+_DASH = "–"
+_DOUBTS = {
+    "unknown": "something the library does not have",
+    "not_identifiable": "something its logs cannot tell",
+}
+
+
+def write_report(path: Path, rows: Sequence[Row], failures: Sequence[Row]) -> None:
+    """Write the page of everything that is done in a folder; `failures` of this run stand beneath.
+
+    The file is there whole or not at all.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(page(rows, failures), encoding="utf-8")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
+    """Return the page."""
+    beside = beside_fleet(heats_of(rows))
+    shared = groups(known_of(rows))
+    hot = [b for b in beside if b.hot]
+    found = [row for row in rows if row["verb"] == "discover"]
+    machines = sorted({row["machine"] for row in [*rows, *failures]}, key=_counting)
+    head = tiles(
+        [
+            ("machines", str(len(machines))),
+            ("logs done", str(len({log for row in rows for log in row["logs"]}))),
+            ("could not be done", str(len(failures))),
+            (
+                "lack a named effect",
+                str(sum(bool(row["found"]["effects"]) for row in found)) if found else _DASH,
+            ),
+            ("run hot", str(len({b.machine for b in hot})) if beside else _DASH),
+        ]
+    )
+    parts = [
+        Html(f"<header><h1>{len(machines)} machines side by side</h1></header>"),
+        head,
+        _effects(found),
+        _hot(beside),
+        _groups(shared),
+        _failures(failures),
+        _machines(machines, rows, beside, shared),
+    ]
+    return document("Fleet", [part for part in parts if part])
+
+
+def _counting(name: str) -> list[tuple[int, str]]:
+    """What sorts names as people count: 2 before 10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def heats_of(rows: Sequence[Row]) -> list[Heat]:
+    """The heats of all sources with a speed; those of `identify`, where it was done, before a replay's."""
+    best = {}
+    for row in rows:
+        if row["verb"] in ("replay", "identify"):
+            key = (row["machine"], *row["logs"])
+            if key not in best or row["verb"] == "identify":
+                best[key] = row
+    return [
+        Heat(row["machine"], row["found"]["type"], source, row["found"]["speed_mean_rpm"][source], heat_W)
+        for row in best.values()
+        for source, heat_W in row["found"]["heat_mean_W"].items()
+        if heat_W is not None and source in row["found"]["speed_mean_rpm"]
+    ]
+
+
+def known_of(rows: Sequence[Row]) -> list[Known]:
+    """What was calibrated of each machine; by `calibrate` where that was done, else within `discover`."""
+    best: dict[str, Row] = {}
+    for row in rows:
+        calibrated = row["found"].get("calibrated")
+        if calibrated and (row["machine"] not in best or row["verb"] == "calibrate"):
+            best[row["machine"]] = row
+    return [
+        Known(
+            machine,
+            row["found"]["type"],
+            {key: (fit["value"], *fit["ci95"]) for key, fit in row["found"]["calibrated"].items()},
+        )
+        for machine, row in best.items()
+    ]
+
+
+def _machines(
+    machines: Sequence[str], rows: Sequence[Row], beside: Sequence[Beside], shared: Sequence[Shared]
+) -> Html:
+    types = {row["machine"]: row["found"]["type"] for row in rows}
+    logs = Counter(machine for machine, _ in {(row["machine"], log) for row in rows for log in row["logs"]})
+    lacks = {row["machine"]: _lacks(row) for row in rows if row["verb"] == "discover"}
+    group = {machine: i for i, each in enumerate(shared, 1) for machine in each.machines}
+    heats: dict[str, list[Html]] = {}
+    for b in beside:
+        heats.setdefault(b.machine, []).append(_heat(b))
+    lines = [
+        [
+            machine,
+            types.get(machine, _DASH),
+            str(logs[machine]),
+            lacks.get(machine, _DASH),
+            Html("<br>".join(heats.get(machine, [_DASH]))),
+            str(group.get(machine, _DASH)),
+        ]
+        for machine in machines
+    ]
+    heads = ("machine", "screw", "logs", "lacks", "heat, beside the usual at its speed", "group")
+    return section("Each machine", table(heads, lines, (2,)))
+
+
+def _heat(b: Beside) -> Html:
+    usual = "no like to compare" if b.usual_W is None else f"usual {b.usual_W:.1f} W"
+    text = f"{b.source} {b.heat_W:.1f} W ({usual})"
+    return Html(f"<b>{paragraph_text(text)}, hot</b>") if b.hot else Html(paragraph_text(text))
+
+
+def paragraph_text(text: str) -> str:
+    """Return text as HTML within a line."""
+    return paragraph(text).removeprefix("<p>").removesuffix("</p>")
+
+
+def _lacks(row: Row) -> str:
+    found = row["found"]
+    if found["effects"]:
+        return ", ".join(_named(effect["kind"], effect["target"]) for effect in found["effects"])
+    if found["verdict"] == "ambiguous":
+        return " or ".join(" with ".join(each) for each in found["alternatives"])
+    return _DOUBTS.get(found["verdict"], "nothing")
+
+
+def _named(kind: str, target: str | None) -> str:
+    return kind if target is None else f"{kind} ({target})"
+
+
+def _effects(found: Sequence[Row]) -> Html:
+    """Which effect which machines lack, the most frequent first."""
+    lacking: dict[str, list[Row]] = {}
+    for row in found:
+        lacking.setdefault(_lacks(row), []).append(row)
+    lines = [
+        [what, str(len(own)), ", ".join(row["machine"] for row in own), _gaps(own)]
+        for what, own in sorted(lacking.items(), key=lambda item: (-len(item[1]), item[0]))
+    ]
+    return section(
+        "What they lack", table(("lacks", "machines", "which", "gap before → after, K rms"), lines, (1,))
+    )
+
+
+def _gaps(own: Sequence[Row]) -> str:
+    return ", ".join(
+        f"{row['found']['gap']['before_rms_K']:.2g} → {row['found']['gap']['after_rms_K']:.2g}"
+        for row in own[:6]
+    ) + (", …" if len(own) > 6 else "")
+
+
+def _hot(beside: Sequence[Beside]) -> Html:
+    lines = [
+        [
+            b.machine,
+            b.source,
+            f"{b.speed_rpm:.0f}",
+            f"{b.heat_W:.1f}",
+            f"{b.usual_W:.1f}",
+            f"{b.heat_W / b.usual_W:.2f}" if b.usual_W else _DASH,
+            str(b.others),
+        ]
+        for b in sorted(beside, key=lambda b: b.heat_W - (b.usual_W or 0.0), reverse=True)
+        if b.hot and b.usual_W is not None
+    ]
+    if not beside:
+        return Html("")
+    heads = ("machine", "source", "speed, rpm", "heat, W", "usual, W", "times the usual", "others")
+    note = (
+        "The usual is the median of at least three other machines with the same screw whose mean speed is "
+        "within 20 %, per rpm. Hot is a source that exceeds it by a fifth, and by three of the fleet's "
+        "standard deviations."
+    )
+    rest = paragraph("None.") if not lines else Html("")
+    return section("Running hot", paragraph(note, "note"), table(heads, lines, (2, 3, 4, 5, 6)), rest)
+
+
+def _groups(shared: Sequence[Shared]) -> Html:
+    lines = [
+        [
+            str(number),
+            each.type,
+            str(len(each.machines)),
+            ", ".join(each.machines),
+            Html("<br>".join(_value(key, *ends) for key, ends in each.values.items())),
+        ]
+        for number, each in enumerate(shared, 1)
+    ]
+    note = (
+        "The machines of a group have calibrated values that agree, each with each, within their 95 % "
+        "intervals: one configuration with the values beside could serve them all."
+    )
+    heads = ("group", "screw", "machines", "which", "values to share")
+    return (
+        section("What they could share", paragraph(note, "note"), table(heads, lines, (2,)))
+        if lines
+        else Html("")
+    )
+
+
+def _value(key: str, value: float, low: float, high: float) -> str:
+    return f"{code(key)} = {value:.4g} ({low:.4g} … {high:.4g})"
+
+
+def _failures(failures: Sequence[Row]) -> Html:
+    lines = [[row["machine"], row["name"], row["problem"], row["verb"]] for row in failures[:MOST_FAILED]]
+    more = len(failures) - MOST_FAILED
+    rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
+    return section("Could not be done", table(("machine", "log", "why", "verb"), lines), rest)

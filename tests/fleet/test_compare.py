@@ -1,0 +1,71 @@
+"""Which heats are large for their speed, and which machines agree, on numbers with a known answer."""
+
+import numpy as np
+import pytest
+
+from observer.fleet.compare import Heat, Known, beside_fleet, groups
+
+
+def _bearing(machine: str, heat_W_rpm: float, speed_rpm: float = 1500.0, kind: str = "a") -> Heat:
+    return Heat(machine, kind, "left", speed_rpm, heat_W_rpm * speed_rpm)
+
+
+def test_the_one_bearing_that_runs_hot_is_found_at_whatever_speed_it_runs():
+    rng = np.random.default_rng(1)
+    heats = [_bearing(f"m{i}", 0.006 * (1 + 0.03 * rng.normal()), 1400 + 20 * i) for i in range(10)]
+    found = beside_fleet([*heats, _bearing("bad", 0.009, 1450)])
+    assert [b.machine for b in found if b.hot] == ["bad"]
+    (bad,) = (b for b in found if b.machine == "bad")
+    assert bad.usual_W == pytest.approx(0.006 * 1450, rel=0.03)
+    assert bad.others == 10
+
+
+def test_machines_at_other_speeds_or_of_other_types_are_no_like():
+    slow = [_bearing(f"s{i}", 0.006, 500.0) for i in range(5)]
+    other = [_bearing(f"o{i}", 0.001, 1500.0, "b") for i in range(5)]
+    (alone,) = (b for b in beside_fleet([*slow, *other, _bearing("alone", 0.02)]) if b.machine == "alone")
+    assert (alone.usual_W, alone.others, alone.hot) == (None, 0, False)
+
+
+def test_a_fleet_that_scatters_calls_none_hot_that_scatters_no_more():
+    heats = [_bearing(f"m{i}", 0.006 * (0.6 + 0.1 * i)) for i in range(9)]
+    assert not any(b.hot for b in beside_fleet(heats))
+
+
+def test_logs_of_one_machine_count_once():
+    heats = [_bearing(f"m{i}", 0.006) for i in range(2) for _ in range(50)]
+    assert all(b.usual_W is None for b in beside_fleet([*heats, _bearing("bad", 0.02)]))
+
+
+def test_a_standstill_has_no_usual_heat():
+    assert [b.usual_W for b in beside_fleet([_bearing(f"m{i}", 0.0, 0.0) for i in range(5)])] == [None] * 5
+
+
+def _known(machine: str, film: float, torque: float, kind: str = "a") -> Known:
+    values = {"film": (film, film - 0.5, film + 0.5), "torque": (torque, torque - 0.01, torque + 0.01)}
+    return Known(machine, kind, values)
+
+
+def test_machines_that_agree_share_and_others_do_not():
+    alike = [_known(f"m{i}", 15 + 0.1 * i, 0.3) for i in range(4)]
+    other = [_known(f"n{i}", 15, 0.36 + 0.002 * i) for i in range(2)]
+    found = groups([*other, *alike, _known("z", 15, 0.3, "b")])
+    assert [each.machines for each in found] == [("m0", "m1", "m2", "m3"), ("n0", "n1"), ("z",)]
+    value, low, high = found[0].values["film"]
+    assert value == pytest.approx(15.15)
+    assert high - low == pytest.approx(1.0 / 2), "four that are as sure: half as wide"
+
+
+def test_values_that_differ_by_chance_only_stay_together():
+    split = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        drawn = [_known(f"m{i}", *rng.normal((15, 0.3), (0.5 / 1.96, 0.01 / 1.96))) for i in range(8)]
+        split += len(groups(drawn)) > 1
+    assert split < 20, "in one of twenty fleets at most some pair is farther apart than chance allows"
+
+
+def test_machines_with_other_keys_are_not_compared():
+    one = Known("a", "t", {"film": (15.0, 14.0, 16.0)})
+    assert [each.machines for each in groups([one, _known("b", 15, 0.3, "t")])] == [("a",), ("b",)]
+    assert groups([Known("c", "t", {})]) == []

@@ -1,0 +1,191 @@
+"""`observer fleet` whole: a broken log, kill -9 of the run and of a worker, a cluster that is there."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from distributed import LocalCluster
+
+from observer.errors import UserError
+from observer.fleet import run as running
+from observer.fleet.journal import DONE, How
+from observer.fleet.orders import given, orders_of, read_table
+from tests.fleet.machines import a_fleet, configuration, simulated
+from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
+
+pytestmark = pytest.mark.system
+MACHINES, LOGS, ROWS = 3, 5, 1500
+START_S = 5 * PATIENCE_S  # processes that import everything, on a computer that does much else
+LONG_ROWS = 40_000  # takes a second or more, time enough to be killed in
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The table of fifteen logs of three machines."""
+    return a_fleet(tmp_path_factory.mktemp("fleet"), MACHINES, LOGS, ROWS)
+
+
+def _command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "observer", "fleet", *map(str, arguments)]
+
+
+@contextmanager
+def _started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        _command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait(PATIENCE_S)
+        process.stdout.close()
+
+
+def _run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=5 * PATIENCE_S)
+
+
+def _done(output: Path) -> dict[Path, int]:
+    """What is done, and when it was."""
+    return {path: path.stat().st_mtime_ns for path in output.rglob(DONE) if ".work" not in path.parts}
+
+
+def _workers(parent: int) -> list[int]:
+    """The worker processes of a run."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            status = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+            if int(status[1]) == parent and b"spawn_main" in (folder / "cmdline").read_bytes():
+                found.append(int(folder.name))
+        except OSError:
+            continue
+    return found
+
+
+def test_a_run_killed_in_the_middle_goes_on_and_a_broken_log_is_told(tmp_path, fleet):
+    table, output = tmp_path / "fleet.csv", tmp_path / "out"
+    rows = fleet.read_text().splitlines()
+    (tmp_path / "broken.csv").write_text("time_s,t1_degC\n1,warm\n")
+    lines = [
+        rows[0],
+        *(
+            f"{fleet.parent}/{row.rsplit(',', 1)[0]},{fleet.parent}/{row.rsplit(',', 1)[1]}"
+            for row in rows[1:]
+        ),
+    ]
+    table.write_text("\n".join([*lines, f"broken.csv,m000,{fleet.parent}/type-1.toml"]) + "\n")
+    with _started("replay", "--table", table, "--output", output, "--workers", 1) as process:
+        until(lambda: len(_done(output)) >= 2, START_S)
+        process.send_signal(signal.SIGKILL)
+        process.wait(PATIENCE_S)
+        workers = _workers(process.pid)
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    before = _done(output)
+    assert 2 <= len(before) < MACHINES * LOGS
+    for path in before:
+        assert {p.name for p in path.parent.iterdir()} == {"estimates.parquet", "summary.json", DONE}
+        assert pq.read_table(path.parent / "estimates.parquet").num_rows == ROWS
+    ended = _run("replay", "--table", table, "--output", output)
+    assert ended.returncode == 1, ended.stderr
+    assert f"15 done, {len(before)} of them before, 1 could not be done" in ended.stdout
+    assert "broken.csv: " in ended.stderr
+    assert "Traceback" not in ended.stderr
+    after = _done(output)
+    assert len(after) == MACHINES * LOGS
+    assert {path: after[path] for path in before} == before, "nothing is done twice"
+    assert sorted(p.name for p in output.iterdir()) == [
+        "m000",
+        "m001",
+        "m002",
+        "report.html",
+        "results.parquet",
+    ]
+    found = pq.read_table(output / "results.parquet").to_pylist()
+    assert len(found) == MACHINES * LOGS + 1
+    (broken,) = (row for row in found if row["problem"])
+    assert broken["name"] == "broken"
+    assert "broken.csv: " in (output / "report.html").read_text()
+
+
+def _long_and_short(folder: Path) -> tuple[Path, list[Path]]:
+    config = configuration(folder, 0, "m")
+    short = simulated(config, folder / "short" / "short.parquet", 200)
+    return config, [simulated(config, folder / "long" / "long.parquet", LONG_ROWS), short]
+
+
+def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_path):
+    config, logs = _long_and_short(tmp_path)
+    output = tmp_path / "out"
+    with _started("replay", *logs, "--config", config, "--output", output, "--workers", 1) as process:
+        for number in (1, 2):
+            # the part of the long log is there once its estimates are being written
+            until(lambda number=number: [*output.glob(f".work/*.{number}/*/.estimates*")], START_S)
+            (worker,) = _workers(process.pid)
+            os.kill(worker, signal.SIGKILL)
+        said, _ = process.communicate(timeout=5 * PATIENCE_S)
+    short, long = output / "m-x/replay/short" / DONE, output / "m-x/replay/long" / DONE
+    assert short.exists()
+    assert not long.exists()
+    assert process.returncode == 1, said
+    assert "has died 2 times" in said
+    assert not (output / ".work").exists()
+
+
+def test_a_cluster_that_is_there_already_is_used_by_its_address(tmp_path, fleet):
+    lines = read_table(fleet)[:4]
+    orders, how, told = orders_of(lines, "identify"), How("identify", tmp_path / "out"), []
+    with LocalCluster(
+        n_workers=1, threads_per_worker=3, processes=False, protocol="tcp", host="127.0.0.1",
+        dashboard_address="127.0.0.1:0", local_directory=str(tmp_path / "dask"),
+    ) as cluster:  # fmt: skip
+        arguments = {"workers": 1, "address": cluster.scheduler_address}
+        rows, before = running.run(orders, how, lambda *done: told.append(done), **arguments)
+    assert [row["problem"] for row in rows] == [None] * 4
+    assert (before, told[0], told[-1]) == (0, (0, 4), (4, 4))
+    assert (how.output / orders[0].place / "heat.parquet").exists()
+
+
+def test_no_cluster_at_an_address_is_said(tmp_path, fleet, monkeypatch):
+    monkeypatch.setattr(running, "WAIT_S", 0.5)
+    orders = orders_of(read_table(fleet)[:1], "replay")
+    for address in (f"tcp://127.0.0.1:{free_port()}", "nowhere at all"):
+        with pytest.raises(UserError, match="no Dask scheduler answers"):
+            running.run(orders, How("replay", tmp_path / "out"), lambda *_: None, workers=1, address=address)
+
+
+def test_nothing_that_could_be_done_is_exit_code_2_as_is_a_wrong_line(tmp_path, fleet):
+    config = fleet.parent / "type-1.toml"
+    ended = _run(
+        "replay", tmp_path / "no.csv", "--config", config, "--output", tmp_path / "out", "--workers", 1
+    )
+    assert ended.returncode == 2
+    assert "no.csv: no such file" in ended.stderr
+    ended = _run("replay", tmp_path / "no.csv", "--table", fleet, "--output", tmp_path / "out")
+    assert ended.returncode == 2
+    assert "name either logs with --config" in ended.stderr
+
+
+def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
+    config = fleet.parent / "type-1.toml"
+    logs = sorted((fleet.parent / "m000").glob("*.parquet"))[:2]
+    how = How("calibrate", tmp_path / "out")
+    (order,) = orders_of(given(logs, config), "calibrate")
+    from observer.fleet.work import work
+
+    (row,) = work([order], how)
+    assert row["problem"] is None
+    result = json.loads((how.output / "type-1-x" / "calibrate" / "calibration.json").read_text())
+    assert row["found"]["calibrated"] == result["calibrated"]
+    assert result["logs"] == ["run-000.parquet", "run-001.parquet"]

@@ -1,0 +1,115 @@
+"""What is done stays done until something it was made of changes; what is half done is not done."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from observer.errors import UserError
+from observer.fleet.journal import (
+    WHY,
+    WORK,
+    GivenUpError,
+    How,
+    alone_in,
+    begin,
+    done,
+    finish,
+    made_of,
+    rows_in,
+)
+from observer.fleet.orders import Order
+
+
+@pytest.fixture
+def order(tmp_path: Path) -> Order:
+    (tmp_path / "run.csv").write_text("time_s\n1\n")
+    (tmp_path / "c.toml").write_text("a = 1\n")
+    return Order("m", "run", (tmp_path / "run.csv",), tmp_path / "c.toml", Path("m/replay/run"))
+
+
+@pytest.fixture
+def how(tmp_path: Path) -> How:
+    return How("replay", tmp_path / "out")
+
+
+def _do(order: Order, how: How, number: int = 1) -> None:
+    part = begin(order, how)
+    (part / "estimates.parquet").write_text(str(number))
+    finish(part, order, how, made_of(order, how), {"number": number, "found": {}})
+
+
+def test_what_is_done_has_its_row_and_results_and_nothing_else_is_left(order, how):
+    assert done(order, how) is None
+    _do(order, how)
+    assert done(order, how) == {"number": 1, "found": {}}
+    assert sorted(p.name for p in (how.output / order.place).iterdir()) == ["done.json", "estimates.parquet"]
+    assert not list((how.output / WORK).iterdir())
+    assert list(rows_in(how.output)) == [{"number": 1, "found": {}}]
+    _do(order, how, 2)
+    assert (how.output / order.place / "estimates.parquet").read_text() == "2"
+
+
+def test_a_log_copied_anew_is_the_same_and_one_of_other_content_is_not(order, how):
+    _do(order, how)
+    log, config = order.logs[0], order.config
+    os.utime(log, (1, 1))
+    assert done(order, how)
+    log.write_text("time_s\n2\n")
+    assert done(order, how) is None
+    log.write_text("time_s\n1\n")
+    assert done(order, how)
+    config.write_text("a = 2\n")
+    assert done(order, how) is None
+    config.write_text("a = 1\n")
+    log.unlink()
+    assert done(order, how) is None
+
+
+def test_other_options_are_other_work(order, how):
+    _do(order, how)
+    assert done(order, How("replay", how.output, limit_s=5.0)), "the time that it may take changes no result"
+    assert done(order, How("replay", how.output, format="csv")) is None
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"made_of": 1, "row": {}}', "null"])
+def test_a_damaged_file_counts_as_not_done(order, how, text):
+    _do(order, how)
+    (how.output / order.place / "done.json").write_text(text)
+    assert done(order, how) is None
+    assert list(rows_in(how.output)) in ([], [{}])
+
+
+def test_two_tries_that_died_are_enough(order, how):
+    first = begin(order, how)
+    second = begin(order, how)
+    assert first != second
+    with pytest.raises(GivenUpError, match="the process that worked on it has died 2 times"):
+        begin(order, how)
+
+
+def test_the_second_try_may_succeed_and_nothing_is_left_of_the_first(order, how):
+    begin(order, how)
+    _do(order, how)
+    assert done(order, how)
+    assert not list((how.output / WORK).iterdir())
+
+
+def test_what_was_ended_for_its_time_is_not_tried_again(order, how):
+    (begin(order, how) / WHY).write_text("run.csv: not done within 3 s")
+    with pytest.raises(GivenUpError, match="not done within 3 s"):
+        begin(order, how)
+
+
+def test_a_folder_is_for_one_run_alone_and_a_killed_one_leaves_no_tries(order, how):
+    with alone_in(how.output) as work:
+        begin(order, how)
+        with pytest.raises(UserError, match="another run is at work there"), alone_in(how.output):
+            pass
+        kept = how.output / "kept"
+        shutil.copytree(work, kept)
+    assert not list(how.output.glob(".*"))
+    shutil.move(kept, work)  # as a kill -9 leaves it
+    with alone_in(how.output) as work:
+        assert not list(work.iterdir())

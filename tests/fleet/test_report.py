@@ -1,0 +1,87 @@
+"""The table and the page of a fleet."""
+
+import json
+import re
+
+import pyarrow.parquet as pq
+
+from observer.fleet.report import page
+from observer.fleet.table import flattened, write_table
+
+
+def _row(machine, verb, name, **found):
+    return {
+        "machine": machine, "verb": verb, "name": name, "logs": [f"/logs/{machine}/{name}.csv"],
+        "config": "/c.toml", "folder": f"{machine}/{verb}/{name}", "problem": None, "seconds": 1.0,
+        "found": {"type": "1 m × 36 mm", "sources": ["left"], **found},
+    }  # fmt: skip
+
+
+def _replays():
+    heat_W = {f"m{i}": 9.0 + 0.1 * i for i in range(5)} | {"m9<b>": 15.0}
+    return [
+        _row(m, "replay", "run", heat_mean_W={"left": w}, speed_mean_rpm={"left": 1500.0}, rows=9, good=1.0)
+        for m, w in heat_W.items()
+    ]
+
+
+def _discoveries():
+    gap = {"before_rms_K": 2.3, "after_rms_K": 0.07}
+    named = [{"kind": "attached_mass", "target": "left", "parameters": {}}]
+    calibrated = {"surface.convection_W_m2K": {"value": 15.2, "ci95": [14.9, 15.5], "unit": "W/m2K"}}
+    rest = {"alternatives": [], "calibrated": calibrated, "gap": gap}
+    return [
+        _row("m0", "discover", "discover", verdict="named", effects=named, **rest),
+        _row("m1", "discover", "discover", verdict="none", effects=[], **rest),
+        _row("m2", "discover", "discover", verdict="unknown", effects=[], **rest),
+    ]
+
+
+def _text(html: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html.split("<body>")[1]))
+
+
+def test_the_page_names_who_lacks_what_who_runs_hot_and_who_could_share():
+    broken = _row("m4", "replay", "bad") | {"problem": "bad.csv: <no> such file"}
+    html = page([*_replays(), *_discoveries()], [broken])
+    said = _text(html)
+    assert "attached_mass (left) 1 m0" in said
+    assert "something the library does not have 1 m2" in said
+    assert "m9&lt;b&gt; left 1500 15.0 9.2 1.63 5" in said
+    assert "m0, m1, m2" in said
+    assert "surface.convection_W_m2K = 15.2 (15.03 … 15.37)" in said
+    assert "bad.csv: &lt;no&gt; such file" in said
+    assert "<b>" not in html.replace("<b>left 15.0 W", ""), "names of machines are text"
+
+
+def test_the_page_asks_for_nothing_from_elsewhere():
+    html = page([*_replays(), *_discoveries()], [])
+    assert not re.search(r"https?:|<script|<link|<img|@import|url\(", html)
+
+
+def test_a_page_of_nothing_but_failures():
+    assert "Could not be done" in page([], [_row("m", "replay", "bad") | {"problem": "gone", "found": {}}])
+
+
+def test_heats_by_identify_stand_before_a_replay_of_the_same_log():
+    rows = _replays()
+    better = _row("m0", "identify", "run", heat_mean_W={"left": 9.4}, speed_mean_rpm={"left": 1500.0})
+    assert "left 9.4 W" in page([*rows, better], [])
+
+
+def test_the_table_has_a_column_for_each_number(tmp_path):
+    rows = [*_replays(), *_discoveries(), _row("m", "replay", "x") | {"problem": "gone", "found": {}}]
+    write_table(tmp_path / "results.parquet", rows)
+    read = pq.read_table(tmp_path / "results.parquet").to_pylist()
+    assert [row["machine"] for row in read] == [row["machine"] for row in rows]
+    assert read[0]["heat_mean_left_W"] == 9.0
+    assert read[6]["surface.convection_W_m2K_low"] == 14.9
+    assert json.loads(read[6]["effects"])[0]["kind"] == "attached_mass"
+    assert read[-1]["problem"] == "gone"
+    assert read[-1]["heat_mean_left_W"] is None
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_an_interval_without_an_end_is_an_empty_cell():
+    row = _row("m", "calibrate", "c", calibrated={"k": {"value": 1.0, "ci95": [0.5, float("inf")]}})
+    assert flattened(row)["k_high"] is None
