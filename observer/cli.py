@@ -531,19 +531,49 @@ def _giving(kind: str) -> Callable[..., None]:
         client: ClientOption = None,
         config_hash: HashOption = None,
     ) -> None:
-        from observer.publish.ask import command
-
-        for option, name in (("--machine", machine), ("--axis", axis)):
-            if "*" in name:
-                raise UserError(f"{option}: {name} may be several; name the one that is meant")
-        answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash)
-        _tell(answer, lambda document: document.get("done") is True)
+        _give(kind, machine, axis, connect, timeout_s, client, config_hash)
 
     return give
 
 
+def _give(
+    kind: str,
+    machine: str,
+    axis: str,
+    connect: str,
+    timeout_s: float,
+    client: Path | None,
+    config_hash: str | None,
+    about: str | None = None,
+) -> None:
+    """Give a running service a command and tell what came of it."""
+    from observer.publish.ask import command
+
+    for option, name in (("--machine", machine), ("--axis", axis)):
+        if "*" in name:
+            raise UserError(f"{option}: {name} may be several; name the one that is meant")
+    answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash, about)
+    _tell(answer, lambda document: document.get("done") is True)
+
+
 for _kind, _help in _COMMANDS.items():
     app.command(_kind, help=_help)(_giving(_kind))
+
+
+@app.command()
+def acknowledge(
+    machine: OneMachineOption,
+    axis: OneAxisOption,
+    alarm: Annotated[str | None, typer.Argument(help="Its id; all of them if left out.")] = None,
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
+    config_hash: HashOption = None,
+) -> None:
+    """Say that an alarm of one axis has been seen; exit code 0 if that is noted, else 1."""
+    if alarm is not None and not re.fullmatch(r"[A-Za-z0-9_.-]{1,250}", alarm):
+        raise UserError(f"{alarm!r} is no alarm; `observer watch` shows which there are")
+    _give("acknowledge", machine, axis, connect, timeout_s, client, config_hash, alarm)
 
 
 def main() -> None:

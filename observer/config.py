@@ -96,7 +96,7 @@ class ChannelLimits(Section):
 
 _BESIDE_THE_MODEL = {
     "machine", "calibrate", "discover", "compensation", "drivers", "publish", "record", "checkpoint",
-    "page", "metrics", "mqtt", "opcua",
+    "page", "metrics", "mqtt", "opcua", "alarms",
 }  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from observer.publish.codec import config_json
 from observer.publish.session import listening
 from observer.publish.taken import refuse_taken
 from observer.publish.zenoh import ZenohPublisher
+from observer.service.alarms import AlarmDesk
 from observer.service.align import Aligner
 from observer.service.carry import carried_over
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
@@ -176,6 +177,8 @@ def _service(
         trial=trial,
         gap=gap,
         control=_steering(config),
+        alarms=AlarmDesk(config, config.alarms, config.alarms_file) if config.alarms.enabled else None,
+        air=machine.plant.known.ambient,
     )
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-KINDS = ("arm", "disarm", "reset")
+KINDS = ("arm", "disarm", "reset", "acknowledge")
 _STRANGE = re.compile(r"[^A-Za-z0-9_.@-]")
 _NAME_LENGTH = 64
 
@@ -25,7 +25,8 @@ class Command:
     """One of `KINDS`, asked by somebody who says to be `by`.
 
     `refused` is the reason where it was refused already and is only to be put on record. `asked_s` is the
-    moment on the monotonic clock. `answer` takes the outcome from any thread and waits for nothing.
+    moment on the monotonic clock. `answer` takes the outcome from any thread and waits for nothing. `about`
+    is the alarm that is acknowledged, None for all.
     """
 
     kind: str
@@ -33,11 +34,12 @@ class Command:
     asked_s: float
     answer: Callable[[Outcome], None]
     refused: str | None = None
+    about: str | None = None
 
 
-def plain_name(text: str) -> str:
+def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
     """A name as it may stand in a log: short, and of letters, digits and `_.@-` only."""
-    return _STRANGE.sub("_", text[:_NAME_LENGTH])
+    return _STRANGE.sub("_", text[:most])
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,10 @@ class Outlets:
         """Publish a health document."""
         self._publisher.health(document)
 
+    def alarms(self, document: Mapping[str, Any]) -> None:
+        """Publish an alarms document."""
+        self._publisher.alarms(document)
+
     def compensation(self, document: Mapping[str, Any]) -> None:
         """Publish a compensation document."""
         self._publisher.compensation(document)

@@ -16,6 +16,7 @@ from observer.config import Config, effect_problems
 from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.installation.problems import as_message, problems_of
+from observer.tables.alarms import AlarmSettings
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 from observer.tables.keeping import Checkpoint, Record
 from observer.tables.publishing import Client, Publish
@@ -31,6 +32,7 @@ class Installation(Config):
     publish: Publish = Publish()
     record: Record = Record()
     checkpoint: Checkpoint = Checkpoint()
+    alarms: AlarmSettings = AlarmSettings()
     page: Page | None = None
     metrics: Metrics | None = None
     mqtt: Mqtt | None = None
@@ -55,6 +57,12 @@ class Installation(Config):
         """The file of the service's checkpoint, if there is to be one."""
         place, name = self.checkpoint.place(self.record), self.machine
         return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
+
+    @property
+    def alarms_file(self) -> Path | None:
+        """The file beside the checkpoint in which alarms and what is learnt for them are kept."""
+        file = self.checkpoint_file
+        return None if file is None else file.with_suffix(".alarms.json")
 
     def undelivered(self) -> list[str]:
         """Say which channels the model reads and no driver delivers, as far as the drivers tell theirs."""

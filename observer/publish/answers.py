@@ -25,6 +25,7 @@ _WAITING = 4  # commands that wait for the next step
 _BYTES_1_S = 4e6
 _LOG_S = 10.0
 _DIGITS = 6
+_LONGEST_ID = 250
 
 log = structlog.get_logger()
 
@@ -67,7 +68,7 @@ class Answers:
 
     def declare(self, session: zenoh.Session, *, compensates: bool) -> dict[str, Any]:
         """Declare on a session what can be asked; returns the queryables by their key."""
-        keys = ("config", "estimate", "health", *(["compensation"] if compensates else []))
+        keys = ("config", "estimate", "health", "alarms", *(["compensation"] if compensates else []))
         keys += tuple(f"command/{kind}" for kind in KINDS)
         return {
             key: session.declare_queryable(
@@ -147,7 +148,8 @@ class Answers:
         elif str(query.key_expr) == f"{self._prefix}/{key}":  # a wildcard is no command, so not on record
             by = plain_name(query.parameters.get("by") or "") or "somebody"
             answer = partial(self._answer_later, kind, query)
-            self._commands.append(Command(kind, by, time.monotonic(), answer, refused))
+            about = plain_name(query.parameters.get("id") or "", _LONGEST_ID) or None
+            self._commands.append(Command(kind, by, time.monotonic(), answer, refused, about))
         if refused is not None:
             with query:
                 query.reply_err(refused)

@@ -44,11 +44,12 @@ def command(
     timeout_s: float,
     client: Client | None = None,
     digest: str | None = None,
+    about: str | None = None,
 ) -> Answer:
     """Have a running service do something; whether it did stands in the answer under `done`.
 
     The command names the configuration it is meant for, by its hash `digest`; where none is given, it is the
-    one in force now.
+    one in force now. `about` names the alarm that is acknowledged.
     """
     until_s = time.monotonic() + timeout_s
     prefix = f"ballscrew/{machine}/{axis}"
@@ -59,7 +60,7 @@ def command(
         digest = told.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
         return Answer(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
-    selector = f"{prefix}/command/{kind}?config={digest};by={_myself()}"
+    selector = f"{prefix}/command/{kind}?config={digest};by={_myself()}" + (f";id={about}" if about else "")
     return _ask(connect, selector, max(0.1, until_s - time.monotonic()), client)
 
 

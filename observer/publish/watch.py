@@ -21,7 +21,7 @@ from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client
 
-KEYS = ("estimate", "heat", "field", "error", "learned", "health", "truth/heat")
+KEYS = ("estimate", "heat", "field", "error", "learned", "health", "alarms", "truth/heat")
 _STYLE = {"good": "green", "degraded": "yellow", "stale": "yellow", "starting": "cyan"}
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _UNKNOWN = "–"
@@ -108,7 +108,17 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     if "learned" in latest:
         parts += [_learned(latest["learned"])]
     parts += [Text(f"• {_word(reason)}", style="yellow") for reason in _items(health.get("reasons"))]
-    return Group(*parts)
+    return Group(*parts, *_alarms(latest.get("alarms", {})))
+
+
+def _alarms(document: Mapping[str, Any]) -> list[Text]:
+    """A line for each alarm: how bad, in which state, and why."""
+    lines = []
+    for alarm in map(_table, _items(document.get("alarms"))):
+        severity, state = _word(alarm.get("severity")), _word(alarm.get("state"))
+        line = f"▲ {severity} {_word(alarm.get('id'))} ({state}): {_word(alarm.get('reason'))}"
+        lines.append(Text(line, style="yellow" if severity == "minor" else "red"))
+    return lines
 
 
 def _style(quality: str) -> str:

@@ -155,6 +155,10 @@ class ZenohPublisher:
         """Publish a compensation document, which also answers those who ask for it."""
         self._document("compensation", document)
 
+    def alarms(self, document: Mapping[str, Any]) -> None:
+        """Publish an alarms document, which also answers those who ask for it."""
+        self._document("alarms", document)
+
     def _document(self, key: str, document: Mapping[str, Any]) -> None:
         data = to_json(document)
         self._answers.documents[key] = data
@@ -243,6 +247,7 @@ class ZenohPublisher:
             "estimate",
             "heat",
             "readings",
+            "alarms",
             "field",
             "error",
             "health",

@@ -22,7 +22,8 @@ class Commands:
     """Carries out what was asked of one service.
 
     `row` makes a row of the recording out of a moment: the reading without values that the aligner puts among
-    the others; `reset` starts the estimator afresh.
+    the others; `reset` starts the estimator afresh; `acknowledge` notes that somebody has seen an alarm, or
+    says why not.
     """
 
     def __init__(
@@ -32,12 +33,14 @@ class Commands:
         recorder: Recorder | None,
         row: Callable[[Reading], Reading],
         reset: Callable[[], None],
+        acknowledge: Callable[[str | None], str | None],
     ) -> None:
         self._fresh_s = max(_FRESH_S, 2 * period_s)
         self._compensator = compensator
         self._recorder = recorder
         self._row = row
         self._reset = reset
+        self._acknowledge = acknowledge
         self._arming: list[Command] = []
 
     def before_step(self, commands: Iterable[Command], tick_s: float) -> None:
@@ -50,6 +53,10 @@ class Commands:
                 self._close(command, Outcome(False, "not done: it waited for too long; ask again", time_s))
             elif command.kind == "reset":
                 self._close(command, self._reset_all(time_s))
+            elif command.kind == "acknowledge":
+                why_not = self._acknowledge(command.about)
+                text = why_not or f"acknowledged: {command.about or 'all'}"
+                self._close(command, Outcome(why_not is None, text, time_s))
             elif self._compensator is None:
                 text = "there is no compensation; set enabled = true in [compensation]"
                 self._close(command, Outcome(False, text, time_s))

@@ -21,6 +21,7 @@ from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import SelfTest
 from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
+from observer.service.alarms import AlarmDesk
 from observer.service.align import Aligner, AlignPlan
 from observer.service.carry import LastStep
 from observer.service.checkpoint import Snapshot
@@ -87,6 +88,9 @@ class Publisher(Protocol):
     def health(self, document: Mapping[str, Any]) -> None:
         """Publish a health document."""
 
+    def alarms(self, document: Mapping[str, Any]) -> None:
+        """Publish an alarms document."""
+
     def compensation(self, document: Mapping[str, Any]) -> None:
         """Publish a compensation document."""
 
@@ -99,7 +103,8 @@ class Service:
     """The parts of a service.
 
     `notify` tells the service manager (`sd_notify`), `instance` names a start, `start` is where the estimator
-    goes on from, None if cold. With `alone` it makes sure, before the first tick, that no other has the axis.
+    goes on from, None if cold; `air` is the place of the ambient among the known inputs. With `alone` it
+    makes sure, before the first tick, that no other has the axis.
     """
 
     drivers: tuple[Driver, ...]
@@ -121,6 +126,8 @@ class Service:
     trial: Trial | None = None
     gap: GapWatch | None = None
     control: Steering | None = None
+    alarms: AlarmDesk | None = None
+    air: int = 0
 
 
 async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -154,6 +161,8 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
             log.error("recording not complete", reason=service.recorder.status.reason)
         if not service.publisher.close(_PUBLISHER_END_S):
             log.warning("zenoh did not close in time; its peer does not answer")
+        if service.alarms is not None and not service.alarms.close(_KEEPER_END_S):
+            log.warning("what is known of alarms could not be kept in time")
         if service.keeper is not None and not service.keeper.close(_KEEPER_END_S):
             log.warning("the last checkpoint could not be written in time")
         log.info(
@@ -190,6 +199,7 @@ class _Cycles:
             service.recorder,
             self._aligner.ingest,
             self._pipeline.reset,
+            self._acknowledge,
         )
         self.count = 0
         self.overruns = 0
@@ -201,7 +211,7 @@ class _Cycles:
         self._had_estimate = False
         self._failure: str | None = None
         self._health: Health | None = None
-        self._sent_s = self._looked_s = -math.inf
+        self._sent_s = self._looked_s = self._told_s = -math.inf
 
     def warm_up(self) -> None:
         """Have everything compiled and loaded, by a tick without readings that is then forgotten."""
@@ -218,6 +228,14 @@ class _Cycles:
         if snapshot is None or not snapshot.estimator.started:
             return None
         return snapshot if compensator is None else replace(snapshot, compensation=compensator.held)
+
+    def _acknowledge(self, name: str | None) -> str | None:
+        """Note that an alarm was seen, and tell so at the next look; returns why not."""
+        desk = self._service.alarms
+        if desk is None:
+            return "there are no alarms; set enabled = true in [alarms]"
+        self._looked_s = -math.inf
+        return desk.acknowledge(name)
 
     def _take(self, name: str, reading: Reading) -> None:
         """Take a reading: none from the future; a late one keeps its time, one far too late is a fault."""
@@ -297,6 +315,9 @@ class _Cycles:
             self._compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
         self._last = LastStep(frame, self._pipeline.inputs, estimate)
+        if self._service.alarms is not None:
+            air_degC = float(self._pipeline.inputs.z_end[0, self._service.air])
+            self._service.alarms.see(estimate, frame, air_degC)
         gap = self._service.gap
         known = None if gap is None else gap.state
         self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot(), gap=known)
@@ -345,25 +366,25 @@ class _Cycles:
     def _report(self, now_s: float) -> None:
         """Publish the health when it has changed or five seconds have passed."""
         service, statuses = self._service, self.wires.statuses()
-        health = assess(
-            Facts(
-                now_s,
-                self._frame,
-                self._aligner.faults,
-                self._estimate,
-                self._had_estimate,
-                self._failure,
-                self.count,
-                self.overruns,
-                {name: (status, self._samples[name]) for name, status in statuses.items()},
-                service.recorder.status if service.recorder else None,
-                service.publisher.status,
-                service.clock.offset_s(),
-                self._pipeline.findings,
-                self._notices(),
-                None if service.gap is None else service.gap.figures,
-            )
+        facts = Facts(
+            now_s,
+            self._frame,
+            self._aligner.faults,
+            self._estimate,
+            self._had_estimate,
+            self._failure,
+            self.count,
+            self.overruns,
+            {name: (status, self._samples[name]) for name, status in statuses.items()},
+            service.recorder.status if service.recorder else None,
+            service.publisher.status,
+            service.clock.offset_s(),
+            self._pipeline.findings,
+            self._notices(),
+            None if service.gap is None else service.gap.figures,
         )
+        health = assess(facts)
+        self._tell_alarms(facts)
         changed = self._health is None or health.essence != self._health.essence
         if changed:
             log.info("health", state=health.state, reasons=health.reasons)
@@ -372,3 +393,14 @@ class _Cycles:
             adoption = None if service.trial is None else service.trial.document()
             beside = {"adoption": adoption, "instance": service.instance}
             service.publisher.health(health.document() | beside)
+
+    def _tell_alarms(self, facts: Facts) -> None:
+        """Publish the alarms when they have changed or five seconds have passed."""
+        desk, gap = self._service.alarms, self._service.gap
+        if desk is None:
+            return
+        changed = desk.look(facts, None if gap is None else gap.departure)
+        if changed or facts.time_s - self._told_s >= HEALTH_PERIOD_S:
+            self._told_s = facts.time_s
+            document = desk.document(facts.time_s) | {"instance": self._service.instance}
+            self._service.publisher.alarms(document)

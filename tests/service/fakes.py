@@ -90,6 +90,7 @@ class FakePublisher:
     """Keeps what it is given."""
 
     estimates: list = field(default_factory=list)
+    alarms_: list = field(default_factory=list)
     readings_: list = field(default_factory=list)
     healths: list = field(default_factory=list)
     compensations: list = field(default_factory=list)
@@ -116,6 +117,9 @@ class FakePublisher:
 
     def health(self, document: bytes) -> None:
         self.healths.append(document)
+
+    def alarms(self, document) -> None:
+        self.alarms_.append(document)
 
     def compensation(self, document: bytes) -> None:
         self.compensations.append(document)

@@ -120,12 +120,19 @@ class _Loop:
         self.config = config or machine(rate_limit_um_s=1e3, gradient_limit_um_m=1e3)
         self.compensator = Compensator(self.config, GRID)
         self.resets = 0
-        self.commands = Commands(0.5, self.compensator, recorder, lambda reading: reading, self._reset)
+        self.seen: list = []
+        self.commands = Commands(
+            0.5, self.compensator, recorder, lambda reading: reading, self._reset, self._acknowledge
+        )
         self.time_s = 10.0
         self.document: dict = {}
 
     def _reset(self) -> None:
         self.resets += 1
+
+    def _acknowledge(self, name: str | None) -> str | None:
+        self.seen.append(name)
+        return None if name != "unknown" else "there is no alarm unknown"
 
     def step(self, *commands: Command, error_um: float = 5.0, quality: int = 0) -> None:
         self.time_s += 0.5
@@ -174,7 +181,7 @@ def test_a_command_that_waited_is_not_obeyed():
 
 def test_without_a_compensation_there_is_nothing_to_arm():
     told = []
-    commands = Commands(0.5, None, None, lambda reading: reading, lambda: None)
+    commands = Commands(0.5, None, None, lambda reading: reading, lambda: None, lambda _: None)
     commands.before_step([_command("arm", told), _command("disarm", told)], 1.0)
     commands.after_step(1.0)
     assert [outcome.done for outcome in told] == [False, False]

@@ -1,0 +1,1 @@
+"""Alarms: what is wrong for so long, and matters so much, that somebody is to come and look."""

@@ -1,0 +1,161 @@
+"""The heat that a source usually gives at its speed and temperature, and how far it is from that now.
+
+Over windows of running, the logarithm of the ratio of the estimated heat to its law is held against
+
+    θ₀ + θ₁ (law / its largest − 1) + θ₂ rise / 10 K,
+
+whose θ is learnt by recursive least squares (Ljung and Söderström 1983, ch. 2) in the first hours of running
+and then stays as it is: wear must not be learnt away. Of those hours the earlier ones, in which a new machine
+runs in, are forgotten. What is left is smoothed over hours of running, and a line through it tells the trend
+over days.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.frames import FloatArray
+
+WINDOW_S = 600.0
+"""Running is gathered so long for one window."""
+LEAST_SHARE = 0.15
+"""A law that says less than this part of its largest heat says too little to be held against."""
+SURE = 0.3
+"""The estimate's own σ, as a part of the heat, up to which a window counts."""
+SMOOTH_H = 3.0
+"""What is left is smoothed over so many hours of running."""
+ALIKE_H = 1.5
+"""Errors of an estimate stay alike for about so long, so windows within it tell no more than one."""
+MEMORY_H = 15.0
+"""What is learnt in the first hours of running fades in so many: a new machine runs in."""
+TREND_H = 60.0
+"""The trend is that of about so many hours of running."""
+LEAST_DAYS = 1.0
+SIGMAS = 3.0
+"""How many σ beyond its band a heat has to be, whatever the deadband."""
+CLEAR = 0.6
+"""The part of the limit below which it is within its band again."""
+_PRIOR_SIGMA = np.array([1.0, 0.2, 0.1])
+_FLOOR = 0.04
+_LEAST_RATIO = 0.02
+
+
+class Gathering(NamedTuple):
+    """A window in progress: ∫ heat, its σ, law and rise over `running_s` of it."""
+
+    running_s: float
+    heat_J: float
+    sigma_J: float
+    law_J: float
+    rise_Ks: float
+
+
+class Window(NamedTuple):
+    """A window of running that ended at `time_s`: means over it, of a law whose largest heat is `most_W`."""
+
+    time_s: float
+    heat_W: float
+    sigma_W: float
+    law_W: float
+    rise_K: float
+    most_W: float
+
+
+class Band(NamedTuple):
+    """What has been learnt of one source.
+
+    `theta` (3,) with covariance `P` (3, 3), `spread2` the variance of a window about them; `running_h` of the
+    windows taken; `left` what is left, smoothed; `line` (5,) the fading sums of a line through it: 1, t, t²,
+    y, t y with t in days after `at_s`; `side` is +1 above the band, -1 below, 0 within; `most_W` the law's
+    largest heat.
+    """
+
+    theta: FloatArray
+    P: FloatArray
+    spread2: float
+    running_h: float
+    left: float
+    line: FloatArray
+    at_s: float
+    side: int
+    most_W: float
+
+
+def nothing_known() -> Band:
+    """Return the band before the first window."""
+    return Band(np.zeros(3), np.diag(_PRIOR_SIGMA**2), 0.01, 0.0, 0.0, np.zeros(5), math.nan, 0, 0.0)
+
+
+def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
+    """Return the band after a window; beyond `learn_h` hours of running it is only held against it.
+
+    `deadband` is how much more than usual, as a part of it, a heat has to be.
+    """
+    band = band._replace(most_W=max(band.most_W, window.law_W, window.most_W))
+    if not _tells(window, band.most_W):
+        return band
+    y, phi = math.log(max(window.heat_W / window.law_W, _LEAST_RATIO)), _features(window, band.most_W)
+    off = y - float(phi @ band.theta)
+    hours = WINDOW_S / 3600.0
+    if band.running_h < learn_h:
+        own2 = (window.sigma_W / window.law_W) ** 2
+        band = _taken(band, phi, off, (band.spread2 + own2) * ALIKE_H / hours, hours)
+    share = hours / SMOOTH_H
+    band = band._replace(left=band.left + share * (off - band.left), running_h=band.running_h + hours)
+    return _judged(_traced(band, window.time_s, off), phi, learn_h, deadband)
+
+
+def sigma_of(band: Band, phi: FloatArray | None = None) -> float:
+    """Return the σ of what is left: of the estimates it rests on, and of the band."""
+    phi = np.array([1.0, 0.0, 0.0]) if phi is None else phi
+    return math.sqrt(band.spread2 * ALIKE_H / SMOOTH_H + float(phi @ band.P @ phi) + _FLOOR**2)
+
+
+def trend_per_day(band: Band) -> float | None:
+    """Return by how much of itself the heat grows a day; None before a day is behind it."""
+    n, t, tt, y, ty = band.line
+    spread = n * tt - t * t
+    if n <= 0.0 or spread < (LEAST_DAYS * n) ** 2 / 12.0:
+        return None
+    return float((n * ty - t * y) / spread)
+
+
+def _tells(window: Window, most_W: float) -> bool:
+    """Whether a window says something of the heat."""
+    law_W = window.law_W
+    return law_W > LEAST_SHARE * most_W > 0.0 and window.sigma_W < SURE * max(window.heat_W, law_W)
+
+
+def _features(window: Window, most_W: float) -> FloatArray:
+    return np.array([1.0, window.law_W / most_W - 1.0, window.rise_K / 10.0])
+
+
+def _taken(band: Band, phi: FloatArray, off: float, R: float, hours: float) -> Band:
+    """One step of recursive least squares, with forgetting."""
+    P = band.P * min(math.exp(hours / MEMORY_H), float(np.sum(_PRIOR_SIGMA**2) / np.trace(band.P)))
+    gain = P @ phi / (phi @ P @ phi + R)
+    share = min(0.5, hours / max(hours, min(band.running_h, MEMORY_H)))
+    spread2 = band.spread2 + share * (min(off * off, 0.25) - band.spread2) * (band.running_h > ALIKE_H)
+    return band._replace(theta=band.theta + gain * off, P=P - np.outer(gain, phi @ P), spread2=spread2)
+
+
+def _traced(band: Band, time_s: float, off: float) -> Band:
+    """Take a point into the line through what is left."""
+    n, t, tt, y, ty = band.line
+    days = 0.0 if math.isnan(band.at_s) else (time_s - band.at_s) / 86_400.0
+    fade = math.exp(-WINDOW_S / 3600.0 / TREND_H)
+    moved = np.array([n, t - days * n, tt - 2.0 * days * t + days * days * n, y, ty - days * y])
+    return band._replace(line=fade * moved + np.array([1.0, 0.0, 0.0, off, 0.0]), at_s=time_s)
+
+
+def _judged(band: Band, phi: FloatArray, learn_h: float, deadband: float) -> Band:
+    """Say whether the heat is above or below its band, with hysteresis."""
+    if band.running_h < learn_h:
+        return band._replace(side=0)
+    limit = max(math.log1p(deadband), SIGMAS * sigma_of(band, phi))
+    if abs(band.left) > limit:
+        return band._replace(side=1 if band.left > 0 else -1)
+    return band._replace(side=0) if abs(band.left) < CLEAR * limit else band

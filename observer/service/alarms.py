@@ -1,0 +1,298 @@
+"""Alarms of a running service: what holds now, from what the loop knows, and what is kept over a restart."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import structlog
+
+from observer.alarms import bands
+from observer.alarms.bands import Band, Gathering, Window
+from observer.alarms.kinds import KINDS
+from observer.alarms.states import Alarm, Condition, acknowledged, advance
+from observer.config import Config
+from observer.estimators.selftest import Fault, Finding
+from observer.files.folders import make_folder, write_whole
+from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Quality
+from observer.service.gap import Departure
+from observer.service.health import Facts
+from observer.service.reasons import departure_sentence, sentence
+from observer.tables.alarms import AlarmSettings
+
+_KEPT_S = 60.0
+_CLOCK_STEP_S = 0.5
+_STUCK, _DISCONNECTED = "stuck", "disconnected"
+_NOTHING = Gathering(0.0, 0.0, 0.0, 0.0, 0.0)
+_MOST_STEP_S = 30.0
+_FORMAT = 1
+
+log = structlog.get_logger()
+
+
+class Source(NamedTuple):
+    """A source with a law: its name, its place among the estimated ones, and what its band depends on."""
+
+    name: str
+    column: int
+    law: str
+
+
+class AlarmDesk:
+    """Takes every estimate, looks at the facts now and then, and tells what somebody should come for."""
+
+    def __init__(self, config: Config, settings: AlarmSettings, file: Path | None) -> None:
+        """Begin where the file tells, None where nothing is kept."""
+        self._settings = settings
+        self._sensors = {s.channel: s.name for s in config.sensor}
+        estimated = [s for s in config.source if s.estimate]
+        self._sources = [
+            Source(s.name, i, s.model_dump_json()) for i, s in enumerate(estimated) if s.law is not None
+        ]
+        self._gathering = {source.name: _NOTHING for source in self._sources}
+        self._bands = {source.name: bands.nothing_known() for source in self._sources}
+        self._alarms: dict[str, Alarm] = {}
+        self._file = file
+        self._told: tuple[Any, ...] = ()
+        self._kept_s = -math.inf
+        self._writing: threading.Thread | None = None
+        if file is not None:
+            self._restore(file)
+
+    def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
+        """Take one estimate, for the bands of the heats."""
+        dt_s = float(frame.dt_s[0])
+        if estimate.quality[0] != EstimateQuality.GOOD or not 0.0 < dt_s <= _MOST_STEP_S:
+            return
+        rise_K = float(np.mean(estimate.field_degC[0])) - air_degC
+        for source in self._sources:
+            heat_W, law_W = float(estimate.heat_W[0, source.column]), float(estimate.law_W[0, source.column])
+            sigma_W = float(estimate.heat_sigma_W[0, source.column])
+            if not (math.isfinite(heat_W + sigma_W + law_W + rise_K) and law_W > 0.0):
+                continue
+            band = self._bands[source.name]
+            if law_W <= bands.LEAST_SHARE * band.most_W:
+                continue
+            now = self._gathering[source.name]
+            now = Gathering(
+                now.running_s + dt_s, now.heat_J + heat_W * dt_s, now.sigma_J + sigma_W * dt_s,
+                now.law_J + law_W * dt_s, now.rise_Ks + rise_K * dt_s,
+            )  # fmt: skip
+            if now.running_s >= bands.WINDOW_S:
+                self._bands[source.name] = self._learnt(band, now, float(estimate.time_s[0]))
+                now = _NOTHING
+            self._gathering[source.name] = now
+
+    def _learnt(self, band: Band, whole: Gathering, time_s: float) -> Band:
+        heat_W, sigma_W, law_W, rise_K = (total / whole.running_s for total in whole[1:])
+        window = Window(time_s, heat_W, sigma_W, law_W, rise_K, law_W)
+        return bands.learnt(band, window, self._settings.learn_h, self._settings.deadband)
+
+    def look(self, facts: Facts, departure: Departure | None) -> bool:
+        """Judge what holds now; says whether something changed that is worth telling at once."""
+        holding = [
+            condition
+            for condition in (*conditions(facts, departure, self._sensors), *self._heats())
+            if condition.kind not in self._settings.off
+        ]
+        self._alarms = advance(self._alarms, holding, facts.time_s)
+        told = tuple((name, alarm.state) for name, alarm in self._alarms.items() if alarm.is_raised)
+        changed, before = told != self._told, dict(self._told)
+        for name, state in told:
+            if before.get(name) != state:
+                log.warning("alarm", alarm=name, state=state, reason=self._alarms[name].condition.reason)
+        self._told = told
+        self._keep(facts.time_s, now=changed)
+        return changed
+
+    def acknowledge(self, name: str | None) -> str | None:
+        """Note that somebody has seen an alarm, or all; returns in words why not, None if it is done."""
+        raised = [n for n, alarm in self._alarms.items() if alarm.is_raised]
+        if name is not None and name not in raised:
+            there = ", ".join(raised) or "none"
+            return f"there is no alarm {name}; there are: {there}"
+        self._alarms = acknowledged(self._alarms, name)
+        return None
+
+    def document(self, time_s: float) -> dict[str, Any]:
+        """What is published: the alarms that are raised, and what is known of the heats."""
+        return {
+            "time_s": time_s,
+            "alarms": [_told_of(name, alarm) for name, alarm in self._alarms.items() if alarm.is_raised],
+            "bands": {name: self._band_told(band) for name, band in self._bands.items()},
+        }
+
+    def close(self, timeout_s: float) -> bool:
+        """Keep what is known; says whether that was done in time."""
+        self._keep(math.inf, now=True)
+        if self._writing is not None:
+            self._writing.join(timeout_s)
+        return self._writing is None or not self._writing.is_alive()
+
+    def _band_told(self, band: Band) -> dict[str, Any]:
+        trend = bands.trend_per_day(band)
+        known = band.running_h >= self._settings.learn_h
+        return {
+            "known": known,
+            "running_h": round(band.running_h, 2),
+            "ratio": round(math.exp(band.left), 4) if known else None,
+            "sigma": round(bands.sigma_of(band), 4) if known else None,
+            "trend_per_day": None if trend is None or not known else round(trend, 5),
+        }
+
+    def _heats(self) -> Iterator[Condition]:
+        """Heats that are not within their bands."""
+        for name, band in self._bands.items():
+            if band.side == 0:
+                continue
+            told = self._band_told(band)
+            trend = told["trend_per_day"]
+            growth = "" if trend is None else f", {100 * trend:+.1f} % a day"
+            yield Condition(
+                "heat_high" if band.side > 0 else "heat_low",
+                name,
+                f"the heat of {name} is {told['ratio']:.2f} times what was learnt for its speed and "
+                f"temperature in {self._settings.learn_h:g} h of running{growth}",
+                evidence=told,
+            )
+
+    def _keep(self, time_s: float, *, now: bool) -> None:
+        """Write what is known now and then, in a thread of its own: a slow disk holds up no tick."""
+        if self._file is None or not (now or time_s - self._kept_s >= _KEPT_S):
+            return
+        if self._writing is not None and self._writing.is_alive():
+            if not math.isinf(time_s):
+                return
+            self._writing.join(_KEPT_S)
+        self._kept_s = time_s
+        data = json.dumps(self._plain()).encode()
+        self._writing = threading.Thread(target=_write, args=(self._file, data), name="alarms", daemon=True)
+        self._writing.start()
+
+    def _plain(self) -> dict[str, Any]:
+        return {
+            "format": _FORMAT,
+            "bands": {s.name: {"law": s.law, **_as_lists(self._bands[s.name])} for s in self._sources},
+            "alarms": {n: asdict(alarm) for n, alarm in self._alarms.items() if alarm.is_raised},
+        }
+
+    def _restore(self, file: Path) -> None:
+        """Take what a service before this one has kept, as far as it fits; the rest begins afresh."""
+        try:
+            kept = json.loads(file.read_bytes())
+            if kept["format"] != _FORMAT:
+                raise ValueError(f"format {kept['format']}")
+            found = {s.name: kept["bands"].get(s.name) for s in self._sources}
+            for source in self._sources:
+                if (plain := found[source.name]) is not None and plain["law"] == source.law:
+                    self._bands[source.name] = _as_band(plain)
+            self._alarms = {name: _as_alarm(plain) for name, plain in kept["alarms"].items()}
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            log.warning("what was kept of alarms cannot be used", file=str(file), reason=str(error))
+
+
+def conditions(facts: Facts, departure: Departure | None, sensors: Mapping[str, str]) -> Iterator[Condition]:
+    """What holds now; `sensors` are the names of the channels that are sensors'."""
+    if facts.failure:
+        yield Condition("estimate", "estimator", facts.failure)
+    lost = {name for name, (status, _) in facts.drivers.items() if not status.connected}
+    for name in sorted(lost):
+        error = facts.drivers[name][0].last_error
+        yield Condition("wire", name, f"driver {name} is not connected" + (f": {error}" if error else ""))
+    if facts.frame is not None:
+        yield from _of_channels(facts.frame, facts.faults, sensors)
+    yield from _of_findings(facts.findings, set(sensors.values()))
+    if departure is not None:
+        evidence = {"rms_K": departure.rms_K, "allowed_K": departure.allowed_K, "since_s": departure.since_s}
+        yield Condition(
+            "model_inconsistent", departure.sensor, departure_sentence(departure), evidence=evidence
+        )
+    if facts.record is not None and facts.record.reason:
+        yield Condition("disk", "recording", facts.record.reason)
+    if abs(facts.clock_offset_s) > _CLOCK_STEP_S:
+        yield Condition("clock", "computer", f"the computer's clock stepped by {facts.clock_offset_s:+.1f} s")
+
+
+def _of_channels(
+    frame: FrameBlock, faults: Mapping[str, str], sensors: Mapping[str, str]
+) -> Iterator[Condition]:
+    """Channels that give no value, but those of a wire that is gone: the wire's alarm tells of them."""
+    for j, channel in enumerate(frame.channels):
+        quality, fault = Quality(frame.quality[-1, j]), faults.get(channel)
+        if quality == Quality.GOOD or fault == _DISCONNECTED:
+            continue
+        what, name = fault or quality.label, sensors.get(channel, channel)
+        kind = "sensor_stuck" if what == _STUCK else "sensor_fault"
+        yield Condition(kind, name, f"channel {channel} is {quality.label} ({what})", name=what)
+
+
+_DRIFTING = (Fault.BIASED, Fault.COLOURED, Fault.NOISY, Fault.REFUSED)
+
+
+def _of_findings(findings: Sequence[Finding], sensors: set[str]) -> Iterator[Condition]:
+    for finding in findings:
+        figures = {"value": finding.value, "expected": finding.expected, "since_s": finding.since_s}
+        evidence = {key: value if math.isfinite(value) else None for key, value in figures.items()}
+        if finding.fault in _DRIFTING and finding.subject in sensors:
+            name = finding.fault.name.lower()
+            yield Condition("sensor_drift", finding.subject, sentence(finding), name, evidence)
+        elif finding.fault in (Fault.OFF_LAW, Fault.ALL_OFF_LAW):
+            yield Condition("heat_off_law", finding.subject or "all", sentence(finding), evidence=evidence)
+
+
+def _told_of(name: str, alarm: Alarm) -> dict[str, Any]:
+    condition, kind = alarm.condition, KINDS[alarm.condition.kind]
+    return {
+        "id": name,
+        "kind": condition.kind,
+        "target": condition.target,
+        "severity": kind.severity,
+        "state": alarm.state,
+        "since_s": alarm.since_s,
+        "reason": condition.reason,
+        "remedy": kind.remedy,
+        "evidence": condition.evidence,
+    }
+
+
+def _write(file: Path, data: bytes) -> None:
+    try:
+        make_folder(file.parent)
+        write_whole(file, data)
+    except OSError as error:
+        log.warning("alarms cannot be kept", file=str(file), reason=error.strerror)
+
+
+def _as_lists(band: Band) -> dict[str, Any]:
+    plain = band._asdict()
+    lists = {key: value.tolist() for key, value in plain.items() if isinstance(value, np.ndarray)}
+    return plain | lists | {"at_s": None if math.isnan(band.at_s) else band.at_s}
+
+
+def _as_band(plain: Mapping[str, Any]) -> Band:
+    """A band from what was kept; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
+    values: dict[str, Any] = {}
+    for key, like in bands.nothing_known()._asdict().items():
+        value = math.nan if key == "at_s" and plain[key] is None else plain[key]
+        if isinstance(like, np.ndarray):
+            values[key] = np.asarray(value, float)
+            if values[key].shape != like.shape or not np.isfinite(values[key]).all():
+                raise ValueError(f"{key} does not fit")
+        else:
+            values[key] = type(like)(value)
+    return Band(**values)
+
+
+def _as_alarm(plain: Mapping[str, Any]) -> Alarm:
+    condition = Condition(**plain["condition"])
+    if condition.kind not in KINDS:
+        raise ValueError(f"kind {condition.kind}")
+    return Alarm(plain["state"], float(plain["since_s"]), float(plain["seen_s"]), condition)

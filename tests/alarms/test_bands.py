@@ -1,0 +1,74 @@
+"""What is learnt of a heat, on machines of an own truth, and that wear is told before it is dear."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from observer.alarms import bands
+from observer.alarms.bands import Window
+from observer.tables.alarms import AlarmSettings
+from tests.alarms.months import Story
+from tests.alarms.trial import watched
+
+
+def _window(hour: float, heat_W: float, law_W: float = 10.0, rise_K: float = 5.0) -> Window:
+    return Window(3600.0 * hour, heat_W, 0.5, law_W, rise_K, 12.0)
+
+
+def _learnt(heats, law_W: float = 10.0):
+    band = bands.nothing_known()
+    for k, heat_W in enumerate(heats):
+        band = bands.learnt(band, _window(k / 6.0, heat_W, law_W), 30.0, 0.25)
+    return band
+
+
+def test_a_heat_off_its_law_is_what_is_usual_once_it_is_learnt():
+    band = _learnt([13.0] * 300)
+    assert band.side == 0
+    assert math.exp(band.left) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("factor", "side"), [(1.15, 0), (1.6, 1), (0.55, -1)])
+def test_more_or_less_than_usual_is_told_and_not_learnt_away(factor, side):
+    band = _learnt([13.0] * 200 + [13.0 * factor] * 600)
+    assert band.side == side
+    assert math.exp(band.left) == pytest.approx(factor, rel=0.05)
+
+
+def test_nothing_is_told_before_it_is_known():
+    assert _learnt([13.0] * 100 + [26.0] * 60).side == 0
+
+
+def test_a_window_that_tells_little_is_left_out():
+    band = _learnt([13.0] * 50)
+    assert bands.learnt(band, _window(9.0, 90.0, law_W=0.5), 30.0, 0.25) == band
+    assert bands.learnt(band, _window(9.0, 13.0)._replace(sigma_W=8.0), 30.0, 0.25) == band
+
+
+def test_the_trend_is_that_of_a_heat_that_grows():
+    band = _learnt([13.0] * 200)
+    for k in range(600):
+        hour = 40.0 + k / 6.0
+        band = bands.learnt(band, _window(hour, 13.0 * math.exp(0.03 * k / 144.0)), 30.0, 0.25)
+    assert bands.trend_per_day(band) == pytest.approx(0.03, rel=0.15)
+    assert bands.trend_per_day(bands.nothing_known()) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_months_in_which_nothing_happens_are_quiet(seed):
+    told = watched(Story(days=30), seed)
+    assert told.quiet_d > 15.0
+    assert told.false <= 1
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_bearing_that_wears_is_told_a_day_of_running_before_its_heat_has_doubled(seed):
+    told = watched(Story(begins_h=60.0, doubles_h=200.0), seed)
+    assert told.early_h > 24.0
+
+
+def test_the_settings_are_those_of_the_trial():
+    settings = AlarmSettings()
+    assert (settings.learn_h, settings.deadband) == (30.0, 0.25)

@@ -1,0 +1,50 @@
+"""Alarms of a running daemon: raised by a fault, told, seen by somebody, and gone or kept."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.publish.router import free_port
+from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
+
+pytestmark = pytest.mark.system
+PLUG = "sensor_fault.t3.open_circuit"
+
+
+def _alarms(seen: Subscriber) -> dict[str, dict]:
+    documents = seen.documents.get("alarms", [])
+    return {alarm["id"]: alarm for alarm in documents[-1]["alarms"]} if documents else {}
+
+
+def _acknowledge(endpoint: str, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "observer", "acknowledge", *words, "--connect", endpoint]
+    return subprocess.run(
+        [*command, "--machine", "demo", "--axis", "x"], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+
+
+def test_an_open_thermocouple_raises_an_alarm_that_is_acknowledged_and_goes(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["checkpoint"] = {"directory": str(tmp_path / "kept")}
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            plant.fault(open="t3_degC")
+            until(lambda: PLUG in _alarms(seen))
+            alarm = _alarms(seen)[PLUG]
+            assert (alarm["severity"], alarm["state"], alarm["target"]) == ("major", "unacknowledged", "t3")
+            assert "open_circuit" in alarm["reason"]
+            assert "plug" in alarm["remedy"]
+            assert _acknowledge(endpoint, "sensor_fault.t9").returncode == 1
+            assert _acknowledge(endpoint, PLUG).returncode == 0
+            until(lambda: _alarms(seen)[PLUG]["state"] == "acknowledged")
+            assert "alarm" in daemon.said()
+        with Daemon(tmp_path, table), Subscriber(endpoint) as seen:  # what was seen stays seen
+            until(lambda: PLUG in _alarms(seen))
+            assert _alarms(seen)[PLUG]["state"] == "acknowledged"
+            plant.fault()
+            until(lambda: seen.documents.get("alarms") and PLUG not in _alarms(seen))
