@@ -22,7 +22,7 @@ from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 HOUR_S = 3600.0
-DRIFT = 0.5
+DRIFT = 0.35
 """How far a heat drifts from its law in an hour, in parts of the law's uncertainty."""
 AIR_K_sqrt_h = 0.3
 """How far air wanders in an hour where nothing tells more."""
@@ -140,13 +140,17 @@ def runner(
     heats = heats_of(plant, program)
     x, P = state.x_hat.copy(), state.P.copy()
     own = slice(n_x, n_x + m_e)
-    x[own], P[own], P[:, own] = 0.0, 0.0, 0.0
+    x[own] = 0.0
     past_s = max(float(program.past.dt_s.sum()), BIN_S)
     mean_W = np.abs(program.mean.law_W[0] * heats.ratio + heats.extra_W)
     share = mean_W / max(float(mean_W.sum()), 1e-12)
     free = np.flatnonzero(plant.estimated)
-    known_W2 = heats.sigma_W**2 + share[free] ** 2 * program.noise_W2_s / past_s
-    P[np.arange(n_x, n_x + m_e), np.arange(n_x, n_x + m_e)] = known_W2
+    # what heats and field share stays: a film that is stronger than thought goes with heats that are larger
+    moment_W = np.sqrt(np.maximum(np.diag(P)[own], 1e-12))
+    scale = np.ones(n)
+    scale[own] = np.minimum(1.0, heats.sigma_W / moment_W)
+    P = scale[:, None] * P * scale
+    P[own, own] += np.diag(share[free] ** 2 * program.noise_W2_s / past_s)
     learning = plant.learning
     if learning is not None:
         laws = n_x + m_e + np.flatnonzero(learning.arrays.kind == Kind.LAW)

@@ -25,6 +25,7 @@ _LAST = 30  # five minutes are what runs now
 _EVEN = 0.1  # bins that differ by no more of their mean are one level
 _ALIKE = 0.6  # an autocorrelation above this is a cycle
 _IDLE_W = 1e-3
+_LONG_REST = 45
 _BLOCK = 30
 
 Kind = Literal["cycle", "mixed", "given", "standstill"]
@@ -179,13 +180,13 @@ def given(bins: Bins, past: Bins) -> Program:
 
 
 def _since_rest(total_W: FloatArray) -> int:
-    """Where work begins after the last rest of more than ten minutes."""
+    """Where work begins after the last rest of more than seven minutes."""
     idle, run, begin = total_W <= _IDLE_W, 0, 0
     if period_bins(total_W) is not None:
         return 0
     for i, rests in enumerate(idle):
         run = run + 1 if rests else 0
-        if run > 2 * _LAST:
+        if run > _LONG_REST:
             begin = i + 1
     return min(begin, len(total_W) - 1)
 
@@ -195,8 +196,9 @@ def _even(total_W: FloatArray) -> int | None:
     level = float(np.median(total_W[-_LAST:]))
     off = np.flatnonzero(np.abs(total_W - level) > _EVEN * level)
     begin = int(off[-1]) + 1 if len(off) else 0
-    rise = begin == len(total_W) or len(total_W) - begin < min(_LAST, len(total_W))
-    if rise or period_bins(total_W) is not None:
+    length = len(total_W) - begin
+    short = length < min(_LAST, len(total_W)) or (length < 6 * _LAST and 2 * length < len(total_W))
+    if short or period_bins(total_W) is not None:
         return None
     return begin
 
@@ -233,9 +235,9 @@ def _one_cycle(bins: Bins, period: int) -> Bins:
 def noise_W2_s(bins: Bins, period: int | None = None) -> float:
     """The spectral density of the total heat about its mean at low frequency: T var of means over T.
 
-    T is five minutes, or a cycle's whole number of times that (Welch 1967, with rectangular windows).
+    T is five minutes, or of a cycle, whose times vary too, whole ones of about fifteen (Welch 1967, with rectangular windows).
     """
-    block = _BLOCK if period is None else period * max(1, round(_BLOCK / period))
+    block = _BLOCK if period is None else period * max(1, round(3 * _BLOCK / period))
     count = len(bins.dt_s) // block
     if count < 2:
         return 0.0

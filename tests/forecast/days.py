@@ -19,7 +19,7 @@ from tests.truth.machine.machine import stream
 
 KINDS = ("even", "cycle", "mixed", "stands")
 MOMENTS_S = {"cold": 2400.0, "warm": 7200.0}
-LENGTH_S = 10_900.0
+LENGTH_S = 11_400.0
 AT_S = (600.0, 1800.0, 3600.0)
 
 
@@ -43,8 +43,8 @@ def phases(kind: str, rng: np.random.Generator) -> tuple[Phase, ...]:
         if kind == "even":
             parts = [Phase(LENGTH_S - at, speed, *stroke)]
         elif kind == "stands":
-            end = 1800.0 if at < 1900.0 else 6300.0
-            parts = [Phase(LENGTH_S - at)] if at >= 6300.0 else [Phase(end - at, speed, *stroke), Phase(900.0)]
+            parts = [Phase(1500.0, speed, *stroke), Phase(3900.0 if at < 700.0 else LENGTH_S)]
+            parts[0] = parts[0] if at < 700.0 else Phase(1000.0, speed, *stroke)
         elif kind == "cycle":
             vary = 1.0 + 0.03 * rng.standard_normal(3)
             parts = [Phase(run_s * vary[0], speed * vary[1], *stroke), Phase(rest_s * vary[2])]
