@@ -19,6 +19,7 @@ from observer.service.carry import carried_over
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
+from observer.service.forecasting import Forecaster, is_wanted
 from observer.service.gap import GapState
 from observer.service.keeper import Keeper, carried, known_of_gap, stored
 from observer.service.lives import run
@@ -140,20 +141,23 @@ def _service(
     gap = machine.gap()
     if gap is not None and known is not None:
         gap.restore(known)
+    forecasts = is_wanted(machine)
+    publisher = ZenohPublisher(
+        name.name,
+        name.axis,
+        config.publish,
+        config_json(config, instance),
+        estimator.layout,
+        instance,
+        compensates=compensator is not None,
+        forecasts=forecasts,
+    )
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
         drive=machine.drive,
         estimator=estimator,
-        publisher=ZenohPublisher(
-            name.name,
-            name.axis,
-            config.publish,
-            config_json(config, instance),
-            estimator.layout,
-            instance,
-            compensates=compensator is not None,
-        ),
+        publisher=publisher,
         recorder=Recorder(
             record.directory,
             f"{name.name}-{name.axis}",
@@ -177,4 +181,5 @@ def _service(
         alone=alone,
         trial=trial,
         gap=gap,
+        forecaster=Forecaster(machine, instance, publisher.forecast) if forecasts else None,
     )

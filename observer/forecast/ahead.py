@@ -127,9 +127,7 @@ def heats_of(plant: Plant, program: Program) -> Heats:
     return Heats(ratio, extra_W, sigma_W)
 
 
-def runner(
-    plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program
-) -> Runner:
+def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program) -> Runner:
     """What goes ahead from a state. Raises `ValueError` where the estimate is none to go ahead from."""
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     n = n_x + m_e + plant.learnt

@@ -89,7 +89,9 @@ def document(
     }  # fmt: skip
 
 
-def none(now_s: float, quality: EstimateQuality, instance: str, reason: str, within_um: float) -> dict[str, Any]:
+def none(
+    now_s: float, quality: EstimateQuality, instance: str, reason: str, within_um: float
+) -> dict[str, Any]:
     """The document where there is no forecast, and why."""
     return {
         "time_s": now_s, "instance": instance, "quality": quality.label, "reason": reason,

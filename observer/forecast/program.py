@@ -93,7 +93,9 @@ def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int
     Steps of no length and those whose inputs are not known are left out. Without `estimates` their columns
     are NaN, m wide.
     """
-    known = (inputs.dt_s > 0.0) & np.isfinite(inputs.law_W).all(axis=1) & np.isfinite(inputs.z_end).all(axis=1)
+    known = (
+        (inputs.dt_s > 0.0) & np.isfinite(inputs.law_W).all(axis=1) & np.isfinite(inputs.z_end).all(axis=1)
+    )
     known &= np.isfinite(inputs.moving_B).all(axis=(1, 2)) & np.isfinite(inputs.moving_C).all(axis=(1, 2))
     at = np.flatnonzero(known)
     if not len(at):
@@ -104,7 +106,11 @@ def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int
 
 
 def _bins_of(
-    u: Inputs, estimates: EstimateBlock | None, at: np.ndarray, first: np.ndarray, moving: Sequence[int]  # type: ignore[type-arg]
+    u: Inputs,
+    estimates: EstimateBlock | None,
+    at: np.ndarray,
+    first: np.ndarray,
+    moving: Sequence[int],  # type: ignore[type-arg]
 ) -> Bins:
     weight = np.minimum(u.dt_s[at], BIN_S)
 
@@ -166,7 +172,9 @@ def learnt(bins: Bins) -> Program:
         return Program("cycle", None, told, averaged(now), now, noise_W2_s(now))
     if (period := period_bins(total_W)) is not None:
         told = f"a cycle of {period * BIN_S / 60:.3g} min"
-        return Program("cycle", period * BIN_S, told, _one_cycle(bins, period), bins, noise_W2_s(bins, period))
+        return Program(
+            "cycle", period * BIN_S, told, _one_cycle(bins, period), bins, noise_W2_s(bins, period)
+        )
     told = f"mixed work, {averaged(bins).total_W[0]:.3g} W in the mean by the laws"
     return Program("mixed", None, told, averaged(bins), bins, noise_W2_s(bins))
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from observer.forecast.ahead import Ahead
-from observer.forecast.document import Forecast
-from observer.forecast.document import thinned
+from observer.forecast.document import Forecast, thinned
 from observer.frames import FloatArray
 from observer.report.panels import Z95
 from observer.report.style import QUIET, RC, colour

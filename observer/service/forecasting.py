@@ -60,9 +60,7 @@ def is_wanted(machine: Machine) -> bool:
 class Forecaster:
     """Computes a forecast now and then from the newest step; no method waits for it."""
 
-    def __init__(
-        self, machine: Machine, instance: str, publish: Callable[[Mapping[str, Any]], None]
-    ) -> None:
+    def __init__(self, machine: Machine, instance: str, publish: Callable[[Mapping[str, Any]], None]) -> None:
         """`publish` is called in the forecaster's own thread with each document."""
         self._machine, self._instance, self._publish = machine, instance, publish
         self._settings = machine.config.forecast
@@ -81,12 +79,9 @@ class Forecaster:
         self._steps.append(_Step(inputs, block))
         self._newest = state
 
-    def close(self, timeout_s: float) -> bool:
-        """End; says whether it has in that time."""
+    def end(self) -> None:
+        """Publish no more; what is being computed is dropped with its thread."""
         self._closing.set()
-        if self._thread.ident is not None:
-            self._thread.join(timeout_s)
-        return not self._thread.is_alive()
 
     def _run(self) -> None:
         waited_s, period_s = 0.0, self._settings.period_s
@@ -97,7 +92,9 @@ class Forecaster:
                 last = self._gather()
                 if last is not None and waited_s >= period_s:
                     waited_s = 0.0
-                    self._publish(self._document(last))
+                    found = self._document(last)
+                    if not self._closing.is_set():
+                        self._publish(found)
             except Exception:  # a forecast is an extra: the service goes on without
                 log.error("the forecast failed", exc_info=True)
 
@@ -116,9 +113,7 @@ class Forecaster:
             if state is None or not state.started:
                 raise ValueError("there is no estimate yet")
             program = learnt(self._learner.bins)
-            found = forecast(
-                self._machine.config, plant, state, program, self._settings.hours, within_um
-            )
+            found = forecast(self._machine.config, plant, state, program, self._settings.hours, within_um)
         except ValueError as error:
             worse = max(quality, EstimateQuality.STARTING)
             return none(float(last.time_s[-1]), worse, self._instance, str(error), within_um)
@@ -154,8 +149,14 @@ def forecast_columns(layout: Layout, found: Forecast) -> dict[str, FloatArray]:
     a = found.ahead
     places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
     for j, mm in enumerate(places):
-        columns[f"field_{mm}_degC"], columns[f"field_{mm}_sigma_K"] = a.field_degC[:, j], a.field_sigma_K[:, j]
+        columns[f"field_{mm}_degC"], columns[f"field_{mm}_sigma_K"] = (
+            a.field_degC[:, j],
+            a.field_sigma_K[:, j],
+        )
     if layout.has_error:
         for j, mm in enumerate(places):
-            columns[f"error_{mm}_um"], columns[f"error_{mm}_sigma_um"] = a.error_um[:, j], a.error_sigma_um[:, j]
+            columns[f"error_{mm}_um"], columns[f"error_{mm}_sigma_um"] = (
+                a.error_um[:, j],
+                a.error_sigma_um[:, j],
+            )
     return columns

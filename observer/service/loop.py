@@ -26,6 +26,7 @@ from observer.service.carry import LastStep
 from observer.service.checkpoint import Snapshot
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
+from observer.service.forecasting import Forecaster
 from observer.service.gap import GapWatch
 from observer.service.health import Facts, Health, assess
 from observer.service.keeper import Keeper
@@ -85,6 +86,9 @@ class Publisher(Protocol):
     def compensation(self, document: Mapping[str, Any]) -> None:
         """Publish a compensation document."""
 
+    def forecast(self, document: Mapping[str, Any]) -> None:
+        """Publish a forecast; called by a thread of its own."""
+
     def close(self, timeout_s: float) -> bool:
         """End the session."""
 
@@ -115,6 +119,7 @@ class Service:
     alone: bool = True
     trial: Trial | None = None
     gap: GapWatch | None = None
+    forecaster: Forecaster | None = None
 
 
 async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -129,6 +134,8 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
     renewal = None
     try:
         await asyncio.to_thread(cycles.warm_up)
+        if service.forecaster is not None:
+            service.forecaster.start()
         if service.alone:
             await _refuse_a_second_service(service.publisher)
         if when_warm is not None:
@@ -138,6 +145,8 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
     finally:
         if service.compiler is not None:
             service.compiler.end()
+        if service.forecaster is not None:
+            service.forecaster.end()
         if service.keeper is not None:
             service.keeper.end(cycles.snapshot())
         if not cycles.wires.close(_DRIVERS_END_S):
@@ -289,6 +298,8 @@ class _Cycles:
         gap = self._service.gap
         known = None if gap is None else gap.state
         self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot(), gap=known)
+        if self._service.forecaster is not None:
+            self._service.forecaster.step(self._pipeline.inputs, estimate, self._snapshot.estimator)
         if self._service.keeper is not None:
             self._service.keeper.step(self.snapshot, self._service.clock.now())
         self._ping()

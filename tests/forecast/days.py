@@ -43,8 +43,8 @@ def phases(kind: str, rng: np.random.Generator) -> tuple[Phase, ...]:
         if kind == "even":
             parts = [Phase(LENGTH_S - at, speed, *stroke)]
         elif kind == "stands":
-            parts = [Phase(1500.0, speed, *stroke), Phase(3900.0 if at < 700.0 else LENGTH_S)]
-            parts[0] = parts[0] if at < 700.0 else Phase(1000.0, speed, *stroke)
+            parts = [Phase(1500.0, speed, *stroke), Phase(4300.0 if at < 700.0 else LENGTH_S)]
+            parts[0] = parts[0] if at < 700.0 else Phase(700.0, speed, *stroke)
         elif kind == "cycle":
             vary = 1.0 + 0.03 * rng.standard_normal(3)
             parts = [Phase(run_s * vary[0], speed * vary[1], *stroke), Phase(rest_s * vary[2])]
@@ -53,7 +53,9 @@ def phases(kind: str, rng: np.random.Generator) -> tuple[Phase, ...]:
             parts = [Phase(rng.uniform(60.0, 400.0), speed * of, *stroke), Phase(rng.uniform(5.0, 150.0))]
         found += parts
         at += sum(p.duration_s for p in parts)
-    return tuple(Phase(round(2 * p.duration_s) / 2, float(round(p.speed_rpm)), p.low_m, p.high_m) for p in found)
+    return tuple(
+        Phase(round(2 * p.duration_s) / 2, float(round(p.speed_rpm)), p.low_m, p.high_m) for p in found
+    )
 
 
 def drawn_day(seed: int, number: int) -> Day:
