@@ -96,7 +96,8 @@ class ChannelLimits(Section):
 
 
 _BESIDE_THE_MODEL = {
-    "machine", "calibrate", "discover", "compensation", "forecast", "drivers", "publish", "record", "checkpoint"
+    "machine", "calibrate", "discover", "compensation", "forecast", "drivers", "publish", "record",
+    "checkpoint",
 }  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-"""An hour ahead: the estimator's own prediction, without a sensor, by the program and the heats as they are.
+"""An hour ahead: the estimator's own prediction without a sensor, by the program and the heats as they are.
 
-x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd as ever (Kalman 1960), of the state as it was estimated. Each heat
-is its law times the ratio of what was estimated to that law, r, of which the prior is 1 with the law's
+x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd as ever (Kalman 1960), of the state as it was estimated. Each
+heat is its law times the ratio of what was estimated to that law, r, of which the prior is 1 with the law's
 uncertainty; the deviation of the heat is then what is not known of r, and drifts. What the program varies is
 white heat of its spectral density at low frequency; what the air may wander goes into its state.
 """

@@ -114,7 +114,8 @@ def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
     i = int(np.argmax(ahead_.field_degC[last]))
     hours = ahead_.time_s[last] / 3600.0
     told = (
-        f"In {hours:.3g} h ({found.program.text}) the warmest place, {1000 * plant.layout.position_m[i]:.0f} mm, "
+        f"In {hours:.3g} h ({found.program.text}) the warmest place, "
+        f"{1000 * plant.layout.position_m[i]:.0f} mm, "
         f"is at {ahead_.field_degC[last, i]:.1f} ± {1.96 * ahead_.field_sigma_K[last, i]:.1f} °C"
     )
     if plant.layout.has_error:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.frames import EstimateBlock, FloatArray, Inputs
 
@@ -35,8 +36,8 @@ class Bins(NamedTuple):
     """b bins in the order of time, of m sources, m_e of them estimated, p known inputs, M moving sources.
 
     `dt_s` (b,); `law_W` (b, m); `z` (b, p); `loss_1_s`, `loss_degC` (b,); `moving_B` (b, M, n_x);
-    `moving_C` (b, M, R); `heat_W`, `sigma_W`, `own_law_W` (b, m_e), the heats as estimated with their σ and by
-    their laws, NaN where there was no estimate.
+    `moving_C` (b, M, R); `heat_W`, `sigma_W`, `own_law_W` (b, m_e), the heats as estimated with their σ and
+    by their laws, NaN where there was no estimate.
     """
 
     dt_s: FloatArray
@@ -55,7 +56,7 @@ class Bins(NamedTuple):
         """The heat (b,) of all sources by their laws."""
         return np.asarray(np.abs(self.law_W).sum(axis=1))
 
-    def at(self, index: slice | np.ndarray) -> Bins:  # type: ignore[type-arg]
+    def at(self, index: slice | NDArray[Any]) -> Bins:
         """Return some of the bins."""
         return Bins(*(column[index] for column in self))
 
@@ -108,9 +109,9 @@ def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int
 def _bins_of(
     u: Inputs,
     estimates: EstimateBlock | None,
-    at: np.ndarray,
-    first: np.ndarray,
-    moving: Sequence[int],  # type: ignore[type-arg]
+    at: NDArray[Any],
+    first: NDArray[Any],
+    moving: Sequence[int],
 ) -> Bins:
     weight = np.minimum(u.dt_s[at], BIN_S)
 
@@ -233,17 +234,19 @@ def _one_cycle(bins: Bins, period: int) -> Bins:
     n = len(bins.dt_s) // period * period
     heat = bins.total_W[-n:, None, None] + 1e-9
     nuts = [
-        (c[-n:] * heat).reshape(-1, period, *c.shape[1:]).mean(0) / heat.reshape(-1, period, 1, 1).mean(0)
+        (c[-n:] * heat).reshape(n // period, period, *c.shape[1:]).mean(0)
+        / heat.reshape(n // period, period, 1, 1).mean(0)
         for c in bins[5:7]
     ]
-    plain = [c[-n:].reshape(-1, period, *c.shape[1:]).mean(0) for c in bins]
+    plain = [c[-n:].reshape(n // period, period, *c.shape[1:]).mean(0) for c in bins]
     return Bins(*plain[:5], *nuts, *plain[7:])._replace(dt_s=np.full(period, BIN_S))
 
 
 def noise_W2_s(bins: Bins, period: int | None = None) -> float:
     """The spectral density of the total heat about its mean at low frequency: T var of means over T.
 
-    T is five minutes, or of a cycle, whose times vary too, whole ones of about fifteen (Welch 1967, with rectangular windows).
+    T is five minutes, or, of cycles, whose times vary too, whole ones of about fifteen (Welch 1967, with
+    rectangular windows).
     """
     block = _BLOCK if period is None else period * max(1, round(3 * _BLOCK / period))
     count = len(bins.dt_s) // block

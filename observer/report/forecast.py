@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from observer.forecast.ahead import Ahead
 from observer.forecast.document import Forecast, thinned
@@ -16,6 +15,7 @@ from observer.report.style import QUIET, RC, colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _SHOWN = 5
 
@@ -34,7 +34,7 @@ def write_forecast(path: Path, title: str, position_m: FloatArray, found: Foreca
         figure = Figure(figsize=(12.0, 8.5 if has_error else 5.0), dpi=110, layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(f"{title}\n{found.program.text}", x=0.01, ha="left", fontweight="bold")
-        axes = np.atleast_1d(figure.subplots(2 if has_error else 1, 1, sharex=True))
+        axes = figure.subplots(2 if has_error else 1, 1, sharex=True, squeeze=False)[:, 0]
         a, s = found.ahead, found.settled
         _panel(axes[0], a, position_m, a.field_degC, a.field_sigma_K, s.field_degC)
         axes[0].set(title="Temperature, with 95 %; dashes: where it settles", ylabel="°C")
@@ -59,7 +59,7 @@ def _panel(
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def _mark(axes: np.ndarray, found: Forecast, within_um: float) -> None:  # type: ignore[type-arg]
+def _mark(axes: Sequence[Axes], found: Forecast, within_um: float) -> None:
     """Where the travel is within the limit: a line within the picture, words beside it."""
     after_s = found.settled.after_s
     if after_s is None:
@@ -71,7 +71,7 @@ def _mark(axes: np.ndarray, found: Forecast, within_um: float) -> None:  # type:
     axes[-1].annotate(told, (0.99, 1.02), xycoords="axes fraction", ha="right", va="bottom", color=QUIET)
 
 
-def _save(figure, path: Path) -> None:  # type: ignore[no-untyped-def]
+def _save(figure: Figure, path: Path) -> None:
     part = path.with_name(path.name + ".part")
     try:
         figure.savefig(part, format="png")

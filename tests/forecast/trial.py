@@ -38,7 +38,8 @@ def judged(one: Day, found: Forecast, at_s: float) -> tuple[float, ...]:
     stays_um = (found.error_um - one.error_um[row])[1:]
     return (
         float(np.mean(np.abs(off_K) <= Z95 * sigma_K)), float(np.mean(np.abs(off_um) <= Z95 * sigma_um)),
-        _rms(off_K), _rms(stays_K), float(sigma_K.mean()), _rms(off_um), _rms(stays_um), float(sigma_um.mean()),
+        _rms(off_K), _rms(stays_K), float(sigma_K.mean()),
+        _rms(off_um), _rms(stays_um), float(sigma_um.mean()),
     )  # fmt: skip
 
 
@@ -73,7 +74,11 @@ def table(rows: list[dict[str, str]]) -> str:
             continue
         a = {c: np.array([float(r[c]) for r in here]) for c in COLUMNS[4:12]}
         K = [f"{_rms(a['rms_K']):.2f} K", f"{_rms(a['stays_K']):.2f} K", f"{a['sigma_K'].mean():.2f} K"]
-        um = [f"{_rms(a['rms_um']):.1f} µm", f"{_rms(a['stays_um']):.1f} µm", f"{a['sigma_um'].mean():.1f} µm"]
+        um = [
+            f"{_rms(a['rms_um']):.1f} µm",
+            f"{_rms(a['stays_um']):.1f} µm",
+            f"{a['sigma_um'].mean():.1f} µm",
+        ]
         held = [f"{100 * a[c].mean():.0f} %" for c in ("covered_field", "covered_error")]
         work = "all" if len(kinds) > 1 else kinds[0]
         lines.append(f"| {minutes} min | {work} | {len(here)} | {' | '.join([*held, *K, *um])} |")
