@@ -108,7 +108,7 @@ def heats_of(plant: Plant, program: Program) -> Heats:
     ratio, extra_W, sigma_W = np.ones(m), np.zeros(m), plant.initial_sigma_W.copy()
     if not seen.any():
         return Heats(ratio, extra_W, sigma_W)
-    past = past.at(seen)
+    past = past.at(np.flatnonzero(seen))
     length_s = float(past.dt_s.sum())
     heat_W, law_W = past.heat_W.mean(axis=0), past.own_law_W.mean(axis=0)
     ahead_W = program.mean.law_W[0, free]

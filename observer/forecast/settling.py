@@ -82,7 +82,7 @@ def warm_up_saves_s(
             break
     else:
         return None
-    path, times = [], []
+    path, times, time_of_work_s = [], [], time_s
     end_s = time_s + settled.after_s
     while time_s < end_s:
         at, part = at.run(_steps(mean), time_s)
@@ -90,6 +90,7 @@ def warm_up_saves_s(
         path.append(part.error_um)
         times.append(part.time_s)
     found = _there(np.concatenate(times), np.concatenate(path), settled.error_um, travel, within_um)
-    if found is None or settled.after_s - found < _WORTH_S:
+    if found is None:
         return None
-    return settled.after_s - found
+    saves_s = settled.after_s - max(found, time_of_work_s)
+    return saves_s if saves_s >= _WORTH_S else None

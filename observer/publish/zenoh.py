@@ -76,7 +76,7 @@ class ZenohPublisher:
         compensates: bool = False,
         forecasts: bool = False,
     ) -> None:
-        """Take what is published, by which instance of the service, whether a compensation is, and a forecast.
+        """Take what is published, by which instance, and whether a compensation and a forecast are.
 
         Raises `ConfigError` where a file of keys or passwords cannot be used.
         """

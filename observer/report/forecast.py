@@ -34,7 +34,7 @@ def write_forecast(path: Path, title: str, position_m: FloatArray, found: Foreca
         figure = Figure(figsize=(12.0, 8.5 if has_error else 5.0), dpi=110, layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(f"{title}\n{found.program.text}", x=0.01, ha="left", fontweight="bold")
-        axes = figure.subplots(2 if has_error else 1, 1, sharex=True, squeeze=False)[:, 0]
+        axes = figure.subplots(2 if has_error else 1, 1, sharex=True, squeeze=False)[:, 0].tolist()
         a, s = found.ahead, found.settled
         _panel(axes[0], a, position_m, a.field_degC, a.field_sigma_K, s.field_degC)
         axes[0].set(title="Temperature, with 95 %; dashes: where it settles", ylabel="°C")

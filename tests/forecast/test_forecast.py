@@ -1,4 +1,4 @@
-"""Forecasts by hand: what a machine at rest, at even work and in a cycle must come to; and one rough machine."""
+"""Forecasts by hand: what rest, even work and a cycle must come to; and one rough machine."""
 
 from __future__ import annotations
 
@@ -119,7 +119,8 @@ def test_a_warm_up_saves_what_running_without_rests_does() -> None:
     settled = settling(begin, program, EVERYWHERE, 2.0)
     saves_s = warm_up_saves_s(begin, program, settled, EVERYWHERE, 2.0)
     # with twice the mean heat a rod of one temperature has the mean's rise after τ ln 2
-    assert settled.after_s is not None and saves_s is not None
+    assert settled.after_s is not None
+    assert saves_s is not None
     assert settled.after_s - saves_s == pytest.approx(TAU_S * math.log(2.0), abs=90.0)
 
 
@@ -162,9 +163,12 @@ def test_a_forecast_of_a_doubtful_estimate_is_doubtful() -> None:
     plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
     found = forecast(CONFIG, plant, at_degC(plant, 20.0), program, 1.0, 2.0)
     told = document(found, plant, EstimateQuality.DEGRADED, "a", 2.0)
-    assert told["quality"] == "degraded" and "degraded" in told["reason"]
+    assert told["quality"] == "degraded"
+    assert "degraded" in told["reason"]
     good = document(found, plant, EstimateQuality.GOOD, "a", 2.0)
-    assert good["reason"] is None and len(good["at_s"]) == 61 and len(good["position_m"]) == 21
+    assert good["reason"] is None
+    assert len(good["at_s"]) == 61
+    assert len(good["position_m"]) == 21
     assert np.shape(good["temperature_degC"]) == np.shape(good["error_sigma_um"]) == (61, 21)
     assert good["at_s"][-1] == 1000.0 + 3600.0
 
@@ -185,5 +189,6 @@ def test_intervals_of_a_rough_machine_hold_the_truth() -> None:
     for found in forecasts(one).values():
         for at_s in AT_S:
             of_field, of_error, off_K, stays_K, *_ = judged(one, found, at_s)
-            assert of_field >= 0.8 and of_error >= 0.8
+            assert of_field >= 0.8
+            assert of_error >= 0.8
     assert off_K < stays_K
