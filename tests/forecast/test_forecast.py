@@ -185,7 +185,7 @@ def test_a_mean_of_bins_weighs_them_by_their_length() -> None:
 
 
 def test_intervals_of_a_rough_machine_hold_the_truth() -> None:
-    one = drawn_day(9001, 1)  # a cycle; of the campaign's machines none with such work fails by more
+    one = drawn_day(9001, 1)  # a cycle; four of five, where nineteen of twenty are asked of the mean
     for found in forecasts(one).values():
         for at_s in AT_S:
             of_field, of_error, off_K, stays_K, *_ = judged(one, found, at_s)
