@@ -103,6 +103,63 @@ def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
     return read_log(path, config.channels, **accept)
 
 
+def forecast(
+    log_path: Path,
+    config: Installation,
+    output: Path,
+    *,
+    program: Path | None,
+    hours: float | None,
+    progress: Progress,
+    **accept: bool,
+) -> list[str]:
+    """Replay a log and forecast from its end; write `forecast.csv`, `.json` and `.png` into `output`.
+
+    The program is learnt from the log's end, or given as a log of the input channels. `accept` is handed to
+    `read_log`. Returns sentences. Raises `LogError` or `ConfigError`.
+    """
+    from observer.files.writer import write_log
+    from observer.forecast.document import document, sentences
+    from observer.forecast.document import forecast as look_ahead
+    from observer.forecast.program import given, learnt
+    from observer.frames import EstimateQuality
+    from observer.report.forecast import write_forecast
+    from observer.service.checkpoint import Fit
+    from observer.service.forecasting import Learner, forecast_columns, program_bins
+    from observer.service.replay import estimates_of, start_of
+
+    settings = config.forecast
+    log, machine = _recorded(log_path, config, **accept), Machine.of(config, learns=True)
+    estimator = machine.estimator()
+    pipeline, learner = machine.pipeline(estimator), Learner(machine)
+    start, _ = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
+    last: EstimateBlock | None = None
+    for block in estimates_of(log, machine.plan, pipeline, progress, start):
+        learner.take(pipeline.inputs, block)
+        last = block
+    if last is None:
+        raise LogError(f"{log_path}: holds readings but no tick of the estimator; record for longer")
+    try:
+        ran = learner.bins
+        does = learnt(ran) if program is None else given(program_bins(program, machine), ran)
+        state = pipeline.snapshot()[1]
+        found = look_ahead(config, machine.plant, state, does, hours or settings.hours, settings.within_um)
+    except ValueError as error:
+        raise LogError(f"{log_path}: no forecast from its end: {error}") from None
+    quality = EstimateQuality(int(last.quality[-1]))
+    told = document(found, machine.plant, quality, "", settings.within_um)
+    with results_in(output) as part:
+        columns = forecast_columns(machine.plant.layout, found)
+        write_log(part / "forecast.csv", found.now_s + found.ahead.time_s, columns)
+        write_json(part / "forecast.json", told)
+        title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log_path.name}"
+        write_forecast(
+            part / "forecast.png", title, machine.plant.layout.position_m, found, settings.within_um
+        )
+    lines = sentences(found, machine.plant, settings.within_um)
+    return lines if told["reason"] is None else [*lines, f"Doubtful: {told['reason']}."]
+
+
 def identify(
     log_path: Path,
     config: Installation,

@@ -162,6 +162,40 @@ def replay(
 
 
 @app.command()
+def forecast(
+    log: LogArgument,
+    config: ConfigOption,
+    output: OutputOption,
+    program: Annotated[
+        Path | None,
+        typer.Option(help="What runs next, a log of the input channels, repeated; else as the log ends."),
+    ] = None,
+    hours: Annotated[float | None, typer.Option(min=0.05, max=24.0, help="How far ahead.")] = None,
+    accept_truncated: TruncatedOption = False,
+    accept_damaged: DamagedOption = False,
+) -> None:
+    """Say what comes after a log: temperatures and thermal error with sigma, and when it has settled."""
+    from observer import app as parts
+    from observer.installation import load
+    from observer.report.progress import counting
+
+    with counting("forecast") as progress:
+        lines = parts.forecast(
+            log,
+            load(config),
+            output,
+            program=program,
+            hours=hours,
+            accept_truncated=accept_truncated,
+            accept_damaged=accept_damaged,
+            progress=progress,
+        )
+    for line in lines:
+        typer.echo(line)
+    typer.echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
+
+
+@app.command()
 def identify(
     log: LogArgument,
     config: ConfigOption,

@@ -18,6 +18,7 @@ from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
 from observer.tables.estimator import EstimatorSettings
+from observer.tables.forecast import ForecastSettings
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
 from observer.tables.sections import Description
@@ -95,8 +96,8 @@ class ChannelLimits(Section):
 
 
 _BESIDE_THE_MODEL = {
-    "machine", "calibrate", "discover", "compensation", "drivers", "publish", "record", "checkpoint",
-    "page", "metrics", "mqtt", "opcua", "alarms",
+    "machine", "calibrate", "discover", "compensation", "forecast", "drivers", "publish", "record",
+    "checkpoint", "page", "metrics", "mqtt", "opcua", "alarms",
 }  # fmt: skip
 
 
@@ -112,6 +113,7 @@ class Config(Description):
     discover: Discover = Discover()
     output: Output = Output()
     compensation: Compensation = Compensation()
+    forecast: ForecastSettings = ForecastSettings()
     limits: dict[quantities.Channel, ChannelLimits] = Field(default_factory=dict, max_length=256)
 
     @model_validator(mode="after")

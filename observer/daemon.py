@@ -24,10 +24,11 @@ from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
 from observer.service.compensate import Compensator
 from observer.service.compensation import LATE_PERIODS
+from observer.service.forecasting import Forecaster, is_wanted
 from observer.service.gap import GapState
 from observer.service.keeper import Keeper, carried, known_of_gap, stored
 from observer.service.lives import run
-from observer.service.loop import Publisher, Service
+from observer.service.loop import Service
 from observer.service.machine import Machine
 from observer.service.notify import service_manager
 from observer.service.record import Recorder
@@ -147,12 +148,15 @@ def _service(
     gap = machine.gap()
     if gap is not None and known is not None:
         gap.restore(known)
+    forecasts = is_wanted(machine)
+    compensates = compensator is not None
+    publisher = _publisher(ready, instance, path, compensates=compensates, forecasts=forecasts)
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
         drive=machine.drive,
         estimator=estimator,
-        publisher=_publisher(ready, instance, path, compensates=compensator is not None),
+        publisher=publisher,
         recorder=Recorder(
             record.directory,
             f"{name.name}-{name.axis}",
@@ -179,15 +183,25 @@ def _service(
         control=_steering(config),
         alarms=AlarmDesk(config, config.alarms, config.alarms_file) if config.alarms.enabled else None,
         air=machine.plant.known.ambient,
+        forecaster=Forecaster(machine, instance, publisher.forecast) if forecasts else None,
     )
 
 
-def _publisher(ready: _Ready, instance: str, path: Path | None, *, compensates: bool) -> Publisher:
+def _publisher(
+    ready: _Ready, instance: str, path: Path | None, *, compensates: bool, forecasts: bool
+) -> ZenohPublisher | Outlets:
     """Zenoh, with a gateway beside it where the configuration asks for one."""
     config, name = ready.config, ready.config.machine
     told, layout = config_json(config, instance), ready.estimator.layout
     publisher = ZenohPublisher(
-        name.name, name.axis, config.publish, told, layout, instance, compensates=compensates
+        name.name,
+        name.axis,
+        config.publish,
+        told,
+        layout,
+        instance,
+        compensates=compensates,
+        forecasts=forecasts,
     )
     start = Start.of(config, path)
     return publisher if start is None else Outlets(publisher, Feed(start, told.encode()))

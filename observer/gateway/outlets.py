@@ -51,6 +51,10 @@ class Outlets:
         """Publish an alarms document."""
         self._publisher.alarms(document)
 
+    def forecast(self, document: Mapping[str, Any]) -> None:
+        """Publish a forecast."""
+        self._publisher.forecast(document)
+
     def compensation(self, document: Mapping[str, Any]) -> None:
         """Publish a compensation document."""
         self._publisher.compensation(document)

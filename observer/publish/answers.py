@@ -66,9 +66,12 @@ class Answers:
         self._budget = Budget(_BYTES_1_S)
         self._logged_s = -_LOG_S
 
-    def declare(self, session: zenoh.Session, *, compensates: bool) -> dict[str, Any]:
+    def declare(
+        self, session: zenoh.Session, *, compensates: bool, forecasts: bool = False
+    ) -> dict[str, Any]:
         """Declare on a session what can be asked; returns the queryables by their key."""
         keys = ("config", "estimate", "health", "alarms", *(["compensation"] if compensates else []))
+        keys += ("forecast",) if forecasts else ()
         keys += tuple(f"command/{kind}" for kind in KINDS)
         return {
             key: session.declare_queryable(

@@ -74,8 +74,9 @@ class ZenohPublisher:
         instance: str,
         *,
         compensates: bool = False,
+        forecasts: bool = False,
     ) -> None:
-        """Take what is published, by which instance of the service, and whether a compensation is.
+        """Take what is published, by which instance, and whether a compensation and a forecast are.
 
         Raises `ConfigError` where a file of keys or passwords cannot be used.
         """
@@ -83,7 +84,7 @@ class ZenohPublisher:
         self._settings = settings
         self._config, self._ear = service_config(settings), ear_config(settings)
         self._instance = instance
-        self._compensates = compensates
+        self._compensates, self._forecasts = compensates, forecasts
         self._encoder = EstimateEncoder(layout, instance)
         self._has_error, self._learns = layout.has_error, bool(layout.learned)
         self._answers = Answers(self._prefix, config_json.encode(), settings.history, instance)
@@ -158,6 +159,10 @@ class ZenohPublisher:
     def alarms(self, document: Mapping[str, Any]) -> None:
         """Publish an alarms document, which also answers those who ask for it."""
         self._document("alarms", document)
+
+    def forecast(self, document: Mapping[str, Any]) -> None:
+        """Publish a forecast, which also answers those who ask for it; from a thread of its own."""
+        self._document("forecast", document)
 
     def _document(self, key: str, document: Mapping[str, Any]) -> None:
         data = to_json(document)
@@ -253,6 +258,7 @@ class ZenohPublisher:
             "health",
             *(["learned"] if self._learns else []),
             *(["compensation"] if self._compensates else []),
+            *(["forecast"] if self._forecasts else []),
         )
         publishers = {
             key: session.declare_publisher(
@@ -263,6 +269,6 @@ class ZenohPublisher:
             )
             for key in keys
         }
-        queryables = self._answers.declare(session, compensates=self._compensates)
+        queryables = self._answers.declare(session, compensates=self._compensates, forecasts=self._forecasts)
         alive = session.liveliness().declare_token(f"{self._prefix}/alive")
         return _Link(session, publishers, queryables, rivals, alive)

@@ -27,6 +27,7 @@ from observer.service.carry import LastStep
 from observer.service.checkpoint import Snapshot
 from observer.service.commands import Commands
 from observer.service.compensate import Compensator
+from observer.service.forecasting import Forecaster
 from observer.service.gap import GapWatch
 from observer.service.health import Facts, Health, assess
 from observer.service.keeper import Keeper
@@ -94,6 +95,9 @@ class Publisher(Protocol):
     def compensation(self, document: Mapping[str, Any]) -> None:
         """Publish a compensation document."""
 
+    def forecast(self, document: Mapping[str, Any]) -> None:
+        """Publish a forecast; called by a thread of its own."""
+
     def close(self, timeout_s: float) -> bool:
         """End the session."""
 
@@ -128,6 +132,7 @@ class Service:
     control: Steering | None = None
     alarms: AlarmDesk | None = None
     air: int = 0
+    forecaster: Forecaster | None = None
 
 
 async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -142,6 +147,8 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
     renewal = None
     try:
         await asyncio.to_thread(cycles.warm_up)
+        if service.forecaster is not None:
+            service.forecaster.start()
         if service.alone:
             await _refuse_a_second_service(service.publisher)
         if when_warm is not None:
@@ -149,25 +156,32 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
         renewal = await cycles.tick_until_renewed()
         return renewal
     finally:
-        if service.control is not None and not service.control.close(_CONTROL_END_S):
-            log.warning("the control could not be released in time; its dead-man takes it to zero")
-        if service.compiler is not None:
-            service.compiler.end()
-        if service.keeper is not None:
-            service.keeper.end(cycles.snapshot())
-        if not cycles.wires.close(_DRIVERS_END_S):
-            log.warning("a driver did not end in time")
-        if service.recorder is not None and not service.recorder.close(_RECORDER_END_S):
-            log.error("recording not complete", reason=service.recorder.status.reason)
-        if not service.publisher.close(_PUBLISHER_END_S):
-            log.warning("zenoh did not close in time; its peer does not answer")
-        if service.alarms is not None and not service.alarms.close(_KEEPER_END_S):
-            log.warning("what is known of alarms could not be kept in time")
-        if service.keeper is not None and not service.keeper.close(_KEEPER_END_S):
-            log.warning("the last checkpoint could not be written in time")
+        _end(service, cycles)
         log.info(
             "stopped" if renewal is None else "parts ended", cycles=cycles.count, overruns=cycles.overruns
         )
+
+
+def _end(service: Service, cycles: _Cycles) -> None:
+    """End every part, the control first; one that does not end in its time is told."""
+    if service.control is not None and not service.control.close(_CONTROL_END_S):
+        log.warning("the control could not be released in time; its dead-man takes it to zero")
+    if service.compiler is not None:
+        service.compiler.end()
+    if service.forecaster is not None:
+        service.forecaster.end()
+    if service.keeper is not None:
+        service.keeper.end(cycles.snapshot())
+    if not cycles.wires.close(_DRIVERS_END_S):
+        log.warning("a driver did not end in time")
+    if service.recorder is not None and not service.recorder.close(_RECORDER_END_S):
+        log.error("recording not complete", reason=service.recorder.status.reason)
+    if not service.publisher.close(_PUBLISHER_END_S):
+        log.warning("zenoh did not close in time; its peer does not answer")
+    if service.alarms is not None and not service.alarms.close(_KEEPER_END_S):
+        log.warning("what is known of alarms could not be kept in time")
+    if service.keeper is not None and not service.keeper.close(_KEEPER_END_S):
+        log.warning("the last checkpoint could not be written in time")
 
 
 async def _refuse_a_second_service(publisher: Publisher) -> None:
@@ -321,6 +335,8 @@ class _Cycles:
         gap = self._service.gap
         known = None if gap is None else gap.state
         self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot(), gap=known)
+        if self._service.forecaster is not None:
+            self._service.forecaster.step(self._pipeline.inputs, estimate, self._snapshot.estimator)
         if self._service.keeper is not None:
             self._service.keeper.step(self.snapshot, self._service.clock.now())
         self._ping()

@@ -16,7 +16,17 @@ from drivers import can, canopen, devices, modbus, mtconnect, opcua, places, pla
 from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.tables import keeping, laws, mounting, nodes, publishing, quantities, sections, tolerance
+from observer.tables import (
+    forecast,
+    keeping,
+    laws,
+    mounting,
+    nodes,
+    publishing,
+    quantities,
+    sections,
+    tolerance,
+)
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
@@ -40,6 +50,7 @@ CONFIGURATION = {
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
     "`[compensation.control]`": mounting.ModbusControl,
+    "`[forecast]`": forecast.ForecastSettings,
     "`[limits]`": config.ChannelLimits,
     "`[publish]`": publishing.Publish,
     "`[publish.tls]`": publishing.Tls,

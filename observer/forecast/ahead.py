@@ -1,0 +1,213 @@
+"""An hour ahead: the estimator's own prediction without a sensor, by the program and the heats as they are.
+
+x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd as ever (Kalman 1960), of the state as it was estimated. Each
+heat is its law times the ratio of what was estimated to that law, r, of which the prior is 1 with the law's
+uncertainty; the deviation of the heat is then what is not known of r, and drifts. What the program varies is
+white heat of its spectral density at low frequency; what the air may wander goes into its state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.protocol import Estimator, EstimatorState
+from observer.forecast.program import BIN_S, Bins, Program
+from observer.frames import FloatArray, Inputs
+from observer.model.learning import WANDER_S, Kind
+from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
+
+HOUR_S = 3600.0
+DRIFT = 0.35
+"""How far a heat drifts from its law in an hour, in parts of the law's uncertainty."""
+AIR_K_sqrt_h = 0.3
+"""How far air wanders in an hour where nothing tells more."""
+MEMORY_S = 300.0
+"""Over how long errors of an estimated heat go together."""
+AGO_BINS = 120
+_PART = 30
+
+
+class Heats(NamedTuple):
+    """The ratio (m,) of each source's heat to its law, what it has beside that, `extra_W` (m,), and of the
+    estimated ones the σ (m_e,) of the mean heat.
+    """
+
+    ratio: FloatArray
+    extra_W: FloatArray
+    sigma_W: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Ahead:
+    """K moments: `time_s` (K,) from now on, field and thermal error (K, g) with σ; errors are (K, 0) without
+    an expansion coefficient.
+    """
+
+    time_s: FloatArray
+    field_degC: FloatArray
+    field_sigma_K: FloatArray
+    error_um: FloatArray
+    error_sigma_um: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Runner:
+    """An estimator without a correction, from a state on."""
+
+    plant: Plant
+    estimator: Estimator
+    state: EstimatorState
+    heats: Heats
+    z: FloatArray
+
+    def run(self, bins: Bins, from_s: float) -> tuple[Runner, Ahead]:
+        """Take some bins; what is learnt of the machine stays as it was."""
+        u = self._inputs(bins)
+        state, block = self.estimator.run(self.state, u)
+        if learnt := self.plant.learnt:
+            x = state.x_hat.copy()
+            x[-learnt:] = self.state.x_hat[-learnt:]
+            state = replace(state, x_hat=x)
+        ahead = Ahead(
+            from_s + np.cumsum(bins.dt_s), block.field_degC, block.field_sigma_K, block.error_um,
+            block.error_sigma_um,
+        )  # fmt: skip
+        return replace(self, state=state), ahead
+
+    def _inputs(self, bins: Bins) -> Inputs:
+        n, s, time_s = len(bins.dt_s), self.plant.rows.sensors, self.state.time_s
+        z = np.tile(self.z, (n, 1))
+        return Inputs(
+            time_s=time_s + np.cumsum(bins.dt_s),
+            dt_s=bins.dt_s.copy(),
+            y_degC=np.full((n, s), np.nan),
+            usable=np.zeros((n, s), np.bool_),
+            quality=np.ones((n, s), np.int8),
+            law_W=bins.law_W * self.heats.ratio + self.heats.extra_W,
+            law_jump_W=np.zeros_like(bins.law_W),
+            z_start=z,
+            z_end=z,
+            moving_B=bins.moving_B,
+            moving_C=bins.moving_C,
+            degraded=np.zeros(n, np.int8),
+            loss_1_s=bins.loss_1_s,
+            loss_degC=bins.loss_degC,
+        )
+
+
+def heats_of(plant: Plant, program: Program) -> Heats:
+    """The heats as they are beside their laws, from the program's past."""
+    past = program.past.at(slice(-AGO_BINS, None))
+    seen = np.isfinite(past.heat_W).all(axis=1) if past.heat_W.size else np.ones(len(past.dt_s), np.bool_)
+    free, m = np.flatnonzero(plant.estimated), len(plant.source_names)
+    ratio, extra_W, sigma_W = np.ones(m), np.zeros(m), plant.initial_sigma_W.copy()
+    if not seen.any():
+        return Heats(ratio, extra_W, sigma_W)
+    past = past.at(np.flatnonzero(seen))
+    length_s = float(past.dt_s.sum())
+    heat_W, law_W = past.heat_W.mean(axis=0), past.own_law_W.mean(axis=0)
+    ahead_W = program.mean.law_W[0, free]
+    told_W = past.sigma_W.mean(axis=0) * min(1.0, np.sqrt(MEMORY_S / max(length_s, 1e-9)))
+    for i, j in enumerate(free):
+        if abs(law_W[i]) <= 1e-6:  # no law, or none at rest
+            stays = abs(ahead_W[i]) <= 1e-6
+            extra_W[j] = heat_W[i] if stays and abs(heat_W[i]) > 2.0 * told_W[i] else 0.0
+            own = plant.law_uncertainty[i] * abs(ahead_W[i])
+            sigma_W[i] = np.hypot(min(told_W[i], abs(heat_W[i]) + 0.2 * told_W[i]), own)
+            continue
+        prior, told = max(plant.law_uncertainty[i], 1e-3), max(told_W[i] / abs(law_W[i]), 1e-6)
+        weight = prior**2 / (prior**2 + told**2)
+        ratio[j] = 1.0 + weight * (heat_W[i] / law_W[i] - 1.0)
+        sigma_W[i] = np.sqrt(weight) * told * abs(ahead_W[i])
+    return Heats(ratio, extra_W, sigma_W)
+
+
+def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program) -> Runner:
+    """What goes ahead from a state. Raises `ValueError` where the estimate is none to go ahead from."""
+    n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
+    n = n_x + m_e + plant.learnt
+    if not state.started or state.x_hat.shape != (n,) or state.P.shape != (n, n):
+        raise ValueError("there is no estimate with a covariance to go ahead from")
+    if not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
+        raise ValueError("the estimate is not a number")
+    heats = heats_of(plant, program)
+    x, P = state.x_hat.copy(), state.P.copy()
+    own = slice(n_x, n_x + m_e)
+    x[own] = 0.0
+    past_s = max(float(program.past.dt_s.sum()), BIN_S)
+    mean_W = np.abs(program.mean.law_W[0] * heats.ratio + heats.extra_W)
+    share = mean_W / max(float(mean_W.sum()), 1e-12)
+    free = np.flatnonzero(plant.estimated)
+    # what heats and field share stays: a film that is stronger than thought goes with heats that are larger
+    moment_W = np.sqrt(np.maximum(np.diag(P)[own], 1e-12))
+    scale = np.ones(n)
+    scale[own] = np.minimum(1.0, heats.sigma_W / moment_W)
+    P = scale[:, None] * P * scale
+    P[own, own] += np.diag(share[free] ** 2 * program.noise_W2_s / past_s)
+    learning = plant.learning
+    if learning is not None:
+        laws = n_x + m_e + np.flatnonzero(learning.arrays.kind == Kind.LAW)
+        x[laws], P[laws], P[:, laws] = 0.0, 0.0, 0.0  # the ratio has them
+    doubtful = _doubtful(plant, program, share, mean_W[free])
+    around = state.around.copy()
+    if len(around):
+        around[own] = 0.0
+    z = program.past.z[-_PART:].mean(axis=0)
+    begin = replace(state, x_hat=x, P=P, around=around)
+    return Runner(doubtful, KalmanEstimator(doubtful, settings), begin, heats, z)
+
+
+def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatArray) -> Plant:
+    """The plant with the noise of what is ahead in place of that of an estimate."""
+    mean = program.mean
+    B = plant.B.copy()
+    for i, source in enumerate(plant.moving):
+        B[:, source.index] = mean.moving_B[0, i]
+    b = B @ share
+    walk = (DRIFT * plant.law_uncertainty * mean_W) ** 2 / HOUR_S
+    learning = plant.learning
+    if learning is not None:
+        arrays = learning.arrays
+        wander_K = max(AIR_K_sqrt_h, _wander_K(program.past.z[:, arrays.ambient]))
+        sigma = np.where(arrays.kind == Kind.AMBIENT, wander_K * np.sqrt(WANDER_S / 2 / HOUR_S), arrays.sigma)
+        learning = replace(learning, arrays=arrays._replace(sigma=sigma))
+    return replace(
+        plant,
+        field_noise_Q=plant.field_noise_Q + program.noise_W2_s * np.outer(b, b),
+        random_walk_W2_s=walk,
+        heat_decay_1_s=np.zeros_like(walk),
+        learning=learning,
+    )
+
+
+def _wander_K(air_degC: FloatArray) -> float:
+    """How far the air wanders in an hour, from ten minutes' differences of the past."""
+    step = 60
+    if len(air_degC) < 2 * step:
+        return 0.0
+    rise = air_degC[step:] - air_degC[:-step]
+    return float(np.sqrt(np.mean(rise**2) * HOUR_S / (step * BIN_S)))
+
+
+def repeated(bins: Bins, duration_s: float) -> Bins:
+    """The bins, one after the other and again, for a duration; a single one in steps of `BIN_S`."""
+    if len(bins.dt_s) == 1:
+        bins = bins._replace(dt_s=np.full(1, BIN_S))
+    count = max(1, round(duration_s / float(bins.dt_s.mean())))
+    return bins.at(np.arange(count) % len(bins.dt_s))
+
+
+def ahead(begin: Runner, program: Program, duration_s: float) -> Ahead:
+    """The next `duration_s`, from now on, in bins."""
+    bins, parts, at = repeated(program.bins, duration_s), [], begin
+    from_s = 0.0
+    for first in range(0, len(bins.dt_s), _PART):
+        at, part = at.run(bins.at(slice(first, first + _PART)), from_s)
+        from_s = float(part.time_s[-1])
+        parts.append(part)
+    return Ahead(*(np.concatenate([getattr(p, n) for p in parts]) for n in Ahead.__dataclass_fields__))

@@ -1,0 +1,139 @@
+"""A forecast as the document that is published and written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators.protocol import EstimatorState
+from observer.forecast.ahead import Ahead, ahead, runner
+from observer.forecast.program import Program
+from observer.forecast.settling import Settling, settling, warm_up_saves_s
+from observer.frames import BoolArray, EstimateQuality, FloatArray
+from observer.model.plant import Plant
+
+MOST_TIMES, MOST_PLACES = 61, 21
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What comes after `now_s`: the next hours, where it settles, and what a warm-up would save, in s."""
+
+    now_s: float
+    program: Program
+    ahead: Ahead
+    settled: Settling
+    saves_s: float | None
+
+
+def forecast(
+    config: Config, plant: Plant, state: EstimatorState, program: Program, hours: float, within_um: float
+) -> Forecast:
+    """Forecast from a state on. Raises `ValueError` where the estimate is none to go ahead from."""
+    begin = runner(plant, config.estimator, state, program)
+    travel = travel_of(config, plant)
+    settled = settling(begin, program, travel, within_um)
+    saves_s = warm_up_saves_s(begin, program, settled, travel, within_um)
+    return Forecast(state.time_s, program, ahead(begin, program, 3600.0 * hours), settled, saves_s)
+
+
+def travel_of(config: Config, plant: Plant) -> BoolArray:
+    """Which places of the grid (g,) the nuts travel over; all where none moves."""
+    x_m = plant.layout.position_m
+    strokes = [
+        s.stroke_m or (0.0, config.screw.length_m) for s in config.source if s.position_channel is not None
+    ]
+    within = [(x_m >= low - 1e-9) & (x_m <= high + 1e-9) for low, high in strokes]
+    found = np.any(within, axis=0) if within else np.ones(len(x_m), np.bool_)
+    return np.asarray(found if found.any() else np.ones(len(x_m), np.bool_))
+
+
+def thinned(count: int, most: int) -> list[int]:
+    """At most so many indices of `count`, evenly spread, with the first and the last."""
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
+
+
+def document(
+    found: Forecast, plant: Plant, quality: EstimateQuality, instance: str, within_um: float
+) -> dict[str, Any]:
+    """The forecast as JSON takes it; that of an estimate that is not good is not good."""
+    times, places = thinned(len(found.ahead.time_s), MOST_TIMES), thinned(plant.rows.grid, MOST_PLACES)
+    good = quality is EstimateQuality.GOOD
+    has_error = plant.layout.has_error
+
+    def table(values: FloatArray) -> list[list[float]] | None:
+        return np.round(values[np.ix_(times, places)], 4).tolist() if values.shape[1] else None
+
+    after_s = found.settled.after_s
+    minutes = None if found.saves_s is None else found.saves_s / 60.0
+    return {
+        "time_s": found.now_s,
+        "instance": instance,
+        "quality": quality.label,
+        "reason": None if good else f"the estimate that it begins from is {quality.label}",
+        "program": {
+            "kind": found.program.kind, "period_s": found.program.period_s, "text": found.program.text
+        },
+        "at_s": (found.now_s + found.ahead.time_s[times]).tolist(),
+        "position_m": plant.layout.position_m[places].tolist(),
+        "temperature_degC": table(found.ahead.field_degC),
+        "sigma_K": table(found.ahead.field_sigma_K),
+        "error_um": table(found.ahead.error_um) if has_error else None,
+        "error_sigma_um": table(found.ahead.error_sigma_um) if has_error else None,
+        "settled_at_s": None if after_s is None else found.now_s + after_s,
+        "settles_within_um": within_um,
+        "warm_up": None if minutes is None else {"saves_s": found.saves_s, "text": _warm_up(minutes)},
+    }  # fmt: skip
+
+
+def none(
+    now_s: float, quality: EstimateQuality, instance: str, reason: str, within_um: float
+) -> dict[str, Any]:
+    """The document where there is no forecast, and why."""
+    return {
+        "time_s": now_s, "instance": instance, "quality": quality.label, "reason": reason,
+        "program": {"kind": "standstill", "period_s": None, "text": "not known"},
+        "at_s": [], "position_m": [], "temperature_degC": [], "sigma_K": [], "error_um": None,
+        "error_sigma_um": None, "settled_at_s": None, "settles_within_um": within_um, "warm_up": None,
+    }  # fmt: skip
+
+
+def _warm_up(minutes: float) -> str:
+    return (
+        f"running the hardest part of the program at once, without a rest, until the screw holds its mean "
+        f"heat, settles it {minutes:.0f} min sooner"
+    )
+
+
+def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
+    """What comes, for people."""
+    ahead_, last = found.ahead, -1
+    i = int(np.argmax(ahead_.field_degC[last]))
+    hours = ahead_.time_s[last] / 3600.0
+    told = (
+        f"In {hours:.3g} h ({found.program.text}) the warmest place, "
+        f"{1000 * plant.layout.position_m[i]:.0f} mm, "
+        f"is at {ahead_.field_degC[last, i]:.1f} ± {1.96 * ahead_.field_sigma_K[last, i]:.1f} °C"
+    )
+    if plant.layout.has_error:
+        j = int(np.argmax(np.abs(ahead_.error_um[last])))
+        told += (
+            f" and the thermal error at {1000 * plant.layout.position_m[j]:.0f} mm "
+            f"{ahead_.error_um[last, j]:.1f} ± {1.96 * ahead_.error_sigma_um[last, j]:.1f} µm"
+        )
+    lines = [told + "."]
+    if plant.layout.has_error:
+        after_s = found.settled.after_s
+        lines.append(
+            f"The travel does not come within {within_um:g} µm of where it settles in a day."
+            if after_s is None
+            else f"The travel is within {within_um:g} µm of where it settles now."
+            if after_s == 0.0
+            else f"The travel is within {within_um:g} µm of where it settles after {after_s / 60:.0f} min."
+        )
+    if found.saves_s is not None:
+        lines.append(f"A warm-up would help: {_warm_up(found.saves_s / 60.0)}.")
+    return lines

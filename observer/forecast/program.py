@@ -1,0 +1,256 @@
+"""What a machine does: learnt from its last minutes in coarse bins, or given, and repeated from there.
+
+A bin holds the means of what drove the plant over some seconds; the input column of a nut is weighted with
+its heat. A cycle is found by the autocorrelation of the heat by law (Box and Jenkins 1976, eq. 2.1.12); where
+there is none, work is taken for its mean with the spread of its blocks about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.frames import EstimateBlock, FloatArray, Inputs
+
+BIN_S = 10.0
+"""How long a bin is: shorter cycles are averaged over, as every screw does."""
+WINDOW_BINS = 540
+"""How many bins are remembered: three cycles of half an hour."""
+FEWEST = 6
+"""A minute tells something of a program; less does not."""
+_LAST = 30  # five minutes are what runs now
+_EVEN = 0.1  # bins that differ by no more of their mean are one level
+_ALIKE = 0.6  # an autocorrelation above this is a cycle
+_IDLE_W = 1e-3
+_LONG_REST = 45
+_BLOCK = 30
+
+Kind = Literal["cycle", "mixed", "given", "standstill"]
+
+
+class Bins(NamedTuple):
+    """b bins in the order of time, of m sources, m_e of them estimated, p known inputs, M moving sources.
+
+    `dt_s` (b,); `law_W` (b, m); `z` (b, p); `loss_1_s`, `loss_degC` (b,); `moving_B` (b, M, n_x);
+    `moving_C` (b, M, R); `heat_W`, `sigma_W`, `own_law_W` (b, m_e), the heats as estimated with their σ and
+    by their laws, NaN where there was no estimate.
+    """
+
+    dt_s: FloatArray
+    law_W: FloatArray
+    z: FloatArray
+    loss_1_s: FloatArray
+    loss_degC: FloatArray
+    moving_B: FloatArray
+    moving_C: FloatArray
+    heat_W: FloatArray
+    sigma_W: FloatArray
+    own_law_W: FloatArray
+
+    @property
+    def total_W(self) -> FloatArray:
+        """The heat (b,) of all sources by their laws."""
+        return np.asarray(np.abs(self.law_W).sum(axis=1))
+
+    def at(self, index: slice | NDArray[Any]) -> Bins:
+        """Return some of the bins."""
+        return Bins(*(column[index] for column in self))
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """What goes on: `bins` are repeated for ever, `period_s` is None where they are the mean of something.
+
+    `past` are the bins that it was learnt from; `noise_W2_s` is the spectral density, at low frequency, of
+    the total heat about the program; `text` says it to people.
+    """
+
+    kind: Kind
+    period_s: float | None
+    text: str
+    bins: Bins
+    past: Bins
+    noise_W2_s: float
+
+    @property
+    def mean(self) -> Bins:
+        """One bin with the means of all."""
+        return averaged(self.bins)
+
+    @property
+    def hardest(self) -> Bins:
+        """One bin with the means of those that heat most."""
+        total_W = self.bins.total_W
+        return averaged(self.bins.at(total_W >= 0.95 * total_W.max()))
+
+
+def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int]) -> Bins:
+    """Return whole bins of K steps, the last of which may be short; `moving` (M,) are the moving sources.
+
+    Steps of no length and those whose inputs are not known are left out. Without `estimates` their columns
+    are NaN, m wide.
+    """
+    known = (
+        (inputs.dt_s > 0.0) & np.isfinite(inputs.law_W).all(axis=1) & np.isfinite(inputs.z_end).all(axis=1)
+    )
+    known &= np.isfinite(inputs.moving_B).all(axis=(1, 2)) & np.isfinite(inputs.moving_C).all(axis=(1, 2))
+    at = np.flatnonzero(known)
+    if not len(at):
+        return _bins_of(inputs, estimates, at, np.zeros(0, np.int64), moving)
+    dt_s = np.minimum(inputs.dt_s[at], BIN_S)
+    label = np.floor((np.cumsum(dt_s) - 1e-9) / BIN_S).astype(np.int64)
+    return _bins_of(inputs, estimates, at, np.flatnonzero(np.diff(label, prepend=-1)), moving)
+
+
+def _bins_of(
+    u: Inputs,
+    estimates: EstimateBlock | None,
+    at: NDArray[Any],
+    first: NDArray[Any],
+    moving: Sequence[int],
+) -> Bins:
+    weight = np.minimum(u.dt_s[at], BIN_S)
+
+    def total(rows: FloatArray) -> FloatArray:
+        return np.add.reduceat(rows, first, axis=0) if len(first) else rows[:0]
+
+    dt_s = total(weight)
+
+    def mean(rows: FloatArray) -> FloatArray:
+        w = weight.reshape(-1, *(1,) * (rows.ndim - 1))
+        return np.asarray(total(rows[at] * w) / dt_s.reshape(-1, *(1,) * (rows.ndim - 1)))
+
+    heated = np.abs(u.law_W[:, list(moving)])[:, :, None] + 1e-9  # at rest, where the nut is
+    none = np.full((len(u), u.law_W.shape[1]), np.nan)
+    heat_W, sigma_W, own_W = (
+        (none, none, none)
+        if estimates is None
+        else (estimates.heat_W, estimates.heat_sigma_W, estimates.law_W)
+    )
+    return Bins(
+        dt_s, mean(u.law_W), mean(u.z_end), mean(u.loss_1_s), _drawn(mean, u),
+        mean(u.moving_B * heated) / mean(heated), mean(u.moving_C * heated) / mean(heated),
+        mean(heat_W), mean(sigma_W), mean(own_W),
+    )  # fmt: skip
+
+
+def _drawn(mean, u: Inputs) -> FloatArray:  # type: ignore[no-untyped-def]
+    rate = mean(u.loss_1_s)
+    return np.asarray(mean(u.loss_1_s * u.loss_degC) / np.where(rate > 0.0, rate, 1.0))
+
+
+def joined(parts: Sequence[Bins]) -> Bins:
+    """Return consecutive bins as one, no more of them than are remembered."""
+    return Bins(*(np.concatenate(column)[-WINDOW_BINS:] for column in zip(*parts, strict=True)))
+
+
+def averaged(bins: Bins) -> Bins:
+    """One bin with the means of all; the columns of the nuts are weighted with the heat."""
+    w, heat = bins.dt_s, bins.dt_s * (bins.total_W + 1e-9)
+    plain = [np.tensordot(w, column, 1) / w.sum() for column in bins[1:5]]
+    nuts = [np.tensordot(heat, column, 1) / heat.sum() for column in bins[5:7]]
+    rest = [np.tensordot(w, column, 1) / w.sum() for column in bins[7:]]
+    return Bins(*(np.asarray(c)[None] for c in (w.mean(), *plain, *nuts, *rest)))
+
+
+def learnt(bins: Bins) -> Program:
+    """What the machine does, from its last bins. Raises `ValueError` where they are too few."""
+    if len(bins.dt_s) < FEWEST:
+        raise ValueError("the program is not known yet; it is learnt in the first minute")
+    total_W = bins.total_W
+    if total_W[-_LAST:].max() <= _IDLE_W and period_bins(total_W) is None:
+        now = bins.at(slice(-_LAST, None))
+        return Program("standstill", None, "the machine stands", averaged(now), now, 0.0)
+    bins = bins.at(slice(_since_rest(total_W), None))
+    total_W = bins.total_W
+    if (even := _even(total_W)) is not None:
+        now = bins.at(slice(even, None))
+        told = f"runs evenly, {averaged(now).total_W[0]:.3g} W by the laws"
+        return Program("cycle", None, told, averaged(now), now, noise_W2_s(now))
+    if (period := period_bins(total_W)) is not None:
+        told = f"a cycle of {period * BIN_S / 60:.3g} min"
+        return Program(
+            "cycle", period * BIN_S, told, _one_cycle(bins, period), bins, noise_W2_s(bins, period)
+        )
+    told = f"mixed work, {averaged(bins).total_W[0]:.3g} W in the mean by the laws"
+    return Program("mixed", None, told, averaged(bins), bins, noise_W2_s(bins))
+
+
+def given(bins: Bins, past: Bins) -> Program:
+    """A program that is given, repeated; `past` are the last bins of what ran."""
+    if len(past.dt_s) < FEWEST:
+        raise ValueError("the heats are not known yet; they are learnt in the first minute")
+    whole_s = float(bins.dt_s.sum())
+    return Program("given", whole_s, f"the program that is given, {whole_s / 60:.3g} min", bins, past, 0.0)
+
+
+def _since_rest(total_W: FloatArray) -> int:
+    """Where work begins after the last rest of more than seven minutes."""
+    idle, run, begin = total_W <= _IDLE_W, 0, 0
+    if period_bins(total_W) is not None:
+        return 0
+    for i, rests in enumerate(idle):
+        run = run + 1 if rests else 0
+        if run > _LONG_REST:
+            begin = i + 1
+    return min(begin, len(total_W) - 1)
+
+
+def _even(total_W: FloatArray) -> int | None:
+    """From where on the heat has been at one level, None where that is less than five minutes."""
+    level = float(np.median(total_W[-_LAST:]))
+    off = np.flatnonzero(np.abs(total_W - level) > _EVEN * level)
+    begin = int(off[-1]) + 1 if len(off) else 0
+    length = len(total_W) - begin
+    short = length < min(_LAST, len(total_W)) or (length < 6 * _LAST and 2 * length < len(total_W))
+    if short or period_bins(total_W) is not None:
+        return None
+    return begin
+
+
+def period_bins(total_W: FloatArray) -> int | None:
+    """The period of the heat in bins, None where none is seen twice and a half."""
+    n = len(total_W)
+    rest = total_W - total_W.mean()
+    scale = float(rest @ rest)
+    if n < 10 or scale <= (_EVEN * max(total_W.mean(), _IDLE_W)) ** 2 * n / 4:
+        return None
+    lags = np.arange(1, int(n / 2.5) + 1)
+    alike = np.array([float(rest[k:] @ rest[:-k]) / scale * n / (n - k) for k in lags])
+    peak = np.flatnonzero((alike[1:-1] >= alike[:-2]) & (alike[1:-1] > alike[2:])) + 1
+    crossed = np.flatnonzero(alike < 0.2)
+    peak = peak[(alike[peak] > _ALIKE) & (peak > (crossed[0] if len(crossed) else n))]
+    if not len(peak):
+        return None
+    return int(lags[peak[alike[peak] >= 0.9 * alike[peak].max()][0]])
+
+
+def _one_cycle(bins: Bins, period: int) -> Bins:
+    """One cycle that goes on where the bins end, its bins the means over all whole cycles."""
+    n = len(bins.dt_s) // period * period
+    heat = bins.total_W[-n:, None, None] + 1e-9
+    nuts = [
+        (c[-n:] * heat).reshape(n // period, period, *c.shape[1:]).mean(0)
+        / heat.reshape(n // period, period, 1, 1).mean(0)
+        for c in bins[5:7]
+    ]
+    plain = [c[-n:].reshape(n // period, period, *c.shape[1:]).mean(0) for c in bins]
+    return Bins(*plain[:5], *nuts, *plain[7:])._replace(dt_s=np.full(period, BIN_S))
+
+
+def noise_W2_s(bins: Bins, period: int | None = None) -> float:
+    """The spectral density of the total heat about its mean at low frequency: T var of means over T.
+
+    T is five minutes, or, of cycles, whose times vary too, whole ones of about fifteen (Welch 1967, with
+    rectangular windows).
+    """
+    block = _BLOCK if period is None else period * max(1, round(3 * _BLOCK / period))
+    count = len(bins.dt_s) // block
+    if count < 2:
+        return 0.0
+    means = bins.total_W[-count * block :].reshape(count, block).mean(axis=1)
+    return float(block * BIN_S * means.var(ddof=1))

@@ -1,0 +1,1 @@
+"""What comes: the next hour, where it settles, and when."""

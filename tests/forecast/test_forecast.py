@@ -1,0 +1,194 @@
+"""Forecasts by hand: what rest, even work and a cycle must come to; and one rough machine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from observer.estimators.protocol import EstimatorState
+from observer.forecast.ahead import AIR_K_sqrt_h, ahead, runner
+from observer.forecast.document import document, forecast
+from observer.forecast.program import BIN_S, Bins, averaged, learnt, period_bins
+from observer.forecast.settling import settling, warm_up_saves_s
+from observer.frames import EstimateQuality, FloatArray
+from observer.model.build import build_plant
+from observer.model.plant import Plant
+from tests.forecast.days import AT_S, drawn_day, forecasts
+from tests.forecast.trial import judged
+from tests.learning.machines import config_of
+
+ROD = """
+[machine]
+name = "rod"
+[screw]
+length_m = 1.0
+diameter_m = 0.036
+conductivity_W_mK = 50.0
+density_kg_m3 = 7800.0
+specific_heat_J_kgK = 460.0
+expansion_1_K = 11.8e-6
+[surface]
+convection_W_m2K = 15.0
+[ambient]
+temperature_degC = 20.0
+[boundary.left]
+kind = "insulated"
+[boundary.right]
+kind = "insulated"
+[[source]]
+name = "whole"
+shape = "band"
+from_m = 0.0
+to_m = 1.0
+power_channel = "heater_W"
+[[sensor]]
+name = "t1"
+channel = "t1_degC"
+position_m = 0.5
+noise_K = 0.05
+[tolerance]
+conductivity = 0.0
+heat_capacity = 0.0
+convection = 0.0
+ambient_K = 0.0
+end_W_K = 0.0
+position_m = 0.0
+offset_K = 0.0
+lag_s = 0.0
+[estimator]
+learn = []
+"""
+CONFIG = config_of(ROD)
+TAU_S = 7800.0 * 460.0 * 0.036 / 4.0 / 15.0
+"""ρ c d / 4 h: how fast a rod of one temperature cools."""
+LOSS_W_K = 15.0 * math.pi * 0.036
+EVERYWHERE = np.ones(21, np.bool_)
+
+
+def rod() -> Plant:
+    return build_plant(CONFIG)
+
+
+def bins_of(heat_W: FloatArray) -> Bins:
+    """Bins in which the heat was as its law says, told to 1 W."""
+    n, plant = len(heat_W), rod()
+    nothing = np.zeros(n)
+    z = np.full((n, len(plant.known_names)), 20.0)
+    none = np.zeros((n, 0, len(plant.decay_1_s))), np.zeros((n, 0, len(plant.rows.C)))
+    heat = heat_W[:, None]
+    return Bins(np.full(n, BIN_S), heat, z, nothing, nothing, *none, heat, np.ones((n, 1)), heat)
+
+
+def at_degC(plant: Plant, temperature_degC: float) -> EstimatorState:
+    n = len(plant.decay_1_s) + 1
+    x, never = np.zeros(n), np.zeros(1)
+    x[:-1] = plant.uniform * temperature_degC
+    return EstimatorState(x, 1e-6 * np.eye(n), True, never, never, never, 1000.0)
+
+
+def test_at_standstill_it_decays_to_the_air_with_the_time_constant() -> None:
+    plant, program = rod(), learnt(bins_of(np.zeros(60)))
+    assert program.kind == "standstill"
+    found = ahead(runner(plant, CONFIG.estimator, at_degC(plant, 60.0), program), program, 3600.0)
+    expected = 20.0 + 40.0 * np.exp(-found.time_s / TAU_S)
+    # the rod has one temperature, and splitting and lags of the plant take no part in it
+    np.testing.assert_allclose(found.field_degC, np.tile(expected[:, None], 21), atol=0.02)
+
+
+def test_an_even_program_settles_where_the_loss_takes_its_heat() -> None:
+    plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
+    begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
+    settled = settling(begin, program, EVERYWHERE, 2.0)
+    rise_K = 40.0 / LOSS_W_K
+    # it stops where a part of ten minutes changes by 1 mK: e^(-t/τ) leaves τ/600 of that
+    np.testing.assert_allclose(settled.field_degC, 20.0 + rise_K, atol=0.02)
+    assert settled.after_s is not None
+    last_um = 11.8 * rise_K  # of a free screw of a metre, at its far end
+    assert settled.after_s == pytest.approx(TAU_S * math.log(last_um / 2.0), abs=60.0)
+    assert warm_up_saves_s(begin, program, settled, EVERYWHERE, 2.0) is None
+
+
+def test_a_warm_up_saves_what_running_without_rests_does() -> None:
+    work = np.tile(np.repeat([60.0, 0.0], [20, 20]), 10)
+    plant, program = rod(), learnt(bins_of(work))
+    assert (program.kind, program.period_s) == ("cycle", 400.0)
+    begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
+    settled = settling(begin, program, EVERYWHERE, 2.0)
+    saves_s = warm_up_saves_s(begin, program, settled, EVERYWHERE, 2.0)
+    # with twice the mean heat a rod of one temperature has the mean's rise after τ ln 2
+    assert settled.after_s is not None
+    assert saves_s is not None
+    assert settled.after_s - saves_s == pytest.approx(TAU_S * math.log(2.0), abs=90.0)
+
+
+def test_a_cycle_goes_on_where_it_stands() -> None:
+    work = np.tile(np.repeat([60.0, 0.0], [20, 10]), 6)[:-5]  # it ends in the middle of a rest
+    program = learnt(bins_of(work))
+    assert program.period_s == 300.0
+    np.testing.assert_allclose(program.bins.total_W, np.repeat([0.0, 60.0, 0.0], [5, 20, 5]))
+
+
+def test_what_has_no_period_is_mixed_with_the_spread_of_its_means() -> None:
+    rng = np.random.default_rng(5)
+    work = rng.choice([0.0, 20.0, 60.0], 300)
+    program = learnt(bins_of(work))
+    assert (program.kind, program.period_s) == ("mixed", None)
+    # white from bin to bin: its density is its variance times the bin, told by ten means to within a half
+    assert program.noise_W2_s == pytest.approx(BIN_S * work.var(), rel=1.0)
+    assert period_bins(work) is None
+
+
+def test_too_little_is_no_program() -> None:
+    with pytest.raises(ValueError, match="first minute"):
+        learnt(bins_of(np.ones(5)))
+
+
+def test_sigma_is_what_is_not_known_of_the_heat_and_what_varies() -> None:
+    plant = rod()
+    even, mixed = (
+        learnt(bins_of(w))
+        for w in (np.full(300, 27.0), np.random.default_rng(5).choice([0.0, 20.0, 60.0], 300))
+    )
+    state = at_degC(plant, 40.0)
+    a, b = (ahead(runner(plant, CONFIG.estimator, state, p), p, 3600.0) for p in (even, mixed))
+    assert (b.field_sigma_K[-1] > 1.1 * a.field_sigma_K[-1]).all()
+    assert (np.diff(a.field_sigma_K[::30], axis=0) > 0.0).all()
+    assert AIR_K_sqrt_h > 0.0
+
+
+def test_a_forecast_of_a_doubtful_estimate_is_doubtful() -> None:
+    plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
+    found = forecast(CONFIG, plant, at_degC(plant, 20.0), program, 1.0, 2.0)
+    told = document(found, plant, EstimateQuality.DEGRADED, "a", 2.0)
+    assert told["quality"] == "degraded"
+    assert "degraded" in told["reason"]
+    good = document(found, plant, EstimateQuality.GOOD, "a", 2.0)
+    assert good["reason"] is None
+    assert len(good["at_s"]) == 61
+    assert len(good["position_m"]) == 21
+    assert np.shape(good["temperature_degC"]) == np.shape(good["error_sigma_um"]) == (61, 21)
+    assert good["at_s"][-1] == 1000.0 + 3600.0
+
+
+def test_no_forecast_without_an_estimate() -> None:
+    plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
+    with pytest.raises(ValueError, match="no estimate"):
+        runner(plant, CONFIG.estimator, replace(at_degC(plant, 20.0), started=False), program)
+
+
+def test_a_mean_of_bins_weighs_them_by_their_length() -> None:
+    bins = bins_of(np.array([10.0, 40.0]))._replace(dt_s=np.array([10.0, 5.0]))
+    assert averaged(bins).total_W[0] == pytest.approx(20.0)
+
+
+def test_intervals_of_a_rough_machine_hold_the_truth() -> None:
+    one = drawn_day(9001, 1)  # a cycle; four of five, where nineteen of twenty are asked of the mean
+    for found in forecasts(one).values():
+        for at_s in AT_S:
+            of_field, of_error, off_K, stays_K, *_ = judged(one, found, at_s)
+            assert of_field >= 0.8
+            assert of_error >= 0.8
+    assert off_K < stays_K
