@@ -62,7 +62,7 @@ def run_demo(seconds: float | None, listen: str, plain: bool, page: Page | None)
 
 
 def free_page() -> Page | None:
-    """A page on the first free port from the default on; None where what it needs is not installed, or none is."""
+    """A page on the first free port from the default on; None without what it needs, or without a port."""
     if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
         return None
     host, first = host_and_port(Page().listen)

@@ -1,5 +1,5 @@
 // Curves with bands, drawn by uPlot in the colours of the page.
-import { css } from "./format.js";
+import { clock, css } from "./format.js";
 
 const all = new Set();
 
@@ -20,12 +20,12 @@ const times = () => {
 
 // element, {x, y: labels, isTime, series, bands, hooks}; returns {set(data), plot}
 export function chart(element, { x, y, isTime = false, series, bands = [], draw = null, select = null, range = null, legend = true, height = null }) {
-  const size = () => ({ width: Math.max(200, element.clientWidth), height: Math.max(120, height ?? element.clientHeight) - (legend ? 26 : 0) });
+  const size = () => ({ width: Math.max(200, element.clientWidth), height: Math.max(120, height ?? element.clientHeight) - (legend ? 30 : 0) });
   const options = {
-    ...size(), series: [{ label: isTime ? "time" : x, value: (_, v) => (v == null ? "–" : isTime ? new Date(v * 1000).toLocaleTimeString() : v.toFixed(3)) }, ...series],
+    ...size(), series: [{ label: isTime ? "time" : x, value: (_, v) => (v == null ? "–" : isTime ? clock(v) : v.toFixed(3)) }, ...series],
     bands, legend: { show: legend, live: false },
     scales: { x: { time: isTime }, y: range ? { range } : {} },
-    axes: [axis(isTime ? null : x, isTime ? 26 : 44, isTime ? { values: times(), space: 70 } : { labelSize: 18 }), axis(y, 48)],
+    axes: [axis(isTime ? null : x, 24, isTime ? { values: times(), space: 70 } : {}), axis(y, 48)],
     cursor: { drag: { x: Boolean(select), y: false, setScale: false }, points: { size: 6 } },
     hooks: { draw: draw ? [draw] : [], setSelect: select ? [(u) => u.select.width > 8 && select(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"), u)] : [] },
   };

@@ -28,9 +28,7 @@ function drawHeats() {
     }));
     const series = found.flatMap((name, i) => [line(name.replaceAll("_", " "), () => colour(i)), edge("_"), edge("_"), line("_law", () => colour(i), { width: 1, dash: [5, 4] })]);
     const bands = found.map((_, i) => ({ series: [4 * i + 2, 4 * i + 3], fill: () => fade(colour(i), 0.18) }));
-    heats = chart(byId("c-heats"), { x: "time", y: "W", isTime: true, series, bands, draw: (u) => store.held && mark(u, store.held.time_s, clock(store.held.time_s)) });
-    tidyLegend(byId("c-heats"));
-    byId("c-heats").querySelector(".u-legend").hidden = true;
+    heats = chart(byId("c-heats"), { x: "time", y: "W", isTime: true, series, bands, draw: (u) => store.held && mark(u, store.held.time_s, clock(store.held.time_s)), legend: false });
   }
   const sequence = store.held ? "" : String(store.documents.heat?.sequence ?? "");
   byId("heats").dataset.sequence = sequence;
@@ -70,8 +68,8 @@ function drawError() {
     error?.end(); box.replaceChildren(); hasCompensation = has;
     const series = [line("thermal error", () => colour(0)), edge("_"), edge("_"), ...(has ? [line("compensation", () => colour(1), { dash: [7, 4] })] : [])];
     error = chart(box, { x: "position in m", y: "µm", series, bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, view().channels[nutChannel()], "nut"),
-      range: (_, low, high) => { const pad = Math.max(1, (high - low) * 0.1); return [Math.min(0, low - pad), high + pad]; } });
-    tidyLegend(box);
+      range: (_, low, high) => { const pad = Math.max(1, (high - low) * 0.1); return [Math.min(0, low - pad), high + pad]; }, legend: has });
+    if (has) tidyLegend(box);
   }
   const data = [position_m, now.error_um.map(orNull), now.error_um.map((e, i) => plus(e, now.sigma_um[i], 2)), now.error_um.map((e, i) => plus(e, now.sigma_um[i], -2))];
   if (has) data.push(position_m.map((x) => orNull(nearest(compensation.position_m, compensation.error_um, x))));

@@ -1,8 +1,12 @@
 // Numbers with their units, times of this place, and elements: text from outside is only ever text.
 export const known = (x) => typeof x === "number" && Number.isFinite(x);
 export const number = (x, digits = 1) => (known(x) ? x.toFixed(digits).replace("-", "−") : "–");
-export const clock = (s) => (known(s) ? new Date(s * 1000).toLocaleTimeString() : "–");
-export const when = (s) => (known(s) ? new Date(s * 1000).toLocaleString([], { dateStyle: "medium", timeStyle: "short" }) : "–");
+const SECONDS = new Intl.DateTimeFormat([], { hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23" });
+const MINUTES = new Intl.DateTimeFormat([], { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+const DAY = new Intl.DateTimeFormat([], { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+export const clock = (s) => (known(s) ? SECONDS.format(s * 1000) : "–");
+export const minute = (s) => MINUTES.format(s * 1000);
+export const when = (s) => (known(s) ? DAY.format(s * 1000) : "–");
 export const byId = (id) => document.getElementById(id);
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 export const colour = (i) => css(`--c${i % 7}`);

@@ -1,10 +1,10 @@
 // The screw now, with its nut and sensors, and below it the last hour: position across, time down.
-import { byId, clock, css, known, number, say } from "./format.js";
+import { byId, clock, css, known, minute, number, say } from "./format.js";
 import { hold, nutChannel, onNews, store, view } from "./store.js";
 
 // viridis (van der Walt and Smith, 2015), at sixteenths
 const MAP = [[68,1,84],[72,24,106],[71,45,123],[66,64,134],[59,82,139],[51,99,141],[44,114,142],[38,130,142],[33,145,140],[31,160,136],[40,174,128],[63,188,115],[94,201,98],[132,212,75],[173,220,48],[216,226,25],[253,231,37]];
-const WINDOWS_S = [300, 900, 1800, 3600];
+const WINDOWS_S = [60, 120, 300, 600, 1200, 2400, 3600];
 const ROWS = 240;
 const canvas = byId("map");
 const picture = document.createElement("canvas");
@@ -55,7 +55,7 @@ function draw() {
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
   c.clearRect(0, 0, box.width, box.height);
   const big = parseFloat(getComputedStyle(document.documentElement).fontSize) / 15;
-  const left = 52 * big, right = 64 * big, top = 34 * big, strip = 30 * big, below = 34 * big, gap = 14 * big;
+  const left = 62 * big, right = 64 * big, top = 34 * big, strip = 30 * big, below = 34 * big, gap = 14 * big;
   const width = box.width - left - right, mapTop = top + strip + gap, mapHeight = box.height - mapTop - below;
   const first = position_m[0], last = position_m.at(-1), x = (m) => left + (m - first) / (last - first) * width;
   const [low, high] = limits(rows, now);
@@ -99,7 +99,7 @@ function draw() {
   if (picture.width > 1 && rows.length) c.drawImage(picture, 0.5, 0, picture.width - 1, ROWS, left, mapTop, width, mapHeight);
   c.strokeStyle = css("--edge"); c.strokeRect(left, mapTop, width, mapHeight);
   c.fillStyle = css("--soft"); c.textAlign = "right";
-  for (let k = 0; k <= 4; k++) c.fillText(k ? clock(end_s - k / 4 * window_s).slice(0, 5) : "now", left - 6, mapTop + k / 4 * mapHeight + (k === 0 ? 5 : k === 4 ? -5 : 0));
+  for (let k = 0; k <= 4; k++) c.fillText(k ? (window_s < 240 ? clock : minute)(end_s - k / 4 * window_s) : "now", left - 6, mapTop + k / 4 * mapHeight + (k === 0 ? 5 : k === 4 ? -5 : 0));
   c.textAlign = "center";
   for (let k = 0; k <= 5; k++) c.fillText(number(first + k / 5 * (last - first), 1), left + k / 5 * width, mapTop + mapHeight + 10 * big);
   c.fillText("position in m", left + width / 2, mapTop + mapHeight + 25 * big);
@@ -115,7 +115,7 @@ function draw() {
   c.fillStyle = css("--soft"); c.textAlign = "left";
   for (let k = 0; k <= 4; k++) c.fillText(number(low + k / 4 * (high - low)), left + width + 30, mapTop + mapHeight - k / 4 * mapHeight + (k === 0 ? -5 : k === 4 ? 5 : 0));
   c.fillText("°C", left + width + 14, mapTop - 9 * big);
-  say("map-when", store.held ? `held at ${clock(now.time_s)}` : `the last ${Math.round(window_s / 60)} min`);
+  say("map-when", store.held ? `held at ${clock(now.time_s)}` : `the last ${Math.round(window_s / 60)} min, newest above`);
   canvas.setAttribute("aria-label", `Temperature over position and time; now ${number(Math.min(...now.temperature_degC))} to ${number(Math.max(...now.temperature_degC))} °C, nut at ${number(nut_m, 3)} m`);
 }
 

@@ -135,5 +135,5 @@ export function startTables() {
   onNews(["alarms", "hello"], drawAlarms);
   onNews(["estimate", "hello"], drawFoot);
   setInterval(watchSilence, 100);
-  setInterval(() => say("clock", new Date().toLocaleTimeString()), 1000);
+  setInterval(() => say("clock", clock(Date.now() / 1000)), 1000);
 }
