@@ -22,10 +22,13 @@ _MOST_ADDRESSES = 1000
 def read_users(path: Path) -> dict[str, str]:
     """Names and passwords from a file of `user:password` lines; raises `ConfigError` where it is none."""
     try:
+        mode = path.stat().st_mode
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigError(f"page.users_file: {path} cannot be read ({reason}); mend or rename it") from None
+    if mode & 0o077:
+        raise ConfigError(f"page.users_file: others on this computer can read {path}; run chmod 600 {path}")
     users = {}
     for number, line in enumerate(lines, 1):
         name, colon, password = line.strip().partition(":")

@@ -16,7 +16,7 @@ from drivers import can, canopen, devices, modbus, places, player
 from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.tables import keeping, laws, mounting, nodes, publishing, quantities, sections, tolerance
+from observer.tables import gateway, keeping, laws, mounting, nodes, publishing, quantities, sections, tolerance
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
@@ -45,6 +45,7 @@ CONFIGURATION = {
     "`[publish.login]`": publishing.Login,
     "`[publish.access]`": publishing.Access,
     "A client's file": publishing.Client,
+    "`[page]`": gateway.Page,
     "`[record]`": keeping.Record,
     "`[checkpoint]`": keeping.Checkpoint,
 }

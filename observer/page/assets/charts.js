@@ -3,9 +3,13 @@ import { clock, css } from "./format.js";
 
 const all = new Set();
 
+// larger where the page is: a wall is read from afar
+const big = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 15;
+
 function axis(label, size, more = {}) {
+  const font = `${Math.round(12 * big())}px system-ui, sans-serif`;
   return {
-    label, size, labelSize: 18, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", gap: 4,
+    label, size: size * big(), labelSize: 18 * big(), font, labelFont: font, gap: 4,
     stroke: () => css("--soft"), grid: { stroke: () => css("--line"), width: 1 }, ticks: { stroke: () => css("--line"), width: 1, size: 4 },
     values: (_, ticks) => ticks.map((t) => String(Number(t.toPrecision(6))).replace("-", "−")), ...more,
   };
