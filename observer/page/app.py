@@ -170,7 +170,8 @@ class _Pages:
 
     def _ask(self, message: str, status: int) -> Response:
         page = self._assets["login.html"].replace(b"{message}", message.encode())
-        return HTMLResponse(page, status)
+        # without this a browser does not say where the form came from
+        return HTMLResponse(page, status, {"referrer-policy": "same-origin"})
 
     async def logout(self, _: Request) -> Response:
         """End the session of this browser."""

@@ -57,7 +57,7 @@ class Guard:
                 headers.setdefault("content-security-policy", POLICY)
                 headers.setdefault("cache-control", "no-store")
                 for name, value in _HEADERS.items():
-                    headers[name] = value
+                    headers.setdefault(name, value)
             await send(message)
 
         await (self._refusal(scope) or self._app)(scope, receive, sealed)

@@ -52,7 +52,6 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
         ws="none",
         server_header=False,
         limit_concurrency=_MOST_CONNECTIONS,
-        timeout_graceful_shutdown=0,
         ssl_certfile=None if page.certificate is None else str(page.certificate),
         ssl_keyfile=None if page.key is None else str(page.key),
     )

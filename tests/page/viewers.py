@@ -32,9 +32,8 @@ def main() -> None:
         until(lambda: read[0] > 0)
         before = read[0]
         share = _share(pid)
-        print(
-            f"{VIEWERS} viewers: {share:.1%} of a core, {(read[0] - before) / MEASURED_S / 1000:.0f} kB/s in all"
-        )
+        rate_kB_s = (read[0] - before) / MEASURED_S / 1000
+        print(f"{VIEWERS} viewers: {share:.1%} of a core, {rate_kB_s:.0f} kB/s in all")
         with chromium() as browser:
             paints_ms = [_first_paint_ms(browser, url) for _ in range(PAINTS)]
         print(f"first paint: {min(paints_ms):.0f} to {max(paints_ms):.0f} ms in {PAINTS} new windows")

@@ -12,7 +12,7 @@ function mark(plot, at, text) {
   const c = plot.ctx, x = plot.valToPos(at, "x", true), { top, height } = plot.bbox;
   c.save(); c.strokeStyle = css("--soft"); c.lineWidth = devicePixelRatio; c.setLineDash([4, 4]);
   c.beginPath(); c.moveTo(x, top); c.lineTo(x, top + height); c.stroke();
-  c.fillStyle = css("--soft"); c.font = `${11 * devicePixelRatio}px system-ui, sans-serif`; c.fillText(text, x + 5, top + 12 * devicePixelRatio); c.restore();
+  c.textAlign = "left"; c.textBaseline = "alphabetic"; c.fillStyle = css("--soft"); c.font = `${11 * devicePixelRatio}px system-ui, sans-serif`; c.fillText(text, x + 5, top + 12 * devicePixelRatio); c.restore();
 }
 
 function drawHeats() {

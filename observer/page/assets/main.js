@@ -14,4 +14,9 @@ startKeys();
 startPast();
 startReports();
 onNews(["hello"], () => { byId("logout").hidden = !store.hello.login; });
+byId("logout").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  await fetch("/logout", { method: "POST" });
+  location.assign("/login");
+});
 connect();
