@@ -22,7 +22,7 @@ from observer.page.login import Login, read_users
 from observer.page.stream import Stream
 from observer.tables.gateway import host_and_port
 
-_END_S = 0.5
+_END_S = 0.8
 _MOST_CONNECTIONS = 200
 Say = Callable[[dict[str, Any]], None]
 
@@ -71,8 +71,10 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
             await _first_to_end(serving, feeding)
         finally:
             feeding.cancel()
-            server.should_exit = server.force_exit = True
+            stream.end()
+            server.should_exit = True
             await asyncio.wait([serving], timeout=_END_S)
+            server.force_exit = True
             serving.cancel()
 
 

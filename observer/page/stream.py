@@ -46,6 +46,7 @@ class Stream:
         self._newest: dict[str, bytes] = {"hello": event("hello", json.dumps(hello).encode())}
         self._sent_s: dict[str, float] = {}
         self._viewers: set[Pending] = set()
+        self._ended = False
         self.recent = Recent()
 
     @property
@@ -75,6 +76,11 @@ class Stream:
         self._sent_s[key] = now_s
         self._tell(key, event(key, data))
 
+    def end(self) -> None:
+        """End what every viewer is told, so that the server can end too."""
+        self._ended = True
+        self._tell("end", b"")
+
     async def viewer(self) -> AsyncIterator[bytes]:
         """The events for one viewer: what is there, then what is new."""
         awake = asyncio.Event()
@@ -84,6 +90,8 @@ class Stream:
         self._viewers.add(pending)
         try:
             while await awake.wait():
+                if self._ended:
+                    return
                 await asyncio.sleep(_TOGETHER_S)
                 awake.clear()
                 yield b"".join(data for _, data in pending.take())
