@@ -29,7 +29,7 @@ export function chart(element, { x, y, isTime = false, series, bands = [], draw 
     ...size(), series: [{ label: isTime ? "time" : x, value: (_, v) => (v == null ? "–" : isTime ? clock(v) : v.toFixed(3)) }, ...series],
     bands, legend: { show: legend, live: false },
     scales: { x: { time: isTime }, y: range ? { range } : {} },
-    axes: [axis(isTime ? null : x, 24, isTime ? { values: times(), space: 70 } : {}), axis(y, 48)],
+    axes: [axis(isTime ? null : x, 24, isTime ? { values: times(), space: 95 * big() } : {}), axis(y, 48)],
     cursor: { drag: { x: Boolean(select), y: false, setScale: false }, points: { size: 6 } },
     hooks: { draw: draw ? [draw] : [], setSelect: select ? [(u) => u.select.width > 8 && select(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"), u)] : [] },
   };

@@ -90,7 +90,7 @@ function draw() {
     const length = store.config?.source?.find((s) => s.position_channel)?.length_m ?? 0.06, w = Math.max(14, length / (last - first) * width);
     c.fillStyle = css("--panel"); c.strokeStyle = css("--ink"); c.lineWidth = 2;
     c.beginPath(); c.roundRect(x(nut_m) - w / 2, top - 1, w, strip + 2, 4); c.globalAlpha = 0.82; c.fill(); c.globalAlpha = 1; c.stroke();
-    c.fillStyle = css("--ink"); c.textAlign = "center"; c.font = `600 ${11 * big}px system-ui, sans-serif`; c.fillText("nut", x(nut_m), top + strip / 2 + 1);
+    c.fillStyle = css("--ink"); c.textAlign = "center"; c.font = `600 ${11 * big}px system-ui, sans-serif`; if (w > 26 * big) c.fillText("nut", x(nut_m), top + strip / 2 + 1);
     c.font = `${12 * big}px system-ui, sans-serif`;
   }
   // the past
