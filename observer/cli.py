@@ -85,11 +85,24 @@ def demo(
         str, typer.Option(help="Where the demo's Zenoh router listens.", callback=_endpoint)
     ] = DEFAULT_ENDPOINT,
     plain: Annotated[bool, typer.Option(help="One line a second in place of the live table.")] = False,
+    page: Annotated[
+        str | None, typer.Option(help="Where the page listens; by itself the first free port from 8080 on.")
+    ] = None,
+    no_page: Annotated[bool, typer.Option("--no-page", help="Without the page.")] = False,
 ) -> None:
     """Run the main job on a simulated machine: real Modbus and CAN, estimates beside the truth."""
-    from observer.demo import run_demo
+    from pydantic import ValidationError
 
-    leave(run_demo(seconds, listen, plain or not sys.stdout.isatty()))
+    from observer.demo import run_demo
+    from observer.tables.gateway import Page
+
+    try:
+        shown = None if no_page else Page() if page is None else Page(listen=page)
+    except ValidationError as error:
+        raise typer.BadParameter(
+            str(error.errors()[0]["msg"]).removeprefix("Value error, "), param_hint="--page"
+        ) from None
+    leave(run_demo(seconds, listen, plain or not sys.stdout.isatty(), shown))
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import select
 import subprocess
@@ -16,14 +17,19 @@ from typing import Any
 from observer.errors import UserError
 from observer.installation import Installation, load
 from observer.publish.taken import refuse_taken
+from observer.tables.gateway import Page, host_and_port
 
 START_S = 20.0
 VIEW_END_S = 0.5
+PORTS = 100
 SHOW_CURSOR = "\x1b[?25h"
 
 
-def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
-    """Run the demo until Ctrl-C or for `seconds`; returns the exit code. Raises `UserError`."""
+def run_demo(seconds: float | None, listen: str, plain: bool, page: Page | None) -> int:
+    """Run the demo until Ctrl-C or for `seconds`; returns the exit code. Raises `UserError`.
+
+    `page` is where its page listens, by its default on the first free port; None is without.
+    """
     import logging
 
     import structlog
@@ -35,19 +41,36 @@ def run_demo(seconds: float | None, listen: str, plain: bool) -> int:
     refuse_taken((listen,), "--listen")
     name, axis = config.machine.name, config.machine.axis
     key = f"ballscrew/{name}/{axis}/truth/heat"
+    page = free_page() if page is not None and "listen" not in page.model_fields_set else page
+    if page is not None:
+        refuse_taken((f"tcp/{page.listen}",), "--page")
     with simulated_machine("--zenoh", listen, "--key", key, "--can-stamps") as wires:
-        config = connected(config, wires, listen)
+        config = connected(config, wires, listen).model_copy(update={"page": page})
         print(
+            *([f"page: http://{page.listen}/\n"] if page is not None else []),
             f"simulated machine: Modbus TCP on 127.0.0.1:{wires['modbus_port']}, CAN on {wires['can_device']}"
             f"; estimates on {listen} under ballscrew/{name}/{axis}/\n"
             f"from another terminal: observer watch --connect {listen} --machine {name} --axis {axis}\n"
             "the service gets ready, which takes a minute or two the first time; Ctrl-C ends everything",
+            sep="",
             flush=True,
         )
         with live_view(listen, name, axis, plain):
             serve(config, seconds)
     print("demo ended", flush=True)
     return 0
+
+
+def free_page() -> Page | None:
+    """A page on the first free port from the default on; None without what it needs, or without a port."""
+    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
+        return None
+    host, first = host_and_port(Page().listen)
+    for port in range(first, first + PORTS):
+        with contextlib.suppress(UserError):
+            refuse_taken((f"tcp/{host}:{port}",), "--page")
+            return Page(listen=f"{host}:{port}")
+    return None
 
 
 @contextlib.contextmanager

@@ -17,7 +17,9 @@ from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 from observer.tables import (
+    alarms,
     forecast,
+    gateway,
     keeping,
     laws,
     mounting,
@@ -57,8 +59,10 @@ CONFIGURATION = {
     "`[publish.login]`": publishing.Login,
     "`[publish.access]`": publishing.Access,
     "A client's file": publishing.Client,
+    "`[page]`": gateway.Page,
     "`[record]`": keeping.Record,
     "`[checkpoint]`": keeping.Checkpoint,
+    "`[alarms]`": alarms.AlarmSettings,
 }
 DEVICES = {
     "`modbus_tcp`": modbus.ModbusTcpSettings,

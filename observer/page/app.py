@@ -1,0 +1,190 @@
+"""The page's routes."""
+
+from __future__ import annotations
+
+import mimetypes
+from collections.abc import Callable
+from importlib.resources import files
+from typing import Any
+from urllib.parse import parse_qs
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import (
+    HTMLResponse,
+    JSONResponse,
+    PlainTextResponse,
+    RedirectResponse,
+    Response,
+    StreamingResponse,
+)
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from observer.errors import LogError
+from observer.gateway.start import Start
+from observer.page.guard import REPORT_POLICY, Guard
+from observer.page.history import Recorded, history, recordings
+from observer.page.login import Login
+from observer.page.reports import report_html, reports
+from observer.page.stream import Stream
+from observer.tables.gateway import host_and_port
+
+Acknowledge = Callable[[str, str], None]
+_MOST_BYTES = 4096
+_MOST_NAME = 200
+_POINTS = 600
+
+
+def application(start: Start, stream: Stream, login: Login | None, acknowledge: Acknowledge) -> ASGIApp:
+    """The page of an axis, for those whom `login` lets in; `acknowledge(id, by)` tells of a seen alarm."""
+    assert start.page is not None
+    pages = _Pages(start, stream, login, acknowledge)
+    app = Starlette(
+        routes=[
+            Route("/", pages.index),
+            Route("/assets/{name}", pages.asset),
+            Route("/events", pages.events),
+            Route("/recent.json", pages.recent),
+            Route("/recordings.json", pages.recordings),
+            Route("/history.json", pages.history),
+            Route("/reports.json", pages.reports),
+            Route("/reports/{name}/report.html", pages.report),
+            Route("/acknowledge", pages.acknowledge, methods=["POST"]),
+            Route("/login", pages.login, methods=["GET", "POST"]),
+            Route("/logout", pages.logout, methods=["POST"]),
+        ]
+    )
+    return Guard(
+        GZipMiddleware(app, minimum_size=1000, compresslevel=4), host_and_port(start.page.listen)[0], login
+    )
+
+
+class _Pages:
+    """What is answered."""
+
+    def __init__(self, start: Start, stream: Stream, login: Login | None, acknowledge: Acknowledge) -> None:
+        assert start.page is not None
+        self._start, self._page, self._stream = start, start.page, stream
+        self._login, self._acknowledge = login, acknowledge
+        folder = files("observer.page") / "assets"
+        self._assets = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
+
+    async def index(self, _: Request) -> Response:
+        """The page itself."""
+        return HTMLResponse(self._assets["index.html"])
+
+    async def asset(self, request: Request) -> Response:
+        """A file of the page."""
+        name = request.path_params["name"]
+        data = self._assets.get(name)
+        if data is None or name.endswith(".html"):
+            return PlainTextResponse("no such file\n", 404)
+        kind = mimetypes.guess_type(name)[0] or "text/plain"
+        return Response(data, media_type=kind, headers={"cache-control": "no-cache"})
+
+    async def events(self, _: Request) -> Response:
+        """What happens, as server-sent events."""
+        if self._stream.is_full:
+            return PlainTextResponse("too many are looking; close a page elsewhere\n", 503)
+        return StreamingResponse(self._stream.viewer(), media_type="text/event-stream")
+
+    async def recent(self, _: Request) -> Response:
+        """The last hour."""
+        return JSONResponse(self._stream.recent.document())
+
+    async def recordings(self, _: Request) -> Response:
+        """Which recordings there are."""
+        try:
+            found = await run_in_threadpool(self._recordings)
+        except LogError as error:
+            return JSONResponse({"reason": str(error), "files": []})
+        told = [{"name": r.path.name, "from_s": r.from_s, "to_s": r.to_s} for r in found]
+        off = (
+            None
+            if self._start.recordings is not None
+            else "nothing is recorded; name a folder in record.directory"
+        )
+        return JSONResponse({"reason": off, "files": told})
+
+    async def history(self, request: Request) -> Response:
+        """Readings of a span, decimated."""
+        query = request.query_params
+        try:
+            from_s, to_s = float(query["from"]), float(query["to"])
+            points = int(query.get("points", str(_POINTS)))
+            found = await run_in_threadpool(lambda: history(self._recordings(), from_s, to_s, points))
+        except KeyError as error:
+            return PlainTextResponse(f"{error} is missing; give from and to in seconds since 1970\n", 400)
+        except (ValueError, LogError) as error:
+            return PlainTextResponse(f"{error}\n", 400)
+        except ModuleNotFoundError as error:
+            install = 'pip install "ballscrew-observer[analysis]"'
+            return PlainTextResponse(
+                f"{error.name} is missing to read recordings; install it: {install}\n", 501
+            )
+        return JSONResponse(found)
+
+    def _recordings(self) -> list[Recorded]:
+        if (folder := self._start.recordings) is None:
+            return []
+        return recordings(folder, f"{self._start.machine}-{self._start.axis}")
+
+    async def reports(self, _: Request) -> Response:
+        """What discover has found."""
+        folder = self._page.reports
+        found = [] if folder is None else await run_in_threadpool(reports, folder, self._start.config_file)
+        return JSONResponse({"folder": None if folder is None else str(folder), "reports": found})
+
+    async def report(self, request: Request) -> Response:
+        """The report of one of its folders, which may do nothing."""
+        folder, name = self._page.reports, request.path_params["name"]
+        html = None if folder is None else await run_in_threadpool(report_html, folder, name)
+        if html is None:
+            return PlainTextResponse("no such report\n", 404)
+        return HTMLResponse(html, headers={"content-security-policy": REPORT_POLICY})
+
+    async def acknowledge(self, request: Request) -> Response:
+        """Tell the service that somebody has seen an alarm."""
+        alarm = (await _form(request)).get("id", "")
+        if not alarm or len(alarm) > _MOST_NAME or not alarm.isprintable():
+            return PlainTextResponse("which alarm? give its id\n", 400)
+        self._acknowledge(alarm, request.scope["user"])
+        return JSONResponse({"acknowledged": alarm})
+
+    async def login(self, request: Request) -> Response:
+        """Ask for a name and a password, and take them."""
+        if self._login is None:
+            return RedirectResponse("/", 303)
+        if request.method == "GET":
+            return self._ask("", 200)
+        address = request.client.host if request.client else ""
+        if self._login.is_throttled(address):
+            return self._ask("Too many wrong passwords; wait a minute.", 429)
+        form = await _form(request)
+        if not self._login.is_right(form.get("user", ""), form.get("password", ""), address):
+            return self._ask("That name and password do not go together.", 403)
+        return RedirectResponse("/", 303, {"set-cookie": self._login.cookie(form["user"])})
+
+    def _ask(self, message: str, status: int) -> Response:
+        page = self._assets["login.html"].replace(b"{message}", message.encode())
+        # without this a browser does not say where the form came from
+        return HTMLResponse(page, status, {"referrer-policy": "same-origin"})
+
+    async def logout(self, _: Request) -> Response:
+        """End the session of this browser."""
+        told = {} if self._login is None else {"set-cookie": self._login.no_cookie()}
+        return RedirectResponse("/login", 303, told)
+
+
+async def _form(request: Request) -> dict[str, str]:
+    """The fields of a short form; none where it is too long."""
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > _MOST_BYTES:
+            return {}
+    fields: dict[str, Any] = parse_qs(body.decode("utf-8", "replace"), max_num_fields=10)
+    return {name: values[0] for name, values in fields.items()}

@@ -1,0 +1,106 @@
+// What the service said last, the last hour, and which moment is looked at.
+import { known } from "./format.js";
+
+const HOUR_S = 3600;
+export const store = {
+  hello: null, documents: {}, rows: [], held: null, heard: 0, beat: 0, config: null, serverSaysStale: false,
+};
+const wanted = new Map();
+const dirty = new Set();
+let waiting = false;
+
+// draw(keys...) whenever one of the keys is new, at most as often as the browser paints
+export function onNews(keys, draw) {
+  for (const key of keys) wanted.set(key, [...(wanted.get(key) ?? []), draw]);
+}
+
+export function news(key) {
+  for (const draw of wanted.get(key) ?? []) dirty.add(draw);
+  if (waiting || document.hidden) return;
+  waiting = true;
+  requestAnimationFrame(() => {
+    waiting = false;
+    const now = [...dirty];
+    dirty.clear();
+    for (const draw of now) draw();
+  });
+}
+document.addEventListener("visibilitychange", () => news("view"));
+
+export function source(name) { return store.config?.source?.find((s) => s.name === name); }
+export function nutChannel() { return store.config?.source?.find((s) => s.position_channel)?.position_channel ?? null; }
+
+function live() {
+  const { field, heat, error, estimate, readings } = store.documents;
+  const heats = heat?.sources ?? {};
+  return {
+    time_s: estimate?.time_s ?? field?.time_s, quality: estimate?.quality,
+    temperature_degC: field?.temperature_degC ?? [], error_um: error?.error_um ?? [], sigma_um: error?.sigma_um ?? [],
+    heat_W: Object.fromEntries(Object.entries(heats).map(([name, h]) => [name, h.heat_W])),
+    sigma_W: Object.fromEntries(Object.entries(heats).map(([name, h]) => [name, h.sigma_W])),
+    law_W: Object.fromEntries((estimate?.sources ?? []).map((name, i) => [name, estimate.law_W?.[i]])),
+    channels: Object.fromEntries(Object.entries(readings?.channels ?? {}).map(([name, c]) => [name, c.value])),
+  };
+}
+
+// the moment that is looked at: held, or now
+export function view() { return store.held ?? live(); }
+
+export function hold(index) {
+  store.held = index === null || index >= store.rows.length ? null : store.rows[Math.max(0, index)];
+  news("view");
+}
+
+export function step(by) {
+  const at = store.held ? store.rows.indexOf(store.held) : store.rows.length;
+  hold(Math.min(store.rows.length, Math.max(0, at + by)));
+}
+
+function remember() {
+  const row = live();
+  const last = store.rows.at(-1);
+  if (!known(row.time_s) || !row.temperature_degC.length) return;
+  if (last && row.time_s < last.time_s) store.rows = [];
+  if (last && row.time_s - last.time_s < 2) return;
+  store.rows.push(row);
+  while (store.rows[0].time_s < row.time_s - HOUR_S) store.rows.shift();
+  news("rows");
+}
+
+export async function connect() {
+  try {
+    const answer = await fetch("/recent.json");
+    if (answer.status === 401) { location.assign("/login"); return; }
+    if (answer.ok) store.rows = (await answer.json()).rows;
+    news("rows");
+  } catch { /* the stream below tries on */ }
+  const events = new EventSource("/events");
+  for (const key of ["estimate", "heat", "readings", "field", "error", "learned", "health", "compensation", "config", "alarms", "forecast", "hello", "beat"]) {
+    events.addEventListener(key, (event) => take(key, JSON.parse(event.data)));
+  }
+  events.addEventListener("error", () => {
+    if (events.readyState !== EventSource.CLOSED) return;
+    setTimeout(connect, 1000);
+  });
+}
+
+function take(key, document_) {
+  store.beat = performance.now();
+  if (key === "hello") store.hello = document_;
+  else if (key === "beat") store.serverSaysStale = document_.stale;
+  else if (key === "config") store.config = document_.config;
+  // what is told again at a new connection is not news of the service
+  if (key === "estimate" && document_.sequence !== store.documents.estimate?.sequence) store.heard = performance.now();
+  store.documents[key] = document_;
+  if (key === "field") remember();
+  news(key);
+  if (!store.held && ["estimate", "field"].includes(key)) news("view");
+}
+
+// seconds of silence where that is too long, else null; two periods, and what a busy computer needs
+export function silence() {
+  if (!store.hello) return null;
+  const since_s = (performance.now() - store.heard) / 1000;
+  if (store.heard === 0) return null;
+  return store.serverSaysStale || since_s > 2 * store.hello.period_s + 0.4 ? since_s : null;
+}

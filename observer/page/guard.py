@@ -1,0 +1,102 @@
+"""What stands before every answer: the host that was asked for, where a request comes from, who asks."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from observer.page.login import COOKIE, Login
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "frame-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'self'; sandbox"
+)
+"""A report is a file that somebody may have got elsewhere: it may be looked at, and do nothing."""
+_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "permissions-policy": "camera=(), microphone=(), geolocation=()",
+}
+_OPEN = ("/login", "/assets/page.css", "/assets/favicon.svg")
+
+
+class Guard:
+    """Lets through what was asked of this host, by its own pages, by somebody who may look."""
+
+    def __init__(self, app: ASGIApp, host: str, login: Login | None) -> None:
+        """Take the host that is listened on, and who may look, None for everybody."""
+        self._app = app
+        self._hosts = {
+            host,
+            "localhost",
+            socket.gethostname().lower(),
+            f"{socket.gethostname().lower()}.local",
+        }
+        self._login = login
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer or refuse a request."""
+        if scope["type"] != "http":
+            return
+
+        async def sealed(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                headers.setdefault("content-security-policy", POLICY)
+                headers.setdefault("cache-control", "no-store")
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await (self._refusal(scope) or self._app)(scope, receive, sealed)
+
+    def _refusal(self, scope: Scope) -> ASGIApp | None:
+        headers, path = Headers(scope=scope), scope["path"]
+        asked = headers.get("host", "")
+        if not self._is_ours(asked):
+            return PlainTextResponse("this page is not served under that name; use the address\n", 421)
+        if scope["method"] not in {"GET", "HEAD"} and urlsplit(headers.get("origin", "")).netloc != asked:
+            return PlainTextResponse("only the page itself may ask for that\n", 403)
+        if self._login is None:
+            scope["user"] = "page"
+            return None
+        scope["user"] = user = self._login.user_of(_cookie(headers.get("cookie", "")))
+        if user is not None or path in _OPEN:
+            return None
+        if path == "/":
+            return RedirectResponse("/login", 303)
+        return PlainTextResponse("log in first\n", 401)
+
+    def _is_ours(self, asked: str) -> bool:
+        """Whether a Host header is an address or one of our names, so that no foreign name leads here."""
+        try:
+            host = urlsplit(f"//{asked}").hostname or ""
+        except ValueError:
+            return False
+        if host in self._hosts:
+            return True
+        try:
+            ipaddress.ip_address(host)
+        except ValueError:
+            return False
+        return True
+
+
+def _cookie(header: str) -> str | None:
+    try:
+        found = SimpleCookie(header).get(COOKIE)
+    except CookieError:
+        return None
+    return None if found is None else found.value

@@ -1,0 +1,64 @@
+"""Headless Chromium and a service with a page, for tests and for the pictures of the documentation."""
+
+from __future__ import annotations
+
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
+from tests.system.plant import Daemon, Subscriber, machine, table_for
+
+CHROMIUM = Path("/usr/bin/chromium")
+ARGS = (
+    "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update",
+    "--disable-sync", "--no-first-run", "--disable-quic",
+)  # fmt: skip
+SIZES = {"phone": (390, 844), "tablet": (820, 1180), "desktop": (1440, 900), "wall": (2560, 1440)}
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser of Debian's package, without a window."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(ARGS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def service(folder: Path, **page: Any) -> Iterator[tuple[str, Daemon, Subscriber]]:
+    """A daemon with a page on a simulated machine: the page's address, the daemon, and who hears Zenoh."""
+    endpoint, listen = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
+    with machine() as simulated:
+        table = table_for(simulated.wires, mode="router", listen=[endpoint])
+        table["estimator"]["period_s"] = 0.5
+        table["page"] = {"listen": listen, **page}
+        with Daemon(folder, table) as daemon, Subscriber(endpoint) as seen:
+            until(lambda: seen.estimates, 2 * PATIENCE_S)
+            until(lambda: answers(f"http://{listen}/assets/page.css"), PATIENCE_S)
+            yield f"http://{listen}/", daemon, seen
+
+
+def answers(url: str) -> bool:
+    """Whether something is served there."""
+    try:
+        with urllib.request.urlopen(url, timeout=2) as answer:
+            return bool(answer.status == 200)
+    except OSError:
+        return False
+
+
+def seconds_until(page: Any, script: str) -> float:
+    """How long until an expression in the page is true."""
+    start_s = time.monotonic()
+    page.wait_for_function(script, timeout=PATIENCE_S * 1000, polling=50)
+    return time.monotonic() - start_s

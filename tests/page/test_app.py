@@ -1,0 +1,175 @@
+"""What the page answers, and whom: without a browser, a service or a port."""
+
+from __future__ import annotations
+
+import json
+
+import httpx
+import numpy as np
+import pytest
+
+from observer.gateway.latest import Latest
+from observer.gateway.start import Start
+from observer.page.app import application
+from observer.page.guard import POLICY
+from observer.page.login import Login
+from observer.page.stream import Stream
+from observer.tables.gateway import Page
+
+HERE = "http://127.0.0.1:8080"
+
+
+@pytest.fixture
+def page(tmp_path):
+    """Make a client of a page with reports in a folder, for those whom `login` lets in."""
+
+    def made(login: Login | None = None, **more) -> tuple[httpx.AsyncClient, list[tuple[str, str]]]:
+        seen: list[tuple[str, str]] = []
+        start = Start(machine="lathe", axis="z", period_s=0.5, page=Page(reports=tmp_path), **more)
+        stream = Stream(Latest(0.5), "lathe", "z", 0.5)
+        app = application(start, stream, login, lambda alarm, by: seen.append((alarm, by)))
+        return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE), seen
+
+    return made
+
+
+async def test_everything_is_sealed(page):
+    client, _ = page()
+    for path in ("/", "/assets/main.js", "/recordings.json", "/none"):
+        answer = await client.get(path)
+        assert answer.headers["content-security-policy"] == POLICY
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["referrer-policy"] == "no-referrer"
+
+
+async def test_every_file_that_the_page_names_is_there(page):
+    client, _ = page()
+    text = (await client.get("/")).text
+    names = [part.split('"')[0] for part in text.split('"/assets/')[1:]]
+    assert len(names) > 10
+    for name in names:
+        assert (await client.get(f"/assets/{name}")).status_code == 200, name
+    assert (await client.get("/assets/uplot.LICENSE.txt")).text.startswith("The MIT License")
+    assert "style=" not in text
+    assert "<style" not in text
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [("127.0.0.1:8080", 200), ("localhost:9", 200), ("[::1]:80", 200), ("192.168.0.7", 200),
+     ("evil.example", 421), ("127.0.0.1.evil.example:8080", 421), ("", 421)],
+)  # fmt: skip
+async def test_a_foreign_name_does_not_lead_here(page, host, status):
+    client, _ = page()
+    assert (await client.get("/", headers={"host": host})).status_code == status
+
+
+async def test_an_alarm_is_acknowledged_by_the_page_itself_alone(page):
+    client, seen = page()
+    for origin in ({}, {"origin": "http://evil.example"}, {"origin": "null"}):
+        answer = await client.post("/acknowledge", data={"id": "sensor.t3"}, headers=origin)
+        assert answer.status_code == 403
+    assert seen == []
+    answer = await client.post("/acknowledge", data={"id": "sensor.t3"}, headers={"origin": HERE})
+    assert answer.status_code == 200
+    assert seen == [("sensor.t3", "page")]
+    for wrong in ("", "a" * 201, "a\nb"):
+        answer = await client.post("/acknowledge", data={"id": wrong}, headers={"origin": HERE})
+        assert answer.status_code == 400
+    assert len(seen) == 1
+
+
+async def test_who_has_to_log_in_sees_nothing_before(page):
+    client, seen = page(Login({"anna": "right"}, secure=False))
+    assert (await client.get("/")).headers["location"] == "/login"
+    for path in ("/events", "/recent.json", "/history.json?from=0&to=1", "/reports.json", "/assets/main.js"):
+        assert (await client.get(path)).status_code == 401, path
+    own = {"origin": HERE}
+    assert (await client.post("/acknowledge", data={"id": "a"}, headers=own)).status_code == 401
+    wrong = await client.post("/login", data={"user": "anna", "password": "x"}, headers=own)
+    assert wrong.status_code == 403
+    assert "do not go together" in wrong.text
+    right = await client.post("/login", data={"user": "anna", "password": "right"}, headers=own)
+    assert right.headers["location"] == "/"
+    assert (await client.get("/recent.json")).status_code == 200
+    await client.post("/acknowledge", data={"id": "a"}, headers=own)
+    assert seen == [("a", "anna")]
+    await client.post("/logout", headers=own)
+    assert (await client.get("/recent.json")).status_code == 401
+
+
+async def test_guessing_is_slowed_down(page):
+    client, _ = page(Login({"anna": "right"}, secure=False))
+    for _ in range(5):
+        await client.post("/login", data={"user": "anna", "password": "x"}, headers={"origin": HERE})
+    last = await client.post("/login", data={"user": "anna", "password": "right"}, headers={"origin": HERE})
+    assert last.status_code == 429
+
+
+async def test_reports_are_listed_with_what_they_change(page, tmp_path):
+    force = tmp_path / "force.toml"
+    force.write_text("[surface]\nconvection_W_m2K = 15.0\n", encoding="utf-8")
+    found = tmp_path / "monday"
+    found.mkdir()
+    (found / "result.json").write_text(
+        json.dumps({"verdict": "named", "effects": [{"kind": "radiation"}]}), encoding="utf-8"
+    )
+    (found / "config.toml").write_text("[surface]\nconvection_W_m2K = 18.0\n", encoding="utf-8")
+    (found / "report.html").write_text("<script>alert(1)</script>", encoding="utf-8")
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "result.json").write_text("{", encoding="utf-8")
+    client, _ = page(config_file=force)
+    told = {r["name"]: r for r in (await client.get("/reports.json")).json()["reports"]}
+    assert told["broken"]["verdict"] == "not readable"
+    assert told["monday"]["effects"] == ["radiation"]
+    assert "+convection_W_m2K = 18.0" in told["monday"]["diff"]
+    assert told["monday"]["command"] == f"observer adopt {found} --config {force}"
+    report = await client.get("/reports/monday/report.html")
+    assert "sandbox" in report.headers["content-security-policy"]
+    assert "script-src" not in report.headers["content-security-policy"]
+    for name in ("none", "..", "%2e%2e", "..%2fmonday"):
+        assert (await client.get(f"/reports/{name}/report.html")).status_code == 404
+
+
+async def test_no_recording_is_said_with_what_to_do(page, tmp_path):
+    client, _ = page()
+    assert "record.directory" in (await client.get("/recordings.json")).json()["reason"]
+    assert (await client.get("/history.json?from=1")).status_code == 400
+    assert (await client.get("/history.json?from=1&to=x")).status_code == 400
+
+
+async def test_a_viewer_who_is_behind_gets_the_newest_of_each_kind():
+    now = [0.0]
+    stream = Stream(Latest(0.5), "lathe", "z", 0.5, clock=lambda: now[0])
+    viewer = stream.viewer()
+    assert (await anext(viewer)).startswith(b"event: hello\n")
+    for k in range(1000):
+        now[0] += 0.5
+        stream.take("heat", json.dumps({"sequence": k}).encode())
+    assert await anext(viewer) == b'event: heat\ndata: {"sequence": 999}\n\n'
+    await viewer.aclose()
+
+
+def test_no_kind_is_told_more_than_ten_times_a_second():
+    now = [0.0]
+    stream = Stream(Latest(0.01), "lathe", "z", 0.01, clock=lambda: now[0])
+    told = []
+    stream._tell = lambda key, data: told.append(key)
+    for _ in range(1000):
+        now[0] += 0.01
+        stream.take("heat", b"{}")
+        stream.take("health", b"{}")
+    assert 90 <= told.count("heat") <= 112
+    assert told.count("health") == 1000
+
+
+def test_what_is_no_estimate_is_left_out_and_the_last_hour_is_kept():
+    stream = Stream(Latest(0.5), "lathe", "z", 0.5, clock=lambda: float(np.random.default_rng().uniform()))
+    stream.take("estimate", b"\xff")
+    for k in range(2000):
+        field = {"time_s": 2.0 * k, "quality": "good", "temperature_degC": [20.0, None]}
+        stream.recent.take("field", json.dumps(field).encode())
+    rows = stream.recent.document()["rows"]
+    assert len(rows) == 900
+    assert rows[-1]["time_s"] - rows[0]["time_s"] == 3596.0
+    assert rows[0]["temperature_degC"] == [20.0, None]

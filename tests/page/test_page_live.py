@@ -1,0 +1,153 @@
+"""The page in a real browser, of a real service: what it shows, what it asks for, and when it says STALE."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.page.browser import CHROMIUM, SIZES, chromium, seconds_until, service
+from tests.patience import until
+from tests.system.plant import children_of
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
+]
+
+PERIOD_S = 0.5
+SLACK_S = 1.5  # 0.4 s of the page's own, and a busy computer
+SHOWN = """() => ({
+  sequence: Number(document.getElementById('heats').dataset.sequence),
+  heats: Object.fromEntries([...document.querySelectorAll('[data-heat]')]
+    .map(e => [e.dataset.heat, e.textContent])),
+  readings: Number(document.getElementById('sensors').dataset.sequence),
+  estimate: Number(document.getElementById('sensors').dataset.estimate),
+  sensors: Object.fromEntries([...document.querySelectorAll('tr[data-sensor]')].map(e => [e.dataset.sensor,
+    ['reading', 'innovation', 'quality'].map(f => e.querySelector(`[data-field=${f}]`).textContent)])),
+})"""
+
+
+def _as_shown(value: float, digits: int) -> float:
+    """A number as the page rounds it; halves may go either way."""
+    return pytest.approx(value, abs=0.5 * 10**-digits + 1e-6)
+
+
+def _number(text: str) -> float:
+    return float(text.split(maxsplit=1)[0].replace("\N{MINUS SIGN}", "-"))
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """A service, and a page of it that has been open for a while."""
+    with service(tmp_path_factory.mktemp("page")) as (url, daemon, seen), chromium() as browser:
+        page = browser.new_page(viewport=dict(zip(("width", "height"), SIZES["desktop"], strict=True)))
+        problems, requests = [], []
+        page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(url)
+        page.wait_for_selector("tr[data-sensor]")
+        yield {"url": url, "daemon": daemon, "seen": seen, "page": page, "browser": browser,
+               "problems": problems, "requests": requests}  # fmt: skip
+
+
+def test_it_shows_the_numbers_that_zenoh_carries(served):
+    page, seen = served["page"], served["seen"]
+    page.wait_for_function("() => Number(document.getElementById('heats').dataset.sequence) > 2")
+    shown = page.evaluate(SHOWN)
+
+    def of(key: str, sequence: int):
+        return next((d for d in seen.documents.get(key, []) if d["sequence"] == sequence), None)
+
+    heat = until(lambda: of("heat", shown["sequence"]))
+    assert shown["heats"].keys() == heat["sources"].keys()
+    for name, text in shown["heats"].items():
+        value, _, sigma, unit = text.replace("\N{MINUS SIGN}", "-").split()
+        assert float(value) == _as_shown(heat["sources"][name]["heat_W"], 1)
+        assert float(sigma) == _as_shown(heat["sources"][name]["sigma_W"], 1)
+        assert unit == "W"
+    readings = until(lambda: of("readings", shown["readings"]))
+    estimate = until(lambda: next((e for e in seen.estimates if e["sequence"] == shown["estimate"]), None))
+    assert list(shown["sensors"]) == estimate["sensors"]
+    for i, (name, (reading, innovation, quality)) in enumerate(shown["sensors"].items()):
+        assert _number(reading) == _as_shown(readings["channels"][f"{name}_degC"]["value"], 2)
+        assert _number(innovation) == _as_shown(float(estimate["innovation_K"][i]), 3)
+        assert quality == estimate["sensor_quality"][i]
+
+
+def test_it_asks_nobody_else_and_complains_of_nothing(served):
+    served["page"].wait_for_timeout(500)
+    assert served["requests"]
+    assert [r for r in served["requests"] if not r.startswith((served["url"], "data:"))] == []
+    assert served["problems"] == []
+
+
+@pytest.mark.parametrize("who", ["service", "gateway"])
+def test_it_says_stale_when_one_is_frozen_and_comes_back(served, who):
+    page, pid = served["page"], served["daemon"].process.pid
+    if who == "gateway":
+        (pid,) = [child for child in children_of(pid) if "gateway" in _command(child)]
+    until(lambda: page.evaluate("() => document.getElementById('stale').hidden"))
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        took_s = seconds_until(page, "() => !document.getElementById('stale').hidden")
+        assert page.evaluate("() => document.body.dataset.state") == "stale"
+        assert "STALE" in page.inner_text("#stale")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert took_s <= 2 * PERIOD_S + SLACK_S
+    seconds_until(page, "() => document.getElementById('stale').hidden")
+    # the service itself may say so for a moment: what it reads has become old meanwhile
+    seconds_until(page, "() => document.body.dataset.state !== 'stale'")
+
+
+def test_it_goes_by_the_keyboard_alone(served):
+    page = served["page"]
+    page.wait_for_function("() => Number(document.getElementById('moment').max) > 1")
+    page.keyboard.press("4")
+    assert page.evaluate("() => document.activeElement.id") == "p4"
+    page.keyboard.press("Space")
+    page.wait_for_selector("#pause[aria-pressed=true]")
+    held = page.inner_text("#moment-said")
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_function(f"() => document.getElementById('moment-said').textContent !== '{held}'")
+    page.keyboard.press("Space")
+    page.wait_for_selector("#pause[aria-pressed=false]")
+    before = page.evaluate("() => document.documentElement.dataset.theme ?? ''")
+    page.keyboard.press("t")
+    assert page.evaluate("() => document.documentElement.dataset.theme") != before
+    page.keyboard.press("?")
+    assert page.is_visible("#help")
+    page.keyboard.press("Escape")
+    assert not page.is_visible("#help")
+
+
+def test_the_recording_is_looked_back_on_and_laid_over_itself(served):
+    page = served["page"]
+    page.keyboard.press("8")
+    page.wait_for_selector("#c-past [data-unit=degC] canvas")
+    assert page.locator("#c-past [data-unit]").count() >= 3
+    page.select_option("#over", "3600")
+    page.wait_for_selector("#c-past[data-over='3600']")
+    start = page.get_attribute("#c-past", "data-from")
+    page.focus("#p8")
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_function(f"() => document.getElementById('c-past').dataset.from !== '{start}'")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_nothing_stands_out_to_the_side(served, size):
+    page = served["browser"].new_page(viewport=dict(zip(("width", "height"), SIZES[size], strict=True)))
+    try:
+        page.goto(served["url"])
+        page.wait_for_selector("tr[data-sensor]")
+        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+    finally:
+        page.close()
+
+
+def _command(pid: int) -> str:
+    return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8")

@@ -1,0 +1,75 @@
+"""What viewers cost: the CPU of the gateway's process with none and with five, and the first paint.
+
+`python -m tests.page.viewers` prints a row for each; it takes about a minute and a half on a quiet computer.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import threading
+import time
+import urllib.request
+from pathlib import Path
+
+from tests.page.browser import SIZES, chromium, service
+from tests.patience import until
+from tests.system.plant import children_of
+
+MEASURED_S = 20.0
+VIEWERS = 5
+PAINTS = 5
+
+
+def main() -> None:
+    """Measure and print."""
+    with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as (url, daemon, _):
+        (pid,) = [child for child in children_of(daemon.process.pid) if _is_gateway(child)]
+        print(f"no viewer: {_share(pid):.1%} of a core")
+        read = [0]
+        for _ in range(VIEWERS):
+            threading.Thread(target=_look, args=(f"{url}events", read), daemon=True).start()
+        until(lambda: read[0] > 0)
+        before = read[0]
+        share = _share(pid)
+        rate_kB_s = (read[0] - before) / MEASURED_S / 1000
+        print(f"{VIEWERS} viewers: {share:.1%} of a core, {rate_kB_s:.0f} kB/s in all")
+        with chromium() as browser:
+            paints_ms = [_first_paint_ms(browser, url) for _ in range(PAINTS)]
+        print(f"first paint: {min(paints_ms):.0f} to {max(paints_ms):.0f} ms in {PAINTS} new windows")
+
+
+def _is_gateway(pid: int) -> bool:
+    return "observer.gateway" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8")
+
+
+def _share(pid: int) -> float:
+    """The part of a core that a process uses."""
+    start_s, used_s = time.monotonic(), _used_s(pid)
+    threading.Event().wait(MEASURED_S)
+    return (_used_s(pid) - used_s) / (time.monotonic() - start_s)
+
+
+def _used_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _look(url: str, read: list[int]) -> None:
+    with urllib.request.urlopen(url) as events:
+        for line in events:
+            read[0] += len(line)
+
+
+def _first_paint_ms(browser, url: str) -> float:
+    context = browser.new_context(viewport=dict(zip(("width", "height"), SIZES["desktop"], strict=True)))
+    page = context.new_page()
+    page.goto(url)
+    page.wait_for_selector("tr[data-sensor]")
+    paint = page.evaluate("() => performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    context.close()
+    return float(paint)
+
+
+if __name__ == "__main__":
+    main()
