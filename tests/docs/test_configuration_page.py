@@ -16,7 +16,17 @@ from drivers import can, canopen, devices, modbus, places, player
 from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.tables import gateway, keeping, laws, mounting, nodes, publishing, quantities, sections, tolerance
+from observer.tables import (
+    gateway,
+    keeping,
+    laws,
+    mounting,
+    nodes,
+    publishing,
+    quantities,
+    sections,
+    tolerance,
+)
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
