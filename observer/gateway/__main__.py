@@ -26,9 +26,6 @@ _RETRY_S = 1.0
 log = structlog.get_logger()
 _MODULES = {
     "page": ("observer.page.outlet", "page"),
-    "metrics": ("observer.gateway.metrics", "plant"),
-    "mqtt": ("observer.gateway.mqtt", "plant"),
-    "opcua": ("observer.gateway.opcua", "plant"),
 }
 Say = Callable[[dict[str, Any]], None]
 

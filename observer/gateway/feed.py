@@ -17,7 +17,7 @@ from typing import Any
 
 import structlog
 
-from observer.exchange import Command
+from observer.exchange import Command, Outcome, plain_name
 from observer.gateway.framing import framed
 from observer.gateway.pending import Pending
 from observer.gateway.start import Start
@@ -25,7 +25,7 @@ from observer.gateway.start import Start
 _RETRY_S = 1.0
 _ANSWERS = ("config", "health", "compensation", "alarms", "forecast", "learned")
 """What a process that begins later is told at once, beside what comes by itself with the next step."""
-START_KEY, REPLY_KEY = "start", "reply"
+_START = "start"
 
 log = structlog.get_logger()
 
@@ -106,7 +106,7 @@ class Feed:
     def _serve(self, child: subprocess.Popen[bytes]) -> None:
         """Write what comes until closing; raises `OSError` once the process has ended."""
         assert child.stdin is not None
-        _write(child, START_KEY, self._start.model_dump_json().encode())
+        _write(child, _START, self._start.model_dump_json().encode())
         for key, payload in list(self._known.items()):
             _write(child, key, payload)
         while not self._closing.is_set() and child.poll() is None:
@@ -125,7 +125,10 @@ class Feed:
                 log.warning("the gateway said something strange", line=line[:200], reason=str(error))
 
     def _take(self, said: dict[str, Any]) -> None:
-        if "outlet" in said:
+        if "acknowledge" in said:
+            by, alarm = plain_name(f"{said['by']}@page"), said["acknowledge"]
+            self._commands.append(Command("acknowledge", by, time.monotonic(), _answered, None, alarm))
+        elif "outlet" in said:
             self._reasons.pop("gateway", None)
             name, reason = said["outlet"], said["reason"]
             if reason is None:
@@ -133,6 +136,10 @@ class Feed:
                 log.info("outlet", name=name, address=said.get("address"))
             else:
                 self._reasons[name] = reason
+
+
+def _answered(outcome: Outcome) -> None:
+    """Nothing: what came of it shows in the next message of alarms."""
 
 
 def _write(child: subprocess.Popen[bytes], key: str, payload: bytes) -> None:

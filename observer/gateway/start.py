@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 from observer.installation import Installation
-from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
+from observer.tables.gateway import Page
 
 
 class Start(BaseModel):
@@ -22,9 +22,6 @@ class Start(BaseModel):
     axis: str
     period_s: float
     page: Page | None = None
-    metrics: Metrics | None = None
-    mqtt: Mqtt | None = None
-    opcua: Opcua | None = None
     config_file: Path | None = None
     recordings: Path | None = None
 
@@ -49,4 +46,4 @@ class Start(BaseModel):
         return f"ballscrew/{self.machine}/{self.axis}"
 
 
-OUTLETS = ("page", "metrics", "mqtt", "opcua")
+OUTLETS = ("page",)

@@ -1,6 +1,4 @@
-"""The configuration of what people and plants look through: the page, metrics, MQTT and OPC UA, each off
-until its table is there.
-"""
+"""The configuration of the page that people look at, off until its table is there."""
 
 from __future__ import annotations
 
@@ -10,10 +8,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.quantities import File, Name, Section
+from observer.tables.quantities import File, Section
 
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
-_OPCUA = "opc.tcp://"
 _MOST_PORT = 65_535
 
 
@@ -39,16 +36,7 @@ def _checked(address: str) -> str:
     return address
 
 
-def _checked_opcua(url: str) -> str:
-    if not url.startswith(_OPCUA):
-        raise ValueError(f"{url[:60]!r} is no address of OPC UA; write it like {_OPCUA}127.0.0.1:4840")
-    host_and_port(url.removeprefix(_OPCUA))
-    return url
-
-
 Address = Annotated[str, Field(max_length=300), AfterValidator(_checked)]
-OpcuaAddress = Annotated[str, Field(max_length=300), AfterValidator(_checked_opcua)]
-Topic = Annotated[str, Field(pattern=r"^[^#+\s/][^#+\s]*$", max_length=200)]
 
 
 class Page(Section):
@@ -65,44 +53,6 @@ class Page(Section):
         if (self.certificate is None) != (self.key is None):
             raise ValueError("certificate and key go together; give both or neither")
         if not is_loopback(self.listen) and self.users_file is None:
-            raise ValueError(
-                f"others reach {self.listen}, so they have to log in; name a file of user:password lines in "
-                "users_file, or listen on 127.0.0.1"
-            )
-        return self
-
-
-class Metrics(Section):
-    """Figures for Prometheus."""
-
-    listen: Address = "127.0.0.1:9187"
-
-
-class Mqtt(Section):
-    """A broker of MQTT; its topics are the Zenoh keys, below `prefix` if there is one."""
-
-    broker: Address = "127.0.0.1:1883"
-    prefix: Topic | None = None
-    user: Name | None = None
-    password_file: File | None = None
-    ca: File | None = None
-
-    @model_validator(mode="after")
-    def _belong_together(self) -> Mqtt:
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together; give both or neither")
-        return self
-
-
-class Opcua(Section):
-    """A server of OPC UA."""
-
-    listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"
-    users_file: File | None = None
-
-    @model_validator(mode="after")
-    def _others_log_in(self) -> Opcua:
-        if not is_loopback(self.listen.removeprefix(_OPCUA)) and self.users_file is None:
             raise ValueError(
                 f"others reach {self.listen}, so they have to log in; name a file of user:password lines in "
                 "users_file, or listen on 127.0.0.1"
