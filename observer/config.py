@@ -97,7 +97,7 @@ class ChannelLimits(Section):
 
 _BESIDE_THE_MODEL = {
     "machine", "calibrate", "discover", "compensation", "forecast", "drivers", "publish", "record",
-    "checkpoint", "page", "alarms",
+    "checkpoint", "page", "metrics", "mqtt", "opcua", "alarms",
 }  # fmt: skip
 
 

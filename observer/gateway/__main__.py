@@ -18,6 +18,7 @@ import structlog
 from observer.errors import UserError
 from observer.gateway.framing import messages
 from observer.gateway.latest import Latest
+from observer.gateway.say import Say
 from observer.gateway.start import OUTLETS, Start
 from observer.service.messages import configure
 from observer.service.shutdown import leave
@@ -26,8 +27,10 @@ _RETRY_S = 1.0
 log = structlog.get_logger()
 _MODULES = {
     "page": ("observer.page.outlet", "page"),
+    "metrics": ("observer.gateway.metrics", "plant"),
+    "mqtt": ("observer.gateway.mqtt", "plant"),
+    "opcua": ("observer.gateway.opcua", "plant"),
 }
-Say = Callable[[dict[str, Any]], None]
 
 
 def main() -> None:

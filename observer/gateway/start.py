@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 from observer.installation import Installation
-from observer.tables.gateway import Page
+from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 
 
 class Start(BaseModel):
@@ -22,6 +22,9 @@ class Start(BaseModel):
     axis: str
     period_s: float
     page: Page | None = None
+    metrics: Metrics | None = None
+    mqtt: Mqtt | None = None
+    opcua: Opcua | None = None
     config_file: Path | None = None
     recordings: Path | None = None
 
@@ -46,4 +49,4 @@ class Start(BaseModel):
         return f"ballscrew/{self.machine}/{self.axis}"
 
 
-OUTLETS = ("page",)
+OUTLETS = ("page", "metrics", "mqtt", "opcua")

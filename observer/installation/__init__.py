@@ -17,7 +17,7 @@ from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.installation.problems import as_message, problems_of
 from observer.tables.alarms import AlarmSettings
-from observer.tables.gateway import Page
+from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 from observer.tables.keeping import Checkpoint, Record
 from observer.tables.publishing import Client, Publish
 from observer.tables.quantities import Name
@@ -34,6 +34,9 @@ class Installation(Config):
     checkpoint: Checkpoint = Checkpoint()
     alarms: AlarmSettings = AlarmSettings()
     page: Page | None = None
+    metrics: Metrics | None = None
+    mqtt: Mqtt | None = None
+    opcua: Opcua | None = None
 
     def contradictions(self) -> list[str]:
         """What does not fit together, a sentence each."""

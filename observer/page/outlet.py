@@ -9,13 +9,13 @@ import json
 import socket
 import ssl
 import sys
-from collections.abc import Awaitable, Callable, Iterator
-from typing import Any
+from collections.abc import Awaitable, Iterator
 
 import uvicorn
 
 from observer.errors import ConfigError
 from observer.gateway.latest import Latest
+from observer.gateway.say import Say
 from observer.gateway.start import Start
 from observer.page.app import application
 from observer.page.login import Login, read_users
@@ -24,7 +24,6 @@ from observer.tables.gateway import host_and_port
 
 _END_S = 0.8
 _MOST_CONNECTIONS = 200
-Say = Callable[[dict[str, Any]], None]
 
 
 class _Server(uvicorn.Server):

@@ -31,7 +31,9 @@ _QUALITY_CBOR = [cbor2.dumps(label) for label in _QUALITY]
 _SENSOR_QUALITY_CBOR = [cbor2.dumps(quality.label) for quality in Quality]
 _SEQUENCE = cbor2.dumps("sequence")
 _FLOAT64, _FLOAT64_MARK = struct.Struct(">Bd"), 0xFB
-_WHO_MAY: Any = {"publish": {"tls", "login", "access"}, "page": True}
+_WHO_MAY: Any = {
+    "publish": {"tls", "login", "access"}, "page": True, "metrics": True, "mqtt": True, "opcua": True
+}  # fmt: skip
 _JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
 _ARRAYS = (
     "heat_W", "heat_sigma_W", "law_W", "field_degC", "field_sigma_K", "error_um", "error_sigma_um",

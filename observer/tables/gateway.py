@@ -1,4 +1,6 @@
-"""The configuration of the page that people look at, off until its table is there."""
+"""The configuration of what people and plants look through: the page, metrics, MQTT and OPC UA, each off
+until its table is there.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,10 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.quantities import File, Section
+from observer.tables.quantities import File, Name, Section
 
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
+_OPCUA = "opc.tcp://"
 _MOST_PORT = 65_535
 
 
@@ -36,7 +39,23 @@ def _checked(address: str) -> str:
     return address
 
 
+def _checked_opcua(url: str) -> str:
+    address = url.removeprefix(_OPCUA)
+    if address == url:
+        raise ValueError(f"{url[:60]!r} is no address of OPC UA; write it like {_OPCUA}127.0.0.1:4840")
+    if not is_loopback(address):
+        raise ValueError(
+            f"{url[:60]} is within reach of others, and this server asks nobody for a name; listen on "
+            "127.0.0.1, and let a gateway of the plant, or MQTT or Zenoh with certificates, carry it on"
+        )
+    return url
+
+
 Address = Annotated[str, Field(max_length=300), AfterValidator(_checked)]
+
+
+OpcuaAddress = Annotated[str, Field(max_length=300), AfterValidator(_checked_opcua)]
+Topic = Annotated[str, Field(pattern=r"^[^#+\s/][^#+\s]*$", max_length=200)]
 
 
 class Page(Section):
@@ -58,3 +77,31 @@ class Page(Section):
                 "users_file, or listen on 127.0.0.1"
             )
         return self
+
+
+class Metrics(Section):
+    """Figures for Prometheus: where they can be scraped."""
+
+    listen: Address = "127.0.0.1:9187"
+
+
+class Mqtt(Section):
+    """A broker of MQTT; its topics are the Zenoh keys, below `prefix` if there is one."""
+
+    broker: Address = "127.0.0.1:1883"
+    prefix: Topic | None = None
+    user: Name | None = None
+    password_file: File | None = None
+    ca: File | None = None
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Mqtt:
+        if (self.user is None) != (self.password_file is None):
+            raise ValueError("user and password_file go together; give both or neither")
+        return self
+
+
+class Opcua(Section):
+    """A server of OPC UA, for programs on this computer."""
+
+    listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"

@@ -1,0 +1,132 @@
+"""Every message to a broker of MQTT, under topics that are the Zenoh keys.
+
+State is retained, so that who comes late knows it; `alive` is `false` as the last will, and `quality` tells
+in one word what the estimates are worth, `stale` once the service is silent. While no broker answers, nothing
+waits: when one does, it gets the newest of everything.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from pathlib import Path
+from typing import Any
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.reasoncodes import ReasonCode
+
+from observer.errors import ConfigError
+from observer.gateway.latest import Latest
+from observer.gateway.say import Say
+from observer.gateway.start import Start
+from observer.tables.gateway import Mqtt, host_and_port
+
+RETAINED = ("health", "config", "alarms", "learned", "forecast", "compensation")
+_LOOK_S = 0.1
+_RETRY_S = 1
+_KEEPALIVE_S = 10
+_END_S = 0.5
+_AT_LEAST_ONCE = 1
+
+
+async def serve(start: Start, latest: Latest, say: Say) -> None:
+    """Publish until cancelled; raises `ConfigError` where a file of password or authority cannot be used."""
+    assert start.mqtt is not None
+    outlet = _Broker(start.mqtt, start.prefix, latest, say)
+    looking = asyncio.create_task(outlet.look())
+    try:
+        async for key, payload in latest.messages():
+            outlet.put(key, payload)
+    finally:
+        looking.cancel()
+        outlet.close()
+
+
+class _Broker:
+    """The connection to a broker, which a thread of the library keeps up."""
+
+    def __init__(self, settings: Mqtt, prefix: str, latest: Latest, say: Say) -> None:
+        self._settings, self._latest, self._say = settings, latest, say
+        self._topic = f"{settings.prefix}/{prefix}" if settings.prefix else prefix
+        self._quality: str | None = None
+        self._let_in = False
+        self._loop = asyncio.get_running_loop()
+        self._client = client = Client(CallbackAPIVersion.VERSION2)
+        client.will_set(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
+        client.reconnect_delay_set(_RETRY_S, _RETRY_S)
+        client.on_connect, client.on_disconnect = self._connected, self._disconnected
+        client.on_connect_fail = lambda *_: self._tell(self._nobody())
+        if settings.user is not None and settings.password_file is not None:
+            client.username_pw_set(settings.user, _word_in(settings.password_file))
+        if settings.ca is not None:
+            try:
+                client.tls_set(str(settings.ca))
+            except (OSError, ssl.SSLError) as error:
+                raise ConfigError(
+                    f"{settings.ca}: cannot be used ({error}); name a PEM file in mqtt.ca"
+                ) from None
+        client.connect_async(*host_and_port(settings.broker), keepalive=_KEEPALIVE_S)
+        client.loop_start()
+        self._say({"reason": self._nobody()})
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Hand a message on; without a broker it is left out."""
+        if self._client.is_connected():
+            retained = key in RETAINED
+            self._client.publish(
+                f"{self._topic}/{key}", payload, _AT_LEAST_ONCE if retained else 0, retain=retained
+            )
+
+    async def look(self) -> None:
+        """Tell of the quality when it changes, for ever."""
+        while True:
+            quality = "stale" if self._latest.is_stale else self._latest.document("heat").get("quality")
+            if quality != self._quality and quality is not None and self._client.is_connected():
+                self._quality = quality
+                self._client.publish(f"{self._topic}/quality", quality, _AT_LEAST_ONCE, retain=True)
+            await asyncio.sleep(_LOOK_S)
+
+    def close(self) -> None:
+        """Say that nothing more comes, and leave."""
+        if self._client.is_connected():
+            last = self._client.publish(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
+            last.wait_for_publish(_END_S)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def _connected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _more: Any) -> None:
+        """On the library's thread: begin anew with all that is known, or say why the broker refuses."""
+        if code.is_failure:
+            broker = self._settings.broker
+            self._tell(f"the broker at {broker} refuses: {code}; look at mqtt.user and its password")
+            return
+        self._let_in = True
+        self._loop.call_soon_threadsafe(self._begin)
+
+    def _begin(self) -> None:
+        self._quality = None
+        self._client.publish(f"{self._topic}/alive", "true", _AT_LEAST_ONCE, retain=True)
+        for key in RETAINED:
+            if (payload := self._latest.payload(key)) is not None:
+                self.put(key, payload)
+        self._say({"reason": None, "address": self._settings.broker})
+
+    def _disconnected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _more: Any) -> None:
+        if code.is_failure and self._let_in:  # else it has said why not
+            self._tell(self._nobody())
+        self._let_in = False
+
+    def _nobody(self) -> str:
+        return f"no broker answers at {self._settings.broker}; start it, or change mqtt.broker"
+
+    def _tell(self, reason: str) -> None:
+        self._loop.call_soon_threadsafe(self._say, {"reason": f"mqtt: {reason}"})
+
+
+def _word_in(file: Path) -> str:
+    """The password in a file, its first line."""
+    try:
+        return file.read_text(encoding="utf-8").splitlines()[0]
+    except (OSError, IndexError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file}: no password can be read ({error}); mend mqtt.password_file") from None

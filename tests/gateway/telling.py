@@ -1,0 +1,85 @@
+"""A gateway's process that is told what a service would tell it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from observer.frames import EstimateBlock, Layout
+from observer.gateway.framing import framed
+from observer.gateway.start import Start
+from observer.publish.codec import EstimateEncoder
+from tests.patience import PATIENCE_S
+
+LAYOUT = Layout(("nut", "left"), np.array([0.0, 0.5, 1.0]), ("t1", "t2"), True)
+QUALITIES = ("good", "starting", "degraded", "stale", "invalid")
+ENCODER = EstimateEncoder(LAYOUT, "ab12")
+HEALTH: dict[str, Any] = {
+    "state": "degraded", "reasons": ["channel t2_degC is missing"], "cycles": 70, "overruns": 2,
+    "published": 400, "publish_drops": 3, "recorded": 80, "record_drops": 0,
+    "channels": {"t1_degC": {"quality": "good", "age_s": 0.25, "fault": None}},
+    "drivers": {"axis": {"connected": True, "samples": 9, "drops": 0, "errors": 4, "reconnects": 1}},
+}  # fmt: skip
+ALARM = {
+    "id": "sensor_fault.t2.open_circuit", "kind": "sensor_fault", "target": "t2", "severity": "major",
+    "state": "unacknowledged", "since_s": 5.0, "reason": "open", "remedy": "look", "evidence": None,
+}  # fmt: skip
+
+
+def block(time_s: float, quality: str = "good") -> EstimateBlock:
+    """One estimate, whose numbers can be told apart."""
+    row = np.array
+    return EstimateBlock(
+        time_s=row([time_s]), heat_W=row([[26.5, 3.25]]), heat_sigma_W=row([[0.5, 0.25]]),
+        field_degC=row([[21.0, 25.5, 22.0]]), field_sigma_K=row([[0.1, 0.2, 0.3]]),
+        error_um=row([[0.0, 8.0, 12.0]]), error_sigma_um=row([[0.0, 1.0, 2.0]]),
+        innovation_K=row([[0.125, np.nan]]), sensor_quality=row([[0, 1]], np.int8),
+        quality=row([QUALITIES.index(quality)], np.int8), innovation_sigma_K=row([[0.05, 0.05]]),
+        law_W=row([[25.0, 3.0]]),
+    )  # fmt: skip
+
+
+class Teller:
+    """Tells a gateway's process of estimates and documents, and hears what it says."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        self.process = process
+
+    def tell(self, key: str, payload: bytes) -> None:
+        self.process.stdin.write(framed(key, payload))
+        self.process.stdin.flush()
+
+    def document(self, key: str, document: dict[str, Any]) -> None:
+        self.tell(key, json.dumps(document).encode())
+
+    def estimate(self, quality: str = "good", sequence: int = 7, time_s: float | None = None) -> float:
+        time_s = time.time() if time_s is None else time_s
+        self.tell("estimate", ENCODER.cbor(block(time_s, quality), 0, sequence))
+        self.tell("heat", ENCODER.heat(block(time_s, quality), 0, sequence))
+        return time_s
+
+    def said(self) -> dict[str, Any]:
+        """The next line it says."""
+        return json.loads(self.process.stdout.readline())
+
+
+@contextmanager
+def told_gateway(period_s: float = 60.0, **outlets: Any) -> Iterator[Teller]:
+    """Start the process with some outlets; it ends by itself when its input closes."""
+    start = Start(machine="lathe", axis="z", period_s=period_s, **outlets)
+    command = [sys.executable, "-m", "observer.gateway"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        teller = Teller(process)
+        try:
+            teller.tell("start", start.model_dump_json().encode())
+            yield teller
+        finally:
+            process.stdin.close()
+            assert process.wait(PATIENCE_S) in (0, -9)

@@ -1,0 +1,135 @@
+"""MQTT with a real broker: state for those who come late, the last will, a broker that goes and returns."""
+
+from __future__ import annotations
+
+import json
+import queue
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
+from observer.tables.gateway import Mqtt
+from tests.gateway.telling import HEALTH, told_gateway
+from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
+
+MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs Debian's package mosquitto"),
+]
+TOPIC = "ballscrew/lathe/z"
+
+
+@contextmanager
+def broker(folder: Path, port: int, *more: str) -> Iterator[None]:
+    """A broker on loopback."""
+    file = folder / "mosquitto.conf"
+    file.write_text(
+        "\n".join([f"listener {port} 127.0.0.1", "user root", *(more or ["allow_anonymous true"]), ""])
+    )
+    process = subprocess.Popen(
+        [MOSQUITTO, "-c", str(file)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(PATIENCE_S)
+
+
+class Listener:
+    """Keeps the newest message of every topic."""
+
+    def __init__(self, port: int) -> None:
+        self.newest: dict[str, bytes] = {}
+        self.retained: set[str] = set()
+        self.order: queue.Queue[tuple[str, bytes]] = queue.Queue()
+        self._client = Client(CallbackAPIVersion.VERSION2)
+        self._client.on_connect = lambda client, *_: client.subscribe("ballscrew/#", 1)
+        self._client.on_message = self._take
+        self._client.reconnect_delay_set(1, 1)
+        self._client.connect_async("127.0.0.1", port)
+        self._client.loop_start()
+
+    def _take(self, _client, _data, message) -> None:
+        topic = message.topic.removeprefix(f"{TOPIC}/")
+        self.newest[topic] = message.payload
+        self.order.put((topic, message.payload))
+        if message.retain:
+            self.retained.add(topic)
+
+    def __enter__(self) -> Listener:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+def test_messages_come_as_they_are_and_state_is_retained(tmp_path):
+    port = free_port()
+    with broker(tmp_path, port), told_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as teller:
+        until(lambda: teller.said()["reason"] is None)
+        health = HEALTH | {"time_s": 1.0}
+        teller.document("health", health)
+        with Listener(port) as early:
+            until(lambda: "alive" in early.newest)
+            teller.estimate()
+            until(lambda: {"estimate", "heat", "health", "quality"} <= early.newest.keys())
+            assert json.loads(early.newest["heat"])["sources"]["nut"]["heat_W"] == 26.5
+            assert early.newest["quality"] == b"good"
+        with Listener(port) as late:
+            until(lambda: {"health", "alive", "quality"} <= late.newest.keys())
+            assert json.loads(late.newest["health"]) == health
+            assert late.newest["alive"] == b"true"
+            assert "heat" not in late.newest
+            assert late.retained == {"health", "alive", "quality"}
+
+
+@pytest.mark.parametrize("how", ["killed", "ended"])
+def test_a_gateway_that_is_gone_is_not_alive(tmp_path, how):
+    port = free_port()
+    with broker(tmp_path, port), Listener(port) as seen:
+        with told_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as teller:
+            until(lambda: seen.newest.get("alive") == b"true")
+            if how == "killed":
+                teller.process.kill()
+        until(lambda: seen.newest["alive"] == b"false")
+
+
+def test_a_silent_service_is_told_to_be_stale(tmp_path):
+    port = free_port()
+    silent = told_gateway(period_s=0.5, mqtt=Mqtt(broker=f"127.0.0.1:{port}"))
+    with broker(tmp_path, port), Listener(port) as seen, silent as teller:
+        until(lambda: seen.newest.get("alive") == b"true")
+        teller.estimate()
+        until(lambda: seen.newest.get("quality") == b"stale")
+
+
+def test_a_broker_that_is_gone_is_told_and_met_again(tmp_path):
+    port = free_port()
+    with told_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as teller:
+        teller.document("health", HEALTH | {"time_s": 1.0})
+        assert "no broker answers" in teller.said()["reason"]
+        for _ in range(2):
+            with broker(tmp_path, port), Listener(port) as seen:
+                until(lambda: seen.newest.get("alive") == b"true" and "health" in seen.newest)
+            until(lambda: "no broker answers" in (teller.said()["reason"] or ""))
+
+
+def test_a_password_that_is_wrong_is_told(tmp_path):
+    port, word = free_port(), tmp_path / "word"
+    word.write_text("wrong\n")
+    users = tmp_path / "users"
+    users.touch(mode=0o700)
+    settings = Mqtt(broker=f"127.0.0.1:{port}", user="anna", password_file=word)
+    strict = broker(tmp_path, port, "allow_anonymous false", f"password_file {users}")
+    with strict, told_gateway(mqtt=settings) as teller:
+        until(lambda: "refuses" in (teller.said()["reason"] or ""))

@@ -1,0 +1,84 @@
+"""The OPC UA server, asked by a real client over the wire."""
+
+from __future__ import annotations
+
+from datetime import UTC
+
+import pytest
+from asyncua import Client, ua
+
+from observer.gateway.opcua import NAMESPACE
+from observer.tables.gateway import Opcua
+from tests.gateway.telling import ALARM, HEALTH, told_gateway
+from tests.patience import until
+from tests.publish.router import free_port
+
+pytestmark = pytest.mark.system
+
+
+async def _read(client: Client, *path: str):
+    index = await client.get_namespace_index(NAMESPACE)
+    try:
+        node = await client.nodes.objects.get_child([f"{index}:{part}" for part in ("lathe", "z", *path)])
+        return await node.read_data_value(raise_on_bad_status=False)
+    except ua.UaError:
+        return None
+
+
+async def _until_read(client: Client, *path: str, status: int):
+    found = []
+
+    async def is_there() -> bool:
+        value = await _read(client, *path)
+        found[:] = [value]
+        return value is not None and value.StatusCode.value == status
+
+    for _ in range(2000):
+        if await is_there():
+            return found[0]
+    raise AssertionError(f"{path} is {found}")
+
+
+@pytest.mark.parametrize(
+    ("quality", "status"),
+    [
+        ("good", ua.StatusCodes.Good),
+        ("degraded", ua.StatusCodes.UncertainSubNormal),
+        ("invalid", ua.StatusCodes.BadNoData),
+    ],
+)
+async def test_estimates_have_their_quality_as_status(quality, status):
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
+    with told_gateway(opcua=Opcua(listen=url)) as teller:
+        until(lambda: teller.said()["reason"] is None)
+        time_s = teller.estimate(quality)
+        teller.document("health", HEALTH | {"time_s": 1.0})
+        teller.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
+        async with Client(url) as client:
+            heat = await _until_read(client, "Heat", "nut", "Heat_W", status=status)
+            if quality != "invalid":
+                assert heat.Value.Value == 26.5
+            assert heat.SourceTimestamp.replace(tzinfo=UTC).timestamp() == pytest.approx(time_s, abs=1e-3)
+            state = await _until_read(client, "Health", "State", status=ua.StatusCodes.Good)
+            assert state.Value.Value == "degraded"
+            raised = await _until_read(client, "Alarms", "Raised", status=ua.StatusCodes.Good)
+            assert raised.Value.Value == ["major sensor_fault.t2.open_circuit (unacknowledged): open"]
+            if quality == "good":
+                curve = await _read(client, "Field", "Temperature_degC")
+                assert curve.Value.Value == [21.0, 25.5, 22.0]
+                await _until_read(client, "Sensors", "t2", "Innovation_K", status=ua.StatusCodes.BadNoData)
+
+
+async def test_a_silent_service_is_told_and_nothing_can_be_written():
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
+    with told_gateway(period_s=0.5, opcua=Opcua(listen=url)) as teller:
+        until(lambda: teller.said()["reason"] is None)
+        teller.estimate()
+        async with Client(url) as client:
+            last = ua.StatusCodes.UncertainLastUsableValue
+            await _until_read(client, "Heat", "nut", "Heat_W", status=last)
+            index = await client.get_namespace_index(NAMESPACE)
+            path = [f"{index}:{part}" for part in ("lathe", "z", "Heat", "nut", "Heat_W")]
+            node = await client.nodes.objects.get_child(path)
+            with pytest.raises(ua.UaError):
+                await node.write_value(5.0)
