@@ -227,4 +227,4 @@ def test_the_page_tells_the_rough_campaign_as_its_table_does() -> None:
     page = (root / "docs/discovery.md").read_text(encoding="utf-8")
     rows = command.latest(root / "docs/campaign/rough.csv")
     assert with_tables(page, rough_summary(rows), command.ROUGH_MARKS) == page
-    assert f"so far {len(rows)} of the {len(rough_campaign())} have been run" in page
+    assert len(rows) == len(rough_campaign())
