@@ -23,7 +23,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign config-mutants mutants figures container-check lock dist sbom clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign forecast-campaign fleet-scaling config-mutants mutants figures container-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -82,6 +82,15 @@ discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; A
 
 rods-campaign: $(READY)  ## search heated rods for what is hidden in them, or go on
 	$(BIN)/python -m tests.rods.trial
+
+alarms-campaign: $(READY)  ## how often alarms of heats are false on simulated months, and how early wear is told
+	$(BIN)/python -m tests.alarms.trial $(ARGS)
+
+forecast-campaign: $(READY)  ## do temperatures and error of the next hour lie within their bands? Or go on
+	$(BIN)/python -m tests.forecast.trial
+
+fleet-scaling: $(READY)  ## logs a second by one worker and by two, in pairs; ARGS="--logs 400 --pairs 3"
+	$(BIN)/python -m tests.fleet.scaling $(ARGS)
 
 config-mutants: $(READY)  ## 2000 wrong configurations, each to be answered in words; ARGS="--count 600 --seed 2"
 	$(BIN)/python -m tests.hostile --count 2000 $(ARGS)
