@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from observer.tables.publishing import Client
 
 app = typer.Typer(
-    help="A ball screw's temperature field, heat inputs and thermal error, live and from logs.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -35,6 +34,24 @@ OutputOption = Annotated[
     Path, typer.Option("--output", "-o", help="Folder for the results; made if missing.")
 ]
 SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself after this many seconds.")]
+
+
+def _version(asked: bool) -> None:
+    """Say which version this is, and end."""
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"ballscrew-observer {version('ballscrew-observer')}")
+        raise typer.Exit
+
+
+@app.callback()
+def about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    """A ball screw's temperature field, heat inputs and thermal error, live and from logs."""
 
 
 def _endpoint(option: typer.CallbackParam, text: str) -> str:
