@@ -32,7 +32,7 @@ KINDS: dict[str, Kind] = {
         "major", 0.0, 60.0, True,
         "the value no longer changes: look whether the sensor has come loose and whether the module hangs",
     ),
-    "sensor_drift": Kind(
+    "sensor_disagrees": Kind(
         "minor", 600.0, 600.0, True,
         "compare the sensor with another thermometer while the machine is cold; put its offset_K into the "
         "configuration, or replace it",

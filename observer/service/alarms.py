@@ -243,7 +243,7 @@ def _of_findings(findings: Sequence[Finding], sensors: set[str]) -> Iterator[Con
         evidence = {key: value if math.isfinite(value) else None for key, value in figures.items()}
         if finding.fault in _DRIFTING and finding.subject in sensors:
             name = finding.fault.name.lower()
-            yield Condition("sensor_drift", finding.subject, sentence(finding), name, evidence)
+            yield Condition("sensor_disagrees", finding.subject, sentence(finding), name, evidence)
         elif finding.fault in (Fault.OFF_LAW, Fault.ALL_OFF_LAW):
             yield Condition("heat_off_law", finding.subject or "all", sentence(finding), evidence=evidence)
 

@@ -9,7 +9,7 @@ from pydantic import Field
 from observer.tables.quantities import Flag, Number, Section
 
 AlarmKind = Literal[
-    "sensor_fault", "sensor_stuck", "sensor_drift", "heat_high", "heat_low", "heat_off_law",
+    "sensor_fault", "sensor_stuck", "sensor_disagrees", "heat_high", "heat_low", "heat_off_law",
     "model_inconsistent", "wire", "disk", "clock", "estimate",
 ]  # fmt: skip
 
