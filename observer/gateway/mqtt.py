@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import ssl
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ class _Broker:
         client.will_set(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
         client.reconnect_delay_set(_RETRY_S, _RETRY_S)
         client.on_connect, client.on_disconnect = self._connected, self._disconnected
-        client.on_connect_fail = lambda *_: self._tell(self._nobody())
+        client.on_connect_fail = lambda *_: self._tell(self._why_not(sys.exception()))
         if settings.user is not None and settings.password_file is not None:
             client.username_pw_set(settings.user, _word_in(settings.password_file))
         if settings.ca is not None:
@@ -68,7 +69,7 @@ class _Broker:
                 ) from None
         client.connect_async(*host_and_port(settings.broker), keepalive=_KEEPALIVE_S)
         client.loop_start()
-        self._say({"reason": self._nobody()})
+        self._say({"reason": f"mqtt: {self._nobody()}"})
 
     def put(self, key: str, payload: bytes) -> None:
         """Hand a message on; without a broker it is left out."""
@@ -119,6 +120,13 @@ class _Broker:
 
     def _nobody(self) -> str:
         return f"no broker answers at {self._settings.broker}; start it, or change mqtt.broker"
+
+    def _why_not(self, error: BaseException | None) -> str:
+        """Why no connection came about, of the error that the library calls back under."""
+        if isinstance(error, ssl.SSLError):
+            why = getattr(error, "verify_message", None) or error.reason
+            return f"the broker at {self._settings.broker} is not trusted ({why}); look at mqtt.ca"
+        return self._nobody()
 
     def _tell(self, reason: str) -> None:
         self._loop.call_soon_threadsafe(self._say, {"reason": f"mqtt: {reason}"})

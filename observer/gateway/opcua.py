@@ -56,6 +56,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     server.set_endpoint(start.opcua.listen)
     server.set_server_name("Ballscrew Observer")
     server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+    server.allow_remote_admin(False)  # else whoever says "admin", without a password, may write
     index = await server.register_namespace(NAMESPACE)
     machine = await server.nodes.objects.add_object(index, start.machine)
     axis = await machine.add_object(index, start.axis)

@@ -17,6 +17,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from observer.tables.gateway import Mqtt
 from tests.gateway.telling import HEALTH, told_gateway
 from tests.patience import PATIENCE_S, until
+from tests.publish.people import Authority
 from tests.publish.router import free_port
 
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
@@ -133,3 +134,16 @@ def test_a_password_that_is_wrong_is_told(tmp_path):
     strict = broker(tmp_path, port, "allow_anonymous false", f"password_file {users}")
     with strict, told_gateway(mqtt=settings) as teller:
         until(lambda: "refuses" in (teller.said()["reason"] or ""))
+
+
+@pytest.mark.parametrize("signed_by", ["plant", "another"])
+def test_a_certificate_is_trusted_or_told_not_to_be(tmp_path, signed_by):
+    port, ours, another = free_port(), Authority(tmp_path), Authority(tmp_path, "another")
+    told = {"plant": ours, "another": another}[signed_by].sign("broker")
+    more = ("allow_anonymous true", f"certfile {told['certificate']}", f"keyfile {told['key']}")
+    settings = Mqtt(broker=f"127.0.0.1:{port}", ca=ours.ca)
+    with broker(tmp_path, port, *more), told_gateway(mqtt=settings) as teller:
+        if signed_by == "plant":
+            until(lambda: teller.said()["reason"] is None)
+        else:
+            until(lambda: "is not trusted" in teller.said()["reason"])

@@ -69,7 +69,7 @@ async def test_estimates_have_their_quality_as_status(quality, status):
                 await _until_read(client, "Sensors", "t2", "Innovation_K", status=ua.StatusCodes.BadNoData)
 
 
-async def test_a_silent_service_is_told_and_nothing_can_be_written():
+async def test_a_silent_service_is_told():
     url = f"opc.tcp://127.0.0.1:{free_port()}"
     with told_gateway(period_s=0.5, opcua=Opcua(listen=url)) as teller:
         until(lambda: teller.said()["reason"] is None)
@@ -77,8 +77,24 @@ async def test_a_silent_service_is_told_and_nothing_can_be_written():
         async with Client(url) as client:
             last = ua.StatusCodes.UncertainLastUsableValue
             await _until_read(client, "Heat", "nut", "Heat_W", status=last)
+
+
+@pytest.mark.parametrize("user", [None, "admin", "Admin"])
+async def test_nobody_can_write_whatever_the_name(user):
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
+    with told_gateway(opcua=Opcua(listen=url)) as teller:
+        until(lambda: teller.said()["reason"] is None)
+        teller.estimate()
+        client = Client(url)
+        if user is not None:
+            client.set_user(user)
+        async with client:
+            await _until_read(client, "Heat", "nut", "Heat_W", status=ua.StatusCodes.Good)
             index = await client.get_namespace_index(NAMESPACE)
             path = [f"{index}:{part}" for part in ("lathe", "z", "Heat", "nut", "Heat_W")]
             node = await client.nodes.objects.get_child(path)
             with pytest.raises(ua.UaError):
                 await node.write_value(5.0)
+            with pytest.raises(ua.UaError):
+                await client.nodes.objects.add_object(index, "another")
+            assert await node.read_value() == 26.5

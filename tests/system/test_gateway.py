@@ -1,0 +1,107 @@
+"""The gateway beside a real daemon: the very bytes of Zenoh, killed, frozen, and gone with the daemon."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import urllib.request
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from observer.publish.session import session_config
+from tests.gateway.test_mqtt import MOSQUITTO, Listener, broker
+from tests.patience import until
+from tests.publish.router import free_port
+from tests.system.plant import PREFIX, Daemon, Subscriber, children_of, machine, table_for
+
+pytestmark = pytest.mark.system
+_KEYS = {"estimate", "heat", "field", "readings", "health"}
+STOP_S = 2.0  # what a stop may take
+
+
+def _gateways(pid: int) -> list[int]:
+    return [child for child in children_of(pid) if b"observer.gateway" in _command(child)]
+
+
+def _command(pid: int) -> bytes:
+    """How a process was called; nothing once it has ended."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def _cycles(listen: str) -> float | None:
+    """The count of steps in a scrape, None where nobody answers or nothing has been told yet."""
+    try:
+        with urllib.request.urlopen(f"http://{listen}/metrics", timeout=10.0) as reply:
+            text = reply.read().decode()
+    except OSError:
+        return None
+    found = [line for line in text.splitlines() if line.startswith("ballscrew_cycles_total")]
+    return float(found[0].rsplit(" ", 1)[1]) if found else None
+
+
+def test_a_gateway_that_is_killed_is_told_anew_and_a_frozen_one_holds_up_nothing(tmp_path):
+    endpoint, listen = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
+    with machine() as devices:
+        table = table_for(devices.wires, listen=[endpoint]) | {"metrics": {"listen": listen}}
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            until(lambda: _cycles(listen))
+            (first,) = _gateways(daemon.process.pid)
+            os.kill(first, signal.SIGKILL)
+            (second,) = until(lambda: [pid for pid in _gateways(daemon.process.pid) if pid != first])
+            until(lambda: _cycles(listen))
+            told = [reason for document in seen.documents["health"] for reason in document["reasons"]]
+            assert any("gateway" in reason for reason in told)
+            until(lambda: seen.health()["state"] == "good")
+
+            os.kill(second, signal.SIGSTOP)
+            before = len(seen.estimates)
+            until(lambda: len(seen.estimates) > before + 60)  # more than the pipe's 64 KiB hold
+            os.kill(second, signal.SIGCONT)
+            until(lambda: (_cycles(listen) or 0.0) >= seen.health()["cycles"])
+
+            os.kill(second, signal.SIGSTOP)
+            assert daemon.stop() <= STOP_S
+            until(lambda: not _command(second))
+            daemon.assert_no_tick_is_missing()
+
+
+@pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs Debian's package mosquitto")
+def test_messages_are_zenohs_to_the_byte_and_it_ends_with_a_daemon_that_is_killed(tmp_path):
+    endpoint, port = f"tcp/127.0.0.1:{free_port()}", free_port()
+    zenohs: dict[str, list[bytes]] = {}
+    mqtts: dict[str, set[bytes]] = {}
+
+    def take(sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr).removeprefix(f"{PREFIX}/")
+        zenohs.setdefault(key, []).append(sample.payload.to_bytes())
+
+    with machine() as devices, broker(tmp_path, port), Listener(port) as plant:
+        table = table_for(devices.wires, listen=[endpoint]) | {"mqtt": {"broker": f"127.0.0.1:{port}"}}
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            with zenoh.open(session_config("client", (endpoint,), ())) as session:
+                session.declare_subscriber(f"{PREFIX}/**", take)
+                until(lambda: zenohs.keys() >= _KEYS)
+                until(lambda: len(zenohs["estimate"]) > 20)
+            told = {key: set(zenohs[key]) for key in _KEYS}
+
+            def came() -> bool:
+                while not plant.order.empty():
+                    topic, payload = plant.order.get()
+                    mqtts.setdefault(topic.removeprefix(f"{PREFIX}/"), set()).add(payload)
+                # whoever is behind gets the newest only, so some may have been passed by
+                return all(len(told[key] & mqtts.get(key, set())) >= len(told[key]) / 2 for key in _KEYS)
+
+            until(came)
+            assert json.loads(next(iter(mqtts["config"])))["config"]["machine"]["name"] == "demo"
+            (gateway,) = _gateways(daemon.process.pid)
+            daemon.process.kill()
+            until(lambda: not _command(gateway))
+            until(lambda: plant.newest.get(f"{PREFIX}/alive") == b"false")
