@@ -17,6 +17,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from observer.config import Config
+from observer.errors import LogError
 from observer.files.logs import Log
 from observer.frames import FloatArray, FrameBlock, Reading
 from observer.service.plausibility import Breach, Limits, doubts_of_log
@@ -236,8 +237,26 @@ def faults_of(flags: str | None) -> dict[str, str]:
 
 
 def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
-    """Say which channels of a log are not what the configuration takes them for, with the likely unit.
+    """Say which channels of a log are not what the configuration takes them for, with the likely unit, and in
+    which words were read as missing values.
 
     `blocks` are the log's frames.
     """
-    return list(doubts_of_log(config, log.values, log.channels, [block.path for block in blocks]))
+    words = [each.text for each in log.words if each.column in config.channels]
+    return [*words, *doubts_of_log(config, log.values, log.channels, [block.path for block in blocks])]
+
+
+def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
+    """Raise `LogError` where a channel has no value in any row: the wrong column, or one never written.
+
+    Those of `sensors` are looked at only where asked; in a recording one may have been away all the time.
+    """
+    spare = set() if sensors else {sensor.channel for sensor in config.sensor}
+    for name in config.channels:
+        if name in spare or name not in log.channels:
+            continue
+        if not np.isfinite(log.values[:, log.channels.index(name)]).any():
+            raise LogError(
+                f'{log.path}: column "{name}" never has a value; fill it, or name another channel in the '
+                "configuration or none"
+            )

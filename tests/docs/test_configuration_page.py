@@ -39,6 +39,7 @@ CONFIGURATION = {
     "`[output]`": config.Output,
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
+    "`[log]`": config.Logs,
     "`[limits]`": config.ChannelLimits,
     "`[publish]`": publishing.Publish,
     "`[publish.tls]`": publishing.Tls,
