@@ -251,12 +251,22 @@ def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
 
     Those of `sensors` are looked at only where asked; in a recording one may have been away all the time.
     """
-    spare = set() if sensors else {sensor.channel for sensor in config.sensor}
-    for name in config.channels:
-        if name in spare or name not in log.channels:
-            continue
-        if not np.isfinite(log.values[:, log.channels.index(name)]).any():
-            raise LogError(
-                f'{log.path}: column "{name}" never has a value; fill it, or name another channel in the '
-                "configuration or none"
-            )
+    of_sensors = {sensor.channel for sensor in config.sensor}
+    empty = [
+        name
+        for name in config.channels
+        if (sensors or name not in of_sensors)
+        and name in log.channels
+        and not np.isfinite(log.values[:, log.channels.index(name)]).any()
+    ]
+    if not empty:
+        return
+    names = ", ".join(f'"{name}"' for name in empty)
+    if of_sensors <= set(empty):
+        raise LogError(f"{log.path}: no sensor has a value in any row ({names}); check the sensors' channels")
+    columns, it = (
+        (f"column {names} never has", "it") if len(empty) == 1 else (f"columns {names} never have", "them")
+    )
+    raise LogError(
+        f"{log.path}: {columns} a value; fill {it}, or leave {it} out of the log and the configuration"
+    )
