@@ -20,7 +20,7 @@ from observer.files.results import results_in, write_json
 from observer.frames import EstimateBlock, FloatArray, FrameBlock
 from observer.history.options import MethodOptions
 from observer.installation import Installation, load
-from observer.service.align import AlignPlan, doubts, frames_of_log
+from observer.service.align import AlignPlan, doubts, frames_of_log, refuse_empty
 from observer.service.machine import Machine
 from observer.service.open_loop import open_loop_rms_K, predicted, read_program, simulated_columns
 
@@ -99,8 +99,17 @@ def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
     from observer.service.can_log import is_can_recording, read_can_log
 
     if is_can_recording(path):
-        return read_can_log(path, config)
-    return read_log(path, config.channels, **accept)
+        log = read_can_log(path, config)
+        refuse_empty(log, config, sensors=False)
+        return log
+    return _channels_of(path, config, **accept)
+
+
+def _channels_of(path: Path, config: Installation, **accept: bool) -> Log:
+    """A log of channels, each of which has a value somewhere."""
+    log = read_log(path, config.channels, rows_apart_s=config.log.rows_apart_s, **accept)
+    refuse_empty(log, config, sensors=log.step is None)
+    return log
 
 
 def forecast(
@@ -213,12 +222,18 @@ def identify(
 
 
 def simulate(
-    program: Path, config: Installation, output: Path, start_degC: float | None, progress: Progress
+    program: Path,
+    config: Installation,
+    output: Path,
+    start_degC: float | None,
+    progress: Progress,
+    warn: Callable[[list[str]], None] = lambda _sentences: None,
 ) -> FloatArray:
     """Predict a run from the heat laws alone and write it as a log, with `overview.png` beside it.
 
     The program is a log of the input channels; where it also holds the sensors' channels, their first values
-    give the initial field. Returns the last predicted sensor temperatures in °C.
+    give the initial field. `warn` is told what is doubtful about it. Returns the last predicted sensor
+    temperatures in °C.
     """
     from observer.files.writer import write_log
     from observer.report.collect import Decimator, simulated
@@ -227,6 +242,8 @@ def simulate(
     suffix_of(output)
     machine = Machine.of(config)
     log = read_program(program, config)
+    refuse_empty(log, config, sensors=False)
+    warn([words.text for words in log.words])
     samples = Decimator()
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     done = 0
@@ -324,7 +341,7 @@ def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = Fa
     odd: list[str] = []
     misread: dict[Misread, None] = {}
     for path in log_paths:
-        log = read_log(path, config.channels)
+        log = _channels_of(path, config)
         frames = list(frames_of_log(log, plan))
         odd += [f"{path.name}: {sentence}" for sentence in doubts(log, frames, config)]
         log, found = read_rightly(log, config) if rightly else (log, ())

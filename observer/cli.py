@@ -313,11 +313,12 @@ def simulate(
     from observer.installation import load
     from observer.report.progress import counting
 
-    settings = load(config)
+    settings, doubts = load(config), list[str]()
     with counting("simulate") as progress:
-        last = parts.simulate(program, settings, output, start_degC, progress)
+        last = parts.simulate(program, settings, output, start_degC, progress, doubts.extend)
     ends = ", ".join(f"{s.name} {t:.2f} °C" for s, t in zip(settings.sensor, last, strict=True))
     typer.echo(f"at the end: {ends}")
+    _warn(doubts)
     typer.echo(f"written: {output}, {output.parent / 'overview.png'}")
 
 

@@ -75,6 +75,16 @@ class Output(Section):
     reference_degC: quantities.Air | None = None
 
 
+class Logs(Section):
+    """How to read logs that others wrote.
+
+    `rows_apart_s`: rows further apart than that, most of them, are those of a log in milliseconds. Recorders
+    beside machines write a row a minute, some one in five.
+    """
+
+    rows_apart_s: quantities.Positive = 600.0
+
+
 class ChannelLimits(Section):
     """Limits of one channel, in its own unit; what is not given has a default by the kind of channel.
 
@@ -97,7 +107,7 @@ class ChannelLimits(Section):
 
 _BESIDE_THE_MODEL = {
     "machine", "calibrate", "discover", "compensation", "forecast", "drivers", "publish", "record",
-    "checkpoint", "page", "metrics", "mqtt", "opcua", "alarms",
+    "checkpoint", "page", "metrics", "mqtt", "opcua", "alarms", "log",
 }  # fmt: skip
 
 
@@ -114,6 +124,7 @@ class Config(Description):
     output: Output = Output()
     compensation: Compensation = Compensation()
     forecast: ForecastSettings = ForecastSettings()
+    log: Logs = Logs()
     limits: dict[quantities.Channel, ChannelLimits] = Field(default_factory=dict, max_length=256)
 
     @model_validator(mode="after")
@@ -162,8 +173,8 @@ class Config(Description):
 
     @property
     def digest(self) -> str:
-        """A hash of the configuration in force, the same for the same meaning."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+        """A hash of the configuration in force, the same for the same meaning, however logs are read."""
+        return hashlib.sha256(self.model_dump_json(exclude={"log"}).encode()).hexdigest()[:16]
 
 
 def _beyond_the_screw(config: Config) -> Iterator[str]:

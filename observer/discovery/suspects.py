@@ -28,10 +28,14 @@ LEAST = 30.0
 """The least fall of the deviance over all logs, less what parameters have to earn, that tells a suspect."""
 LEAST_FOLLOWING = 100.0
 """The same of a sensor that follows a heat: beside a source one dimension alone is a little wrong."""
-BEYOND = {"ambient": 3.0, "offsets": 12.0, "heat differs between logs": 3.0}
-"""The same beside what the configuration tolerates of the air, of offsets, and of heats from log to log."""
+BEYOND = {"ambient": 3.0, "offsets": 12.0}
+"""The same beside what the configuration tolerates of the air and of offsets."""
 SPARED = 12.0
 """The same where the tolerances explain the logs without it: one of them at three and a half of its sigma."""
+BEYOND_PER_LOG = 3.0
+"""By how much each log's scale of heats, beside what is tolerated of it, has to bring the deviance down: 1.7
+standard deviations. Of more logs no more is asked for each.
+"""
 SHARE = 0.9
 """The least part of what noise does not explain that has to go with it."""
 WITHIN = 0.01
@@ -87,9 +91,12 @@ def alike(weighed: Weighed) -> bool:
 
 def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
     """Whether a hypothesis earns enough beside what the configuration tolerates of its kind."""
-    tolerated = config.tolerance != intolerant(config, weighed.hypothesis.what).tolerance
-    least = LEAST_FOLLOWING if weighed.hypothesis.what == "sensor follows the heater" else LEAST
-    return score(weighed) >= (BEYOND[weighed.hypothesis.what] if tolerated else least)
+    what = weighed.hypothesis.what
+    if config.tolerance == intolerant(config, what).tolerance:
+        return score(weighed) >= (LEAST_FOLLOWING if what == "sensor follows the heater" else LEAST)
+    if what == "heat differs between logs":
+        return weighed.drop >= BEYOND_PER_LOG * weighed.hypothesis.parameters
+    return score(weighed) >= BEYOND[what]
 
 
 def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial], library: Sequence[Candidate] = ()) -> bool:

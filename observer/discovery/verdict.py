@@ -32,7 +32,7 @@ class Verdict:
     `fit` is what may be written back, or what remains to be explained; `sets` the sets of effects that
     explain the logs equally well, the best first, and `fits` their fits; `remains` where an error is left
     that nothing explains; `lacking` what the logs do not hold, a clause for each; `suspected` what is wrong
-    with the logs, a sentence for each without its full stop, where nothing is claimed because of it.
+    with the logs, a sentence for each without its full stop, where nothing is claimed because of it, or was.
     """
 
     kind: Kind
@@ -47,7 +47,8 @@ class Verdict:
     def reason(self) -> str:
         """Why, in a sentence without its full stop."""
         if self.suspected:
-            return f"the logs themselves are in doubt: {'; '.join(self.suspected)}"
+            nothing = "no effect is missing that shows, but " if self.kind == "none" else ""
+            return f"{nothing}the logs themselves are in doubt: {'; '.join(self.suspected)}"
         names = [" and ".join(c.name for c in each) for each in self.sets]
         return {
             "named": f"missing: {''.join(names[:1])}",
@@ -76,9 +77,13 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
 
 
 def under_suspicion(verdict: Verdict, suspected: Sequence[str]) -> Verdict:
-    """Take back what a verdict claims where the logs explain it; what claims nothing stays."""
-    if not suspected or verdict.kind in ("none", "not_identifiable"):
+    """Take back what a verdict claims where the logs explain it: an effect, or of *none* that the model
+    explains them.
+    """
+    if not suspected or verdict.kind == "not_identifiable":
         return verdict
+    if verdict.kind == "none":
+        return replace(verdict, suspected=tuple(suspected))
     return replace(verdict, kind="unknown", sets=(), fits=(), suspected=tuple(suspected))
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import math
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ import numpy as np
 from observer.errors import LogError, UserError
 from observer.files.checksums import damaged, rows_of, without
 from observer.files.regular import one_line, refuse_irregular
+from observer.files.spacing import refuse_other_units
+from observer.files.words import MISSING_WORDS, Words, infinite_in, words_in
 from observer.frames import BoolArray, FloatArray
 
 TIME = "time_s"
@@ -27,7 +30,7 @@ STEP = "step"
 FLAGS = "flags"
 LATE = "late_s"
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
-EMPTY_CELLS = ("", "NaN", "nan", "NA", "N/A", "null", "NULL")
+EMPTY_CELLS = ("", *MISSING_WORDS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +40,7 @@ class Log:
     `time_s` (n,) strictly increasing; `values` (n, c) in the order of `channels`, NaN where a cell is empty.
     `step` (n,) and `flags` (n,) are there in the service's own recordings only: which rows are ticks, and
     the faults of each row as text; in newer ones also `late_s` (n,), how long before its row a reading was
-    true, NaN for not at all.
+    true, NaN for not at all. `words`: the cells that were read as missing because of what they say.
     """
 
     path: Path
@@ -47,6 +50,7 @@ class Log:
     step: BoolArray | None = None
     flags: tuple[str | None, ...] | None = None
     late_s: FloatArray | None = None
+    words: tuple[Words, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -58,20 +62,24 @@ def read_log(
     *,
     accept_truncated: bool = False,
     accept_damaged: bool = False,
+    rows_apart_s: float = math.inf,
 ) -> Log:
     """Read a log, only the columns in `needed` if any are named.
 
     `accept_truncated` drops a last row that was cut off instead of refusing the log, `accept_damaged` the
-    rows of a recording that do not have the checksum they were recorded with. Raises `LogError` with
-    one sentence that names the file, the row or column, and the remedy.
+    rows of a recording that do not have the checksum they were recorded with. Rows further apart than
+    `rows_apart_s`, most of them, are not taken for seconds. Raises `LogError` with one sentence that names
+    the file, the row or column, and the remedy.
     """
     path = Path(path)
     try:
         suffix = suffix_of(path)
         refuse_irregular(path, "a readable log")
         if suffix == ".parquet":
-            return _read_parquet(path, needed)
-        return _read_csv(path, needed, accept_truncated, accept_damaged)
+            log = _read_parquet(path, needed)
+        else:
+            log = _read_csv(path, needed, accept_truncated, accept_damaged)
+        refuse_other_units(path, TIME, log.time_s, rows_apart_s)
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; give the path of a log") from None
     except OSError as error:
@@ -81,6 +89,7 @@ def read_log(
         raise
     except UserError as error:
         raise LogError(str(error)) from None
+    return log
 
 
 def suffix_of(path: Path) -> str:
@@ -113,7 +122,8 @@ def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool, accept_
         )
     except pa.ArrowInvalid as error:
         raise LogError(_first_problem(path, data, header, wanted, error)) from None
-    return _checked(path, table, lambda row: _place(data, row))
+    log = _checked(path, table, lambda row: _place(data, row))
+    return replace(log, words=words_in(data, numbered, _columns(log)))
 
 
 def _bytes_of(path: Path) -> tuple[bytes, bool]:
@@ -282,7 +292,12 @@ def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
             raise LogError(
                 f'{path}: column "{name}" holds {kind}, not numbers; write it as float64'
             ) from None
-    return _checked(path, table, lambda row: f"row {row + 1}")
+    log = _checked(path, table, lambda row: f"row {row + 1}")
+    return replace(log, words=infinite_in(_columns(log)))
+
+
+def _columns(log: Log) -> dict[str, FloatArray]:
+    return {name: log.values[:, i] for i, name in enumerate(log.channels)}
 
 
 def _checked(path: Path, table: Any, place: Callable[[int], str]) -> Log:

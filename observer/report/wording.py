@@ -67,7 +67,9 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
     if verdict.kind == "named":
         return f"The model lacks {joined([lack_of(e['kind'], e['target']) for e in result['effects']])}"
     if verdict.kind == "none":
-        return "The calibrated model explains the logs; no effect is missing that shows"
+        missing = "no effect is missing that shows"
+        doubted = f"The logs themselves are in doubt; {missing}"
+        return doubted if verdict.suspected else f"The calibrated model explains the logs; {missing}"
     if verdict.kind == "ambiguous":
         answers = [joined([lack_of(c.kind, c.target) for c in each]) for each in verdict.sets]
         every, family = joined(answers, last="; or ", between="; "), result["family"]

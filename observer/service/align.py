@@ -17,6 +17,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from observer.config import Config
+from observer.errors import LogError
 from observer.files.logs import Log
 from observer.frames import FloatArray, FrameBlock, Reading
 from observer.service.plausibility import Breach, Limits, doubts_of_log
@@ -236,8 +237,36 @@ def faults_of(flags: str | None) -> dict[str, str]:
 
 
 def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
-    """Say which channels of a log are not what the configuration takes them for, with the likely unit.
+    """Say which channels of a log are not what the configuration takes them for, with the likely unit, and in
+    which words were read as missing values.
 
     `blocks` are the log's frames.
     """
-    return list(doubts_of_log(config, log.values, log.channels, [block.path for block in blocks]))
+    words = [each.text for each in log.words if each.column in config.channels]
+    return [*words, *doubts_of_log(config, log.values, log.channels, [block.path for block in blocks])]
+
+
+def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
+    """Raise `LogError` where a channel has no value in any row: the wrong column, or one never written.
+
+    Those of `sensors` are looked at only where asked; in a recording one may have been away all the time.
+    """
+    of_sensors = {sensor.channel for sensor in config.sensor}
+    empty = [
+        name
+        for name in config.channels
+        if (sensors or name not in of_sensors)
+        and name in log.channels
+        and not np.isfinite(log.values[:, log.channels.index(name)]).any()
+    ]
+    if not empty:
+        return
+    names = ", ".join(f'"{name}"' for name in empty)
+    if of_sensors <= set(empty):
+        raise LogError(f"{log.path}: no sensor has a value in any row ({names}); check the sensors' channels")
+    columns, it = (
+        (f"column {names} never has", "it") if len(empty) == 1 else (f"columns {names} never have", "them")
+    )
+    raise LogError(
+        f"{log.path}: {columns} a value; fill {it}, or leave {it} out of the log and the configuration"
+    )

@@ -23,8 +23,9 @@ from observer.service.misread import read_rightly
 from tests.campaign.suspects import judged, suspect_summary, told_of, try_suspect
 from tests.discovery.cases import machine, made_log, table
 from tests.discovery.small import problem_of
+from tests.truth.machine.cycles import RUNS
 from tests.truth.machine.entries import Entry, suspect_campaign, typical_campaign
-from tests.truth.machine.generate import Case, runs_of
+from tests.truth.machine.generate import Case, Run, logged, machine_of, runs_of, trace
 from tests.truth.machine.troubles import TROUBLES, Trouble, troubled
 
 
@@ -54,6 +55,30 @@ def test_what_is_wrong_with_logs_is_told(trouble: str, tmp_path: Path) -> None:
 def test_nothing_is_told_of_a_log_that_is_right() -> None:
     entry = entry_of(None, 5)
     assert told_of(entry, Trouble(runs_of(entry.case), ())) == ()
+
+
+def run_with_torque(case: Case, name: str, factor: float) -> Run:
+    """A log of the case's machine whose nut has so many times its friction."""
+    own = machine_of(case)
+    friction_W_rpm = own.physics.friction_W_rpm * np.array([factor, 1.0, 1.0])
+    heavier = replace(own, physics=own.physics._replace(friction_W_rpm=friction_W_rpm))
+    return logged(case, name, trace(case, name, heavier))
+
+
+@pytest.mark.parametrize(
+    ("factors", "ratio"), [((1.05, 1.02, 0.92), 1.14), ((1.0, 1.03, 1.0), None)], ids=["differs", "tolerated"]
+)
+def test_a_torque_that_differs_between_three_logs_is_told_beyond_its_tolerance(
+    factors: tuple[float, ...], ratio: float | None
+) -> None:
+    """A seventh between the first log and the last: 1 K that no effect explains, on a typical user's machine."""
+    case = Case("torque15", (), 24, typical=True)
+    runs = [run_with_torque(case, *each) for each in zip(RUNS, factors, strict=True)]
+    told = told_of(Entry("suspect", "one", case), Trouble(runs, ()))
+    assert [s.what for s in told] == ([] if ratio is None else ["heat differs between logs"])
+    for suspect in told:
+        assert "of nut in log 1 as in log 3" in suspect.text
+        assert float(suspect.by) == pytest.approx(ratio, abs=0.02)
 
 
 def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
@@ -197,7 +222,8 @@ def test_nothing_is_named_while_the_logs_are_in_doubt(kind: Any, after: str) -> 
     fit: Any = None
     verdict = under_suspicion(Verdict(kind, fit, remains="in what was fitted"), ["The clocks differ"])
     assert verdict.kind == after
-    assert ("The clocks differ" in verdict.reason) == (after == "unknown")
+    assert ("The clocks differ" in verdict.reason) == (after != "not_identifiable")
+    assert "explains" not in verdict.reason
     assert under_suspicion(Verdict(kind, fit), []).kind == kind
 
 

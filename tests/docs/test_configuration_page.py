@@ -53,6 +53,7 @@ CONFIGURATION = {
     "`[compensation]`": mounting.Compensation,
     "`[compensation.control]`": mounting.ModbusControl,
     "`[forecast]`": forecast.ForecastSettings,
+    "`[log]`": config.Logs,
     "`[limits]`": config.ChannelLimits,
     "`[publish]`": publishing.Publish,
     "`[publish.tls]`": publishing.Tls,

@@ -39,9 +39,9 @@ async def _serve(service: Service, until) -> None:
         await task
 
 
-def _service(drivers=(), recorder=None, publisher=None, clock=None) -> Service:
+def _service(drivers=(), recorder=None, publisher=None, clock=None, expected_s=(0.1, 0.1, 0.02)) -> Service:
     notes: list[str] = []
-    aligned = plan(expected_s=(0.1, 0.1, 0.02), period_s=0.1)
+    aligned = plan(expected_s=expected_s, period_s=0.1)
     made = Service(
         tuple(drivers), aligned, FakeDrive(), FakeEstimator(), publisher or FakePublisher(), recorder,
         clock or ServiceClock(), notes.append, instance="0a0a0a0a",
@@ -52,17 +52,18 @@ def _service(drivers=(), recorder=None, publisher=None, clock=None) -> Service:
 
 async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
     rng = np.random.default_rng(7)
-    slow = [(0.1 * k, {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}, {}) for k in range(30)]
-    fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(150)]
+    slow = [(0.1 * k, {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}, {}) for k in range(600)]
+    fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(3000)]
     recorder, told = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
-    service = _service([FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")], recorder)
+    drivers = [FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")]
+    service = _service(drivers, recorder, expected_s=(1.0, 1.0, 0.2))  # a busy machine's readings come late
     asked = [10, 11, 20]
 
     def until():
         if asked and len(service.publisher.estimates) >= asked[0]:
             asked.pop(0)
             service.publisher.asked.append(_command("reset", told))
-        return not slow and not fast and len(told) == 3
+        return len(told) == 3 and len(service.publisher.estimates) >= 25
 
     await _serve(service, until)
     assert [(outcome.done, outcome.text) for outcome in told] == [(True, "the estimator starts afresh")] * 3
@@ -79,7 +80,6 @@ async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
 
     replayed = replay(log)
     assert live.tobytes() == replayed.tobytes()
-    assert len(live) >= 20
     without = replace(log, flags=tuple((flags or "").partition("!")[0] for flags in log.flags))
     forgotten = replay(without)
     assert forgotten.tobytes() != live.tobytes()  # the resets were needed

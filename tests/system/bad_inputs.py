@@ -355,7 +355,7 @@ CONFIGURATIONS = [
     Case(
         "unknown kind of driver",
         _of_config(changed(drivers__tc={"kind": "modbus"})),
-        ("drivers.tc", "'modbus'", "modbus_tcp, modbus_rtu, can, canopen, player"),
+        ("drivers.tc", "'modbus'", "modbus_tcp, modbus_rtu, can, canopen, opcua, mtconnect, player"),
     ),
     Case(
         "no kind of driver",

@@ -78,7 +78,7 @@ def test_it_ends_by_itself_and_leaves_nothing_behind(demo):
     assert demo["code"] == 0
     assert demo["err"] == ""
     assert demo["out"].endswith("demo ended\n")
-    assert len(demo["children"]) == 2  # the simulated machine and the view
+    assert len(demo["children"]) == 3  # the simulated machine, the page and the view
     assert not any(is_alive(pid) for pid in demo["children"])
 
 

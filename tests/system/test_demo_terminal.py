@@ -39,7 +39,7 @@ def test_ctrl_c_ends_everything_and_leaves_the_terminal_as_it_was():
         until(lambda: "quality good" in terminal.shown() or "quality starting" in terminal.shown(), 120.0)
         assert f"observer watch --connect {endpoint}" in terminal.shown()
         children = children_of(terminal.process.pid)
-        assert len(children) == 2  # the machine and the view
+        assert len(children) == 3  # the machine, the page and the view
         stopwatch = Stopwatch(terminal.process.pid, *children)
         terminal.type(CTRL_C)
         start_s = time.monotonic()

@@ -1,0 +1,124 @@
+"""Every command refuses a log that cannot be meant, by file and column, and tells what it read as missing."""
+
+import pytest
+
+from observer import app
+from observer.errors import LogError
+from observer.files.logs import read_log
+from observer.history.options import MethodOptions
+from observer.installation import load
+from observer.service.align import doubts, refuse_empty
+
+CONFIG = """
+[screw]
+length_m = 1.0
+diameter_m = 0.036
+conductivity_W_mK = 50.0
+density_kg_m3 = 7800.0
+specific_heat_J_kgK = 460.0
+[surface]
+convection_W_m2K = 15.0
+[ambient]
+channel = "ambient_degC"
+[boundary.left]
+kind = "insulated"
+[boundary.right]
+kind = "insulated"
+[[source]]
+name = "bearing"
+shape = "point"
+position_m = 0.0
+speed_channel = "screw_speed_rpm"
+heat_W_rpm = 0.006
+[[sensor]]
+name = "t1"
+channel = "t1_degC"
+position_m = 0.05
+noise_K = 0.05
+[log]
+"""
+HEAD = "time_s,ambient_degC,screw_speed_rpm,t1_degC"
+
+
+@pytest.fixture
+def config(tmp_path):
+    path = tmp_path / "machine.toml"
+    path.write_text(CONFIG)
+    return path
+
+
+def _log(folder, *, ambient="22", sensor="22.5", apart=1):
+    path = folder / "log.csv"
+    path.write_text(HEAD + "\n" + "".join(f"{i * apart},{ambient},1000,{sensor}\n" for i in range(700)))
+    return path
+
+
+def _replay(log, config, out):
+    app.replay(log, load(config), out, ".csv", progress=lambda _done, _total: None)
+
+
+def _identify(log, config, out):
+    app.identify(log, load(config), out, MethodOptions("smoother"), progress=lambda _text: None)
+
+
+def _simulate(log, config, out):
+    app.simulate(log, load(config), out / "out.csv", None, lambda _done, _total: None)
+
+
+def _calibrate(log, config, out):
+    app.calibrate([log], config, out, lambda _text: None)
+
+
+def _discover(log, config, out):
+    app.discover(config, [log], out, lambda _text, _done: None)
+
+
+COMMANDS = [_replay, _identify, _calibrate, _discover]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_log_in_milliseconds_is_refused(command, config, tmp_path):
+    with pytest.raises(LogError, match=r"log\.csv: by time_s .*milliseconds"):
+        command(_log(tmp_path, apart=1000), config, tmp_path / "out")
+
+
+def test_it_is_read_where_the_configuration_says_so(config, tmp_path):
+    config.write_text(CONFIG + "rows_apart_s = 1500.0\n")
+    _replay(_log(tmp_path, apart=1000), config, tmp_path / "out")
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, _simulate])
+@pytest.mark.parametrize("cell", ["", "NaN", "inf"])
+def test_a_channel_without_any_value_is_refused_by_its_name(command, cell, config, tmp_path):
+    with pytest.raises(LogError, match=r'log\.csv: column "ambient_degC" never has a value'):
+        command(_log(tmp_path, ambient=cell), config, tmp_path / "out")
+
+
+def test_a_sensor_may_have_been_away_in_a_recording_and_a_program_has_none(config, tmp_path):
+    log = read_log(_log(tmp_path, sensor=""))
+    with pytest.raises(LogError, match='"t1_degC"'):
+        refuse_empty(log, load(config), sensors=True)
+    refuse_empty(log, load(config), sensors=False)
+    with pytest.raises(LogError, match='"t1_degC"'):
+        _replay(log.path, config, tmp_path / "out")
+    recording = tmp_path / "recording.csv"
+    rows = "".join(f"{i},22,1000,,0,\n{i}.5,,,,1,\n" for i in range(50))
+    recording.write_text(f"{HEAD},step,flags\n" + rows)
+    _replay(recording, config, tmp_path / "out")
+
+
+def test_words_read_as_missing_are_told_once_for_each_column_that_is_used(config, tmp_path):
+    path = _log(tmp_path)
+    rows = [f"{row},NaN" for row in path.read_text().splitlines()[1:]]
+    rows[10:14] = [row.replace("22.5", "NULL") for row in rows[10:14]]
+    path.write_text(f"{HEAD},note\n" + "\n".join(rows) + "\n")
+    told = doubts(read_log(path), (), load(config))
+    assert [text for text in told if "missing" in text] == [
+        "channel t1_degC: 4 cells say NULL and were read as missing; look why the recorder wrote that, and "
+        "leave empty what is missing"
+    ]
+    summary = app.replay(path, load(config), tmp_path / "out", ".csv", progress=lambda _done, _total: None)
+    assert sum("4 cells say NULL" in text for text in summary["doubts"]) == 1
+    said = list[str]()
+    app.simulate(path, load(config), tmp_path / "p.csv", None, lambda _done, _total: None, said.extend)
+    assert sum("4 cells say NULL" in text for text in said) == 1
