@@ -154,8 +154,8 @@ def test_results_of_before_survive_a_replay_that_fails(tmp_path, command):
     assert _tree(tmp_path) == before
 
 
-def test_a_log_without_a_single_value_gives_no_estimate_that_looks_good(tmp_path):
-    """Empty cells are allowed, so this is no bad input; but nothing may seem to be known."""
+def test_a_log_without_a_single_value_is_refused(tmp_path):
+    """Empty cells are allowed, but where no sensor has one filled nothing can be estimated."""
     empty = [row if k == 0 else [row[0], "", "", "", ""] for k, row in enumerate(rows())]
     (tmp_path / "log.csv").write_text(text(empty), encoding="utf-8")
     command = ["replay", "log.csv", "--config", str(write(tmp_path, TABLE)), "--output", "out"]
@@ -167,9 +167,9 @@ def test_a_log_without_a_single_value_gives_no_estimate_that_looks_good(tmp_path
         text=True,
         timeout=5 * PATIENCE_S,  # a first run compiles kernels
     )
-    assert done.returncode == 0, done.stderr
-    assert "40 invalid" in done.stdout
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"estimates.csv", "summary.json", "overview.png"}
+    assert done.returncode == 2
+    assert "log.csv: no sensor has a value in any row" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_quiet_log_says_what_it_cannot_tell(tmp_path):
