@@ -99,16 +99,14 @@ def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
     from observer.service.can_log import is_can_recording, read_can_log
 
     if is_can_recording(path):
-        log = read_can_log(path, config)
-        refuse_empty(log, config, sensors=False)
-        return log
+        return read_can_log(path, config)
     return _channels_of(path, config, **accept)
 
 
 def _channels_of(path: Path, config: Installation, **accept: bool) -> Log:
-    """A log of channels, each of which has a value somewhere."""
+    """A log of channels, each input of which has a value somewhere."""
     log = read_log(path, config.channels, rows_apart_s=config.log.rows_apart_s, **accept)
-    refuse_empty(log, config, sensors=log.step is None)
+    refuse_empty(log, config, sensors=True)
     return log
 
 

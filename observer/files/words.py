@@ -1,4 +1,4 @@
-"""Words in cells of a log that are read as missing values, counted: an empty cell means that, a word may."""
+"""Words in cells of a log that were read as missing values, counted: an empty cell means it, a word may not."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass
 from urllib.parse import unquote
 
@@ -237,36 +237,41 @@ def faults_of(flags: str | None) -> dict[str, str]:
 
 
 def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
-    """Say which channels of a log are not what the configuration takes them for, with the likely unit, and in
-    which words were read as missing values.
+    """Say which channels of a log are not what the configuration takes them for, with the likely unit, which
+    words in them were read as missing values, and which sensors never have one.
 
     `blocks` are the log's frames.
     """
     words = [each.text for each in log.words if each.column in config.channels]
-    return [*words, *doubts_of_log(config, log.values, log.channels, [block.path for block in blocks])]
+    dead = [
+        f"channel {name} has no value in any row, so its sensor counts as missing throughout"
+        for name in _without_value(log, {sensor.channel for sensor in config.sensor})
+    ]
+    return [*dead, *words, *doubts_of_log(config, log.values, log.channels, [block.path for block in blocks])]
 
 
 def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
-    """Raise `LogError` where a channel has no value in any row: the wrong column, or one never written.
-
-    Those of `sensors` are looked at only where asked; in a recording one may have been away all the time.
+    """Raise `LogError` where an input has no value in any row, or, if asked, no sensor has one: the wrong
+    column, or one never written. In a recording of the service any may have been away, and is not refused.
     """
+    if log.step is not None:
+        return
     of_sensors = {sensor.channel for sensor in config.sensor}
-    empty = [
-        name
-        for name in config.channels
-        if (sensors or name not in of_sensors)
-        and name in log.channels
-        and not np.isfinite(log.values[:, log.channels.index(name)]).any()
-    ]
-    if not empty:
+    empty = _without_value(log, of_sensors)
+    if sensors and len(empty) == len(of_sensors):
+        names = ", ".join(f'"{name}"' for name in empty)
+        raise LogError(f"{log.path}: no sensor has a value in any row ({names}); check the sensors' channels")
+    if not (empty := _without_value(log, set(config.channels) - of_sensors)):
         return
     names = ", ".join(f'"{name}"' for name in empty)
-    if of_sensors <= set(empty):
-        raise LogError(f"{log.path}: no sensor has a value in any row ({names}); check the sensors' channels")
-    columns, it = (
-        (f"column {names} never has", "it") if len(empty) == 1 else (f"columns {names} never have", "them")
-    )
+    one = len(empty) == 1
+    columns, it = (f"column {names} never has", "it") if one else (f"columns {names} never have", "them")
     raise LogError(
         f"{log.path}: {columns} a value; fill {it}, or leave {it} out of the log and the configuration"
     )
+
+
+def _without_value(log: Log, among: Set[str]) -> list[str]:
+    """The channels of a log without a value in any row."""
+    columns = ((name, log.values[:, j]) for j, name in enumerate(log.channels) if name in among)
+    return [name for name, values in columns if not np.isfinite(values).any()]

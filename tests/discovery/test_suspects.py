@@ -71,7 +71,7 @@ def run_with_torque(case: Case, name: str, factor: float) -> Run:
 def test_a_torque_that_differs_between_three_logs_is_told_beyond_its_tolerance(
     factors: tuple[float, ...], ratio: float | None
 ) -> None:
-    """A seventh between the first log and the last: 1 K that no effect explains, on a typical user's machine."""
+    """A seventh between the first log and the last: 1 K that no effect explains, for a typical user."""
     case = Case("torque15", (), 24, typical=True)
     runs = [run_with_torque(case, *each) for each in zip(RUNS, factors, strict=True)]
     told = told_of(Entry("suspect", "one", case), Trouble(runs, ()))

@@ -102,9 +102,22 @@ def test_a_sensor_may_have_been_away_in_a_recording_and_a_program_has_none(confi
     with pytest.raises(LogError, match='"t1_degC"'):
         _replay(log.path, config, tmp_path / "out")
     recording = tmp_path / "recording.csv"
-    rows = "".join(f"{i},22,1000,,0,\n{i}.5,,,,1,\n" for i in range(50))
-    recording.write_text(f"{HEAD},step,flags\n" + rows)
+    rows = "".join(f"{i},,1000,,0,\n{i}.5,,,,1,\n" for i in range(50))
+    recording.write_text(f"{HEAD},step,flags\n" + rows)  # the air was away as well
     _replay(recording, config, tmp_path / "out")
+
+
+def test_one_dead_sensor_of_two_is_told_and_the_log_is_used(config, tmp_path):
+    path, two = _log(tmp_path), load(config)
+    second = two.sensor[0].model_copy(update={"name": "t2", "channel": "t2_degC"})
+    two = two.model_copy(update={"sensor": (*two.sensor, second)})
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([f"{head},t2_degC", *(f"{row}," for row in rows)]) + "\n")
+    summary = app.replay(path, two, tmp_path / "out", ".csv", progress=lambda _done, _total: None)
+    assert summary["doubts"] == [
+        "channel t2_degC has no value in any row, so its sensor counts as missing throughout"
+    ]
+    assert summary["sensors"]["t2"]["quality"]["missing"] == summary["rows"]
 
 
 def test_words_read_as_missing_are_told_once_for_each_column_that_is_used(config, tmp_path):
