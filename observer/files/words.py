@@ -1,4 +1,4 @@
-"""Words in cells of a log that were read as missing values, counted: an empty cell means it, a word may not."""
+"""Words in cells of a log that were read as missing values, counted: an empty cell means it, words may not."""
 
 from __future__ import annotations
 
