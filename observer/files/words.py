@@ -1,4 +1,4 @@
-"""Words in cells of a log that were read as missing values, counted: an empty cell means it, words may not."""
+"""Words in cells of a log that were read as missing values, counted: only an empty cell surely means it."""
 
 from __future__ import annotations
 
