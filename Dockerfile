@@ -2,15 +2,17 @@
 # Run:   docker run --read-only --tmpfs /tmp --cap-drop ALL -v ./config:/config:ro -v observer-log:/var/lib/observer \
 #            --device /dev/ttyUSB0 -p 127.0.0.1:7447:7447 ballscrew-observer
 # Another base with Python >= 3.11 as python3: --build-arg BASE=…
+# What an analyst needs as well (replay, discover, fleet …): --build-arg LOCK=requirements.lock
 ARG BASE=python:3.11-slim-bookworm
 
 FROM ${BASE} AS build
+ARG LOCK=requirements-daemon.lock
 WORKDIR /src
-COPY requirements.lock requirements-build.lock ./
+COPY requirements.lock requirements-daemon.lock requirements-build.lock ./
 RUN python3 -m venv /opt/build
 RUN /opt/build/bin/pip install --no-cache-dir --require-hashes -r requirements-build.lock
 RUN python3 -m venv --without-pip /opt/observer
-RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir --require-hashes -r requirements.lock
+RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir --require-hashes -r ${LOCK}
 COPY pyproject.toml README.md LICENSE ./
 COPY observer observer
 COPY drivers drivers

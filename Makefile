@@ -124,6 +124,7 @@ $(READY): $(VENV)/.locked pyproject.toml
 
 lock: build/uv/bin/uv  ## write the lock files again; ARGS=--upgrade takes the newest versions
 	$(COMPILE) $(ARGS) --all-extras pyproject.toml --output-file requirements.lock
+	$(COMPILE) $(ARGS) --extra page --extra plant --constraint requirements.lock pyproject.toml --output-file requirements-daemon.lock
 	$(COMPILE) $(ARGS) --all-extras pyproject.toml --group dev --output-file requirements-dev.lock
 	$(COMPILE) $(ARGS) --group build --output-file requirements-build.lock
 

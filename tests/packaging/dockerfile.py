@@ -84,7 +84,7 @@ def carry_out(steps: list[Step], machine: Machine) -> None:
                 _make(machine, machine.root / step.text.strip("/"))
             case "COPY":
                 _copy(step, machine)
-            case "ENV":
+            case "ENV" | "ARG":  # an argument has its default here
                 machine.environment |= _variables(step, machine)
             case "RUN":
                 _run(step, machine)
@@ -98,7 +98,7 @@ def _run(step: Step, machine: Machine) -> None:
 
 
 def _variables(step: Step, machine: Machine) -> Mapping[str, str]:
-    """The variables of an ENV step; programs of this machine stay on the path behind the image's."""
+    """The variables of an ENV or ARG step; programs of this machine stay on the path behind the image's."""
     given = dict(word.split("=", 1) for word in step.words())
     given = {key: machine.moved(value) for key, value in given.items()}
     if "PATH" in given:

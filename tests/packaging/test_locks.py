@@ -12,8 +12,10 @@ ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 RUNTIME = PROJECT["project"]["dependencies"]
 GROUPS = PROJECT["dependency-groups"]
+EXTRAS = PROJECT["project"]["optional-dependencies"]
 WANTED = {
     "requirements.lock": RUNTIME,
+    "requirements-daemon.lock": RUNTIME + EXTRAS["page"] + EXTRAS["plant"],
     "requirements-dev.lock": RUNTIME + GROUPS["dev"],
     "requirements-build.lock": GROUPS["build"],
 }
@@ -44,9 +46,17 @@ def test_a_lock_names_no_index(lock: str) -> None:
     assert not re.search(r"https?://|--(extra-)?index-url|--find-links", (ROOT / lock).read_text())
 
 
-def test_both_environments_agree_on_versions() -> None:
+def test_the_environments_agree_on_versions() -> None:
     def pins(lock: str) -> set[str]:
         text = (ROOT / lock).read_text()
-        return {line.split("\\")[0].strip() for line in text.splitlines() if "==" in line}
+        return {re.split(r"[\\;]", line)[0].strip() for line in text.splitlines() if "==" in line}
 
-    assert pins("requirements.lock") <= pins("requirements-dev.lock")
+    assert pins("requirements-daemon.lock") < pins("requirements.lock") < pins("requirements-dev.lock")
+
+
+def test_the_image_has_what_a_daemon_needs_and_nothing_of_an_analyst() -> None:
+    pinned = {
+        _name(line) for line in (ROOT / "requirements-daemon.lock").read_text().splitlines() if "==" in line
+    }
+    assert not pinned & {"control", "filterpy", "matplotlib", "distributed", "dask"}
+    assert "ARG LOCK=requirements-daemon.lock" in (ROOT / "Dockerfile").read_text()
