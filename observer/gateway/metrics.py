@@ -64,7 +64,8 @@ class _Figures(Collector):
     def collect(self) -> Iterable[Metric]:
         """Give every figure that there is now."""
         latest, is_stale = self._latest, self._latest.is_stale
-        yield self._gauge("up", "Whether the service gives estimates.", [({}, float(not is_stale))])
+        gives = not is_stale and latest.payload("estimate") is not None
+        yield self._gauge("up", "Whether the service gives estimates.", [({}, float(gives))])
         health = latest.document("health")
         state = "stale" if is_stale else health.get("state", "starting")
         states = [({"state": name}, float(name == state)) for name in STATES]

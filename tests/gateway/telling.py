@@ -83,3 +83,15 @@ def told_gateway(period_s: float = 60.0, **outlets: Any) -> Iterator[Teller]:
         finally:
             process.stdin.close()
             assert process.wait(PATIENCE_S) in (0, -9)
+
+
+def told_of_a_machine(teller: Teller, quality: str = "good") -> None:
+    """Once the gateway is there, tell of every key what a machine with an alarm would."""
+    assert teller.said()["reason"] is None
+    teller.document("health", HEALTH | {"time_s": 1.0})
+    teller.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
+    teller.document(
+        "learned", {"time_s": 1.0, "parameters": {"surface.convection_W_m2K": {"value": 14.5, "sigma": 0.5}}}
+    )
+    teller.document("forecast", {"time_s": 1.0, "quality": "good", "settled_at_s": 1234.5})
+    teller.estimate(quality)

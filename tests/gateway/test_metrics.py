@@ -1,22 +1,18 @@
-"""Prometheus' figures over HTTP, of a real process; and the dashboard's queries, held against a scrape."""
+"""Prometheus' figures over HTTP, of a real process."""
 
 from __future__ import annotations
 
-import json
-import re
 import urllib.request
-from pathlib import Path
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from observer.tables.gateway import Metrics
-from tests.gateway.telling import ALARM, HEALTH, told_gateway
+from tests.gateway.telling import told_gateway, told_of_a_machine
 from tests.patience import until
 from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
-DASHBOARD = Path(__file__).parents[2] / "config" / "grafana-dashboard.json"
 WHO = {"machine": "lathe", "axis": "z"}
 
 
@@ -34,23 +30,13 @@ def _of(**labels: str) -> tuple:
     return tuple(sorted((WHO | labels).items()))
 
 
-def _told(teller, quality: str = "good") -> None:
-    assert teller.said()["reason"] is None
-    teller.document("health", HEALTH | {"time_s": 1.0})
-    teller.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
-    teller.document(
-        "learned", {"time_s": 1.0, "parameters": {"surface.convection_W_m2K": {"value": 14.5, "sigma": 0.5}}}
-    )
-    teller.document("forecast", {"time_s": 1.0, "quality": "good", "settled_at_s": 1234.5})
-    teller.estimate(quality)
-
-
 def test_a_scrape_has_every_figure_with_its_quality():
     listen = f"127.0.0.1:{free_port()}"
     with told_gateway(metrics=Metrics(listen=listen)) as teller:
-        _told(teller)
+        told_of_a_machine(teller)
         until(lambda: "ballscrew_heat_watts" in _scraped(listen))
         found = _scraped(listen)
+    assert found["ballscrew_up"] == {_of(): 1.0}
     assert found["ballscrew_heat_watts"][_of(source="nut", quality="good")] == 26.5
     assert found["ballscrew_heat_sigma_watts"][_of(source="left", quality="good")] == 0.25
     assert found["ballscrew_temperature_celsius"][_of(position_m="0.5", quality="good")] == 25.5
@@ -66,11 +52,18 @@ def test_a_scrape_has_every_figure_with_its_quality():
     assert found["ballscrew_forecast_settled_timestamp_seconds"] == {_of(quality="good"): 1234.5}
 
 
+def test_before_the_first_estimate_it_is_not_up():
+    listen = f"127.0.0.1:{free_port()}"
+    with told_gateway(metrics=Metrics(listen=listen)) as teller:
+        assert teller.said()["reason"] is None
+        assert _scraped(listen)["ballscrew_up"] == {_of(): 0.0}
+
+
 @pytest.mark.parametrize("quality", ["stale", "invalid"])
 def test_what_cannot_be_used_is_not_there(quality):
     listen = f"127.0.0.1:{free_port()}"
     with told_gateway(metrics=Metrics(listen=listen)) as teller:
-        _told(teller, quality)
+        told_of_a_machine(teller, quality)
         until(lambda: "ballscrew_cycles_total" in _scraped(listen))
         assert "ballscrew_heat_watts" not in _scraped(listen)
 
@@ -78,10 +71,10 @@ def test_what_cannot_be_used_is_not_there(quality):
 def test_a_silent_service_has_no_values():
     listen = f"127.0.0.1:{free_port()}"
     with told_gateway(period_s=0.5, metrics=Metrics(listen=listen)) as teller:
-        _told(teller)
-        until(lambda: _scraped(listen)["ballscrew_up"][_of()] == 0.0)
+        told_of_a_machine(teller)
+        until(lambda: _scraped(listen)["ballscrew_state"][_of(state="stale")] == 1.0)
         found = _scraped(listen)
-    assert found["ballscrew_state"][_of(state="stale")] == 1.0
+    assert found["ballscrew_up"] == {_of(): 0.0}
     assert "ballscrew_heat_watts" not in found
 
 
@@ -90,24 +83,3 @@ def test_a_port_that_is_taken_is_told():
     metrics = Metrics(listen=listen)
     with told_gateway(metrics=metrics) as first, told_gateway(metrics=metrics) as second:
         assert {first.said()["reason"], second.said()["reason"]} > {None}
-
-
-def test_every_query_of_the_dashboard_finds_something():
-    """Names and labels of each PromQL expression, held against what a scrape has."""
-    listen = f"127.0.0.1:{free_port()}"
-    with told_gateway(metrics=Metrics(listen=listen)) as teller:
-        _told(teller)
-        until(lambda: "ballscrew_heat_watts" in _scraped(listen))
-        found = _scraped(listen)
-    dashboard = json.loads(DASHBOARD.read_text(encoding="utf-8"))
-    queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
-    queries += [v["query"] for v in dashboard["templating"]["list"] if v["type"] == "query"]
-    assert len(queries) > 8
-    for query in queries:
-        names = re.findall(r"\bballscrew_\w+", query)
-        assert names, query
-        for name in names:
-            assert name in found, query
-        for name, labels in re.findall(r"\b(ballscrew_\w+)\{([^}]*)\}", query):
-            wanted = set(re.findall(r"(\w+)=", labels))
-            assert all(wanted <= {key for key, _ in row} for row in found[name]), query
