@@ -60,7 +60,7 @@ demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loo
 	$(BIN)/python -m pytest tests/system/demo_for_ten_minutes.py -s -p no:benchmark $(ARGS)
 
 month: $(READY)  ## two simulated months of a machine as configured: at most one false reason each
-	$(BIN)/python -m pytest tests/reference/test_selftest.py -m slow -s -p no:benchmark $(ARGS)
+	$(BIN)/python -m pytest tests/reference/months_as_configured.py -s -p no:benchmark $(ARGS)
 
 faults: $(READY)  ## the table of faults: what other daemons promise, and what this one does; two minutes
 	$(BIN)/python -m tests.faults

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.alarms.kinds import KINDS
 from observer.alarms.states import Condition, acknowledged, advance
 
+OPERATIONS = Path(__file__).parents[2] / "docs" / "operations.md"
 PLUG = Condition("sensor_fault", "t3", "channel t3_degC is missing (open_circuit)", "open_circuit")
 STUCK = Condition("sensor_stuck", "t3", "channel t3_degC is rejected (stuck)", "stuck")
 
@@ -68,6 +72,8 @@ def test_nothing_that_was_raised_and_is_latched_goes_unseen(steps):
 
 
 def test_every_kind_says_what_to_do():
+    rows = set(re.findall(r"^\| `(\w+)` \| \S", OPERATIONS.read_text(encoding="utf-8"), re.MULTILINE))
+    assert rows >= set(KINDS), "docs/operations.md says what to do at each alarm"
     assert all(kind.remedy and kind.severity in ("minor", "major", "invalid") for kind in KINDS.values())
 
 

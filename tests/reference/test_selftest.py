@@ -190,12 +190,3 @@ def test_a_machine_as_configured_is_called_good() -> None:
     print(bad, found)
     assert not found
     assert bad <= 10  # single readings beyond the gate's five sigma of noise, at steps of speed
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(3600)
-@pytest.mark.parametrize("seed", [11, 12])
-def test_a_month_as_configured_has_at_most_one_false_reason(seed: int) -> None:
-    bad, found = as_configured(30.0, seed)
-    print(f"seed {seed}: {bad} steps not good in a month; {found}")
-    assert len(found) <= 1
