@@ -69,6 +69,14 @@ class Runner:
     state: EstimatorState
     heats: Heats
     z: FloatArray
+    settings: EstimatorSettings
+
+    def of(self, plant: Plant, x: FloatArray, heats: Heats) -> Runner:
+        """Return the same of another plant, from another state, with other heats."""
+        state = replace(self.state, x_hat=x)
+        return replace(
+            self, plant=plant, estimator=KalmanEstimator(plant, self.settings), state=state, heats=heats
+        )
 
     def run(self, bins: Bins, from_s: float) -> tuple[Runner, Ahead]:
         """Take some bins; what is learnt of the machine stays as it was."""
@@ -160,14 +168,14 @@ def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, pro
         around[own] = 0.0
     z = program.past.z[-_PART:].mean(axis=0)
     begin = replace(state, x_hat=x, P=P, around=around)
-    return Runner(doubtful, KalmanEstimator(doubtful, settings), begin, heats, z)
+    return Runner(doubtful, KalmanEstimator(doubtful, settings), begin, heats, z, settings)
 
 
 def _of_means(P: FloatArray, own: slice, sigma_W: FloatArray, rests: BoolArray) -> FloatArray:
     """The covariance with heats of so much σ, (m_e,), in place of those of the moment.
 
     A heat is K θ + w with the machine θ that is learnt, the states after the heats. K θ stays: a film that is
-    stronger than thought goes with heats that are larger, and no mean over time takes that out. w gets smaller.
+    stronger than thought goes with larger heats, and no mean over time takes that out. w gets smaller.
     A heat that `rests` (m_e,) has no K θ: there is none.
     """
     scale = np.minimum(1.0, sigma_W / np.sqrt(np.maximum(np.diag(P)[own], 1e-12)))

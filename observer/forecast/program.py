@@ -28,7 +28,10 @@ _ALIKE = 0.6  # an autocorrelation above this is a cycle
 _IDLE_W = 1e-3
 _LONG_REST = 45
 _BLOCK = 30
-_CHANGES_S, _PRIOR = 250.0, 4.0  # for how long mixed work stays alike before it is known, and how firmly that is held
+_CHANGES_S, _PRIOR = (
+    250.0,
+    4.0,
+)  # for how long mixed work stays alike before it is known, and how firmly that is held
 
 Kind = Literal["cycle", "mixed", "given", "standstill"]
 
@@ -247,7 +250,7 @@ def noise_W2_s(bins: Bins, period: int | None = None) -> float:
     """The spectral density of the total heat about its mean at low frequency, which says how far the mean
     of an hour is off that of the past.
 
-    Of mixed work, which is not white, it is the variance times the integrated correlation (`_integrated_W2_s`).
+    Of mixed work, which is not white, it is the variance times the integrated correlation.
     Of cycles, whose times vary too, it is T var of means over T, whole cycles of about fifteen minutes (Welch
     1967, with rectangular windows).
     """
