@@ -16,20 +16,25 @@ import numpy as np
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.forecast.program import BIN_S, Bins, Program
-from observer.frames import FloatArray, Inputs
+from observer.frames import BoolArray, FloatArray, Inputs
 from observer.model.learning import WANDER_S, Kind
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 HOUR_S = 3600.0
-DRIFT = 0.35
+DRIFT = 0.2
 """How far a heat drifts from its law in an hour, in parts of the law's uncertainty."""
 AIR_K_sqrt_h = 0.3
 """How far air wanders in an hour where nothing tells more."""
+REST = 0.1
+"""How much of what the estimator allows for a heat at rest is left once none was seen there."""
+CALM = 0.3
+"""How much less than the estimator allows for the machine itself changes within hours."""
 MEMORY_S = 300.0
 """Over how long errors of an estimated heat go together."""
 AGO_BINS = 120
 _PART = 30
+_TEN, _FIRM, _MOST_SCALE = 60, 3.0, 9.0
 
 
 class Heats(NamedTuple):
@@ -64,6 +69,14 @@ class Runner:
     state: EstimatorState
     heats: Heats
     z: FloatArray
+    settings: EstimatorSettings
+
+    def of(self, plant: Plant, x: FloatArray, heats: Heats) -> Runner:
+        """Return the same of another plant, from another state, with other heats."""
+        state = replace(self.state, x_hat=x)
+        return replace(
+            self, plant=plant, estimator=KalmanEstimator(plant, self.settings), state=state, heats=heats
+        )
 
     def run(self, bins: Bins, from_s: float) -> tuple[Runner, Ahead]:
         """Take some bins; what is learnt of the machine stays as it was."""
@@ -118,7 +131,7 @@ def heats_of(plant: Plant, program: Program) -> Heats:
             stays = abs(ahead_W[i]) <= 1e-6
             extra_W[j] = heat_W[i] if stays and abs(heat_W[i]) > 2.0 * told_W[i] else 0.0
             own = plant.law_uncertainty[i] * abs(ahead_W[i])
-            sigma_W[i] = np.hypot(min(told_W[i], abs(heat_W[i]) + 0.2 * told_W[i]), own)
+            sigma_W[i] = np.hypot(min(told_W[i], abs(heat_W[i]) + REST * told_W[i]), own)
             continue
         prior, told = max(plant.law_uncertainty[i], 1e-3), max(told_W[i] / abs(law_W[i]), 1e-6)
         weight = prior**2 / (prior**2 + told**2)
@@ -143,11 +156,7 @@ def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, pro
     mean_W = np.abs(program.mean.law_W[0] * heats.ratio + heats.extra_W)
     share = mean_W / max(float(mean_W.sum()), 1e-12)
     free = np.flatnonzero(plant.estimated)
-    # what heats and field share stays: a film that is stronger than thought goes with heats that are larger
-    moment_W = np.sqrt(np.maximum(np.diag(P)[own], 1e-12))
-    scale = np.ones(n)
-    scale[own] = np.minimum(1.0, heats.sigma_W / moment_W)
-    P = scale[:, None] * P * scale
+    P = _of_means(P, own, heats.sigma_W, np.abs(program.mean.law_W[0, free]) <= 1e-6)
     P[own, own] += np.diag(share[free] ** 2 * program.noise_W2_s / past_s)
     learning = plant.learning
     if learning is not None:
@@ -159,7 +168,41 @@ def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, pro
         around[own] = 0.0
     z = program.past.z[-_PART:].mean(axis=0)
     begin = replace(state, x_hat=x, P=P, around=around)
-    return Runner(doubtful, KalmanEstimator(doubtful, settings), begin, heats, z)
+    return Runner(doubtful, KalmanEstimator(doubtful, settings), begin, heats, z, settings)
+
+
+def _of_means(P: FloatArray, own: slice, sigma_W: FloatArray, rests: BoolArray) -> FloatArray:
+    """The covariance with heats of so much σ, (m_e,), in place of those of the moment.
+
+    A heat is K θ + w with the machine θ that is learnt, the states after the heats. K θ stays: a film that is
+    stronger than thought goes with larger heats, and no mean over time takes that out. w gets smaller.
+    A heat that `rests` (m_e,) has no K θ: there is none.
+    """
+    scale = np.minimum(1.0, sigma_W / np.sqrt(np.maximum(np.diag(P)[own], 1e-12)))
+    learnt = slice(own.stop, len(P))
+    K = P[own, learnt] @ np.linalg.pinv(P[learnt, learnt], rcond=1e-10, hermitian=True)
+    T = np.eye(len(P))
+    T[own, own] = np.diag(scale)
+    T[own, learnt] = np.where(rests, 0.0, 1.0 - scale)[:, None] * K
+    return np.asarray(T @ P @ T.T)
+
+
+def drift_scale(past: Bins, per_hour: float) -> float:
+    """How much stronger the heats drift from their laws than `per_hour`, relative and of all together, as a
+    factor of the variance: from the differences of means over ten minutes of work.
+
+    `per_hour` counts as much as `_FIRM` of those differences do.
+    """
+    count = len(past.dt_s) // _TEN if past.heat_W.size else 0
+    blocks = slice(len(past.dt_s) - count * _TEN, None)
+    law_W, heat_W = (
+        c[blocks].sum(axis=1).reshape(count, _TEN).mean(axis=1) for c in (past.own_law_W, past.heat_W)
+    )
+    works = np.isfinite(heat_W) & (law_W > 0.5 * law_W.max(initial=0.0)) & (law_W > 1e-6)
+    ratio = heat_W[works] / law_W[works]
+    steps = np.diff(ratio)[-_TEN // 10 :] / max(float(ratio.mean()) if len(ratio) else 1.0, 1e-3)
+    seen = float(steps @ steps) * HOUR_S / (_TEN * BIN_S) / max(per_hour, 1e-6) ** 2
+    return min((_FIRM + seen) / (_FIRM + len(steps)), _MOST_SCALE)
 
 
 def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatArray) -> Plant:
@@ -169,12 +212,16 @@ def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatAr
     for i, source in enumerate(plant.moving):
         B[:, source.index] = mean.moving_B[0, i]
     b = B @ share
-    walk = (DRIFT * plant.law_uncertainty * mean_W) ** 2 / HOUR_S
+    hour_W = DRIFT * plant.law_uncertainty * mean_W
+    whole_W = max(float(mean_W.sum()), 1e-12)
+    scale = drift_scale(program.past, float(np.linalg.norm(hour_W)) / whole_W) if hour_W.any() else 1.0
+    walk = scale * hour_W**2 / HOUR_S
     learning = plant.learning
     if learning is not None:
         arrays = learning.arrays
         wander_K = max(AIR_K_sqrt_h, _wander_K(program.past.z[:, arrays.ambient]))
-        sigma = np.where(arrays.kind == Kind.AMBIENT, wander_K * np.sqrt(WANDER_S / 2 / HOUR_S), arrays.sigma)
+        air = arrays.kind == Kind.AMBIENT
+        sigma = np.where(air, wander_K * np.sqrt(WANDER_S / 2 / HOUR_S), CALM * arrays.sigma)
         learning = replace(learning, arrays=arrays._replace(sigma=sigma))
     return replace(
         plant,

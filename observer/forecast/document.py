@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import Ahead, ahead, runner
 from observer.forecast.program import Program
-from observer.forecast.settling import Settling, settling, warm_up_saves_s
+from observer.forecast.settling import Settling, WarmUp, when
 from observer.frames import BoolArray, EstimateQuality, FloatArray
 from observer.model.plant import Plant
 
@@ -20,13 +20,16 @@ MOST_TIMES, MOST_PLACES = 61, 21
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What comes after `now_s`: the next hours, where it settles, and what a warm-up would save, in s."""
+    """What comes after `now_s`: the next hours, where it settles, between which moments after now, with
+    95 %, it is there, and what a warm-up would save.
+    """
 
     now_s: float
     program: Program
     ahead: Ahead
     settled: Settling
-    saves_s: float | None
+    between_s: tuple[float, float] | None
+    warm_up: WarmUp | None
 
 
 def forecast(
@@ -34,10 +37,8 @@ def forecast(
 ) -> Forecast:
     """Forecast from a state on. Raises `ValueError` where the estimate is none to go ahead from."""
     begin = runner(plant, config.estimator, state, program)
-    travel = travel_of(config, plant)
-    settled = settling(begin, program, travel, within_um)
-    saves_s = warm_up_saves_s(begin, program, settled, travel, within_um)
-    return Forecast(state.time_s, program, ahead(begin, program, 3600.0 * hours), settled, saves_s)
+    settled, between_s, sooner = when(begin, program, travel_of(config, plant), within_um)
+    return Forecast(state.time_s, program, ahead(begin, program, 3600.0 * hours), settled, between_s, sooner)
 
 
 def travel_of(config: Config, plant: Plant) -> BoolArray:
@@ -67,8 +68,7 @@ def document(
     def table(values: FloatArray) -> list[list[float]] | None:
         return np.round(values[np.ix_(times, places)], 4).tolist() if values.shape[1] else None
 
-    after_s = found.settled.after_s
-    minutes = None if found.saves_s is None else found.saves_s / 60.0
+    after_s, between_s, sooner = found.settled.after_s, found.between_s, found.warm_up
     return {
         "time_s": found.now_s,
         "instance": instance,
@@ -84,8 +84,9 @@ def document(
         "error_um": table(found.ahead.error_um) if has_error else None,
         "error_sigma_um": table(found.ahead.error_sigma_um) if has_error else None,
         "settled_at_s": None if after_s is None else found.now_s + after_s,
+        "settled_between_s": None if between_s is None else [round(found.now_s + s, 1) for s in between_s],
         "settles_within_um": within_um,
-        "warm_up": None if minutes is None else {"saves_s": found.saves_s, "text": _warm_up(minutes)},
+        "warm_up": None if sooner is None else {**sooner._asdict(), "text": _warm_up(sooner)},
     }  # fmt: skip
 
 
@@ -97,14 +98,16 @@ def none(
         "time_s": now_s, "instance": instance, "quality": quality.label, "reason": reason,
         "program": {"kind": "standstill", "period_s": None, "text": "not known"},
         "at_s": [], "position_m": [], "temperature_degC": [], "sigma_K": [], "error_um": None,
-        "error_sigma_um": None, "settled_at_s": None, "settles_within_um": within_um, "warm_up": None,
+        "error_sigma_um": None, "settled_at_s": None, "settled_between_s": None,
+        "settles_within_um": within_um, "warm_up": None,
     }  # fmt: skip
 
 
-def _warm_up(minutes: float) -> str:
+def _warm_up(sooner: WarmUp) -> str:
+    lasts, saves = sooner.lasts_s / 60.0, sooner.saves_s / 60.0
     return (
-        f"running the hardest part of the program at once, without a rest, until the screw holds its mean "
-        f"heat, settles it {minutes:.0f} min sooner"
+        f"running the hardest part of the program at once, without a rest, for {lasts:.0f} min, until the "
+        f"screw holds its mean heat, settles it {saves:.0f} min sooner"
     )
 
 
@@ -126,14 +129,16 @@ def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
         )
     lines = [told + "."]
     if plant.layout.has_error:
-        after_s = found.settled.after_s
-        lines.append(
-            f"The travel does not come within {within_um:g} µm of where it settles in a day."
-            if after_s is None
-            else f"The travel is within {within_um:g} µm of where it settles now."
-            if after_s == 0.0
-            else f"The travel is within {within_um:g} µm of where it settles after {after_s / 60:.0f} min."
-        )
-    if found.saves_s is not None:
-        lines.append(f"A warm-up would help: {_warm_up(found.saves_s / 60.0)}.")
+        lines.append(_settles(found, within_um))
+    if found.warm_up is not None:
+        lines.append(f"A warm-up would help: {_warm_up(found.warm_up)}.")
     return lines
+
+
+def _settles(found: Forecast, within_um: float) -> str:
+    after_s, there = found.settled.after_s, f"within {within_um:g} µm of where it settles"
+    if after_s is None or found.between_s is None:
+        return f"The travel does not come {there} in a day."
+    low, high = (s / 60.0 for s in found.between_s)
+    when = "now" if after_s == 0.0 else f"after {after_s / 60:.0f} min"
+    return f"The travel is {there} {when} (95 %: {low:.0f} to {high:.0f} min)."

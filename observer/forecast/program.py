@@ -28,6 +28,10 @@ _ALIKE = 0.6  # an autocorrelation above this is a cycle
 _IDLE_W = 1e-3
 _LONG_REST = 45
 _BLOCK = 30
+_CHANGES_S, _PRIOR = (
+    250.0,
+    4.0,
+)  # for how long mixed work stays alike before it is known, and how firmly that is held
 
 Kind = Literal["cycle", "mixed", "given", "standstill"]
 
@@ -243,14 +247,38 @@ def _one_cycle(bins: Bins, period: int) -> Bins:
 
 
 def noise_W2_s(bins: Bins, period: int | None = None) -> float:
-    """The spectral density of the total heat about its mean at low frequency: T var of means over T.
+    """The spectral density of the total heat about its mean at low frequency, which says how far the mean
+    of an hour is off that of the past.
 
-    T is five minutes, or, of cycles, whose times vary too, whole ones of about fifteen (Welch 1967, with
-    rectangular windows).
+    Of mixed work, which is not white, it is the variance times the integrated correlation.
+    Of cycles, whose times vary too, it is T var of means over T, whole cycles of about fifteen minutes (Welch
+    1967, with rectangular windows).
     """
-    block = _BLOCK if period is None else period * max(1, round(3 * _BLOCK / period))
+    if period is None:
+        return _integrated_W2_s(bins.total_W)
+    block = period * max(1, round(3 * _BLOCK / period))
     count = len(bins.dt_s) // block
     if count < 2:
         return 0.0
     means = bins.total_W[-count * block :].reshape(count, block).mean(axis=1)
     return float(block * BIN_S * means.var(ddof=1))
+
+
+def _integrated_W2_s(total_W: FloatArray) -> float:
+    """Variance times the integrated correlation, ∑ ρ dt, while neighbours' sums are positive (Geyer 1992,
+    section 3.3), with the mean's own variance put back.
+
+    It is held to `_CHANGES_S` in proportion to what the series, n blocks long, can tell of it itself.
+    """
+    n = len(total_W)
+    off = total_W - total_W.mean()
+    spectrum = np.abs(np.fft.rfft(off, 2 * n)) ** 2
+    alike = np.fft.irfft(spectrum)[:n] / n
+    if alike[0] <= 0.0:
+        return 0.0
+    pairs = alike[1 : n - (n - 1) % 2].reshape(-1, 2).sum(axis=1)[: n // 4]
+    ends = np.flatnonzero(pairs <= 0.0)
+    told_s = BIN_S * (1.0 + 2.0 * pairs[: ends[0] if len(ends) else None].sum() / alike[0])
+    told_s /= 1.0 - min(told_s / (n * BIN_S), 0.5)
+    seen = n / _BLOCK / 1.5
+    return float(alike[0] * (_PRIOR * _CHANGES_S + seen * told_s) / (_PRIOR + seen))

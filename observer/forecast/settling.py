@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +17,7 @@ MOST_S = 24.0 * HOUR_S
 _PART = 20
 _STILL_K = 1e-3  # per part of ten minutes
 _WORTH_S = 60.0
+_DRAWS, _SEED, _Z95 = 12, 0, 1.96
 _MORE = 1.02  # a program whose hardest part heats no more than this above its mean has no warm-up
 
 
@@ -27,6 +30,13 @@ class Settling:
     field_degC: FloatArray
     error_um: FloatArray
     after_s: float | None
+
+
+class WarmUp(NamedTuple):
+    """For how long the hardest part of the program runs at once, and how much sooner it settles then."""
+
+    lasts_s: float
+    saves_s: float
 
 
 def _steps(one: Bins, count: int = _PART) -> Bins:
@@ -65,9 +75,81 @@ def _there(
     return None if off[-1] + 1 >= len(time_s) else float(time_s[off[-1] + 1])
 
 
-def warm_up_saves_s(
-    begin: Runner, program: Program, settled: Settling, travel: BoolArray, within_um: float
+def draws(begin: Runner, program: Program) -> list[Runner]:
+    """What may be, by all that is not known now: each draw with another state, machine, and heats.
+
+    Heats are off for good, by what the program varies in an hour too, and by a drift of an hour that dies
+    away in one, as running-in does.
+    """
+    state, plant, n_x = begin.state, begin.plant, len(begin.plant.decay_1_s)
+    free = np.flatnonzero(plant.estimated)
+    own = slice(n_x, n_x + len(free))
+    fading = replace(plant, heat_decay_1_s=np.full(len(free), 1.0 / HOUR_S))
+    mean_W = np.abs(program.mean.law_W[0] * begin.heats.ratio + begin.heats.extra_W)
+    share = (mean_W / max(float(mean_W.sum()), 1e-12))[free]
+    drift_W = np.sqrt(plant.random_walk_W2_s * HOUR_S)
+    P = state.P.copy()
+    P[own, own] += program.noise_W2_s / HOUR_S * np.outer(share, share)
+    values, axes = np.linalg.eigh(P)
+    half = np.random.default_rng(_SEED).standard_normal((_DRAWS // 2, len(P) + len(free)))
+    found = []
+    for draw in np.concatenate([half, -half]):
+        x = state.x_hat + axes @ (np.sqrt(np.maximum(values, 0.0)) * draw[: len(P)])
+        extra_W = begin.heats.extra_W.copy()
+        extra_W[free] += x[own]
+        x[own] = drift_W * draw[len(P) :]
+        found.append(begin.of(fading, x, begin.heats._replace(extra_W=extra_W)))
+    return found
+
+
+def settles_between_s(settled: Settling, drawn: Sequence[Settling]) -> tuple[float, float] | None:
+    """The 95 % interval of when it has settled, None where that is not told: from how far its time is off in
+    the draws of `draws`.
+    """
+    if settled.after_s is None:
+        return None
+    off_s = [(MOST_S if d.after_s is None else d.after_s) - settled.after_s for d in drawn]
+    reach_s = _Z95 * float(np.sqrt(np.mean(np.square(off_s))))
+    return max(settled.after_s - reach_s, 0.0), min(settled.after_s + reach_s, MOST_S)
+
+
+def likely(
+    sooner: WarmUp,
+    program: Program,
+    begins: Sequence[Runner],
+    drawn: Sequence[Settling],
+    travel: BoolArray,
+    within_um: float,
+) -> WarmUp | None:
+    """A warm-up with what it saves in the median of the draws, None where that is nothing: a screw warmed for
+    as long as a forecast says overshoots where the forecast is off.
+    """
+    saves_s = [
+        (d.after_s or 0.0) - (_after_warm_up(b, program, sooner.lasts_s, d, travel, within_um) or MOST_S)
+        for b, d in zip(begins, drawn, strict=True)
+    ]
+    found = sooner._replace(saves_s=float(np.median(saves_s)))
+    return found if found.saves_s >= _WORTH_S else None
+
+
+def _after_warm_up(
+    begin: Runner, program: Program, lasts_s: float, settled: Settling, travel: BoolArray, within_um: float
 ) -> float | None:
+    """When it has settled after a warm-up, at the earliest at its end."""
+    at, _ = _without_sigma(begin).run(_steps(program.hardest, max(1, round(lasts_s / STEP_S))), 0.0)
+    path, times, time_s = [], [], lasts_s
+    while time_s < lasts_s + 2.0 * (settled.after_s or MOST_S / 2.0):
+        at, part = at.run(_steps(program.mean), time_s)
+        time_s = float(part.time_s[-1])
+        path.append(part.error_um)
+        times.append(part.time_s)
+    found = _there(np.concatenate(times), np.concatenate(path), settled.error_um, travel, within_um)
+    return None if found is None else max(found, lasts_s)
+
+
+def warm_up(
+    begin: Runner, program: Program, settled: Settling, travel: BoolArray, within_um: float
+) -> WarmUp | None:
     """How much sooner it settles where the hardest part of the program runs at once until the mean heat
     content is that of the settled screw; None where that saves nothing.
     """
@@ -82,15 +164,20 @@ def warm_up_saves_s(
             break
     else:
         return None
-    path, times, time_of_work_s = [], [], time_s
-    end_s = time_s + settled.after_s
-    while time_s < end_s:
-        at, part = at.run(_steps(mean), time_s)
-        time_s = float(part.time_s[-1])
-        path.append(part.error_um)
-        times.append(part.time_s)
-    found = _there(np.concatenate(times), np.concatenate(path), settled.error_um, travel, within_um)
-    if found is None:
+    found = _after_warm_up(begin, program, time_s, settled, travel, within_um)
+    if found is None or settled.after_s - found < _WORTH_S:
         return None
-    saves_s = settled.after_s - max(found, time_of_work_s)
-    return saves_s if saves_s >= _WORTH_S else None
+    return WarmUp(time_s, settled.after_s - found)
+
+
+def when(
+    begin: Runner, program: Program, travel: BoolArray, within_um: float
+) -> tuple[Settling, tuple[float, float] | None, WarmUp | None]:
+    """Where it settles and when, the 95 % interval of that, and the warm-up that is likely to help."""
+    settled = settling(begin, program, travel, within_um)
+    begins = draws(begin, program) if settled.after_s is not None else []
+    drawn = [settling(b, program, travel, within_um) for b in begins]
+    sooner = warm_up(begin, program, settled, travel, within_um)
+    if sooner is not None:
+        sooner = likely(sooner, program, begins, drawn, travel, within_um)
+    return settled, settles_between_s(settled, drawn), sooner

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from observer.forecast.ahead import Ahead, ahead, runner
-from observer.forecast.program import Bins, binned, joined, learnt
-from observer.forecast.settling import settling
+from observer.forecast.ahead import Ahead, Runner, ahead, runner
+from observer.forecast.program import Bins, Program, binned, joined, learnt
+from observer.forecast.settling import WarmUp, when
 from observer.frames import FloatArray
 from observer.service.align import frames_of_log
 from observer.service.machine import Machine
 from tests.learning.cover import log_of
-from tests.learning.machines import CONFIG, Day, Rough, config_of, draw, work
-from tests.truth.machine.cycles import Phase
+from tests.learning.machines import CONFIG, Day, EXPANSION_um_K_m, Rough, config_of, draw, work
+from tests.truth.machine.cycles import Phase, STEP_s, build_schedule, draw_air, steps_of
 from tests.truth.machine.machine import stream
+from tests.truth.machine.run import run_machine
 
 KINDS = ("even", "cycle", "mixed", "stands")
 MOMENTS_S = {"cold": 2400.0, "warm": 7200.0}
 LENGTH_S = 11_400.0
 AT_S = (600.0, 1800.0, 3600.0)
+START_M = 0.2
+SETTLED_S = 12.0 * 3600.0
+WITHIN_UM = 2.0
+COARSE_M = np.linspace(0.0, 1.0, 41)
+TRAVEL = np.ones(21, np.bool_)
 
 
 class Forecast(NamedTuple):
@@ -29,16 +36,37 @@ class Forecast(NamedTuple):
     now: int
     said: Ahead
     after_s: float | None
+    between_s: tuple[float, float] | None
+    warm_up: WarmUp | None
     kind: str
     field_degC: FloatArray
     error_um: FloatArray
 
 
+class Nominal(NamedTuple):
+    """What a program would be without variation, the rests of cycles included."""
+
+    stroke_m: tuple[float, float]
+    speed_rpm: float
+    run_s: float
+    rest_s: float
+
+
+MIXED_DUTY = 0.825 * 230.0 / (230.0 + 77.5)
+"""The mean speed of mixed work, with its rests, in parts of the nominal one."""
+
+
+def nominal(rng: np.random.Generator) -> Nominal:
+    """Draw a program."""
+    stroke = (0.2, 0.8) if rng.random() < 0.5 else (0.25, 0.7)
+    speed, run_s, rest_s = rng.uniform(900.0, 2400.0), rng.uniform(200.0, 600.0), rng.uniform(60.0, 300.0)
+    return Nominal(stroke, speed, run_s, rest_s)
+
+
 def phases(kind: str, rng: np.random.Generator) -> tuple[Phase, ...]:
     """Ten minutes of rest, then work that goes on as it does, with the variation that work has."""
     at, found = 600.0, [Phase(600.0)]
-    stroke = (0.2, 0.8) if rng.random() < 0.5 else (0.25, 0.7)
-    speed, run_s, rest_s = rng.uniform(900.0, 2400.0), rng.uniform(200.0, 600.0), rng.uniform(60.0, 300.0)
+    stroke, speed, run_s, rest_s = nominal(rng)
     while at < LENGTH_S:
         if kind == "even":
             parts = [Phase(LENGTH_S - at, speed, *stroke)]
@@ -53,20 +81,75 @@ def phases(kind: str, rng: np.random.Generator) -> tuple[Phase, ...]:
             parts = [Phase(rng.uniform(60.0, 400.0), speed * of, *stroke), Phase(rng.uniform(5.0, 150.0))]
         found += parts
         at += sum(p.duration_s for p in parts)
-    return tuple(
-        Phase(round(2 * p.duration_s) / 2, float(round(p.speed_rpm)), p.low_m, p.high_m) for p in found
-    )
+    return tuple(_whole(p) for p in found)
+
+
+def _whole(p: Phase) -> Phase:
+    return Phase(round(2 * p.duration_s) / 2, float(round(p.speed_rpm)), p.low_m, p.high_m)
 
 
 def drawn_day(seed: int, number: int) -> Day:
     """The day of a machine; its kind of work goes by its number."""
     rng = stream(seed, "forecast", str(number))
     machine = draw(seed, number, Rough())
-    return work(machine, phases(KINDS[number % len(KINDS)], rng), 0.2, rng, 0.0)
+    return work(machine, phases(KINDS[number % len(KINDS)], rng), START_M, rng, 0.0)
 
 
-def forecasts(one: Day) -> dict[str, Forecast]:
-    """What is forecast at each moment, each by what was known then."""
+def settles_s(seed: int, number: int, now_s: float, hardest_s: float = 0.0) -> float:
+    """When a machine's travel is truly within `WITHIN_UM` of where it settles, after a moment of its day.
+
+    From then on the air stays as it is, and the work is the program without its variation: of cycles the
+    nominal one, judged by the mean over whole cycles; of mixed work its mean speed. First it runs for
+    `hardest_s` without a rest. Where it settles is where it is after `SETTLED_S`.
+    """
+    kind = KINDS[number % len(KINDS)]
+    program = nominal(stream(seed, "forecast", str(number)))
+    rng = stream(seed, "forecast", str(number))
+    machine, before = draw(seed, number, Rough()), phases(kind, rng)
+    air = draw_air(float(rng.uniform(18.0, 25.0)), steps_of(before), rng)
+    at = round(now_s / STEP_s)
+    after, period = _after(kind, program, hardest_s)
+    schedule = build_schedule((*_until(before, now_s), *after), START_M, _held(air, at, steps_of(after)))
+    result = run_machine(machine.machine.physics, schedule, COARSE_M)
+    rise_K = result.section_degC[at - period + 1 :] - air[at]
+    of_pieces = 0.5 * (rise_K[:, 1:] + rise_K[:, :-1]) * np.diff(COARSE_M)
+    error_um = EXPANSION_um_K_m * np.cumsum(of_pieces, axis=1)[:, 1::2]
+    total = np.cumsum(error_um, axis=0)
+    mean_um = np.vstack([total[period - 1 : period], total[period:] - total[:-period]]) / period
+    off = np.flatnonzero((np.abs(mean_um - mean_um[-1]) > WITHIN_UM).any(axis=1))
+    last = 0.0 if not len(off) else (off[-1] + 1) * STEP_s
+    # of a mean over a cycle the moment is its middle
+    return float(max(last - 0.5 * (period - 1) * STEP_s, 0.0))
+
+
+def _after(kind: str, program: Nominal, hardest_s: float) -> tuple[tuple[Phase, ...], int]:
+    """What comes then, and its period in steps."""
+    stroke, speed, run_s, rest_s = program
+    first = (_whole(Phase(hardest_s, speed, *stroke)),) if hardest_s else ()
+    if kind == "cycle":
+        cycle = _whole(Phase(run_s, speed, *stroke)), _whole(Phase(rest_s))
+        return (*first, *cycle * round(SETTLED_S / (run_s + rest_s))), steps_of(cycle)
+    if kind == "stands":
+        return (Phase(SETTLED_S),), 1
+    duty = MIXED_DUTY if kind == "mixed" else 1.0
+    return (*first, _whole(Phase(SETTLED_S, speed * duty, *stroke))), 1
+
+
+def _until(before: tuple[Phase, ...], now_s: float) -> list[Phase]:
+    found, at = [], 0.0
+    for p in before:
+        if at < now_s:
+            found.append(replace(p, duration_s=min(p.duration_s, now_s - at)))
+        at += p.duration_s
+    return found
+
+
+def _held(air_degC: FloatArray, at: int, steps: int) -> FloatArray:
+    return np.concatenate([air_degC[: at + 1], np.full(steps, air_degC[at])])
+
+
+def forecasts(one: Day, *, settles: bool = False) -> dict[str, Forecast]:
+    """What is forecast at each moment, each by what was known then; on demand also when it `settles`."""
     config = config_of(CONFIG)
     machine = Machine.of(config, learns=True)
     pipeline = machine.pipeline(machine.estimator())
@@ -83,10 +166,16 @@ def forecasts(one: Day) -> dict[str, Forecast]:
                 del waiting[name]
                 program = learnt(joined(parts))
                 begin = runner(machine.plant, config.estimator, pipeline.snapshot()[1], program)
-                settled = settling(begin, program, np.ones(21, np.bool_), 2.0)
                 row = int(np.searchsorted(one.time_s, block.time_s[-1]))
-                found[name] = Forecast(
-                    row, ahead(begin, program, 3600.0), settled.after_s,
-                    program.text, block.field_degC[-1], block.error_um[-1],
-                )  # fmt: skip
+                of = _settling(begin, program) if settles else (None, None, None)
+                hour = ahead(begin, program, 3600.0)
+                last = block.field_degC[-1], block.error_um[-1]
+                found[name] = Forecast(row, hour, *of, program.text, *last)
     return found
+
+
+def _settling(
+    begin: Runner, program: Program
+) -> tuple[float | None, tuple[float, float] | None, WarmUp | None]:
+    settled, between_s, sooner = when(begin, program, TRAVEL, WITHIN_UM)
+    return settled.after_s, between_s, sooner

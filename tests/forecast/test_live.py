@@ -24,7 +24,7 @@ from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 pytestmark = pytest.mark.system
 SCHEMA = {
     "time_s", "instance", "quality", "reason", "program", "at_s", "position_m", "temperature_degC", "sigma_K",
-    "error_um", "error_sigma_um", "settled_at_s", "settles_within_um", "warm_up",
+    "error_um", "error_sigma_um", "settled_at_s", "settled_between_s", "settles_within_um", "warm_up",
 }  # fmt: skip
 
 
