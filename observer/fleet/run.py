@@ -13,11 +13,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from importlib.metadata import version
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
 import dask
 from distributed import Client, LocalCluster, Status, as_completed
+from distributed.utils import LoopRunner
 
 from observer.errors import UserError
 from observer.fleet.batches import batches
@@ -131,25 +133,54 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
-        cluster = stack.enter_context(
-            LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",  # None would be port 8787, on all interfaces
-                scheduler_kwargs={"dashboard": False},
-                local_directory=str(folder),
-                memory_limit="auto" if memory_GB is None else int(memory_GB * 1e9),
-                silence_logs=logging.CRITICAL,
-            )
-        )
+        runner = _deaf_to_ctrl_c()
+        stack.callback(runner.stop)
+        with _unheard(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
+            cluster = stack.enter_context(_cluster(runner, workers, memory_GB, folder))
         client = stack.enter_context(Client(cluster))
         try:
             yield client
         except KeyboardInterrupt:
             _kill(cluster)
             raise
+
+
+def _cluster(runner: LoopRunner, workers: int, memory_GB: float | None, folder: Path) -> LocalCluster:
+    return LocalCluster(
+        loop=runner.loop,
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",  # None would be port 8787, on all interfaces
+        scheduler_kwargs={"dashboard": False},
+        local_directory=str(folder),
+        memory_limit="auto" if memory_GB is None else int(memory_GB * 1e9),
+        silence_logs=logging.CRITICAL,
+    )
+
+
+@contextmanager
+def _unheard(*numbers: signal.Signals) -> Iterator[None]:
+    """Put signals off; threads and processes that are started within do not hear them at all."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _deaf_to_ctrl_c() -> LoopRunner:
+    """Start the thread that starts the workers so that Ctrl-C, which a terminal sends to all, is not theirs.
+
+    The deaf hand it on to their processes; a worker that hears it while it starts prints a traceback.
+    """
+    resource_tracker.ensure_running()  # it would give its starter ears again
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # of workers that are ended while they start
+    runner = LoopRunner()
+    with _unheard(signal.SIGINT):
+        runner.start()
+    return runner
 
 
 def _kill(cluster: LocalCluster) -> None:
