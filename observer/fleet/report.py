@@ -60,6 +60,7 @@ def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
         _hot(beside),
         _groups(shared),
         _failures(failures),
+        _doubted(rows),
         _machines(machines, rows, beside, shared),
     ]
     return document("Fleet", [part for part in parts if part])
@@ -247,3 +248,12 @@ def _failures(failures: Sequence[Row]) -> Html:
     more = len(failures) - MOST_FAILED
     rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
     return section("Could not be done", table(("machine", "log", "why", "verb"), lines, stacked=True), rest)
+
+
+def _doubted(rows: Sequence[Row]) -> Html:
+    """What the commands doubt about logs that they could use."""
+    said = dict.fromkeys((row["machine"], doubt) for row in rows for doubt in row["found"].get("doubts", ()))
+    lines = [[machine, doubt] for machine, doubt in sorted(said, key=lambda each: _counting(each[0]))]
+    more = len(lines) - MOST_FAILED
+    rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
+    return section("Doubted", table(("machine", "what"), lines[:MOST_FAILED], stacked=True), rest)

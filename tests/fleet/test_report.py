@@ -38,7 +38,8 @@ def _discoveries():
 
 
 def _text(html: str) -> str:
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html.split("<body>")[1]))
+    body = re.sub(r"</?span[^>]*>", "", html.split("<body>")[1])
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body))
 
 
 def test_the_page_names_who_lacks_what_who_runs_hot_and_who_could_share():
@@ -62,8 +63,15 @@ def test_machines_are_counted_as_people_count_and_on_a_phone_each_cell_has_its_h
         for row in _discoveries()[1:2]
     ]
     html = page(rows, [])
-    assert _text(html).count("lathe-1 , lathe-2 , lathe-10") == 2, "who lacks nothing, and who could share"
+    assert _text(html).count("lathe-1, lathe-2, lathe-10") == 2, "who lacks nothing, and who could share"
     assert '<td data-head="lacks">nothing</td>' in html
+
+
+def test_what_is_doubted_about_a_log_that_was_used_is_told_once():
+    doubted = [_row("m2", verb, "run", doubts=["run.csv: looks like °F"]) for verb in ("replay", "identify")]
+    for row in doubted:
+        row["found"] |= {"heat_mean_W": {}, "speed_mean_rpm": {}}
+    assert _text(page(doubted, [])).count("m2 run.csv: looks like °F") == 1
 
 
 def test_the_page_asks_for_nothing_from_elsewhere():
