@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -47,6 +49,7 @@ FormatOption = Annotated[Literal["csv", "parquet"], typer.Option(help="Format of
 MethodOption = Annotated[
     Literal["smoother", "tikhonov", "conjugate-gradient"], typer.Option(help="How the heats are found.")
 ]
+Verb = Literal["replay", "identify", "calibrate", "discover"]
 MOST_TOLD = 20
 _SHOWN = {
     "replay": "each log",
@@ -132,7 +135,7 @@ def discover(
 
 
 def _run(
-    verb: Literal["replay", "identify", "calibrate", "discover"],
+    verb: Verb,
     output: Path,
     logs: list[Path] | None,
     table: Path | None,
@@ -145,29 +148,73 @@ def _run(
 ) -> None:
     if (table is None) == (not logs) or (config is None) == (table is None):
         raise UserError(f"fleet {verb}: name either logs with --config for all of them, or a --table alone")
+    how = {"limit_s": limit_s, **options}
+    with _ended_by_signals(verb):
+        _work(verb, output, logs or [], table, config, (scheduler, workers, memory_GB), how)
+
+
+def _work(
+    verb: Verb,
+    output: Path,
+    logs: list[Path],
+    table: Path | None,
+    config: Path | None,
+    where: tuple[str | None, int | None, float | None],
+    options: dict[str, Any],
+) -> None:
     from observer.fleet.finish import conclude
     from observer.fleet.journal import How
     from observer.fleet.orders import given, orders_of, read_table
-    from observer.fleet.run import run
+    from observer.fleet.run import EndedError, run
     from observer.report.progress import counting
 
-    lines = read_table(table) if table is not None else given(logs or [], config or Path())
+    lines = read_table(table) if table is not None else given(logs, config or Path())
     orders = orders_of(lines, verb)
-    how = How(verb, Path(os.path.abspath(output)), limit_s=limit_s, **options)
-    with counting(f"fleet {verb}") as progress:
-        rows, before = run(
-            orders,
-            how,
-            progress,
-            workers=workers or os.cpu_count() or 1,
-            memory_GB=memory_GB,
-            address=scheduler,
-        )
+    how = How(verb, Path(os.path.abspath(output)), **options)
+    address, workers, memory_GB = where
+    try:
+        with counting(f"fleet {verb}") as progress:
+            rows, before = run(
+                orders,
+                how,
+                progress,
+                workers=workers or os.cpu_count() or 1,
+                memory_GB=memory_GB,
+                address=address,
+            )
+    except EndedError as ended:
+        done = len(ended.rows) - len(conclude(how.output, ended.rows))
+        raise KeyboardInterrupt(f"ended with {done} of {ended.total} done") from None
     failures = conclude(how.output, rows)
     _tell(rows_done=len(rows) - len(failures), before=before, failures=[row["problem"] for row in failures])
     typer.echo(f"written to {output}: {_SHOWN[verb]} in its folder, results.parquet, report.html")
     if failures:
         raise typer.Exit(2 if len(failures) == len(rows) else 1)
+
+
+@contextmanager
+def _ended_by_signals(verb: Verb) -> Iterator[None]:
+    """End at Ctrl-C and SIGTERM in good order, with a shell's exit code for it; at a second, at once."""
+    from observer.service.shutdown import leave
+
+    heard: list[int] = []
+
+    def take(number: int, _frame: object) -> None:
+        heard.append(number)
+        if len(heard) > 1:
+            leave(128 + heard[0])  # its workers end with it; what is done is whole, as after kill -9
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    except KeyboardInterrupt as ended:
+        said = str(ended) or "ended"
+        typer.echo(f"observer: fleet {verb}: {said}; the same command goes on with the rest", err=True)
+        leave(128 + heard[0])
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _tell(*, rows_done: int, before: int, failures: list[str]) -> None:

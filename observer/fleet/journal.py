@@ -8,6 +8,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
+import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -38,6 +39,18 @@ class How:
     format: str = "parquet"
     method: Method = "smoother"
     limit_s: float = 3600.0
+    run: str = ""
+    """Names the folder beneath `.work` of one run of the command, which goes when that ends."""
+
+    @property
+    def work(self) -> Path:
+        """The folder that is worked in."""
+        return self.output / WORK / self.run
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the run that gave the order is over: nobody waits for what is left of it."""
+        return bool(self.run) and not self.work.exists()
 
     @property
     def options(self) -> dict[str, str]:
@@ -108,7 +121,7 @@ def begin(order: Order, how: How) -> Path:
     Raises `GivenUpError` where the time was up, or two tries have ended with their process.
     """
     base = hashlib.sha256(str(order.place).encode()).hexdigest()[:24]
-    tries = [how.output / WORK / f"{base}.{number}" for number in range(1, TRIES + 1)]
+    tries = [how.work / f"{base}.{number}" for number in range(1, TRIES + 1)]
     for part in tries:
         if not part.exists():
             part.mkdir(parents=True)
@@ -117,7 +130,7 @@ def begin(order: Order, how: How) -> Path:
             raise GivenUpError((part / WHY).read_text(encoding="utf-8"))
     raise GivenUpError(
         f"{order.logs[0]}: the process that worked on it has died {TRIES} times, perhaps for want of memory; "
-        "try it alone, or shorten the log"
+        "try it alone, with a larger --memory-GB, or shorten it"
     )
 
 
@@ -137,7 +150,7 @@ def finish(part: Path, order: Order, how: How, stamp: Mapping[str, Any], row: Ro
 def put_away(order: Order, how: How) -> None:
     """Remove what tries that died have left of an order."""
     base = hashlib.sha256(str(order.place).encode()).hexdigest()[:24]
-    for part in (how.output / WORK).glob(f"{base}.*"):
+    for part in how.work.glob(f"{base}.*"):
         shutil.rmtree(part, ignore_errors=True)
 
 
@@ -161,8 +174,9 @@ def alone_in(output: Path) -> Iterator[Path]:
                 ) from None
             try:
                 shutil.rmtree(work, ignore_errors=True)  # left by a run that was killed
-                work.mkdir()
-                yield work
+                folder = work / secrets.token_hex(4)
+                folder.mkdir(parents=True)
+                yield folder
             finally:
                 shutil.rmtree(work, ignore_errors=True)
                 (output / ".lock").unlink(missing_ok=True)

@@ -7,8 +7,9 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -20,6 +21,7 @@ Verb = Literal["replay", "identify", "calibrate", "discover"]
 OF_SEVERAL: tuple[Verb, ...] = ("calibrate", "discover")
 """The verbs that take all logs of a machine together."""
 COLUMNS = ("log", "machine", "config")
+TAKEN = ("results.parquet", "report.html")
 _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")  # a name becomes a folder: no dot in front
 
 
@@ -45,38 +47,86 @@ class Order:
 def read_table(path: Path) -> list[Line]:
     """Read the table of a fleet (`.csv` or `.parquet`); its paths go out from its own folder.
 
+    A log's cell may be a pattern with * ? or [ ], which stands for all files that it fits, in their order.
     Raises `UserError` that names the row.
     """
-    rows = _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
-    lines, seen = [], set()
-    for number, row in enumerate(rows, 1):
-        log, machine, config = (str(row.get(column) or "").strip() for column in COLUMNS)
-        for column, cell in zip(COLUMNS, (log, machine, config), strict=True):
-            if not cell:
-                raise UserError(f"{path}: row {number}: {column} is empty; fill it or remove the row")
-        if not _NAME.fullmatch(machine):
-            raise UserError(
-                f"{path}: row {number}: {machine[:70]!r} is no machine's name; names are of letters, "
-                "digits and _.-, 64 at most, without a dot in front"
-            )
-        if (log, machine) in seen:
-            raise UserError(f"{path}: row {number}: {log} of {machine} stands there twice; remove one")
-        seen.add((log, machine))
-        lines.append(Line(_below(path, log), machine, _below(path, config)))
+    numbered: list[tuple[int, Line]] = []
+    for number, row in enumerate(_rows(path), 1):
+        if any(str(cell or "").strip() for cell in row.values()):  # not as a spreadsheet leaves at its end
+            cells = [str(row.get(column) or "").strip() for column in COLUMNS]
+            place = f"{path}: row {number}"
+            numbered += [(number, line) for line in _lines_of(place, path.parent, *cells)]
+    _check_once(path, numbered)
+    lines = [line for _, line in numbered]
     if not lines:
         raise UserError(f"{path}: names no log; give it rows of {', '.join(COLUMNS)}")
+    if not any(line.log.is_file() for line in lines):
+        raise UserError(
+            f"{path}: none of its {len(lines)} logs is there, {lines[0].log} for one; paths go out from the "
+            "table's own folder"
+        )
     return lines
 
 
+def _lines_of(place: str, folder: Path, log: str, machine: str, config: str) -> Iterator[Line]:
+    """What a row says: a line, or one for each file that a pattern fits."""
+    for column, cell in zip(COLUMNS, (log, machine, config), strict=True):
+        if not cell:
+            raise UserError(f"{place}: {column} is empty; fill it or remove the row")
+    if not _NAME.fullmatch(machine) or machine in TAKEN:
+        raise UserError(
+            f"{place}: {machine[:70]!r} is no machine's name; names are of letters, digits and _.-, 64 at "
+            f"most, without a dot in front, and not {' or '.join(TAKEN)}"
+        )
+    by = _below(folder, config)
+    if not by.is_file():
+        said = "is a folder" if by.is_dir() else "is not there"
+        raise UserError(f"{place}: config: {by} {said}; give the path of a configuration")
+    path = _below(folder, log)
+    if path.is_dir():
+        raise UserError(f"{place}: log: {path} is a folder; name its logs, as {log.rstrip('/')}/*.csv")
+    if path.exists() or not set(log) & set("*?["):
+        yield Line(path, machine, by)
+        return
+    fitting = sorted(file for file in map(Path, glob(str(path), recursive=True)) if file.is_file())
+    if not fitting:
+        raise UserError(f"{place}: log: no file fits {path}; paths go out from the table's own folder")
+    yield from (Line(file, machine, by) for file in fitting)
+
+
+def _check_once(path: Path, numbered: Sequence[tuple[int, Line]]) -> None:
+    """Refuse a log that its machine has already, or another machine by the same configuration."""
+    of_machine: dict[tuple[str, str], int] = {}
+    by_config: dict[tuple[str, Path], tuple[int, str]] = {}
+    for number, line in numbered:
+        log = os.path.realpath(line.log)
+        if (log, line.machine) in of_machine:
+            raise UserError(
+                f"{path}: row {number}: {line.log} of {line.machine} stands there twice, in row "
+                f"{of_machine[log, line.machine]} already; remove one"
+            )
+        of_machine[log, line.machine] = number
+        before, machine = by_config.setdefault((log, line.config), (number, line.machine))
+        if machine != line.machine:
+            raise UserError(
+                f"{path}: row {number}: {line.log} is of {line.machine}, and by the same configuration of "
+                f"{machine} in row {before}; remove one"
+            )
+
+
 def given(logs: Sequence[Path], config: Path) -> list[Line]:
-    """Logs that all are of the machine of one configuration. Raises `ConfigError`."""
+    """Logs that all are of the machine of one configuration. Raises `ConfigError` and `UserError`."""
     about = load(config).machine
     machine = f"{about.name}-{about.axis}"
     if not _NAME.fullmatch(machine):
         raise ConfigError(
             f"{config}: machine.name: {machine} is to be a folder; use at most 64 letters and no dot in front"
         )
-    return [Line(Path(os.path.abspath(log)), machine, Path(os.path.abspath(config))) for log in logs]
+    lines = [Line(Path(os.path.abspath(log)), machine, Path(os.path.abspath(config))) for log in logs]
+    for log, count in Counter(os.path.realpath(line.log) for line in lines).items():
+        if count > 1:
+            raise UserError(f"{log}: named {count} times; name it once")
+    return lines
 
 
 def orders_of(lines: Iterable[Line], verb: Verb) -> list[Order]:
@@ -118,20 +168,38 @@ def _stem(log: Path) -> str:
     return log.name.removesuffix(suffix).lstrip(".") or "log"
 
 
-def _below(table: Path, cell: str) -> Path:
-    return Path(os.path.abspath(table.parent / cell))
+def _below(folder: Path, cell: str) -> Path:
+    return Path(os.path.abspath(folder / Path(cell).expanduser()))
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    return _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
 
 
 def _csv_rows(path: Path) -> list[dict[str, str]]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            _check_columns(path, reader.fieldnames or ())
-            return list(reader)
+            reader = csv.reader(file, delimiter=_delimiter(file.readline()), strict=True)
+            file.seek(0)
+            rows = list(reader)
     except (UnicodeDecodeError, csv.Error):
         raise UserError(f"{path}: not CSV in UTF-8; save the table so, or as .parquet") from None
     except OSError as error:
         raise _unreadable(path, error) from None
+    names = [name.strip() for name in rows[0]] if rows else []
+    _check_columns(path, names)
+    for number, cells in enumerate(filled := [cells for cells in rows[1:] if cells], 1):
+        if len(cells) > len(names):
+            raise UserError(
+                f"{path}: row {number}: {len(cells)} cells under {len(names)} columns; put a cell with "
+                "a comma in it into quotes"
+            )
+    return [dict(zip(names, cells, strict=False)) for cells in filled]
+
+
+def _delimiter(first: str) -> str:
+    """What separates the columns: spreadsheets write semicolons in some countries, or tabs."""
+    return max(",;\t", key=first.count)
 
 
 def _parquet_rows(path: Path) -> list[dict[str, str]]:
@@ -154,8 +222,12 @@ def _unreadable(path: Path, error: OSError) -> UserError:
 
 
 def _check_columns(path: Path, names: Sequence[str]) -> None:
-    missing = [column for column in COLUMNS if column not in names]
-    if missing:
-        raise UserError(
-            f"{path}: column {missing[0]} is missing; a fleet's table has the columns {', '.join(COLUMNS)}"
-        )
+    for column in COLUMNS:
+        count = list(names).count(column)
+        if count != 1:
+            there = ", ".join(name[:40] for name in names[:8]) or "nothing"
+            wrong = "there twice" if count else "missing"
+            raise UserError(
+                f"{path}: column {column} is {wrong}; a fleet's table has the columns {', '.join(COLUMNS)}, "
+                f"and its first line says {there}"
+            )

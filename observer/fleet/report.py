@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
+import statistics
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from observer.fleet.compare import Beside, Heat, Known, Shared, beside_fleet, groups
 from observer.fleet.journal import Row
-from observer.report.page import Html, code, document, paragraph, section, table, tiles
+from observer.report.page import Html, code, document, paragraph, safe, section, table, tiles
 
 MOST_FAILED = 200
 _DASH = "–"
+_NOTHING = "nothing"
 _DOUBTS = {
     "unknown": "something the library does not have",
     "not_identifiable": "something its logs cannot tell",
@@ -58,6 +60,7 @@ def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
         _hot(beside),
         _groups(shared),
         _failures(failures),
+        _doubted(rows),
         _machines(machines, rows, beside, shared),
     ]
     return document("Fleet", [part for part in parts if part])
@@ -114,7 +117,7 @@ def _machines(
     lines = [
         [
             machine,
-            types.get(machine, _DASH),
+            _unbroken(types.get(machine, _DASH)),
             str(logs[machine]),
             lacks.get(machine, _DASH),
             Html("<br>".join(heats.get(machine, [_DASH]))),
@@ -123,7 +126,7 @@ def _machines(
         for machine in machines
     ]
     heads = ("machine", "screw", "logs", "lacks", "heat, beside the usual at its speed", "group")
-    return section("Each machine", table(heads, lines, (2,)))
+    return section("Each machine", table(heads, lines, (2,), stacked=True))
 
 
 def _heat(b: Beside) -> Html:
@@ -143,7 +146,7 @@ def _lacks(row: Row) -> str:
         return ", ".join(_named(effect["kind"], effect["target"]) for effect in found["effects"])
     if found["verdict"] == "ambiguous":
         return " or ".join(" with ".join(each) for each in found["alternatives"])
-    return _DOUBTS.get(found["verdict"], "nothing")
+    return _DOUBTS.get(found["verdict"], _NOTHING)
 
 
 def _named(kind: str, target: str | None) -> str:
@@ -151,24 +154,36 @@ def _named(kind: str, target: str | None) -> str:
 
 
 def _effects(found: Sequence[Row]) -> Html:
-    """Which effect which machines lack, the most frequent first."""
+    """Which effect which machines lack, the most frequent first; those that lack nothing last."""
     lacking: dict[str, list[Row]] = {}
     for row in found:
         lacking.setdefault(_lacks(row), []).append(row)
     lines = [
-        [what, str(len(own)), ", ".join(row["machine"] for row in own), _gaps(own)]
-        for what, own in sorted(lacking.items(), key=lambda item: (-len(item[1]), item[0]))
+        [what, str(len(own)), _names([row["machine"] for row in own]), _gap(own)]
+        for what, own in sorted(
+            lacking.items(), key=lambda item: (item[0] == _NOTHING, -len(item[1]), item[0])
+        )
     ]
-    return section(
-        "What they lack", table(("lacks", "machines", "which", "gap before → after, K rms"), lines, (1,))
+    heads = ("lacks", "machines", "which", "median gap, K rms")
+    return section("What they lack", table(heads, lines, (1,), stacked=True))
+
+
+def _names(machines: Sequence[str]) -> Html:
+    """Names in the order that people count in, none broken at its hyphen."""
+    return Html(
+        ", ".join(f'<span class="whole">{safe(name)}</span>' for name in sorted(machines, key=_counting))
     )
 
 
-def _gaps(own: Sequence[Row]) -> str:
-    return ", ".join(
-        f"{row['found']['gap']['before_rms_K']:.2g} → {row['found']['gap']['after_rms_K']:.2g}"
-        for row in own[:6]
-    ) + (", …" if len(own) > 6 else "")
+def _unbroken(text: str) -> str:
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def _gap(own: Sequence[Row]) -> str:
+    """What the models missed before and after, of the machine in the middle."""
+    gaps = [row["found"]["gap"] for row in own]
+    before, after = (statistics.median(gap[key] for gap in gaps) for key in ("before_rms_K", "after_rms_K"))
+    return _unbroken(f"{before:.2g} → {after:.2g}")
 
 
 def _hot(beside: Sequence[Beside]) -> Html:
@@ -194,16 +209,18 @@ def _hot(beside: Sequence[Beside]) -> Html:
         "standard deviations."
     )
     rest = paragraph("None.") if not lines else Html("")
-    return section("Running hot", paragraph(note, "note"), table(heads, lines, (2, 3, 4, 5, 6)), rest)
+    return section(
+        "Running hot", paragraph(note, "note"), table(heads, lines, (2, 3, 4, 5, 6), stacked=True), rest
+    )
 
 
 def _groups(shared: Sequence[Shared]) -> Html:
     lines = [
         [
             str(number),
-            each.type,
+            _unbroken(each.type),
             str(len(each.machines)),
-            ", ".join(each.machines),
+            _names(each.machines),
             Html("<br>".join(_value(key, *ends) for key, ends in each.values.items())),
         ]
         for number, each in enumerate(shared, 1)
@@ -214,18 +231,29 @@ def _groups(shared: Sequence[Shared]) -> Html:
     )
     heads = ("group", "screw", "machines", "which", "values to share")
     return (
-        section("What they could share", paragraph(note, "note"), table(heads, lines, (2,)))
+        section("What they could share", paragraph(note, "note"), table(heads, lines, (2,), stacked=True))
         if lines
         else Html("")
     )
 
 
 def _value(key: str, value: float, low: float, high: float) -> str:
-    return f"{code(key)} = {value:.4g} ({low:.4g} … {high:.4g})"
+    return f'<span class="whole">{code(key)} = {value:.4g} ({low:.4g} … {high:.4g})</span>'
 
 
 def _failures(failures: Sequence[Row]) -> Html:
-    lines = [[row["machine"], row["name"], row["problem"], row["verb"]] for row in failures[:MOST_FAILED]]
+    lines = [
+        [row["machine"], _names([row["name"]]), row["problem"], row["verb"]] for row in failures[:MOST_FAILED]
+    ]
     more = len(failures) - MOST_FAILED
     rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
-    return section("Could not be done", table(("machine", "log", "why", "verb"), lines), rest)
+    return section("Could not be done", table(("machine", "log", "why", "verb"), lines, stacked=True), rest)
+
+
+def _doubted(rows: Sequence[Row]) -> Html:
+    """What the commands doubt about logs that they could use."""
+    said = dict.fromkeys((row["machine"], doubt) for row in rows for doubt in row["found"].get("doubts", ()))
+    lines = [[machine, doubt] for machine, doubt in sorted(said, key=lambda each: _counting(each[0]))]
+    more = len(lines) - MOST_FAILED
+    rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
+    return section("Doubted", table(("machine", "what"), lines[:MOST_FAILED], stacked=True), rest)

@@ -6,15 +6,20 @@
 from __future__ import annotations
 
 import logging
+import os
+import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from importlib.metadata import version
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
 import dask
-from distributed import Client, LocalCluster, as_completed
+from distributed import Client, LocalCluster, Status, as_completed
+from distributed.utils import LoopRunner
 
 from observer.errors import UserError
 from observer.fleet.batches import batches
@@ -26,6 +31,15 @@ WAIT_S = 30.0
 AHEAD = 2
 """Portions given out per thread: one that is worked on and one that waits for it."""
 Progress = Callable[[int, int], None]
+
+
+class EndedError(Exception):
+    """Ctrl-C, or what counts as that, while work was done: `rows` of what is done, of `total` orders."""
+
+    def __init__(self, rows: list[Row], total: int) -> None:
+        """Take what is done."""
+        super().__init__(f"{len(rows)} of {total} done")
+        self.rows, self.total = rows, total
 
 
 def run(
@@ -41,19 +55,30 @@ def run(
 
     The workers are `workers` processes of this computer, each with at most `memory_GB`, or those of the
     cluster at `address`, which see logs and output under the same paths. Raises `UserError` where there is no
-    cluster.
+    cluster, and `EndedError` in place of `KeyboardInterrupt`.
     """
     with alone_in(how.output) as folder:
+        how = replace(how, run=folder.name)
         found = {order: done(order, how) for order in orders}
         rows = [row for row in found.values() if row is not None]
         before, left = len(rows), [order for order, row in found.items() if row is None]
         progress(before, len(orders))
         if left:
-            with _client(workers, memory_GB, address, folder) as client:
-                for some in _done_by(client, left, how):
-                    rows += some
-                    progress(len(rows), len(orders))
+            try:
+                with _client(workers, memory_GB, address, folder) as client:
+                    for some in _done_by(client, left, how):
+                        rows += some
+                        progress(len(rows), len(orders))
+            except KeyboardInterrupt:
+                raise EndedError(rows + _besides(rows, left, how), len(orders)) from None
     return rows, before
+
+
+def _besides(rows: Sequence[Row], orders: Sequence[Order], how: How) -> list[Row]:
+    """The rows of what is done in portions that have not come back."""
+    told = {row["folder"] for row in rows}
+    found = (done(order, how) for order in orders if str(order.place) not in told)
+    return [row for row in found if row is not None]
 
 
 def _done_by(client: Client, orders: Sequence[Order], how: How) -> Iterator[list[Row]]:
@@ -100,23 +125,70 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
         with _joined(address) as client:
             yield client
         return
-    settings = {"distributed.worker.daemon": True, "temporary-directory": str(folder)}
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",  # None would be port 8787, on all interfaces
-            scheduler_kwargs={"dashboard": False},
-            local_directory=str(folder),
-            memory_limit="auto" if memory_GB is None else int(memory_GB * 1e9),
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
+    settings = {
+        "distributed.worker.daemon": True,
+        "temporary-directory": str(folder),
+        # Dask holds nothing but rows here: a worker that waits until memory is free would wait for ever
+        **{f"distributed.worker.memory.{what}": False for what in ("target", "spill", "pause")},
+    }
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        runner = _deaf_to_ctrl_c()
+        stack.callback(runner.stop)
+        with _unheard(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
+            cluster = stack.enter_context(_cluster(runner, workers, memory_GB, folder))
+        client = stack.enter_context(Client(cluster))
+        try:
+            yield client
+        except KeyboardInterrupt:
+            _kill(cluster)
+            raise
+
+
+def _cluster(runner: LoopRunner, workers: int, memory_GB: float | None, folder: Path) -> LocalCluster:
+    return LocalCluster(
+        loop=runner.loop,
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",  # None would be port 8787, on all interfaces
+        scheduler_kwargs={"dashboard": False},
+        local_directory=str(folder),
+        memory_limit="auto" if memory_GB is None else int(memory_GB * 1e9),
+        silence_logs=logging.CRITICAL,
+    )
+
+
+@contextmanager
+def _unheard(*numbers: signal.Signals) -> Iterator[None]:
+    """Put signals off; threads and processes that are started within do not hear them at all."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _deaf_to_ctrl_c() -> LoopRunner:
+    """Start the thread that starts the workers so that Ctrl-C, which a terminal sends to all, is not theirs.
+
+    The deaf hand it on to their processes; a worker that hears it while it starts prints a traceback.
+    """
+    resource_tracker.ensure_running()  # it would give its starter ears again
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # of workers that are ended while they start
+    runner = LoopRunner()
+    with _unheard(signal.SIGINT):
+        runner.start()
+    return runner
+
+
+def _kill(cluster: LocalCluster) -> None:
+    """End the workers now: asked to, each would first finish its log, or be waited for in vain."""
+    for nanny in cluster.workers.values():
+        nanny.status = Status.closing_gracefully  # it closes with its process, and starts no other
+        with suppress(OSError, TypeError):
+            os.kill(nanny.pid, signal.SIGKILL)
 
 
 @contextmanager

@@ -29,9 +29,12 @@ _EXIT = 70
 
 
 def work(orders: Sequence[Order], how: How) -> list[Row]:
-    """Do a portion of work; a row for each order, in which `problem` says what was wrong with it."""
+    """Do a portion of work; a row for each order, in which `problem` says what was wrong with it.
+
+    A worker of a cluster outlives the command: what is left when that has ended is left.
+    """
     with _TURN:
-        return [_one(order, how) for order in orders]
+        return [_one(order, how) for order in orders if not how.has_ended]
 
 
 def failed(order: Order, how: How, problem: str) -> Row:

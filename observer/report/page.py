@@ -44,20 +44,28 @@ def figure(svg: str, caption: str) -> Html:
     return Html(f'<figure><div class="wide">{svg}</div><figcaption>{safe(caption)}</figcaption></figure>')
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> Html:
-    """Return a table; the columns `numbers` are set to the right. Empty without rows."""
+def table(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = (), *, stacked: bool = False
+) -> Html:
+    """Return a table; the columns `numbers` are set to the right. Empty without rows.
+
+    A `stacked` one is a card for each row on a phone, headed by its first cell, the others with their heads.
+    """
     if not rows:
         return Html("")
 
     def line(tag: str, cells: Sequence[str]) -> str:
-        return "".join(
-            f'<{tag} class="n">{safe(cell)}</{tag}>' if i in numbers else f"<{tag}>{safe(cell)}</{tag}>"
-            for i, cell in enumerate(cells)
-        )
+        found = []
+        for i, cell in enumerate(cells):
+            kind = ' class="n"' if i in numbers else ""
+            head = f' data-head="{escape(heads[i])}"' if stacked and i and tag == "td" else ""
+            found.append(f"<{tag}{kind}{head}>{safe(cell)}</{tag}>")
+        return "".join(found)
 
     body = "\n".join(f"<tr>{line('td', row)}</tr>" for row in rows)
     head = f"<thead><tr>{line('th', heads)}</tr></thead>"
-    return Html(f'<div class="wide"><table>{head}\n<tbody>\n{body}\n</tbody></table></div>')
+    kind = ' class="stacked"' if stacked else ""
+    return Html(f'<div class="wide"><table{kind}>{head}\n<tbody>\n{body}\n</tbody></table></div>')
 
 
 def tiles(facts: Sequence[tuple[str, str]]) -> Html:
@@ -109,6 +117,7 @@ td { border-bottom: 1px solid var(--faint); overflow-wrap: break-word; }
 td:last-child, td:has(.bar) { white-space: nowrap; }
 .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 th.n { white-space: normal; }
+.whole { white-space: nowrap; }
 tr { break-inside: avoid; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 14px 0 0; }
 .tiles div { background: var(--raised); border-radius: 8px; padding: 10px 16px; flex: 1 1 150px; }
@@ -117,6 +126,15 @@ dd { margin: 0; font-size: 18px; font-weight: 600; overflow-wrap: anywhere; }
 .bar { display: inline-block; width: 70px; height: 9px; background: var(--faint); border-radius: 4px;
   overflow: hidden; }
 .bar i { display: block; height: 100%; background: var(--after); }
+.stacked td:last-child { white-space: normal; }
+@media screen and (max-width: 640px) {
+  .stacked, .stacked tbody, .stacked tr, .stacked td { display: block; text-align: left; }
+  .stacked thead { display: none; }
+  .stacked tr { padding: 8px 0; border-bottom: 1px solid var(--line); }
+  .stacked td { padding: 1px 0; border: 0; white-space: normal; overflow-wrap: anywhere; }
+  .stacked td:first-child { font-weight: 600; }
+  .stacked td .whole { white-space: normal; }
+  .stacked td[data-head]::before { content: attr(data-head) ": "; color: var(--quiet); } }
 @page { size: A4; margin: 15mm; }
 @media print {
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; }

@@ -131,7 +131,7 @@ def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_p
     with _started("replay", *logs, "--config", config, "--output", output, "--workers", 1) as process:
         for number in (1, 2):
             # the part of the long log is there once its estimates are being written
-            until(lambda number=number: [*output.glob(f".work/*.{number}/*/.estimates*")], START_S)
+            until(lambda number=number: [*output.glob(f".work/*/*.{number}/*/.estimates*")], START_S)
             (worker,) = _workers(process.pid)
             os.kill(worker, signal.SIGKILL)
         said, _ = process.communicate(timeout=5 * PATIENCE_S)
@@ -189,3 +189,25 @@ def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
     result = json.loads((how.output / "type-1-x" / "calibrate" / "calibration.json").read_text())
     assert row["found"]["calibrated"] == result["calibrated"]
     assert result["logs"] == ["run-000.parquet", "run-001.parquet"]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ctrl_c_keeps_what_is_done_in_one_sentence_and_leaves_nobody_behind(tmp_path, number, code):
+    config, logs = _long_and_short(tmp_path)
+    output = tmp_path / "out"
+    command = _command("replay", *logs, "--config", config, "--output", output, "--workers", 1)
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    ) as process:
+        try:
+            until(lambda: [*output.glob(".work/*/*.1/*/.estimates*")], START_S)
+            workers = _workers(process.pid)
+            os.killpg(process.pid, number)  # as a terminal sends it, to the workers too
+            said, _ = process.communicate(timeout=PATIENCE_S)
+        finally:
+            process.kill()
+    assert process.returncode == code, said
+    assert said == "observer: fleet replay: ended with 0 of 2 done; the same command goes on with the rest\n"
+    assert len(workers) == 1
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    assert sorted(path.name for path in output.iterdir()) == ["report.html", "results.parquet"]

@@ -18,35 +18,93 @@ def _table(folder: Path, text: str) -> Path:
     return path
 
 
-def test_paths_go_out_from_the_table_and_other_columns_are_left_alone(tmp_path):
-    path = _table(
-        tmp_path, "hall,config,log,machine\n3,c/a.toml,../a/run.csv,lathe-7\n,/x.toml,/b.csv,lathe-8\n"
-    )
-    assert read_table(path) == [
-        Line(tmp_path.parent / "a" / "run.csv", "lathe-7", tmp_path / "c" / "a.toml"),
-        Line(Path("/b.csv"), "lathe-8", Path("/x.toml")),
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with logs and a configuration, which are looked for and not read."""
+    for name in ("c.toml", "a.csv", "b.csv", "day/1.csv", "day/2.csv", "day/odd[1].csv", "day/notes/x"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def test_paths_go_out_from_the_table_and_other_columns_are_left_alone(folder):
+    (folder / "tables").mkdir()
+    text = f"hall,config,log,machine\n3,../c.toml,../day/1.csv,lathe-7\n,{folder}/c.toml,{folder}/b.csv,l-8\n"
+    path = _table(folder / "tables", text)
+    expected = [
+        Line(folder / "day" / "1.csv", "lathe-7", folder / "c.toml"),
+        Line(folder / "b.csv", "l-8", folder / "c.toml"),
     ]
-    rows = [{"log": "../a/run.csv", "machine": "lathe-7", "config": "c/a.toml"}]
-    parquet.write_table(pa.Table.from_pylist(rows), tmp_path / "fleet.parquet")
-    assert read_table(tmp_path / "fleet.parquet") == read_table(path)[:1]
+    assert read_table(path) == expected
+    rows = [{"log": "../day/1.csv", "machine": "lathe-7", "config": "../c.toml"}]
+    parquet.write_table(pa.Table.from_pylist(rows), folder / "tables" / "fleet.parquet")
+    assert read_table(folder / "tables" / "fleet.parquet") == expected[:1]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufefflog,machine,config\na.csv,m,c.toml\n",
+        "log;machine;config\r\na.csv;m;c.toml\r\n;;\r\n",
+        "log\tmachine\tconfig\na.csv\tm\tc.toml",
+        "log, machine, config\n\na.csv, m, c.toml\n\n",
+        'log,machine,config\n"a.csv",m,./c.toml\n',
+    ],
+)
+def test_a_table_may_be_as_spreadsheets_write_it(folder, text):
+    assert read_table(_table(folder, text)) == [Line(folder / "a.csv", "m", folder / "c.toml")]
+
+
+def test_a_pattern_stands_for_the_files_that_it_fits(folder):
+    lines = read_table(_table(folder, "log,machine,config\nday/*,m,c.toml\n?.csv,n,c.toml\n"))
+    names = ["day/1.csv", "day/2.csv", "day/odd[1].csv", "a.csv", "b.csv"]
+    assert [line.log for line in lines] == [folder / name for name in names]
+    (line,) = read_table(_table(folder, "log,machine,config\nday/odd[1].csv,m,c.toml\n"))
+    assert line.log == folder / "day/odd[1].csv", "a file of that very name comes first"
+
+
+HEAD = "log,machine,config\n"
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("", "column log is missing; .* first line says nothing"),
         ("log,machine\na.csv,m\n", "column config is missing"),
-        ("log,machine,config\na.csv,,c.toml\n", "row 1: machine is empty"),
-        ("log,machine,config\na.csv,m,c.toml\na.csv,../m,c.toml\n", "row 2: '../m' is no machine's name"),
-        ("log,machine,config\na.csv,..,c.toml\n", "'..' is no machine's name"),
-        ("log,machine,config\na.csv,m,c.toml\na.csv,m,c.toml\n", "row 2: a.csv of m stands there twice"),
-        ("log,machine,config\n", "names no log"),
-        ("log,machine,config\n\xff\0,\n".encode("latin-1").decode("latin-1"), "row 1: machine is empty"),
+        ("file,machine,config\na.csv,m,c.toml\n", "column log is missing; .* says file, machine, config"),
+        ("log,log,machine,config\na.csv,b.csv,m,c.toml\n", "column log is there twice"),
+        (f"{HEAD}a.csv,,c.toml\n", "row 1: machine is empty"),
+        (f"{HEAD}a.csv,m\n", "row 1: config is empty"),
+        (f"{HEAD}a.csv,m,c.toml\nx, y.csv,m,c.toml\n", "row 2: 4 cells under 3 columns; put"),
+        (f"{HEAD}a.csv,m,c.toml\na.csv,../m,c.toml\n", r"row 2: '\.\./m' is no machine's name"),
+        (f"{HEAD}a.csv,..,c.toml\n", r"'\.\.' is no machine's name"),
+        (f"{HEAD}a.csv,report.html,c.toml\n", r"'report\.html' is no machine's name"),
+        (f"{HEAD}a.csv,m,c.toml\nday/../a.csv,m,c.toml\n", "row 2: .* of m stands there twice, in row 1"),
+        (f"{HEAD}a.csv,m,c.toml\n*.csv,m,c.toml\n", r"row 2: .*a\.csv of m stands there twice, in row 1"),
+        (f"{HEAD}a.csv,m,c.toml\na.csv,n,c.toml\n", "row 2: .* by the same configuration of m in row 1"),
+        (f"{HEAD}a.csv,m,no.toml\n", r"row 1: config: /.*/no\.toml is not there"),
+        (f"{HEAD}a.csv,m,day\n", "row 1: config: .*day is a folder"),
+        (f"{HEAD}day/,m,c.toml\n", r"row 1: log: .*day is a folder; name its logs, as day/\*\.csv"),
+        (f"{HEAD}day/*.txt,m,c.toml\n", r"row 1: log: no file fits /.*day/\*\.txt"),
+        (f"{HEAD}x.csv,m,c.toml\ny.csv,m,c.toml\n", r"none of its 2 logs is there, /.*/x\.csv for one"),
+        (HEAD, "names no log"),
+        (f'{HEAD}"a.csv,m,c.toml\n', "not CSV in UTF-8"),
     ],
 )
-def test_what_is_wrong_with_a_table_is_said_with_its_row(tmp_path, text, said):
-    with pytest.raises(UserError, match=r"fleet\.csv: ") as told:
-        read_table(_table(tmp_path, text))
-    assert said in str(told.value)
+def test_what_is_wrong_with_a_table_is_said_with_its_row(folder, text, said):
+    with pytest.raises(UserError, match=rf"fleet\.csv: .*{said}"):
+        read_table(_table(folder, text))
+
+
+def test_a_log_that_is_not_there_beside_others_is_work_that_fails(folder):
+    lines = read_table(_table(folder, f"{HEAD}a.csv,m,c.toml\nx.csv,m,c.toml\n"))
+    assert [line.log.name for line in lines] == ["a.csv", "x.csv"]
+
+
+def test_one_log_may_be_of_two_machines_by_a_configuration_each(folder):
+    (folder / "d.toml").touch()
+    lines = read_table(_table(folder, f"{HEAD}a.csv,mill-x,c.toml\na.csv,mill-z,d.toml\n"))
+    assert [line.machine for line in lines] == ["mill-x", "mill-z"]
 
 
 def test_a_table_that_is_none(tmp_path):
@@ -60,6 +118,8 @@ def test_a_table_that_is_none(tmp_path):
 def test_logs_as_given_are_of_the_machine_of_their_configuration(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert given([Path("a.csv")], RIG) == [Line(tmp_path / "a.csv", "rig-x", RIG)]
+    with pytest.raises(UserError, match=r"a\.csv: named 2 times"):
+        given([Path("a.csv"), Path("./a.csv")], RIG)
 
 
 def test_a_replay_is_one_order_a_log_and_a_calibration_one_a_machine():

@@ -38,7 +38,8 @@ def _discoveries():
 
 
 def _text(html: str) -> str:
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html.split("<body>")[1]))
+    body = re.sub(r"</?span[^>]*>", "", html.split("<body>")[1])
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body))
 
 
 def test_the_page_names_who_lacks_what_who_runs_hot_and_who_could_share():
@@ -49,9 +50,28 @@ def test_the_page_names_who_lacks_what_who_runs_hot_and_who_could_share():
     assert "something the library does not have 1 m2" in said
     assert "m9&lt;b&gt; left 1500 15.0 9.2 1.63 5" in said
     assert "m0, m1, m2" in said
+    assert said.index("m2 2.3 → 0.07") < said.index("nothing 1 m1"), "what is to be seen to comes first"
     assert "surface.convection_W_m2K = 15.2 (15.03 … 15.37)" in said
     assert "bad.csv: &lt;no&gt; such file" in said
     assert "<b>" not in html.replace("<b>left 15.0 W", ""), "names of machines are text"
+
+
+def test_machines_are_counted_as_people_count_and_on_a_phone_each_cell_has_its_head():
+    rows = [
+        row | {"machine": f"lathe-{i}", "folder": f"lathe-{i}/discover"}
+        for i in (10, 2, 1)
+        for row in _discoveries()[1:2]
+    ]
+    html = page(rows, [])
+    assert _text(html).count("lathe-1, lathe-2, lathe-10") == 2, "who lacks nothing, and who could share"
+    assert '<td data-head="lacks">nothing</td>' in html
+
+
+def test_what_is_doubted_about_a_log_that_was_used_is_told_once():
+    doubted = [_row("m2", verb, "run", doubts=["run.csv: looks like °F"]) for verb in ("replay", "identify")]
+    for row in doubted:
+        row["found"] |= {"heat_mean_W": {}, "speed_mean_rpm": {}}
+    assert _text(page(doubted, [])).count("m2 run.csv: looks like °F") == 1
 
 
 def test_the_page_asks_for_nothing_from_elsewhere():
