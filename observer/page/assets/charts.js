@@ -47,5 +47,5 @@ export function redraw() { for (const { plot } of all) plot.redraw(false, true);
 
 // the label of an edge of a band says nothing a reader needs
 export function tidyLegend(element) {
-  for (const row of element.querySelectorAll(".u-legend .u-series")) if (row.textContent.trim().startsWith("_") || row === row.parentNode.firstChild) row.hidden = true;
+  for (const row of element.querySelectorAll(".u-legend .u-series")) if (row.textContent.trim().startsWith("_")) row.hidden = true;
 }
