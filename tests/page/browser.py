@@ -18,6 +18,7 @@ ARGS = (
     "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update",
     "--disable-sync", "--no-first-run", "--disable-quic",
 )  # fmt: skip
+PERIOD_S, SENSORS_S = 0.5, 1.0
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "desktop": (1440, 900), "wall": (2560, 1440)}
 
 
@@ -35,12 +36,18 @@ def chromium() -> Iterator[Any]:
 
 
 @contextmanager
-def service(folder: Path, **page: Any) -> Iterator[tuple[str, Daemon, Subscriber]]:
-    """A daemon with a page on a simulated machine: the page's address, the daemon, and who hears Zenoh."""
+def service(
+    folder: Path, sensors_s: float = SENSORS_S, **page: Any
+) -> Iterator[tuple[str, Daemon, Subscriber]]:
+    """A daemon with a page on a simulated machine: the page's address, the daemon, and who hears Zenoh.
+
+    Its thermocouples are read less often than the estimator steps.
+    """
     endpoint, listen = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
     with machine() as simulated:
         table = table_for(simulated.wires, mode="router", listen=[endpoint])
-        table["estimator"]["period_s"] = 0.5
+        table["estimator"]["period_s"] = PERIOD_S
+        table["drivers"]["thermocouples"]["period_s"] = SENSORS_S
         table["page"] = {"listen": listen, **page}
         with Daemon(folder, table) as daemon, Subscriber(endpoint) as seen:
             until(lambda: seen.estimates, 2 * PATIENCE_S)
