@@ -43,6 +43,9 @@ _MOST_BYTES = 4096
 _MOST_NAME = 200
 _POINTS = 600
 _GIVES_WAY = 10
+_IN_THE_CLEAR = (
+    '<p class="hint plain">This connection is not encrypted: whoever is on the way can read the password.</p>'
+)
 
 
 def application(start: Start, stream: Stream, login: Login | None, acknowledge: Acknowledge) -> ASGIApp:
@@ -184,7 +187,9 @@ class _Pages:
         return RedirectResponse("/", 303, {"set-cookie": self._login.cookie(form["user"])})
 
     def _ask(self, message: str, status: int) -> Response:
+        clear = "" if self._page.doubt is None else _IN_THE_CLEAR
         page = self._assets["login.html"].replace(b"{message}", message.encode())
+        page = page.replace(b"{clear}", clear.encode())
         # without this a browser does not say where the form came from
         return HTMLResponse(page, status, {"referrer-policy": "same-origin"})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -36,9 +37,7 @@ def chromium() -> Iterator[Any]:
 
 
 @contextmanager
-def service(
-    folder: Path, sensors_s: float = SENSORS_S, **page: Any
-) -> Iterator[tuple[str, Daemon, Subscriber]]:
+def service(folder: Path, **page: Any) -> Iterator[tuple[str, Daemon, Subscriber]]:
     """A daemon with a page on a simulated machine: the page's address, the daemon, and who hears Zenoh.
 
     Its thermocouples are read less often than the estimator steps.
@@ -55,10 +54,10 @@ def service(
             yield f"http://{listen}/", daemon, seen
 
 
-def answers(url: str) -> bool:
+def answers(url: str, trusted: ssl.SSLContext | None = None) -> bool:
     """Whether something is served there."""
     try:
-        with urllib.request.urlopen(url, timeout=2) as answer:
+        with urllib.request.urlopen(url, timeout=2, context=trusted) as answer:
             return bool(answer.status == 200)
     except OSError:
         return False

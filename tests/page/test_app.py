@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import cbor2
 import httpx
@@ -107,6 +108,23 @@ async def test_guessing_is_slowed_down(page):
         await client.post("/login", data={"user": "anna", "password": "x"}, headers={"origin": HERE})
     last = await client.post("/login", data={"user": "anna", "password": "right"}, headers={"origin": HERE})
     assert last.status_code == 429
+
+
+@pytest.mark.parametrize(
+    ("listen", "tls", "clear"),
+    [("127.0.0.1:80", False, False), ("0.0.0.0:80", True, False), ("0.0.0.0:80", False, True)],
+)
+async def test_a_login_that_others_can_read_says_so(listen, tls, clear):
+    files = {"certificate": Path("c"), "key": Path("k")} if tls else {}
+    settings = Page(listen=listen, users_file=Path("u"), **files)
+    start = Start(machine="lathe", axis="z", period_s=0.5, page=settings)
+    login = Login({"anna": "right"}, secure=tls)
+    app = application(start, Stream(Latest(0.5), "lathe", "z", 0.5), login, lambda *_: None)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE) as client:
+        text = (await client.get("/login")).text
+    assert ("not encrypted" in text) == clear
+    assert "{" not in text
+    assert (settings.doubt is not None) == clear
 
 
 async def test_reports_are_listed_with_what_they_change(page, tmp_path):
