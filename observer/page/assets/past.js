@@ -1,5 +1,5 @@
 // The recordings: a span of them, another laid over it.
-import { chart, edge, line, tidyLegend } from "./charts.js";
+import { again, chart, edge, line, tidyLegend } from "./charts.js";
 import { byId, colour, fade, make, number, say, span, when } from "./format.js";
 
 const UNITS = { degC: "°C", m: "m", rpm: "rpm", W: "W", um: "µm", mm: "mm" };
@@ -68,7 +68,7 @@ function build(groups, second) {
     box.append(element);
     names.forEach((name, i) => {
       const at = series.length + 1;
-      series.push(line(name, () => colour(i), { width: 1.5, spanGaps: true }), edge("_"), edge("_"));
+      series.push(line(name, () => colour(i), { width: 1.5, spanGaps: true, ...again(i) }), edge("_"), edge("_"));
       bands.push({ series: [at + 1, at + 2], fill: () => fade(colour(i), 0.25) });
       if (second?.channels[name]) series.push(line("_over", () => colour(i), { width: 1.5, dash: [5, 4], spanGaps: true }));
     });

@@ -99,6 +99,7 @@ function drawAlarms() {
   const key = JSON.stringify(told.alarms) + JSON.stringify(told.bands ?? {});
   if (box.dataset.told === key) return;
   box.dataset.told = key;
+  const held = box.contains(document.activeElement) ? document.activeElement.closest("[data-alarm]")?.dataset.alarm : null;
   const alarms = told.alarms.map((alarm) => {
     const item = make("div", { class: "alarm", "data-severity": alarm.severity, "data-state": alarm.state, "data-alarm": alarm.id },
       make("b", { text: alarm.reason }), make("p", { text: alarm.remedy }),
@@ -113,6 +114,8 @@ function drawAlarms() {
     make("td", { class: "n", text: band.known ? `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual` : `${number(band.running_h)} h gathered` }),
     make("td", { class: "n", text: band.known && known(band.trend_per_day) ? `${number(100 * band.trend_per_day, 2)} %/day` : "" })));
   box.replaceChildren(...(alarms.length ? alarms : [make("p", { class: "calm", text: "No alarm." })]), ...(bands.length ? [make("div", { class: "scroll" }, make("table", {}, make("tbody", {}, ...bands)))] : []));
+  // who was about to press something is still there
+  if (held) (box.querySelector(`[data-alarm="${CSS.escape(held)}"] button`) ?? byId("p5")).focus({ preventScroll: true });
 }
 
 function drawFoot() {
