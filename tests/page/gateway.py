@@ -23,7 +23,6 @@ from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
 
 NASTY = "<img src=x onerror=alert(1)> t3 is open"
-NO_MORE: Mapping[str, Any] = {}
 NOW_S = time.time()
 HEAD = {"time_s": NOW_S, "sequence": 7, "instance": "i"}
 PLACES_M = [0.0, 0.5, 1.0]
@@ -74,11 +73,15 @@ def estimate(sequence: int) -> bytes:
 
 @contextmanager
 def gateway(
-    ca: Path | None = None, told: dict[str, Any] = DOCUMENTS, start: Mapping[str, Any] = NO_MORE, **page: Any
+    told: Mapping[str, Any] = DOCUMENTS,
+    told_estimate: bytes | None = None,
+    *,
+    ca: Path | None = None,
+    **page: Any,
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """The gateway's process with a page of these documents, by TLS where it is given an authority."""
     listen = f"127.0.0.1:{free_port()}"
-    first = Start(machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page), **start)
+    first = Start(machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page))
     trusted = None if ca is None else ssl.create_default_context(cafile=ca)
     url = f"http{'' if ca is None else 's'}://{listen}/"
     process = subprocess.Popen(
@@ -88,7 +91,7 @@ def gateway(
         stderr=subprocess.PIPE,
     )
     try:
-        messages = [("start", first.model_dump_json().encode()), ("estimate", estimate(7))]
+        messages = [("start", first.model_dump_json().encode()), ("estimate", told_estimate or estimate(7))]
         messages += [(key, json.dumps(document).encode()) for key, document in told.items()]
         process.stdin.write(b"".join(framed(*message) for message in messages))
         process.stdin.flush()
@@ -101,3 +104,54 @@ def gateway(
         assert process.stderr.read() == b""  # it ends without a word, whoever still looks
         process.stdout.close()
         process.stderr.close()
+
+
+def tell(process: subprocess.Popen[bytes], key: str, document: Mapping[str, Any]) -> None:
+    """Tell a running gateway a document."""
+    assert process.stdin is not None
+    process.stdin.write(framed(key, json.dumps(document).encode()))
+    process.stdin.flush()
+
+
+LONG = "a_very_long_name_on_the_motor_side_with_its_housing"
+SENSORS = [f"{LONG}_{i}" if i == 4 else f"t{i}" for i in range(12)]
+SOURCES = ["nut", "left_bearing", LONG, "motor_coupling", "ball_return_tube", "support_unit"]
+REASON = f"{LONG}: the reading has not changed for 240 s while the model expects 1.8 K; " * 2 + "w" * 150
+
+
+def crowd() -> dict[str, Any]:
+    """The documents of twelve sensors and six sources, with long names and an alarm of each state."""
+    sensor = [{"name": n, "channel": f"{n}_degC", "position_m": i / 11} for i, n in enumerate(SENSORS)]
+    values = {s["channel"]: {"value": 25.0, "quality": "good", "age_s": 0.0} for s in sensor}
+    (alarm,) = DOCUMENTS["alarms"]["alarms"]
+    states = ("unacknowledged", "acknowledged", "returned")
+    learned = {f"sensor.{name}.offset_K": {"value": -0.31, "sigma": 0.08} for name in SENSORS}
+    source = [*DOCUMENTS["config"]["config"]["source"], *({"name": name} for name in SOURCES[1:])]
+    band = DOCUMENTS["alarms"]["bands"]["nut"]
+    heats = {name: {"heat_W": 126.5, "sigma_W": 10.6} for name in SOURCES}
+    return {
+        **DOCUMENTS,
+        "config": {"config": {"source": source, "sensor": sensor}},
+        "readings": {**HEAD, "channels": {**DOCUMENTS["readings"]["channels"], **values}},
+        "heat": {**HEAD, "sources": heats, "quality": "good"},
+        "health": {**DOCUMENTS["health"], "reasons": [f"{i}: {REASON}" for i in range(6)], "channels": {}},
+        "learned": {**HEAD, "parameters": learned},
+        "alarms": {
+            **DOCUMENTS["alarms"],
+            "alarms": [{**alarm, "id": f"{LONG}.{s}", "state": s, "reason": REASON} for s in states],
+            "bands": dict.fromkeys(SOURCES, band),
+        },
+    }
+
+
+def crowd_estimate() -> bytes:
+    """The estimate that goes with it."""
+
+    def typed(value: float, count: int) -> cbor2.CBORTag:
+        return cbor2.CBORTag(85, struct.pack(f"<{count}f", *[value] * count))
+
+    return cbor2.dumps({
+        **HEAD, "quality": "degraded", "sources": SOURCES, "heat_W": typed(126.5, 6), "law_W": typed(24.0, 6),
+        "sensors": SENSORS, "innovation_K": typed(-0.031, 12), "innovation_sigma_K": typed(0.1, 12),
+        "sensor_quality": ["good", "stale", "rejected"] * 4,
+    })  # fmt: skip

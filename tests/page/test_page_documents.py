@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-import subprocess
-import sys
+import ssl
+from contextlib import closing
 
+import httpx
 import pytest
 
-from observer.gateway.framing import framed
-from observer.gateway.start import Start
-from observer.tables.gateway import Page
-from tests.page.browser import CHROMIUM, chromium
-from tests.page.gateway import DOCUMENTS, NASTY, gateway
-from tests.patience import PATIENCE_S
+from observer.page.login import COOKIE
+from tests.page.browser import CHROMIUM, SIZES, chromium
+from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, gateway, tell
+from tests.publish.people import Authority, secret
 
 pytestmark = [
     pytest.mark.system,
@@ -27,9 +27,65 @@ def browser():
         yield started
 
 
-def test_documents_are_shown_and_never_run(browser):
-    with gateway() as (url, process):
-        page, problems = browser.new_page(), []
+@pytest.fixture(scope="module")
+def served():
+    """A page of the documents: its address and its process."""
+    with gateway() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def crowded(browser):
+    """A page of a machine with much to say."""
+    with gateway(crowd(), told_estimate=crowd_estimate()) as (url, _), closing(browser.new_page()) as page:
+        page.goto(url)
+        page.wait_for_selector("#alarms [data-alarm]")
+        page.wait_for_function("() => document.querySelectorAll('tr[data-sensor]').length === 12")
+        page.wait_for_function("() => document.querySelectorAll('[data-heat]').length === 6")
+        yield page
+
+
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory):
+    """A page by TLS for those who log in: its address, and the authority's certificate."""
+    folder = tmp_path_factory.mktemp("tls")
+    ours = Authority(folder)
+    users = secret(folder / "users", "anna:right\n")
+    with gateway(ca=ours.ca, users_file=users, **ours.sign("page")) as (url, _):
+        yield url, ours.ca
+
+
+def test_who_trusts_the_authority_logs_in_and_out_over_it(sealed):
+    url, ca = sealed
+    own = {"origin": url.rstrip("/")}
+    with httpx.Client(base_url=url, verify=ssl.create_default_context(cafile=ca)) as client:
+        assert client.get("/").headers["location"] == "/login"
+        wrong = client.post("/login", data={"user": "anna", "password": "wrong"}, headers=own)
+        assert wrong.status_code == 403
+        assert "set-cookie" not in wrong.headers
+        right = client.post("/login", data={"user": "anna", "password": "right"}, headers=own)
+        assert right.headers["location"] == "/"
+        words = {word.strip() for word in right.headers["set-cookie"].split(";")}
+        assert {"Secure", "HttpOnly", "SameSite=Strict", "Path=/"} <= words
+        assert client.get("/recent.json").status_code == 200
+        out = client.post("/logout", headers=own)
+        assert f"{COOKIE}=;" in out.headers["set-cookie"]
+        assert "Secure" in out.headers["set-cookie"]
+        assert client.get("/recent.json").status_code == 401
+
+
+def test_who_does_not_trust_it_and_who_speaks_plainly_gets_nothing(sealed):
+    url, _ = sealed
+    with pytest.raises(httpx.ConnectError, match="certificate verify failed"):
+        httpx.get(url)
+    with pytest.raises(httpx.TransportError):
+        httpx.get(url.replace("https://", "http://"))
+
+
+def test_documents_are_shown_and_never_run(browser, served):
+    url, process = served
+    with closing(browser.new_page()) as page:
+        problems = []
         page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
         page.on("pageerror", lambda error: problems.append(str(error)))
         page.on("dialog", lambda dialog: problems.append(dialog.message))
@@ -53,41 +109,70 @@ def test_documents_are_shown_and_never_run(browser):
             "acknowledge": "sensor.t3.open_circuit",
             "by": "page",
         }
-        process.stdin.write(framed("alarms", json.dumps({**DOCUMENTS["alarms"], "alarms": []}).encode()))
-        process.stdin.flush()
+        tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#alarms .calm")
+        tell(process, "alarms", DOCUMENTS["alarms"])
         assert problems == []
-    page.close()
 
 
-def test_who_looks_logs_in_where_it_is_asked(browser, tmp_path):
-    users = tmp_path / "users"
-    users.touch(0o600)
-    users.write_text("anna:right\n", encoding="utf-8")
-    with gateway(users_file=users) as (url, _):
-        page = browser.new_page()
+@pytest.mark.parametrize("size", SIZES)
+def test_what_is_long_and_many_stays_in_its_panel(crowded, size):
+    width, height = SIZES[size]
+    crowded.set_viewport_size({"width": width, "height": height})
+    crowded.wait_for_function(f"() => innerWidth === {width}")
+    assert crowded.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+    # of panels none has anything cut off, and of tables no last column is out of sight
+    out = """() => [...document.querySelectorAll('header, .hero, .panel, .scroll, #heats')]
+      .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className)"""
+    assert crowded.evaluate(out) == []
+
+
+def test_the_keyboard_goes_through_it_in_the_order_that_is_seen(crowded):
+    width, height = SIZES["phone"]  # one column
+    crowded.set_viewport_size({"width": width, "height": height})
+    crowded.evaluate("() => { document.activeElement.blur(); scrollTo(0, 0); }")
+    seen = []
+    for _ in range(40):
+        crowded.keyboard.press("Tab")
+        at = crowded.evaluate("""() => {
+          const e = document.activeElement, box = e.getBoundingClientRect();
+          const sticks = e.closest('.top, .skip') !== null;
+          return e === document.body ? null : [sticks ? 0 : box.top + scrollY,
+            getComputedStyle(e).outlineStyle === 'solid' || e.id.includes('until')];
+        }""")
+        if at is None:
+            break
+        seen.append(at)
+    tops = [top for top, _ in seen]
+    assert len(seen) > 12
+    assert all(after >= before - 40 for before, after in itertools.pairwise(tops))  # buttons of a row
+    assert all(marked for _, marked in seen)
+
+
+def test_nothing_moves_where_that_is_not_wanted(crowded):
+    crowded.emulate_media(reduced_motion="reduce")
+    assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "auto"
+    moving = "() => document.getAnimations().length"
+    crowded.keyboard.press("t")
+    assert crowded.evaluate(moving) == 0
+    crowded.emulate_media(reduced_motion="no-preference")
+    assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "smooth"
+
+
+def test_a_browser_shows_the_page_over_it(browser, sealed):
+    url, _ = sealed
+    # it trusts its own authorities only
+    with closing(browser.new_page(ignore_https_errors=True)) as page:
         page.goto(url)
+        # what is right came by the stream of events
         for password, seen in (("wrong", ".wrong:not(:empty)"), ("right", "tr[data-sensor=t3]")):
             page.fill("[name=user]", "anna")
             page.fill("[name=password]", password)
             page.keyboard.press("Enter")
             page.wait_for_selector(seen)
         (cookie,) = page.context.cookies()
-        assert cookie["httpOnly"]
-        assert cookie["sameSite"] == "Strict"
+        assert cookie["secure"]
+        assert page.evaluate("() => isSecureContext")
         page.click("#logout button")
         page.wait_for_selector("[name=password]")
-    page.close()
-
-
-def test_a_port_that_is_taken_is_a_reason_in_words():
-    with gateway() as (url, _):
-        listen = url.removeprefix("http://").strip("/")
-        start = Start(machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen))
-        other = subprocess.run(
-            [sys.executable, "-m", "observer.gateway"],
-            input=framed("start", start.model_dump_json().encode()), capture_output=True, timeout=PATIENCE_S,
-        )  # fmt: skip
-    assert other.returncode == 0
-    for line in other.stdout.splitlines():
-        assert "another program listens" in json.loads(line)["reason"]
+        assert page.locator(".plain").count() == 0
