@@ -73,15 +73,13 @@ def estimate(sequence: int) -> bytes:
 
 @contextmanager
 def gateway(
-    told: Mapping[str, Any] = DOCUMENTS,
-    told_estimate: bytes | None = None,
-    *,
-    ca: Path | None = None,
-    **page: Any,
+    ca: Path | None = None, config_file: Path | None = None, **page: Any
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """The gateway's process with a page of these documents, by TLS where it is given an authority."""
     listen = f"127.0.0.1:{free_port()}"
-    first = Start(machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page))
+    first = Start(
+        machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page), config_file=config_file
+    )
     trusted = None if ca is None else ssl.create_default_context(cafile=ca)
     url = f"http{'' if ca is None else 's'}://{listen}/"
     process = subprocess.Popen(
@@ -91,8 +89,8 @@ def gateway(
         stderr=subprocess.PIPE,
     )
     try:
-        messages = [("start", first.model_dump_json().encode()), ("estimate", told_estimate or estimate(7))]
-        messages += [(key, json.dumps(document).encode()) for key, document in told.items()]
+        messages = [("start", first.model_dump_json().encode()), ("estimate", estimate(7))]
+        messages += [(key, json.dumps(document).encode()) for key, document in DOCUMENTS.items()]
         process.stdin.write(b"".join(framed(*message) for message in messages))
         process.stdin.flush()
         until(lambda: answers(f"{url}assets/page.css", trusted), PATIENCE_S)
@@ -111,6 +109,14 @@ def tell(process: subprocess.Popen[bytes], key: str, document: Mapping[str, Any]
     assert process.stdin is not None
     process.stdin.write(framed(key, json.dumps(document).encode()))
     process.stdin.flush()
+
+
+def tell_all(process: subprocess.Popen[bytes], documents: Mapping[str, Any], estimate: bytes) -> None:
+    """Tell a running gateway of another machine."""
+    assert process.stdin is not None
+    process.stdin.write(framed("estimate", estimate))
+    for key, document in documents.items():
+        tell(process, key, document)
 
 
 LONG = "a_very_long_name_on_the_motor_side_with_its_housing"

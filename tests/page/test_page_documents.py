@@ -6,13 +6,14 @@ import itertools
 import json
 import ssl
 from contextlib import closing
+from pathlib import Path
 
 import httpx
 import pytest
 
 from observer.page.login import COOKIE
 from tests.page.browser import CHROMIUM, SIZES, chromium
-from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, gateway, tell
+from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, tell, tell_all
 from tests.publish.people import Authority, secret
 
 pytestmark = [
@@ -28,35 +29,57 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def served():
-    """A page of the documents: its address and its process."""
-    with gateway() as running:
-        yield running
+def sealed(tmp_path_factory):
+    """A page by TLS for those who log in: its address, the authority's certificate, and its process."""
+    folder = tmp_path_factory.mktemp("tls")
+    ours = Authority(folder)
+    users = secret(folder / "users", "anna:right\n")
+    config = _found(folder)
+    with gateway(ours.ca, config, users_file=users, reports=folder, **ours.sign("page")) as (url, process):
+        yield url, ours.ca, process
+
+
+def _found(folder: Path) -> Path:
+    """A configuration, and beside it what `discover` found; the report has a script, as no true one has."""
+    config, found = folder / "force.toml", folder / "monday"
+    found.mkdir()
+    config.write_text("[surface]\nconvection_W_m2K = 15.0\n", encoding="utf-8")
+    (found / "config.toml").write_text("[surface]\nconvection_W_m2K = 18.0\n", encoding="utf-8")
+    result = {"verdict": "named", "effects": [{"kind": "radiation"}]}
+    (found / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    script = "<h1>It radiates</h1><script>document.querySelector('h1').textContent = 'It ran'</script>"
+    (found / "report.html").write_text(script, encoding="utf-8")
+    return config
 
 
 @pytest.fixture(scope="module")
-def crowded(browser):
+def anna(browser, sealed):
+    """Somebody who has logged in, in a browser that trusts its own authorities only."""
+    context = browser.new_context(ignore_https_errors=True)
+    with closing(context.new_page()) as page:
+        page.goto(sealed[0])
+        page.fill("[name=user]", "anna")
+        page.fill("[name=password]", "right")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#p0")
+    return context
+
+
+@pytest.fixture
+def crowded(anna, sealed):
     """A page of a machine with much to say."""
-    with gateway(crowd(), told_estimate=crowd_estimate()) as (url, _), closing(browser.new_page()) as page:
+    url, _, process = sealed
+    tell_all(process, crowd(), crowd_estimate())
+    with closing(anna.new_page()) as page:
         page.goto(url)
-        page.wait_for_selector("#alarms [data-alarm]")
+        page.wait_for_function("() => document.querySelectorAll('[data-alarm]').length === 3")
         page.wait_for_function("() => document.querySelectorAll('tr[data-sensor]').length === 12")
         page.wait_for_function("() => document.querySelectorAll('[data-heat]').length === 6")
         yield page
 
 
-@pytest.fixture(scope="module")
-def sealed(tmp_path_factory):
-    """A page by TLS for those who log in: its address, and the authority's certificate."""
-    folder = tmp_path_factory.mktemp("tls")
-    ours = Authority(folder)
-    users = secret(folder / "users", "anna:right\n")
-    with gateway(ca=ours.ca, users_file=users, **ours.sign("page")) as (url, _):
-        yield url, ours.ca
-
-
 def test_who_trusts_the_authority_logs_in_and_out_over_it(sealed):
-    url, ca = sealed
+    url, ca, _ = sealed
     own = {"origin": url.rstrip("/")}
     with httpx.Client(base_url=url, verify=ssl.create_default_context(cafile=ca)) as client:
         assert client.get("/").headers["location"] == "/login"
@@ -75,16 +98,17 @@ def test_who_trusts_the_authority_logs_in_and_out_over_it(sealed):
 
 
 def test_who_does_not_trust_it_and_who_speaks_plainly_gets_nothing(sealed):
-    url, _ = sealed
+    url, *_ = sealed
     with pytest.raises(httpx.ConnectError, match="certificate verify failed"):
         httpx.get(url)
     with pytest.raises(httpx.TransportError):
         httpx.get(url.replace("https://", "http://"))
 
 
-def test_documents_are_shown_and_never_run(browser, served):
-    url, process = served
-    with closing(browser.new_page()) as page:
+def test_documents_are_shown_and_never_run(anna, sealed):
+    url, _, process = sealed
+    tell_all(process, DOCUMENTS, estimate(7))
+    with closing(anna.new_page()) as page:
         problems = []
         page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
         page.on("pageerror", lambda error: problems.append(str(error)))
@@ -107,24 +131,43 @@ def test_documents_are_shown_and_never_run(browser, served):
         page.click("#alarms button")
         assert json.loads(process.stdout.readline()) == {
             "acknowledge": "sensor.t3.open_circuit",
-            "by": "page",
+            "by": "anna",
         }
         tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#alarms .calm")
-        tell(process, "alarms", DOCUMENTS["alarms"])
         assert problems == []
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_what_is_long_and_many_stays_in_its_panel(crowded, size):
-    width, height = SIZES[size]
-    crowded.set_viewport_size({"width": width, "height": height})
-    crowded.wait_for_function(f"() => innerWidth === {width}")
-    assert crowded.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+def test_a_report_is_opened_and_the_command_that_adopts_it_copied(anna, sealed):
+    url, ca, _ = sealed
+    anna.grant_permissions(["clipboard-read", "clipboard-write"])
+    with closing(anna.new_page()) as page:
+        page.goto(url)
+        page.click("#reports summary")
+        assert "+convection_W_m2K = 18.0" in page.inner_text("#reports pre")
+        page.click("#reports .copy button")
+        page.wait_for_function(
+            "() => document.querySelector('#reports .copy button').textContent === 'Copied'"
+        )
+        command = f"observer adopt {ca.parent / 'monday'} --config {ca.parent / 'force.toml'}"
+        assert page.evaluate("() => navigator.clipboard.readText()") == command
+        page.click("#reports details > button")
+        report = page.frame_locator("#report-frame")
+        report.locator("h1").wait_for()
+        assert report.locator("h1").inner_text() == "It radiates"
+        page.keyboard.press("Escape")
+        assert not page.is_visible("#report")
+        assert page.evaluate("() => document.activeElement.textContent") == "Show the report"
+
+
+def test_what_is_long_and_many_stays_in_its_panel(crowded):
     # of panels none has anything cut off, and of tables no last column is out of sight
-    out = """() => [...document.querySelectorAll('header, .hero, .panel, .scroll, #heats')]
-      .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className)"""
-    assert crowded.evaluate(out) == []
+    out = """() => [...document.querySelectorAll('html, header, .hero, .panel, .scroll, #heats')]
+      .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className || e.tagName)"""
+    for size, (width, height) in SIZES.items():
+        crowded.set_viewport_size({"width": width, "height": height})
+        crowded.wait_for_function(f"() => innerWidth === {width}")
+        assert crowded.evaluate(out) == [], size
 
 
 def test_the_keyboard_goes_through_it_in_the_order_that_is_seen(crowded):
@@ -160,8 +203,8 @@ def test_nothing_moves_where_that_is_not_wanted(crowded):
 
 
 def test_a_browser_shows_the_page_over_it(browser, sealed):
-    url, _ = sealed
-    # it trusts its own authorities only
+    url, _, process = sealed
+    tell_all(process, DOCUMENTS, estimate(7))
     with closing(browser.new_page(ignore_https_errors=True)) as page:
         page.goto(url)
         # what is right came by the stream of events
