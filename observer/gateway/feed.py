@@ -134,6 +134,8 @@ class Feed:
             if reason is None:
                 self._reasons.pop(name, None)
                 log.info("outlet", name=name, address=said.get("address"))
+                if doubt := said.get("doubt"):
+                    log.warning("outlet", name=name, doubt=doubt)
             else:
                 self._reasons[name] = reason
 

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import mimetypes
+import os
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qs
@@ -25,6 +30,7 @@ from starlette.types import ASGIApp
 
 from observer.errors import LogError
 from observer.gateway.start import Start
+from observer.page.digest import Digests
 from observer.page.guard import REPORT_POLICY, Guard
 from observer.page.history import Recorded, history, recordings
 from observer.page.login import Login
@@ -36,6 +42,10 @@ Acknowledge = Callable[[str, str], None]
 _MOST_BYTES = 4096
 _MOST_NAME = 200
 _POINTS = 600
+_GIVES_WAY = 10
+_IN_THE_CLEAR = (
+    '<p class="hint plain">This connection is not encrypted: whoever is on the way can read the password.</p>'
+)
 
 
 def application(start: Start, stream: Stream, login: Login | None, acknowledge: Acknowledge) -> ASGIApp:
@@ -69,6 +79,9 @@ class _Pages:
         assert start.page is not None
         self._start, self._page, self._stream = start, start.page, stream
         self._login, self._acknowledge = login, acknowledge
+        # one reader for all viewers: what they ask for together takes neither more memory nor another core
+        self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
+        self._digests, self._turn = Digests(), asyncio.Lock()
         folder = files("observer.page") / "assets"
         self._assets = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
 
@@ -115,7 +128,12 @@ class _Pages:
         try:
             from_s, to_s = float(query["from"]), float(query["to"])
             points = int(query.get("points", str(_POINTS)))
-            found = await run_in_threadpool(lambda: history(self._recordings(), from_s, to_s, points))
+            async with self._turn:
+                if await request.is_disconnected():  # who scrubs on does not want it any more
+                    return Response(status_code=204)
+                found = await asyncio.get_running_loop().run_in_executor(
+                    self._reader, lambda: history(self._recordings(), from_s, to_s, points, self._digests)
+                )
         except KeyError as error:
             return PlainTextResponse(f"{error} is missing; give from and to in seconds since 1970\n", 400)
         except (ValueError, LogError) as error:
@@ -169,7 +187,9 @@ class _Pages:
         return RedirectResponse("/", 303, {"set-cookie": self._login.cookie(form["user"])})
 
     def _ask(self, message: str, status: int) -> Response:
+        clear = "" if self._page.doubt is None else _IN_THE_CLEAR
         page = self._assets["login.html"].replace(b"{message}", message.encode())
+        page = page.replace(b"{clear}", clear.encode())
         # without this a browser does not say where the form came from
         return HTMLResponse(page, status, {"referrer-policy": "same-origin"})
 
@@ -177,6 +197,12 @@ class _Pages:
         """End the session of this browser."""
         told = {} if self._login is None else {"set-cookie": self._login.no_cookie()}
         return RedirectResponse("/login", 303, told)
+
+
+def _give_way() -> None:
+    """Let the thread that reads recordings wait for whatever else the computer has to do."""
+    with suppress(AttributeError, OSError):  # a thread has a priority of its own on Linux only
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _GIVES_WAY)
 
 
 async def _form(request: Request) -> dict[str, str]:

@@ -55,17 +55,20 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
         ssl_keyfile=None if page.key is None else str(page.key),
     )
     try:
+        if page.certificate is not None:
+            # OpenSSL would ask for a passphrase, and take what the service says for it
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(page.certificate, page.key, lambda: "")
         config.load()
     except (OSError, ssl.SSLError) as error:
         raise ConfigError(
-            f"{page.certificate}: cannot be used as a certificate ({error}); name PEM files in "
-            "page.certificate and page.key"
+            f"{page.certificate}: cannot be used as a certificate ({error}); name PEM files that belong "
+            "together in page.certificate and page.key, the key without a passphrase"
         ) from None
     with _bound(page.listen) as bound:
         server = _Server(config)
         serving = asyncio.create_task(server.serve([bound]))
         feeding = asyncio.create_task(stream.run())
-        say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/"})
+        say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
         try:
             await _first_to_end(serving, feeding)
         finally:

@@ -8,11 +8,12 @@ import asyncio
 import json
 import math
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
 
 from observer.gateway.latest import Latest
 from observer.gateway.pending import Pending
+from observer.page.innovations import Innovations
 from observer.page.recent import Recent
 from observer.publish.codec import decode_estimate
 
@@ -20,10 +21,7 @@ _BEAT_S = 1.0
 _TOGETHER_S = 0.02  # what belongs to one step comes within
 _LEAST_S = {"estimate": 0.09, "heat": 0.09, "readings": 0.09, "field": 0.45, "error": 0.45}
 """Between two events of a kind, in s: ten a second, and two of what is long."""
-_KEPT = (
-    "time_s", "sequence", "instance", "quality", "sources", "law_W", "sensors", "innovation_K",
-    "innovation_sigma_K", "sensor_quality",
-)  # fmt: skip
+_KEPT = ("time_s", "sequence", "instance", "quality", "sources", "law_W", "sensors", "sensor_quality")
 _DIGITS = 6
 _MOST_VIEWERS = 60
 
@@ -47,6 +45,7 @@ class Stream:
         self._sent_s: dict[str, float] = {}
         self._viewers: set[Pending] = set()
         self._ended = False
+        self._innovations = Innovations()
         self.recent = Recent()
 
     @property
@@ -66,10 +65,13 @@ class Stream:
     def take(self, key: str, payload: bytes) -> None:
         """Hand a message on, unless one of its kind went out just now."""
         now_s = self._clock()
-        if now_s - self._sent_s.get(key, -math.inf) < _LEAST_S.get(key, 0.0):
-            return
         try:
-            data = shown(payload) if key == "estimate" else payload
+            estimate = decode_estimate(payload) if key == "estimate" else None
+            if estimate is not None:
+                self._innovations.take(estimate)
+            if now_s - self._sent_s.get(key, -math.inf) < _LEAST_S.get(key, 0.0):
+                return
+            data = payload if estimate is None else shown(estimate, self._innovations)
             self.recent.take(key, data)
         except ValueError:
             return  # not of this version; what the page knows goes stale, and says so
@@ -114,10 +116,10 @@ def event(name: str, data: bytes) -> bytes:
     return b"event: " + name.encode() + b"\ndata: " + data + b"\n\n"
 
 
-def shown(estimate: bytes) -> bytes:
-    """What the page shows of an estimate in CBOR, as JSON; raises `ValueError` where it is none."""
-    decoded = decode_estimate(estimate)
-    return json.dumps({key: _plain(decoded[key]) for key in _KEPT if key in decoded}).encode()
+def shown(estimate: Mapping[str, Any], innovations: Innovations) -> bytes:
+    """What the page shows of an estimate, with the last innovation of each sensor, as JSON."""
+    kept = {key: _plain(estimate[key]) for key in _KEPT if key in estimate}
+    return json.dumps({**kept, "innovations": innovations.document(estimate["time_s"])}).encode()
 
 
 def _plain(value: Any) -> Any:

@@ -24,7 +24,13 @@ def doubts(config: Installation) -> list[str]:
         *_short_strokes(config),
         *_shared_registers(config),
         *_finer_than_the_device(config),
+        *_in_the_clear(config),
     ]
+
+
+def _in_the_clear(config: Installation) -> Iterator[str]:
+    if config.page is not None and (doubt := config.page.doubt):
+        yield doubt
 
 
 def _unusual(table: Mapping[str, Any]) -> Iterator[str]:

@@ -78,6 +78,16 @@ class Page(Section):
             )
         return self
 
+    @property
+    def doubt(self) -> str | None:
+        """What is wrong with a page that others reach without TLS, in a sentence; None where nothing is."""
+        if is_loopback(self.listen) or self.certificate is not None:
+            return None
+        return (
+            f"page.listen: others reach {self.listen} without TLS, so passwords and what is shown go in "
+            "the clear; name page.certificate and page.key"
+        )
+
 
 class Metrics(Section):
     """Figures for Prometheus: where they can be scraped."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ ARGS = (
     "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update",
     "--disable-sync", "--no-first-run", "--disable-quic",
 )  # fmt: skip
+PERIOD_S, SENSORS_S = 0.5, 1.0
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "desktop": (1440, 900), "wall": (2560, 1440)}
 
 
@@ -36,11 +38,15 @@ def chromium() -> Iterator[Any]:
 
 @contextmanager
 def service(folder: Path, **page: Any) -> Iterator[tuple[str, Daemon, Subscriber]]:
-    """A daemon with a page on a simulated machine: the page's address, the daemon, and who hears Zenoh."""
+    """A daemon with a page on a simulated machine: the page's address, the daemon, and who hears Zenoh.
+
+    Its thermocouples are read less often than the estimator steps.
+    """
     endpoint, listen = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
     with machine() as simulated:
         table = table_for(simulated.wires, mode="router", listen=[endpoint])
-        table["estimator"]["period_s"] = 0.5
+        table["estimator"]["period_s"] = PERIOD_S
+        table["drivers"]["thermocouples"]["period_s"] = SENSORS_S
         table["page"] = {"listen": listen, **page}
         with Daemon(folder, table) as daemon, Subscriber(endpoint) as seen:
             until(lambda: seen.estimates, 2 * PATIENCE_S)
@@ -48,10 +54,10 @@ def service(folder: Path, **page: Any) -> Iterator[tuple[str, Daemon, Subscriber
             yield f"http://{listen}/", daemon, seen
 
 
-def answers(url: str) -> bool:
+def answers(url: str, trusted: ssl.SSLContext | None = None) -> bool:
     """Whether something is served there."""
     try:
-        with urllib.request.urlopen(url, timeout=2) as answer:
+        with urllib.request.urlopen(url, timeout=2, context=trusted) as answer:
             return bool(answer.status == 200)
     except OSError:
         return False

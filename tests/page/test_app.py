@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
+from pathlib import Path
 
+import cbor2
 import httpx
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from observer.gateway.latest import Latest
 from observer.gateway.start import Start
 from observer.page.app import application
 from observer.page.guard import POLICY
+from observer.page.innovations import Innovations
 from observer.page.login import Login
 from observer.page.stream import Stream
 from observer.tables.gateway import Page
@@ -106,6 +110,23 @@ async def test_guessing_is_slowed_down(page):
     assert last.status_code == 429
 
 
+@pytest.mark.parametrize(
+    ("listen", "tls", "clear"),
+    [("127.0.0.1:80", False, False), ("0.0.0.0:80", True, False), ("0.0.0.0:80", False, True)],
+)
+async def test_a_login_that_others_can_read_says_so(listen, tls, clear):
+    files = {"certificate": Path("c"), "key": Path("k")} if tls else {}
+    settings = Page(listen=listen, users_file=Path("u"), **files)
+    start = Start(machine="lathe", axis="z", period_s=0.5, page=settings)
+    login = Login({"anna": "right"}, secure=tls)
+    app = application(start, Stream(Latest(0.5), "lathe", "z", 0.5), login, lambda *_: None)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE) as client:
+        text = (await client.get("/login")).text
+    assert ("not encrypted" in text) == clear
+    assert "{" not in text
+    assert (settings.doubt is not None) == clear
+
+
 async def test_reports_are_listed_with_what_they_change(page, tmp_path):
     force = tmp_path / "force.toml"
     force.write_text("[surface]\nconvection_W_m2K = 15.0\n", encoding="utf-8")
@@ -173,3 +194,34 @@ def test_what_is_no_estimate_is_left_out_and_the_last_hour_is_kept():
     assert len(rows) == 900
     assert rows[-1]["time_s"] - rows[0]["time_s"] == 3596.0
     assert rows[0]["temperature_degC"] == [20.0, None]
+
+
+def _estimate(sequence: int, innovation_K: float, **more) -> dict:
+    return {"time_s": 0.5 * sequence, "sequence": sequence, "instance": "i", "sensors": ["t1"],
+            "innovation_K": [innovation_K], "innovation_sigma_K": [0.1], **more}  # fmt: skip
+
+
+def test_the_last_innovation_stays_with_its_age_and_is_late_when_the_next_one_is():
+    innovations = Innovations()
+    for sequence in range(5):  # a reading every second, a step every half
+        innovations.take(_estimate(sequence, math.nan if sequence % 2 else 0.1 * sequence))
+    at_s = [innovations.document(time_s)["t1"] for time_s in (2.0, 2.5, 3.0, 4.0)]
+    assert {told["value"] for told in at_s} == {0.4}
+    assert {told["sequence"] for told in at_s} == {4}
+    assert [told["age_s"] for told in at_s] == [0.0, 0.5, 1.0, 2.0]
+    assert [told["late"] for told in at_s] == [False, False, False, True]
+    innovations.take(_estimate(5, math.nan, instance="another"))
+    assert innovations.document(2.5) == {}
+
+
+def test_no_innovation_is_lost_between_the_steps_that_are_told():
+    now, told = [0.0], []
+    stream = Stream(Latest(0.05), "lathe", "z", 0.05, clock=lambda: now[0])
+    stream._tell = lambda key, data: told.append(json.loads(data.split(b"data: ")[1]))
+    for sequence in range(100):
+        now[0] += 0.05
+        values = {"innovation_K": math.nan if sequence % 20 != 1 else 1.0}
+        stream.take("estimate", cbor2.dumps(_estimate(sequence, values["innovation_K"])))
+    assert len(told) <= 51
+    assert {t["sequence"] % 20 for t in told if t["innovations"]}.isdisjoint({1})  # it has no reading itself
+    assert all(t["innovations"]["t1"]["value"] == 1.0 for t in told[1:])

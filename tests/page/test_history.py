@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from observer.frames import Reading
-from observer.page import history as subject
+from observer.page import rows as subject
+from observer.page.digest import COARSE_S, FINE_S, Digests
 from observer.page.history import history, recordings
 from observer.service.record import Recorder
 
@@ -61,6 +67,114 @@ def test_where_nothing_was_recorded_nothing_is_told(folder):
     assert told["channels"]["t1_degC"]["least"][9] == 619.0
     assert told["channels"]["t1_degC"]["least"][10:] == [None] * 10
     assert history(recordings(folder, "lathe-z"), 1e6, 2e6, 10)["channels"] == {}
+
+
+def test_an_axis_does_not_list_what_belongs_to_another(folder, tmp_path):
+    (source,) = folder.glob("*.csv")
+    stamp = source.name.removeprefix("lathe-z")
+    for name in (f"lathe-z{stamp}", f"lathe-z2{stamp}", f"lathe-z-2{stamp}", f"lathe-z{stamp[:-4]}-kept.csv"):
+        shutil.copy(source, tmp_path / name)
+    (tmp_path / "lathe-z.notes.csv").write_text("time_s\n1.0\n", encoding="utf-8")
+    names = {found.path.name for found in recordings(tmp_path, "lathe-z")}
+    assert names == {f"lathe-z{stamp}", f"lathe-z{stamp[:-4]}-kept.csv"}
+    assert [found.path.name for found in recordings(tmp_path, "lathe-z2")] == [f"lathe-z2{stamp}"]
+
+
+DAY_S = 86_400
+MOST_GATEWAY_kB = 150_000  # its budget
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory):
+    """A day and a half at 0.5 Hz in two files: each temperature tells its own time, the position swings."""
+    path = tmp_path_factory.mktemp("days")
+    for number, begin in enumerate((0, DAY_S)):
+        time_s = 1000.0 + np.arange(begin, begin + DAY_S // (1 + number), 2)
+        rows = "".join(f"{t!r},{t / 1000!r},{k % 7},,,\n" for k, t in enumerate(time_s.tolist()))
+        file = path / f"lathe-z-1970010{number + 1}T001640Z.csv"
+        file.write_text(f"time_s,t1_degC,nut_position_m,step,late_s,flags\n{rows}", encoding="utf-8")
+    return path
+
+
+def _whole(files, from_s: float, to_s: float, points: int, digests: Digests) -> dict[str, Any]:
+    """Asked for until all is read."""
+    while (told := history(files, from_s, to_s, points, digests))["read"] < 1.0:
+        pass
+    return told
+
+
+@pytest.mark.parametrize("points", [2000, 400, 60])  # from the file itself, and from bins of both widths
+def test_days_are_told_from_bins_as_from_the_file(day, points):
+    files, (from_s, to_s) = recordings(day, "lathe-z"), (1000.0, 1000.0 + 1.5 * DAY_S)
+    told = _whole(files, from_s, to_s, points, Digests())
+    exact = history(files, from_s, to_s, points)
+    bin_s = COARSE_S if points == 60 else FINE_S
+    for end in ("least", "most"):
+        ours, theirs = (np.array(t["channels"]["t1_degC"][end]) for t in (told, exact))
+        # a bin belongs to the part in which its middle is
+        assert np.abs(ours - theirs).max() <= (bin_s / 2 + 2) / 1000
+    assert set(told["channels"]["nut_position_m"]["most"]) == {6.0}
+
+
+def test_what_takes_too_long_is_told_bit_by_bit(day, monkeypatch):
+    monkeypatch.setattr(subject, "_BLOCK_BYTES", 1 << 14)
+    files, digests, now = recordings(day, "lathe-z"), Digests(), [0.0]
+
+    def clock() -> float:
+        now[0] += 0.1
+        return now[0]
+
+    shares, known = [], []
+    while not shares or shares[-1] < 1.0:
+        told = history(files, 1000.0, 1000.0 + 1.5 * DAY_S, 60, digests, clock)
+        shares.append(told["read"])
+        known.append(sum(x is not None for x in told["channels"]["t1_degC"]["least"]))
+    assert len(shares) > 10
+    assert shares == sorted(shares)
+    assert known == sorted(known)
+    assert known[0] < 10
+    assert known[-1] == 60
+
+
+def test_a_file_that_grows_is_read_on_and_one_that_is_new_from_its_beginning(day, tmp_path):
+    source = day / "lathe-z-19700101T001640Z.csv"
+    file = Path(shutil.copy(source, tmp_path))
+    digests, span = Digests(), (1000.0, 1000.0 + 1.5 * DAY_S, 60)
+    _whole(recordings(tmp_path, "lathe-z"), *span, digests)
+    end = digests.of(file).end
+    assert end == file.stat().st_size
+    with file.open("a", encoding="utf-8") as more:
+        more.write("88000.0,999.0,0,,,\n88001.0,10")  # the second row is being written
+    told = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
+    assert max(x for x in told["channels"]["t1_degC"]["most"] if x is not None) == 999.0
+    assert digests.of(file).end == end + len("88000.0,999.0,0,,,\n")
+    file.write_text("time_s,t1_degC,step,late_s,flags\n1000.0,20.0,,,\n", encoding="utf-8")
+    told = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
+    assert told["channels"]["t1_degC"]["most"][:2] == [20.0, None]
+
+
+def test_fine_bins_are_given_up_for_those_that_are_wanted(day):
+    files, digests = recordings(day, "lathe-z"), Digests(most_bytes=1)
+    for file in files:
+        begin_s = file.from_s + 100.0  # the other file has ended by then
+        told = _whole(files, begin_s, begin_s + 20_000.0, 500, digests)
+        assert None not in told["channels"]["t1_degC"]["least"]
+    assert [digests.of(file.path).fine_bytes > 0 for file in files] == [False, True]
+    assert _whole(files, 1000.0, 21_000.0, 500, digests)["channels"]["t1_degC"]["most"][0] < 1.05
+
+
+def test_looking_back_does_not_make_the_process_large(day):
+    """Nothing large is imported for it, and what is read is not kept."""
+    script = (
+        "import sys\nfrom pathlib import Path\nimport observer.gateway.__main__, observer.page.outlet\n"
+        "from observer.page.digest import Digests\nfrom observer.page.history import history, recordings\n"
+        f"files, digests = recordings(Path({str(day)!r}), 'lathe-z'), Digests()\n"
+        f"while history(files, 1000.0, {1000.0 + 1.5 * DAY_S}, 800, digests)['read'] < 1.0: pass\n"
+        "history(files, 1000.0, 60000.0, 2000)\nassert 'pandas' not in sys.modules\n"
+        "print(Path('/proc/self/status').read_text().split('VmHWM:')[1].split()[0])"
+    )
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True)
+    assert int(said.stdout) < MOST_GATEWAY_kB
 
 
 @pytest.mark.parametrize(

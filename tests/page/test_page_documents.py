@@ -2,103 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-import struct
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+import ssl
+from contextlib import closing
+from pathlib import Path
 
-import cbor2
+import httpx
 import pytest
 
-from observer.gateway.framing import framed
-from observer.gateway.start import Start
-from observer.tables.gateway import Page
-from tests.page.browser import CHROMIUM, answers, chromium
-from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
+from observer.page.login import COOKIE
+from tests.page.browser import CHROMIUM, SIZES, chromium
+from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, tell, tell_all
+from tests.publish.people import Authority, secret
 
 pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
 ]
-NASTY = "<img src=x onerror=alert(1)> t3 is open"
-NOW_S = time.time()
-HEAD = {"time_s": NOW_S, "sequence": 7, "instance": "i"}
-PLACES_M = [0.0, 0.5, 1.0]
-DOCUMENTS: dict[str, Any] = {
-    "config": {"config": {
-        "source": [{"name": "nut", "position_channel": "nut_position_m", "stroke_m": [0.2, 0.8]}],
-        "sensor": [{"name": "t3", "channel": "t3_degC", "position_m": 0.5}],
-    }},
-    "readings": {**HEAD, "channels": {
-        "t3_degC": {"value": None, "quality": "missing", "age_s": 3.0},
-        "nut_position_m": {"value": 0.4, "quality": "good", "age_s": 0.0},
-    }},
-    "heat": {**HEAD, "sources": {"nut": {"heat_W": 26.54, "sigma_W": 0.61}}, "quality": "degraded"},
-    "field": {**HEAD, "position_m": PLACES_M, "temperature_degC": [25.0, None, 27.0], "sigma_K": [0.1] * 3,
-              "quality": "degraded"},
-    "error": {**HEAD, "position_m": PLACES_M, "error_um": [0.0, 20.0, 41.0], "sigma_um": [1.0] * 3,
-              "quality": "degraded"},
-    "compensation": {**HEAD, "armed": True, "reason": None, "position_m": PLACES_M,
-                     "error_um": [0.0, 19.0, 40.0]},
-    "health": {"time_s": NOW_S, "state": "degraded", "reasons": [NASTY],
-               "channels": {"t3_degC": {"quality": "missing", "age_s": 3.0, "fault": "open circuit"}}},
-    "learned": {**HEAD, "parameters": {"surface.convection_W_m2K": {"value": 15.217, "sigma": 0.42}}},
-    "alarms": {"time_s": NOW_S, "instance": "i", "alarms": [
-        {"id": "sensor.t3.open_circuit", "kind": "open_circuit", "target": "t3", "severity": "major",
-         "state": "unacknowledged", "since_s": NOW_S - 60, "reason": NASTY, "remedy": "mend the cable",
-         "evidence": None},
-    ], "bands": {"nut": {"known": True, "running_h": 30.0, "ratio": 1.12, "sigma": 0.04,
-                         "trend_per_day": 0.01}}},
-    "forecast": {"time_s": NOW_S, "instance": "i", "quality": "good", "reason": None,
-                 "program": {"kind": "cycle", "period_s": 600.0, "text": "the last cycle goes on"},
-                 "at_s": [NOW_S, NOW_S + 1800, NOW_S + 3600], "position_m": PLACES_M,
-                 "temperature_degC": [[25.0] * 3] * 3, "sigma_K": [[0.1] * 3] * 3,
-                 "error_um": [[0, 20, 41], [0, 25, 50], [0, 26, 52]], "error_sigma_um": [[0, 1, 2]] * 3,
-                 "settled_at_s": NOW_S + 1800, "settles_within_um": 2.0, "warm_up": None},
-}  # fmt: skip
-
-
-def _estimate(sequence: int) -> bytes:
-    def typed(value: float) -> cbor2.CBORTag:
-        return cbor2.CBORTag(85, struct.pack("<f", value))
-
-    return cbor2.dumps({
-        **HEAD, "sequence": sequence, "quality": "degraded", "sources": ["nut"], "heat_W": typed(26.54),
-        "law_W": typed(float("nan")), "sensors": ["t3"], "innovation_K": typed(float("nan")),
-        "innovation_sigma_K": typed(0.1), "sensor_quality": ["missing"],
-    })  # fmt: skip
-
-
-@contextmanager
-def gateway(**page: Any) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """The gateway's process with a page of these documents."""
-    listen = f"127.0.0.1:{free_port()}"
-    start = Start(machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "observer.gateway"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    try:
-        told = [("start", start.model_dump_json().encode()), ("estimate", _estimate(7))]
-        told += [(key, json.dumps(document).encode()) for key, document in DOCUMENTS.items()]
-        process.stdin.write(b"".join(framed(*message) for message in told))
-        process.stdin.flush()
-        until(lambda: answers(f"http://{listen}/assets/page.css"), PATIENCE_S)
-        assert json.loads(process.stdout.readline())["reason"] is None
-        yield f"http://{listen}/", process
-    finally:
-        process.stdin.close()
-        assert process.wait(PATIENCE_S) == 0
-        assert process.stderr.read() == b""  # it ends without a word, whoever still looks
-        process.stdout.close()
-        process.stderr.close()
 
 
 @pytest.fixture(scope="module")
@@ -107,9 +28,88 @@ def browser():
         yield started
 
 
-def test_documents_are_shown_and_never_run(browser):
-    with gateway() as (url, process):
-        page, problems = browser.new_page(), []
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory):
+    """A page by TLS for those who log in: its address, the authority's certificate, and its process."""
+    folder = tmp_path_factory.mktemp("tls")
+    ours = Authority(folder)
+    users = secret(folder / "users", "anna:right\n")
+    config = _found(folder)
+    with gateway(ours.ca, config, users_file=users, reports=folder, **ours.sign("page")) as (url, process):
+        yield url, ours.ca, process
+
+
+def _found(folder: Path) -> Path:
+    """A configuration, and beside it what `discover` found; the report has a script, as no true one has."""
+    config, found = folder / "force.toml", folder / "monday"
+    found.mkdir()
+    config.write_text("[surface]\nconvection_W_m2K = 15.0\n", encoding="utf-8")
+    (found / "config.toml").write_text("[surface]\nconvection_W_m2K = 18.0\n", encoding="utf-8")
+    result = {"verdict": "named", "effects": [{"kind": "radiation"}]}
+    (found / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    script = "<h1>It radiates</h1><script>document.querySelector('h1').textContent = 'It ran'</script>"
+    (found / "report.html").write_text(script, encoding="utf-8")
+    return config
+
+
+@pytest.fixture(scope="module")
+def anna(browser, sealed):
+    """Somebody who has logged in, in a browser that trusts its own authorities only."""
+    context = browser.new_context(ignore_https_errors=True)
+    with closing(context.new_page()) as page:
+        page.goto(sealed[0])
+        page.fill("[name=user]", "anna")
+        page.fill("[name=password]", "right")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#p0")
+    return context
+
+
+@pytest.fixture
+def crowded(anna, sealed):
+    """A page of a machine with much to say."""
+    url, _, process = sealed
+    tell_all(process, crowd(), crowd_estimate())
+    with closing(anna.new_page()) as page:
+        page.goto(url)
+        page.wait_for_function("() => document.querySelectorAll('[data-alarm]').length === 3")
+        page.wait_for_function("() => document.querySelectorAll('tr[data-sensor]').length === 12")
+        page.wait_for_function("() => document.querySelectorAll('[data-heat]').length === 6")
+        yield page
+
+
+def test_who_trusts_the_authority_logs_in_and_out_over_it(sealed):
+    url, ca, _ = sealed
+    own = {"origin": url.rstrip("/")}
+    with httpx.Client(base_url=url, verify=ssl.create_default_context(cafile=ca)) as client:
+        assert client.get("/").headers["location"] == "/login"
+        wrong = client.post("/login", data={"user": "anna", "password": "wrong"}, headers=own)
+        assert wrong.status_code == 403
+        assert "set-cookie" not in wrong.headers
+        right = client.post("/login", data={"user": "anna", "password": "right"}, headers=own)
+        assert right.headers["location"] == "/"
+        words = {word.strip() for word in right.headers["set-cookie"].split(";")}
+        assert {"Secure", "HttpOnly", "SameSite=Strict", "Path=/"} <= words
+        assert client.get("/recent.json").status_code == 200
+        out = client.post("/logout", headers=own)
+        assert f"{COOKIE}=;" in out.headers["set-cookie"]
+        assert "Secure" in out.headers["set-cookie"]
+        assert client.get("/recent.json").status_code == 401
+
+
+def test_who_does_not_trust_it_and_who_speaks_plainly_gets_nothing(sealed):
+    url, *_ = sealed
+    with pytest.raises(httpx.ConnectError, match="certificate verify failed"):
+        httpx.get(url)
+    with pytest.raises(httpx.TransportError):
+        httpx.get(url.replace("https://", "http://"))
+
+
+def test_documents_are_shown_and_never_run(anna, sealed):
+    url, _, process = sealed
+    tell_all(process, DOCUMENTS, estimate(7))
+    with closing(anna.new_page()) as page:
+        problems = []
         page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
         page.on("pageerror", lambda error: problems.append(str(error)))
         page.on("dialog", lambda dialog: problems.append(dialog.message))
@@ -131,43 +131,91 @@ def test_documents_are_shown_and_never_run(browser):
         page.click("#alarms button")
         assert json.loads(process.stdout.readline()) == {
             "acknowledge": "sensor.t3.open_circuit",
-            "by": "page",
+            "by": "anna",
         }
-        process.stdin.write(framed("alarms", json.dumps({**DOCUMENTS["alarms"], "alarms": []}).encode()))
-        process.stdin.flush()
+        tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#alarms .calm")
         assert problems == []
-    page.close()
 
 
-def test_who_looks_logs_in_where_it_is_asked(browser, tmp_path):
-    users = tmp_path / "users"
-    users.touch(0o600)
-    users.write_text("anna:right\n", encoding="utf-8")
-    with gateway(users_file=users) as (url, _):
-        page = browser.new_page()
+def test_a_report_is_opened_and_the_command_that_adopts_it_copied(anna, sealed):
+    url, ca, _ = sealed
+    anna.grant_permissions(["clipboard-read", "clipboard-write"])
+    with closing(anna.new_page()) as page:
         page.goto(url)
+        page.click("#reports summary")
+        assert "+convection_W_m2K = 18.0" in page.inner_text("#reports pre")
+        page.click("#reports .copy button")
+        page.wait_for_function(
+            "() => document.querySelector('#reports .copy button').textContent === 'Copied'"
+        )
+        command = f"observer adopt {ca.parent / 'monday'} --config {ca.parent / 'force.toml'}"
+        assert page.evaluate("() => navigator.clipboard.readText()") == command
+        page.click("#reports details > button")
+        report = page.frame_locator("#report-frame")
+        report.locator("h1").wait_for()
+        assert report.locator("h1").inner_text() == "It radiates"
+        page.keyboard.press("Escape")
+        assert not page.is_visible("#report")
+        assert page.evaluate("() => document.activeElement.textContent") == "Show the report"
+
+
+def test_what_is_long_and_many_stays_in_its_panel(crowded):
+    # of panels none has anything cut off, and of tables no last column is out of sight
+    out = """() => [...document.querySelectorAll('html, header, .hero, .panel, .scroll, #heats')]
+      .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className || e.tagName)"""
+    for size, (width, height) in SIZES.items():
+        crowded.set_viewport_size({"width": width, "height": height})
+        crowded.wait_for_function(f"() => innerWidth === {width}")
+        assert crowded.evaluate(out) == [], size
+
+
+def test_the_keyboard_goes_through_it_in_the_order_that_is_seen(crowded):
+    width, height = SIZES["phone"]  # one column
+    crowded.set_viewport_size({"width": width, "height": height})
+    crowded.evaluate("() => { document.activeElement.blur(); scrollTo(0, 0); }")
+    seen = []
+    for _ in range(40):
+        crowded.keyboard.press("Tab")
+        at = crowded.evaluate("""() => {
+          const e = document.activeElement, box = e.getBoundingClientRect();
+          const sticks = e.closest('.top, .skip') !== null;
+          return e === document.body ? null : [sticks ? 0 : box.top + scrollY,
+            getComputedStyle(e).outlineStyle === 'solid' || e.id.includes('until')];
+        }""")
+        if at is None:
+            break
+        seen.append(at)
+    tops = [top for top, _ in seen]
+    assert len(seen) > 12
+    assert all(after >= before - 40 for before, after in itertools.pairwise(tops))  # buttons of a row
+    assert all(marked for _, marked in seen)
+
+
+def test_nothing_moves_where_that_is_not_wanted(crowded):
+    crowded.emulate_media(reduced_motion="reduce")
+    assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "auto"
+    moving = "() => document.getAnimations().length"
+    crowded.keyboard.press("t")
+    assert crowded.evaluate(moving) == 0
+    crowded.emulate_media(reduced_motion="no-preference")
+    assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "smooth"
+
+
+def test_a_browser_shows_the_page_over_it(browser, sealed):
+    url, _, process = sealed
+    tell_all(process, DOCUMENTS, estimate(7))
+    with closing(browser.new_page(ignore_https_errors=True)) as page:
+        page.goto(url)
+        # what is right came by the stream of events
         for password, seen in (("wrong", ".wrong:not(:empty)"), ("right", "tr[data-sensor=t3]")):
             page.fill("[name=user]", "anna")
             page.fill("[name=password]", password)
             page.keyboard.press("Enter")
             page.wait_for_selector(seen)
         (cookie,) = page.context.cookies()
-        assert cookie["httpOnly"]
-        assert cookie["sameSite"] == "Strict"
+        assert cookie["secure"]
+        assert page.evaluate("() => isSecureContext")
         page.click("#logout button")
         page.wait_for_selector("[name=password]")
-    page.close()
-
-
-def test_a_port_that_is_taken_is_a_reason_in_words():
-    with gateway() as (url, _):
-        listen = url.removeprefix("http://").strip("/")
-        start = Start(machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen))
-        other = subprocess.run(
-            [sys.executable, "-m", "observer.gateway"],
-            input=framed("start", start.model_dump_json().encode()), capture_output=True, timeout=PATIENCE_S,
-        )  # fmt: skip
-    assert other.returncode == 0
-    for line in other.stdout.splitlines():
-        assert "another program listens" in json.loads(line)["reason"]
+        assert page.locator(".plain").count() == 0

@@ -80,5 +80,12 @@ def test_a_slip_is_told_with_what_was_probably_meant(changes, outcome, words):
     assert line
 
 
+def test_a_page_in_the_clear_is_doubted():
+    page = {"listen": "0.0.0.0:8080", "users_file": "users"}
+    (told,) = doubts(parse(changed(page=page)))
+    assert "in the clear" in told
+    assert doubts(parse(changed(page=page | {"certificate": "c.pem", "key": "k.pem"}))) == []
+
+
 def test_what_is_good_is_not_doubted():
     assert doubts(parse(changed())) == []

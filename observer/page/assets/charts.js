@@ -42,10 +42,12 @@ export function chart(element, { x, y, isTime = false, series, bands = [], draw 
 }
 
 export const line = (label, stroke, more = {}) => ({ label, stroke, width: 2, points: { show: false }, spanGaps: false, ...more });
+// where there are more curves than colours
+export const again = (i) => (i < 7 ? {} : { dash: [1, 3] });
 export const edge = (label) => ({ label, stroke: "transparent", width: 0, points: { show: false } });
 export function redraw() { for (const { plot } of all) plot.redraw(false, true); }
 
 // the label of an edge of a band says nothing a reader needs
 export function tidyLegend(element) {
-  for (const row of element.querySelectorAll(".u-legend .u-series")) if (row.textContent.trim().startsWith("_") || row === row.parentNode.firstChild) row.hidden = true;
+  for (const row of element.querySelectorAll(".u-legend .u-series")) if (row.textContent.trim().startsWith("_")) row.hidden = true;
 }

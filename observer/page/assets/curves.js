@@ -1,5 +1,5 @@
 // Heats over time, the error along the travel, and what is to come.
-import { chart, edge, line, redraw, tidyLegend } from "./charts.js";
+import { again, chart, edge, line, redraw, tidyLegend } from "./charts.js";
 import { byId, clock, colour, css, fade, known, make, number, say } from "./format.js";
 import { nutChannel, onNews, store, view } from "./store.js";
 
@@ -26,7 +26,7 @@ function drawHeats() {
       swatch.style.background = `var(--c${i})`;
       return make("li", {}, make("span", {}, swatch, name.replaceAll("_", " ")), make("b", { "data-heat": name }), make("i", { "data-law": name }));
     }));
-    const series = found.flatMap((name, i) => [line(name.replaceAll("_", " "), () => colour(i)), edge("_"), edge("_"), line("_law", () => colour(i), { width: 1, dash: [5, 4] })]);
+    const series = found.flatMap((name, i) => [line(name.replaceAll("_", " "), () => colour(i), again(i)), edge("_"), edge("_"), line("_law", () => colour(i), { width: 1, dash: [5, 4] })]);
     const bands = found.map((_, i) => ({ series: [4 * i + 2, 4 * i + 3], fill: () => fade(colour(i), 0.18) }));
     heats = chart(byId("c-heats"), { x: "time", y: "W", isTime: true, series, bands, draw: (u) => store.held && mark(u, store.held.time_s, clock(store.held.time_s)), legend: false });
   }

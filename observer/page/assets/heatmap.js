@@ -81,8 +81,12 @@ function draw() {
     if (!known(sensor.position_m) || sensor.kind === "displacement") continue;
     const at = x(sensor.position_m), value = now.channels[sensor.channel];
     c.fillStyle = css("--ink"); c.beginPath(); c.moveTo(at, top + 3); c.lineTo(at - 4 * big, top - 4 * big); c.lineTo(at + 4 * big, top - 4 * big); c.fill();
-    const text = `${sensor.name} ${number(value)}`, half = c.measureText(text).width / 2;
-    if (at - half > free + 4) { c.fillText(text, Math.min(box.width - half, Math.max(half, at)), top - 14 * big); free = at + half; }
+    // with its name where there is room, else the number alone
+    const name = sensor.name.length > 12 ? `${sensor.name.slice(0, 11)}…` : sensor.name;
+    for (const text of [`${name} ${number(value)}`, number(value)]) {
+      const half = c.measureText(text).width / 2, middle = Math.min(box.width - half, Math.max(half, at));
+      if (middle - half > free + 4) { c.fillText(text, middle, top - 14 * big); free = middle + half; break; }
+    }
   }
   // the nut
   const nut_m = now.channels[nutChannel()];

@@ -1,6 +1,9 @@
 // What discover found, and what it would change.
 import { byId, make, when } from "./format.js";
 
+const EVERY_MS = 60000;
+let told = "";
+
 function show(name) {
   byId("report-frame").src = `/reports/${encodeURIComponent(name)}/report.html`;
   byId("report").showModal();
@@ -13,9 +16,9 @@ function command(text) {
   return make("div", { class: "copy" }, make("code", { tabindex: "0", text }), button);
 }
 
-function entry(report) {
+function entry(report, open) {
   const what = report.effects.length ? report.effects.join(", ") : "no effect";
-  const box = make("details", {}, make("summary", {}, make("b", { text: report.verdict }), ` ${what} `, make("small", { text: `${report.name}, ${when(report.time_s)}` })));
+  const box = make("details", { "data-report": report.name, open: open ? "" : null }, make("summary", {}, make("b", { text: report.verdict }), ` ${what} `, make("small", { text: `${report.name}, ${when(report.time_s)}` })));
   if (report.has_report) box.append(make("button", { type: "button", text: "Show the report", onclick: () => show(report.name) }));
   if (report.diff) {
     box.append(make("p", { class: "hint", text: "The proposed configuration beside the one in force:" }),
@@ -25,13 +28,24 @@ function entry(report) {
   return box;
 }
 
-export async function startReports() {
+async function list() {
   const box = byId("reports");
   try {
-    const { folder, reports } = await (await fetch("/reports.json")).json();
-    if (reports.length) box.replaceChildren(...reports.map(entry));
+    const answer = await (await fetch("/reports.json")).text();
+    if (answer === told) return;
+    told = answer;
+    const { folder, reports } = JSON.parse(answer);
+    const open = [...box.querySelectorAll("details[open]")].map((e) => e.dataset.report);
+    if (reports.length) box.replaceChildren(...reports.map((report) => entry(report, open.includes(report.name))));
     else box.replaceChildren(make("p", { class: "hint", text: folder === null
       ? "Nothing to show. Name a folder in page.reports and let observer discover write below it:"
       : `Nothing in ${folder} yet; let observer discover write below it:` }), make("code", { text: `observer discover LOG --config C --output ${folder ?? "REPORTS"}/today` }));
-  } catch { box.textContent = "The reports cannot be asked for now."; }
+  } catch { told = ""; box.textContent = "The reports cannot be asked for now."; }
+}
+
+// what is found while somebody looks appears by itself
+export function startReports() {
+  list();
+  setInterval(() => { if (!document.hidden) list(); }, EVERY_MS);
+  document.addEventListener("visibilitychange", () => { if (!document.hidden) list(); });
 }

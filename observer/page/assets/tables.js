@@ -59,11 +59,14 @@ function drawSensors() {
     const sensor = store.config?.sensor?.find((s) => s.name === name), channel = sensor?.channel;
     const reading = readings.channels[channel], unit = sensor?.kind === "displacement" ? "µm" : "°C", small = sensor?.kind === "displacement" ? "µm" : "K";
     const quality = estimate.sensor_quality[i], why = reasonsOf().filter((r) => r.includes(channel) || new RegExp(`\\b${name.replace(/[^\w]/g, ".")}\\b`).test(r));
+    // what came last, unless the service says that nothing comes: not every step has a reading
+    const last = ["missing", "stale"].includes(quality) ? undefined : estimate.innovations?.[name];
     const fault = health?.channels?.[channel]?.fault;
     rows.push(make("tr", { "data-sensor": name },
       make("th", { scope: "row" }, make("b", { text: name }), known(sensor?.position_m) ? ` ${number(sensor.position_m, 2)} m` : ""),
       make("td", { class: "n", "data-field": "reading", text: `${number(reading?.value, 2)} ${unit}` }),
-      make("td", { class: "n" }, make("span", { "data-field": "innovation", text: `${number(estimate.innovation_K[i], 3)} ${small}` }), deviation(estimate.innovation_K[i], estimate.innovation_sigma_K[i])),
+      make("td", { class: "n", "data-late": last?.late ? "" : null }, make("small", { class: "age", text: last?.late ? `${span(last.age_s)} old` : "" }),
+        make("span", { "data-field": "innovation", "data-sequence": last?.sequence, text: `${number(last?.value, 3)} ${small}` }), deviation(last?.value, last?.sigma)),
       make("td", {}, make("span", { class: "q", "data-q": quality, "data-field": "quality", text: quality }))));
     const text = [...new Set([fault, ...(quality === "good" ? [] : why)].filter(Boolean))].join("; ");
     if (text) rows.push(make("tr", { class: "why" }, make("td", { colspan: 4, text })));
@@ -96,6 +99,7 @@ function drawAlarms() {
   const key = JSON.stringify(told.alarms) + JSON.stringify(told.bands ?? {});
   if (box.dataset.told === key) return;
   box.dataset.told = key;
+  const held = box.contains(document.activeElement) ? document.activeElement.closest("[data-alarm]")?.dataset.alarm : null;
   const alarms = told.alarms.map((alarm) => {
     const item = make("div", { class: "alarm", "data-severity": alarm.severity, "data-state": alarm.state, "data-alarm": alarm.id },
       make("b", { text: alarm.reason }), make("p", { text: alarm.remedy }),
@@ -110,6 +114,8 @@ function drawAlarms() {
     make("td", { class: "n", text: band.known ? `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual` : `${number(band.running_h)} h gathered` }),
     make("td", { class: "n", text: band.known && known(band.trend_per_day) ? `${number(100 * band.trend_per_day, 2)} %/day` : "" })));
   box.replaceChildren(...(alarms.length ? alarms : [make("p", { class: "calm", text: "No alarm." })]), ...(bands.length ? [make("div", { class: "scroll" }, make("table", {}, make("tbody", {}, ...bands)))] : []));
+  // who was about to press something is still there
+  if (held) (box.querySelector(`[data-alarm="${CSS.escape(held)}"] button`) ?? byId("p5")).focus({ preventScroll: true });
 }
 
 function drawFoot() {

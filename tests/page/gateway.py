@@ -1,0 +1,163 @@
+"""The gateway's process with a page of made-up documents."""
+
+from __future__ import annotations
+
+import json
+import ssl
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cbor2
+
+from observer.gateway.framing import framed
+from observer.gateway.start import Start
+from observer.tables.gateway import Page
+from tests.page.browser import answers
+from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
+
+NASTY = "<img src=x onerror=alert(1)> t3 is open"
+NOW_S = time.time()
+HEAD = {"time_s": NOW_S, "sequence": 7, "instance": "i"}
+PLACES_M = [0.0, 0.5, 1.0]
+DOCUMENTS: dict[str, Any] = {
+    "config": {"config": {
+        "source": [{"name": "nut", "position_channel": "nut_position_m", "stroke_m": [0.2, 0.8]}],
+        "sensor": [{"name": "t3", "channel": "t3_degC", "position_m": 0.5}],
+    }},
+    "readings": {**HEAD, "channels": {
+        "t3_degC": {"value": None, "quality": "missing", "age_s": 3.0},
+        "nut_position_m": {"value": 0.4, "quality": "good", "age_s": 0.0},
+    }},
+    "heat": {**HEAD, "sources": {"nut": {"heat_W": 26.54, "sigma_W": 0.61}}, "quality": "degraded"},
+    "field": {**HEAD, "position_m": PLACES_M, "temperature_degC": [25.0, None, 27.0], "sigma_K": [0.1] * 3,
+              "quality": "degraded"},
+    "error": {**HEAD, "position_m": PLACES_M, "error_um": [0.0, 20.0, 41.0], "sigma_um": [1.0] * 3,
+              "quality": "degraded"},
+    "compensation": {**HEAD, "armed": True, "reason": None, "position_m": PLACES_M,
+                     "error_um": [0.0, 19.0, 40.0]},
+    "health": {"time_s": NOW_S, "state": "degraded", "reasons": [NASTY],
+               "channels": {"t3_degC": {"quality": "missing", "age_s": 3.0, "fault": "open circuit"}}},
+    "learned": {**HEAD, "parameters": {"surface.convection_W_m2K": {"value": 15.217, "sigma": 0.42}}},
+    "alarms": {"time_s": NOW_S, "instance": "i", "alarms": [
+        {"id": "sensor.t3.open_circuit", "kind": "open_circuit", "target": "t3", "severity": "major",
+         "state": "unacknowledged", "since_s": NOW_S - 60, "reason": NASTY, "remedy": "mend the cable",
+         "evidence": None},
+    ], "bands": {"nut": {"known": True, "running_h": 30.0, "ratio": 1.12, "sigma": 0.04,
+                         "trend_per_day": 0.01}}},
+    "forecast": {"time_s": NOW_S, "instance": "i", "quality": "good", "reason": None,
+                 "program": {"kind": "cycle", "period_s": 600.0, "text": "the last cycle goes on"},
+                 "at_s": [NOW_S, NOW_S + 1800, NOW_S + 3600], "position_m": PLACES_M,
+                 "temperature_degC": [[25.0] * 3] * 3, "sigma_K": [[0.1] * 3] * 3,
+                 "error_um": [[0, 20, 41], [0, 25, 50], [0, 26, 52]], "error_sigma_um": [[0, 1, 2]] * 3,
+                 "settled_at_s": NOW_S + 1800, "settles_within_um": 2.0, "warm_up": None},
+}  # fmt: skip
+
+
+def estimate(sequence: int) -> bytes:
+    def typed(value: float) -> cbor2.CBORTag:
+        return cbor2.CBORTag(85, struct.pack("<f", value))
+
+    return cbor2.dumps({
+        **HEAD, "sequence": sequence, "quality": "degraded", "sources": ["nut"], "heat_W": typed(26.54),
+        "law_W": typed(float("nan")), "sensors": ["t3"], "innovation_K": typed(float("nan")),
+        "innovation_sigma_K": typed(0.1), "sensor_quality": ["missing"],
+    })  # fmt: skip
+
+
+@contextmanager
+def gateway(
+    ca: Path | None = None, config_file: Path | None = None, **page: Any
+) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """The gateway's process with a page of these documents, by TLS where it is given an authority."""
+    listen = f"127.0.0.1:{free_port()}"
+    first = Start(
+        machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page), config_file=config_file
+    )
+    trusted = None if ca is None else ssl.create_default_context(cafile=ca)
+    url = f"http{'' if ca is None else 's'}://{listen}/"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "observer.gateway"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        messages = [("start", first.model_dump_json().encode()), ("estimate", estimate(7))]
+        messages += [(key, json.dumps(document).encode()) for key, document in DOCUMENTS.items()]
+        process.stdin.write(b"".join(framed(*message) for message in messages))
+        process.stdin.flush()
+        until(lambda: answers(f"{url}assets/page.css", trusted), PATIENCE_S)
+        assert json.loads(process.stdout.readline())["reason"] is None
+        yield url, process
+    finally:
+        process.stdin.close()
+        assert process.wait(PATIENCE_S) == 0
+        assert process.stderr.read() == b""  # it ends without a word, whoever still looks
+        process.stdout.close()
+        process.stderr.close()
+
+
+def tell(process: subprocess.Popen[bytes], key: str, document: Mapping[str, Any]) -> None:
+    """Tell a running gateway a document."""
+    assert process.stdin is not None
+    process.stdin.write(framed(key, json.dumps(document).encode()))
+    process.stdin.flush()
+
+
+def tell_all(process: subprocess.Popen[bytes], documents: Mapping[str, Any], estimate: bytes) -> None:
+    """Tell a running gateway of another machine."""
+    assert process.stdin is not None
+    process.stdin.write(framed("estimate", estimate))
+    for key, document in documents.items():
+        tell(process, key, document)
+
+
+LONG = "a_very_long_name_on_the_motor_side_with_its_housing"
+SENSORS = [f"{LONG}_{i}" if i == 4 else f"t{i}" for i in range(12)]
+SOURCES = ["nut", "left_bearing", LONG, "motor_coupling", "ball_return_tube", "support_unit"]
+REASON = f"{LONG}: the reading has not changed for 240 s while the model expects 1.8 K; " * 2 + "w" * 150
+
+
+def crowd() -> dict[str, Any]:
+    """The documents of twelve sensors and six sources, with long names and an alarm of each state."""
+    sensor = [{"name": n, "channel": f"{n}_degC", "position_m": i / 11} for i, n in enumerate(SENSORS)]
+    values = {s["channel"]: {"value": 25.0, "quality": "good", "age_s": 0.0} for s in sensor}
+    (alarm,) = DOCUMENTS["alarms"]["alarms"]
+    states = ("unacknowledged", "acknowledged", "returned")
+    learned = {f"sensor.{name}.offset_K": {"value": -0.31, "sigma": 0.08} for name in SENSORS}
+    source = [*DOCUMENTS["config"]["config"]["source"], *({"name": name} for name in SOURCES[1:])]
+    band = DOCUMENTS["alarms"]["bands"]["nut"]
+    heats = {name: {"heat_W": 126.5, "sigma_W": 10.6} for name in SOURCES}
+    return {
+        **DOCUMENTS,
+        "config": {"config": {"source": source, "sensor": sensor}},
+        "readings": {**HEAD, "channels": {**DOCUMENTS["readings"]["channels"], **values}},
+        "heat": {**HEAD, "sources": heats, "quality": "good"},
+        "health": {**DOCUMENTS["health"], "reasons": [f"{i}: {REASON}" for i in range(6)], "channels": {}},
+        "learned": {**HEAD, "parameters": learned},
+        "alarms": {
+            **DOCUMENTS["alarms"],
+            "alarms": [{**alarm, "id": f"{LONG}.{s}", "state": s, "reason": REASON} for s in states],
+            "bands": dict.fromkeys(SOURCES, band),
+        },
+    }
+
+
+def crowd_estimate() -> bytes:
+    """The estimate that goes with it."""
+
+    def typed(value: float, count: int) -> cbor2.CBORTag:
+        return cbor2.CBORTag(85, struct.pack(f"<{count}f", *[value] * count))
+
+    return cbor2.dumps({
+        **HEAD, "quality": "degraded", "sources": SOURCES, "heat_W": typed(126.5, 6), "law_W": typed(24.0, 6),
+        "sensors": SENSORS, "innovation_K": typed(-0.031, 12), "innovation_sigma_K": typed(0.1, 12),
+        "sensor_quality": ["good", "stale", "rejected"] * 4,
+    })  # fmt: skip
