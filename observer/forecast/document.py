@@ -131,7 +131,7 @@ def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
     if plant.layout.has_error:
         lines.append(_settles(found, within_um))
     if found.warm_up is not None:
-        lines.append(f"A warm-up would help: {_warm_up(found.warm_up)}.")
+        lines.append(f"A warm-up may help: {_warm_up(found.warm_up)}.")
     return lines
 
 

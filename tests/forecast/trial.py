@@ -61,7 +61,7 @@ def judged(one: Day, found: Forecast, at_s: float) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-def _rms(values: np.ndarray) -> float:  # type: ignore[type-arg]
+def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
