@@ -21,6 +21,7 @@ from observer.service import forecasting
 from observer.service.align import frames_of_log
 from observer.service.forecasting import Forecaster
 from observer.service.machine import Machine
+from observer.service.wires import take_short_turns
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 
@@ -72,7 +73,8 @@ def _watched() -> Iterator[Forecasts]:
 
 
 def ticks(seconds: float) -> Ticks:
-    """Tick for some seconds."""
+    """Tick for some seconds, threads taking turns as in the service."""
+    take_short_turns()
     config = config_of(CONFIG, "\n[forecast]\nperiod_s = 5.0\n")
     machine = Machine.of(config, learns=True)
 
