@@ -39,7 +39,7 @@ WorkersOption = Annotated[
 MemoryOption = Annotated[
     float | None,
     typer.Option(
-        "--memory-GB", min=0.2, help="Of each process; one that needs more is ended. By default its share."
+        "--memory-GB", min=0.5, help="Of each process; one that needs more is ended. By default its share."
     ),
 ]
 LimitOption = Annotated[

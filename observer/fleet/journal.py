@@ -25,6 +25,8 @@ from observer.history.options import Method
 DONE = "done.json"
 WORK = ".work"
 WHY = "why"
+LIVES = "lives"
+"""A file in the folder of a run: a worker whose folder was removed beneath it makes that again."""
 TRIES = 2
 
 Row = dict[str, Any]
@@ -50,7 +52,7 @@ class How:
     @property
     def has_ended(self) -> bool:
         """Whether the run that gave the order is over: nobody waits for what is left of it."""
-        return bool(self.run) and not self.work.exists()
+        return bool(self.run) and not (self.work / LIVES).exists()
 
     @property
     def options(self) -> dict[str, str]:
@@ -154,6 +156,13 @@ def put_away(order: Order, how: How) -> None:
         shutil.rmtree(part, ignore_errors=True)
 
 
+def clear_up(how: How) -> None:
+    """Remove what was made in the folder of a run after its end."""
+    shutil.rmtree(how.work, ignore_errors=True)
+    with suppress(OSError):  # another run is at work
+        (how.output / WORK).rmdir()
+
+
 @contextmanager
 def alone_in(output: Path) -> Iterator[Path]:
     """Have a folder of results for this run alone; yields where work is done, empty, to go at the end.
@@ -176,6 +185,7 @@ def alone_in(output: Path) -> Iterator[Path]:
                 shutil.rmtree(work, ignore_errors=True)  # left by a run that was killed
                 folder = work / secrets.token_hex(4)
                 folder.mkdir(parents=True)
+                (folder / LIVES).touch()
                 yield folder
             finally:
                 shutil.rmtree(work, ignore_errors=True)

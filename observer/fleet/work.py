@@ -17,7 +17,18 @@ from typing import Any
 
 from observer import app
 from observer.errors import LogError, UserError
-from observer.fleet.journal import WHY, GivenUpError, How, Row, begin, done, finish, made_of, put_away
+from observer.fleet.journal import (
+    WHY,
+    GivenUpError,
+    How,
+    Row,
+    begin,
+    clear_up,
+    done,
+    finish,
+    made_of,
+    put_away,
+)
 from observer.fleet.orders import Order, Verb
 from observer.history.options import MethodOptions
 from observer.installation import Installation, load
@@ -34,7 +45,10 @@ def work(orders: Sequence[Order], how: How) -> list[Row]:
     A worker of a cluster outlives the command: what is left when that has ended is left.
     """
     with _TURN:
-        return [_one(order, how) for order in orders if not how.has_ended]
+        rows = [_one(order, how) for order in orders if not how.has_ended]
+        if how.has_ended:
+            clear_up(how)
+        return rows
 
 
 def failed(order: Order, how: How, problem: str) -> Row:

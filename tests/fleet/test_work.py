@@ -1,5 +1,6 @@
 """One piece of work: what goes wrong with it stays with it, and it ends in time."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from observer.fleet import work as workers
-from observer.fleet.journal import WHY, WORK, How, done
+from observer.fleet.journal import WHY, WORK, How, alone_in, done
 from observer.fleet.orders import Order
 from tests.fleet.machines import configuration, simulated
 from tests.patience import PATIENCE_S
@@ -89,6 +90,22 @@ def test_what_is_not_there_is_told_in_a_sentence(tmp_path, order):
         f"{tmp_path / 'x.csv'}: no such file; give the path of a log",
         f"{tmp_path / 'no.toml'}: no such file; give the path of a configuration",
     ]
+
+
+def test_what_is_left_when_its_run_has_ended_is_left(tmp_path, order, monkeypatch):
+    others = [Order("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(2)]
+    with alone_in(tmp_path / "out") as folder:
+        how, real = How("replay", tmp_path / "out", run=folder.name), workers._VERBS["replay"]
+
+        def end_meanwhile(*given: object) -> dict:
+            shutil.rmtree(folder.parent)  # as the run does that ends
+            return real(*given)
+
+        monkeypatch.setitem(workers._VERBS, "replay", end_meanwhile)
+        (row,) = workers.work([order, *others], how)
+        assert row["problem"] is None
+        assert done(order, how) is not None
+        assert not folder.parent.exists()
 
 
 @pytest.mark.system
