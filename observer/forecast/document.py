@@ -107,7 +107,7 @@ def _warm_up(sooner: WarmUp) -> str:
     lasts, saves = sooner.lasts_s / 60.0, sooner.saves_s / 60.0
     return (
         f"running the hardest part of the program at once, without a rest, for {lasts:.0f} min, until the "
-        f"screw holds its mean heat, settles it {saves:.0f} min sooner"
+        f"screw holds its mean heat, may settle it {saves:.0f} min sooner"
     )
 
 

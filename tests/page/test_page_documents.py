@@ -125,7 +125,8 @@ def test_documents_are_shown_and_never_run(anna, sealed):
         assert page.inner_text("[data-learnt='surface.convection_W_m2K']") == "15.22 ± 0.42"
         assert page.inner_text("#comp-words") == "compensation armed"
         assert "Settled within 2.0 µm" in page.inner_text("#forecast-words")
-        assert "the last cycle goes on" in page.inner_text("#forecast-words")
+        assert "The last cycle goes on" in page.inner_text("#forecast-words")
+        assert ", between " in page.inner_text("#forecast-words")
         assert "1.12 ± 0.04" in page.inner_text("#alarms")
         assert "observer acknowledge sensor.t3.open_circuit" in page.inner_text("#alarms")
         page.click("#alarms button")

@@ -96,9 +96,11 @@ function drawForecast() {
   }
   const mean = table.map((row) => orNull(row[at])), width_of = (sigma ?? []).map((row) => row[at]);
   forecast.set([told.at_s, mean, mean.map((m, i) => plus(m, width_of[i], 2)), mean.map((m, i) => plus(m, width_of[i], -2))]);
-  const settled = known(told.settled_at_s) ? `Settled within ${number(told.settles_within_um)} µm at ${clock(told.settled_at_s)}. ` : "";
+  const [early, late] = told.settled_between_s ?? [], sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}. ` : "");
+  const between = known(early) ? `, between ${clock(early)} and ${clock(late)}` : "";
+  const settled = known(told.settled_at_s) ? `Settled within ${number(told.settles_within_um)} µm at ${clock(told.settled_at_s)}${between}. ` : "";
   const place = `${told.error_um ? "Error" : "Temperature"} at ${number(told.position_m[at], 2)} m, where most is to come. `;
-  say("forecast-words", `${settled}${place}${told.program?.text ?? ""} ${told.warm_up?.text ?? ""}`.trim());
+  say("forecast-words", `${settled}${place}${sentence(told.program?.text)}${sentence(told.warm_up?.text)}`.trim());
 }
 
 export function startCurves() {
