@@ -49,7 +49,7 @@ class Compiler:
         except NotCompiledError:
             gc.enable()  # a start that takes long, and may have to compile here, has garbage
             begun_s = time.monotonic()
-            log.warning("compiling the estimator's kernels; this takes three or four minutes at the first start")
+            log.warning("compiling the estimator's kernels; this takes some four minutes at the first start")
             self._notify("STATUS=compiling the estimator's kernels")
             self._compile()
             if not self._ended:
