@@ -435,15 +435,21 @@ def init(
     module: Annotated[str | None, _answer("Thermocouple module, as wago_750_458.")] = None,
     module_at: Annotated[str | None, _answer("Its address, serial line or CAN interface.")] = None,
     ambient: Annotated[str | None, _answer("Air in °C, or input: the module's next input.")] = None,
-    control: Annotated[str | None, _answer("Position by canopen, modbus, can or none.")] = None,
-    control_at: Annotated[str | None, _answer("Its address or CAN interface.")] = None,
+    control: Annotated[
+        str | None, _answer("Position by canopen, modbus, can, opcua, mtconnect or none.")
+    ] = None,
+    control_at: Annotated[str | None, _answer("Its address, CAN interface or URL.")] = None,
     node_id: Annotated[str | None, _answer("canopen: the drive's node.")] = None,
     counts_per_m: Annotated[str | None, _answer("canopen, modbus: counts per metre.")] = None,
     position_register: Annotated[str | None, _answer("modbus: first of the pair, from 0.")] = None,
     speed_register: Annotated[str | None, _answer("modbus: register of the speed in rpm.")] = None,
     dbc: Annotated[str | None, _answer("can: the DBC file.")] = None,
-    position_signal: Annotated[str | None, _answer("can: as AxisStatus.NutPosition.")] = None,
-    speed_signal: Annotated[str | None, _answer("can: as AxisStatus.ScrewSpeed.")] = None,
+    position_signal: Annotated[
+        str | None, _answer("can: as AxisStatus.NutPosition; opcua: node; mtconnect: item.")
+    ] = None,
+    speed_signal: Annotated[
+        str | None, _answer("can: as AxisStatus.ScrewSpeed; opcua: node; mtconnect: item.")
+    ] = None,
 ) -> None:
     """Write a first configuration: asks for what is not given as an option."""
     given = dict(locals())

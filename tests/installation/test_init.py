@@ -35,6 +35,16 @@ OF_CONTROL = {
         "position_signal": "AxisStatus.NutPosition",
         "speed_signal": "AxisStatus.ScrewSpeed",
     },
+    "opcua": {
+        "control_at": "opc.tcp://192.168.0.21:4840/control",
+        "position_signal": "ns=2;s=X.Position",
+        "speed_signal": "ns=2;s=X.Speed",
+    },
+    "mtconnect": {
+        "control_at": "http://192.168.0.21:5000",
+        "position_signal": "Xpos",
+        "speed_signal": "Sspeed",
+    },
 }
 
 
@@ -46,7 +56,7 @@ def test_every_module_with_every_control_passes_the_check(module, control, tmp_p
     write_new(path, answers(given | {"control": control} | OF_CONTROL[control], None))
     config = examine(path)
     assert config.undelivered() == []
-    with_speed = control in {"modbus", "can"}
+    with_speed = control not in {"canopen", "none"}
     assert all((source.law is not None) == with_speed for source in config.source)
     assert config.source[0].position_channel == (None if control == "none" else "nut_position_m")
 
@@ -106,6 +116,7 @@ def test_what_is_not_given_is_asked_until_it_will_do():
         ({"node_id": "5"}, "--node-id: belongs to --control canopen"),
         ({"control": "canopen", "control_at": "can0"}, "give --node-id, --counts-per-m"),
         ({"control": "can"} | OF_CONTROL["can"] | {"position_signal": "Nut"}, "names no signal"),
+        ({"control": "opcua"} | OF_CONTROL["mtconnect"], "write it as opc.tcp://192.168.0.21:4840"),
         ({"sensors_m": "0.05 1.2"}, "sensor t2: position_m = 1.2 m lies beyond"),
         ({"length_m": "0"}, "--length-m: '0' is out of range"),
     ],

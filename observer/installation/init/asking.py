@@ -85,6 +85,8 @@ def perhaps(given: str) -> int | None:
 
 _MODULES = "; ".join(f"{name}: {module.called}" for name, module in MODULES.items())
 _CONTROLS = "; ".join(f"{name}: {control.called}" for name, control in CONTROLS.items())
+_NAMED = ("can", "opcua", "mtconnect")
+_SIGNALS = "can: AxisStatus.NutPosition; opcua: a node, ns=2;s=X.Position; mtconnect: a data item, Xpos"
 
 QUESTIONS = (
     Question("machine", "Name of the machine", str, "machine"),
@@ -100,9 +102,9 @@ QUESTIONS = (
     Question("control", f"Where the position comes from ({_CONTROLS})", one_of(CONTROLS), "none"),
     Question(
         "control_at",
-        "Where that is (192.168.0.21, can0 or /dev/ttyACM0)",
+        "Where that is (192.168.0.21, can0, /dev/ttyACM0, opc.tcp://192.168.0.21:4840, http://192.168.0.21:5000)",
         str,
-        of=("canopen", "modbus", "can"),
+        of=("canopen", "modbus", "can", "opcua", "mtconnect"),
     ),
     Question("node_id", "The drive's CANopen node", whole, of=("canopen",)),
     Question("counts_per_m", "Its counts per metre of nut travel", number, of=("canopen", "modbus")),
@@ -111,8 +113,8 @@ QUESTIONS = (
     ),
     Question("speed_register", "Register of the speed in rpm, if there is one", perhaps, "", of=("modbus",)),
     Question("dbc", "DBC file", str, of=("can",)),
-    Question("position_signal", "Signal of the position, as AxisStatus.NutPosition", str, of=("can",)),
-    Question("speed_signal", "Signal of the speed, if there is one", str, "", of=("can",)),
+    Question("position_signal", f"What tells the position ({_SIGNALS})", str, of=_NAMED),
+    Question("speed_signal", "What tells the screw's speed in rpm, if anything does", str, "", of=_NAMED),
 )
 """In the order in which they are put."""
 

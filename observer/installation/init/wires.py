@@ -173,6 +173,59 @@ scale = 1.0                      # to the unit in the channel's name: 0.001 wher
     return "".join(parts)
 
 
+def _opcua(answers: Answers) -> str:
+    """`position_signal` and `speed_signal` are nodes."""
+    return _server(
+        answers,
+        "opcua",
+        "opc.tcp://192.168.0.21:4840",
+        "node",
+        0.1,
+        """\
+scale = 0.001                    # mm to m; 1.0 where the node tells metres
+offset = 0.0                     # so that the nut's middle at the screw's left end is 0
+""",
+    )
+
+
+def _mtconnect(answers: Answers) -> str:
+    """`position_signal` and `speed_signal` are data items, which tell their unit."""
+    return _server(
+        answers,
+        "mtconnect",
+        "http://192.168.0.21:5000",
+        "item",
+        0.5,
+        """\
+offset = 0.0                     # so that the nut's middle at the screw's left end is 0, in m
+""",
+    )
+
+
+def _server(answers: Answers, kind: str, like: str, name: str, period_s: float, of_position: str) -> str:
+    _needed(answers, "control_at", "position_signal")
+    if not answers.control_at.startswith(like.partition("//")[0]):
+        raise UserError(f"--control-at: {answers.control_at!r} is no address; write it as {like}")
+    speed = (
+        ""
+        if not answers.speed_signal
+        else f"""
+[drivers.axis.channels.screw_speed_rpm]
+{name} = {text(answers.speed_signal)}
+"""
+    )
+    return f"""\
+# The control's own server; it is only read. Needs the packages of ballscrew-observer[plant].
+[drivers.axis]
+kind = {text(kind)}
+url = {text(answers.control_at)}
+period_s = {period_s:g}
+
+[drivers.axis.channels.nut_position_m]
+{name} = {text(answers.position_signal)}
+{of_position}{speed}"""
+
+
 @dataclass(frozen=True, slots=True)
 class Control:
     """Where the nut's position comes from: words for who asks, and the table, if there is one."""
@@ -185,11 +238,12 @@ CONTROLS = {
     "canopen": Control("CANopen DS-402 drive", _canopen),
     "modbus": Control("Modbus registers of the control", _modbus),
     "can": Control("CAN messages by a DBC file", _can),
+    "opcua": Control("OPC UA server of the control", _opcua),
+    "mtconnect": Control("MTConnect agent of the control", _mtconnect),
     "none": Control("no position yet: the nut's heat is spread over its stroke", lambda _: ""),
 }
 
 
 def has_speed(answers: Answers) -> bool:
     """Whether the control tells the screw's speed."""
-    told = {"modbus": answers.speed_register, "can": answers.speed_signal}
-    return told.get(answers.control) not in (None, "")
+    return answers.speed_register is not None or bool(answers.speed_signal)
