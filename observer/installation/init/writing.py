@@ -178,4 +178,7 @@ listen = ["tcp/127.0.0.1:7447"]
 
 [record]                         # what was read; the unit starts in /var/lib/ballscrew-observer
 directory = "recordings"
+
+[page]                           # for browsers; needs the packages of ballscrew-observer[page]
+listen = "127.0.0.1:8080"
 """
