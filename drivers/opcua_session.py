@@ -9,12 +9,27 @@ import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from math import isfinite, nan
+from pathlib import Path
 
 from asyncua import ua
 from asyncua.client.client import Client
 from asyncua.crypto import security_policies
+from asyncua.crypto.uacrypto import CertProperties, load_certificate, load_private_key
 from asyncua.ua.attribute_ids import AttributeIds
-from asyncua.ua.uaerrors import UaError
+from asyncua.ua.uaerrors import (
+    BadCertificateInvalid,
+    BadCertificateTimeInvalid,
+    BadCertificateUntrusted,
+    BadCertificateUriInvalid,
+    BadCertificateUseNotAllowed,
+    BadIdentityTokenInvalid,
+    BadIdentityTokenRejected,
+    BadSecurityChecksFailed,
+    BadUserAccessDenied,
+    UaError,
+)
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, RSAPublicKey
 
 from drivers.places import OpcUaChannel, OpcUaServer
 from drivers.polled import Answer, LostError
@@ -23,6 +38,15 @@ from drivers.polled import Answer, LostError
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
 _GOOD_BYE_S = 0.2
+_FILES, _WANTED = (
+    "certificate, private_key and server_certificate",
+    "name RSA, PEM or DER, without a passphrase",
+)
+_WHO = (BadUserAccessDenied, BadIdentityTokenRejected, BadIdentityTokenInvalid)
+_CERTIFICATE = (
+    BadCertificateUntrusted, BadCertificateUriInvalid, BadCertificateUseNotAllowed,
+    BadCertificateTimeInvalid, BadCertificateInvalid, BadSecurityChecksFailed,
+)  # fmt: skip
 _LIMITS = {0x0500: "under_range", 0x0600: "over_range"}  # bits 8 to 11: at its low, high limit (part 4, 7.39)
 _NEVER = datetime(1980, 1, 1, tzinfo=UTC)  # servers without a clock give 1601, 1970 or none
 
@@ -36,28 +60,73 @@ async def connect(server: OpcUaServer) -> OpcUaSession:
             await client.connect()
     except TimeoutError:
         await _end(client)
-        raise LostError("disconnected", f"{server.url} does not answer") from None
+        raise LostError("disconnected", f"{server.url} does not answer{_unless(server)}") from None
     except (OSError, ValueError, UaError) as error:
         await _end(client)
-        raise LostError("disconnected", f"{server.url}: {_told(error)}") from None
+        raise LostError("disconnected", f"{server.url}{_why_not(error, server)}") from None
     except asyncio.CancelledError:
         await _end(client)
         raise
     return OpcUaSession(client, server)
 
 
+def _unless(server: OpcUaServer) -> str:
+    """What else silence may mean: servers close or ignore a connection that they cannot decipher."""
+    if server.certificate is None:
+        return ""
+    return f"; if it is there, look at server_certificate and whether it takes {server.policy}"
+
+
+def _why_not(error: Exception, server: OpcUaServer) -> str:
+    """Why a server does not let us in, as what follows its address."""
+    if isinstance(error, _WHO):
+        if server.user is None:
+            return " asks for a name; give user and password_file"
+        return f" refuses the user {server.user}; look at user and password_file"
+    if isinstance(error, _CERTIFICATE):
+        return f" does not trust {server.certificate} ({_told(error)}); have it trusted there"
+    if server.certificate is None and "No matching endpoint" in str(error):
+        return " asks for encryption; give certificate, private_key and server_certificate"
+    return f": {_told(error)}"
+
+
 async def _secure(client: Client, server: OpcUaServer) -> None:
-    if server.certificate is not None:
+    """Give the client its files. Raises `OSError` or `ValueError` where they cannot be used."""
+    files = (server.certificate, server.private_key, server.server_certificate)
+    own, key, theirs = (None if file is None else _file(file) for file in files)
+    if own is not None and key is not None and theirs is not None:
+        try:
+            certificate = await load_certificate(own.path_or_content, own.extension)
+            private = await load_private_key(key.path_or_content, None, key.extension)
+            public = (await load_certificate(theirs.path_or_content, theirs.extension)).public_key()
+        except (ValueError, TypeError) as error:  # TypeError: the key has a passphrase
+            raise ValueError(f"{_FILES} cannot be used ({error}); {_WANTED}") from None
+        if not isinstance(private, RSAPrivateKey) or not isinstance(public, RSAPublicKey):
+            raise ValueError(f"{_FILES} cannot be used (they are not of RSA); {_WANTED}")
+        if private.public_key() != certificate.public_key():
+            raise ValueError(f"{server.private_key} is not the key of {server.certificate}; mend private_key")
+        if name := _name_in(certificate):
+            client.application_uri = name  # servers compare it with the certificate (part 4, 6.1.3)
         policy = getattr(security_policies, f"SecurityPolicy{server.policy}")
-        await client.set_security(
-            policy,
-            str(server.certificate),
-            str(server.private_key),
-            server_certificate=str(server.server_certificate),
-        )
+        await client.set_security(policy, own, key, server_certificate=theirs)
     if server.user is not None and server.password_file is not None:
         client.set_user(server.user)
         client.set_password(server.password_file.read_text(encoding="utf-8").strip())
+
+
+def _file(path: Path) -> CertProperties:
+    """A file with its format by what is in it: asyncua goes by the name, and takes PEM in x.key for DER."""
+    data = path.read_bytes()
+    return CertProperties(data, "pem" if b"-----BEGIN" in data else "der")
+
+
+def _name_in(certificate: x509.Certificate) -> str | None:
+    """The name of an application in its certificate, None where it has none."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (x509.ExtensionNotFound, ValueError):
+        return None
+    return next(iter(names.get_values_for_type(x509.UniformResourceIdentifier)), None)
 
 
 class OpcUaSession:

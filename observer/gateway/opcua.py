@@ -14,6 +14,7 @@ Source timestamps are the estimates' own times. Nothing can be written.
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 from collections.abc import Iterator, Mapping
 from datetime import UTC
@@ -25,8 +26,12 @@ from asyncua.server.server import Server
 from asyncua.ua.status_codes import StatusCodes
 
 from observer.gateway.latest import Latest
+from observer.gateway.opcua_access import guarded
 from observer.gateway.say import Say
 from observer.gateway.start import Start
+
+# What asyncua logs is what clients do wrong, with tracebacks; they must not fill the service's log.
+logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
 NAMESPACE = "urn:ballscrew-observer"
 PERIOD_S = 0.25
@@ -49,14 +54,11 @@ class Value(NamedTuple):
 
 
 async def serve(start: Start, latest: Latest, say: Say) -> None:
-    """Serve until cancelled; raises `OSError` with one sentence where it cannot listen."""
+    """Serve until cancelled; raises `OSError` or `ConfigError` with one sentence where it cannot."""
     assert start.opcua is not None
-    server = Server()
-    await server.init()
+    server = await guarded(start.opcua)
     server.set_endpoint(start.opcua.listen)
     server.set_server_name("Ballscrew Observer")
-    server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
-    server.allow_remote_admin(False)  # else whoever says "admin", without a password, may write
     index = await server.register_namespace(NAMESPACE)
     machine = await server.nodes.objects.add_object(index, start.machine)
     axis = await machine.add_object(index, start.axis)

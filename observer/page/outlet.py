@@ -17,8 +17,9 @@ from observer.errors import ConfigError
 from observer.gateway.latest import Latest
 from observer.gateway.say import Say
 from observer.gateway.start import Start
+from observer.gateway.users import read_users
 from observer.page.app import application
-from observer.page.login import Login, read_users
+from observer.page.login import Login
 from observer.page.stream import Stream
 from observer.tables.gateway import host_and_port
 

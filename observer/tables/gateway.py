@@ -43,11 +43,7 @@ def _checked_opcua(url: str) -> str:
     address = url.removeprefix(_OPCUA)
     if address == url:
         raise ValueError(f"{url[:60]!r} is no address of OPC UA; write it like {_OPCUA}127.0.0.1:4840")
-    if not is_loopback(address):
-        raise ValueError(
-            f"{url[:60]} is within reach of others, and this server asks nobody for a name; listen on "
-            "127.0.0.1, and let a gateway of the plant, or MQTT or Zenoh with certificates, carry it on"
-        )
+    host_and_port(address)
     return url
 
 
@@ -112,6 +108,29 @@ class Mqtt(Section):
 
 
 class Opcua(Section):
-    """A server of OPC UA, for programs on this computer."""
+    """A server of OPC UA: where it listens, who may look, and what the connection is encrypted with.
+
+    `anonymous` lets whoever reaches it look, from other computers too.
+    """
 
     listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"
+    users_file: File | None = None
+    certificate: File | None = None
+    key: File | None = None
+    anonymous: bool = False
+
+    @model_validator(mode="after")
+    def _others_log_in(self) -> Opcua:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key go together; give both or neither")
+        if self.users_file is not None and self.anonymous:
+            raise ValueError("users_file asks for names and anonymous asks for none; give one of them")
+        if self.users_file is not None and self.certificate is None:
+            raise ValueError("a password goes over no wire in the clear; give certificate and key too")
+        asks = self.users_file is not None or self.anonymous
+        if not asks and not is_loopback(self.listen.removeprefix(_OPCUA)):
+            raise ValueError(
+                f"others reach {self.listen}, so they have to log in; give users_file, certificate and key, "
+                "or listen on 127.0.0.1; anonymous = true lets whoever reaches it read"
+            )
+        return self

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import math
+import subprocess
 from contextlib import asynccontextmanager
 
 import pytest
 from asyncua import Server, ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.crypto.uacrypto import load_certificate
+from asyncua.crypto.validator import CertificateValidator, CertificateValidatorOptions
 from pydantic import ValidationError
 
 from drivers.opcua import OpcUaSettings
 from tests.drivers.harness import running
+from tests.gateway.applications import application
+from tests.patience import eventually
+from tests.publish.people import secret
 from tests.publish.router import free_port
 
 pytestmark = [
@@ -147,6 +155,126 @@ def test_what_cannot_be_is_refused_before_anything_begins(table, told):
         OpcUaSettings(
             **({"kind": "opcua", "url": "opc.tcp://h", "channels": {"x_m": {"node": "i=1"}}} | table)
         )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Certificates of a control, of this driver, and of a stranger."""
+    made = tmp_path_factory.mktemp("keys")
+    for name in ("control", "driver", "stranger"):
+        application(made, name)
+    secret(made / "word", "right\n")
+    secret(made / "wrong", "wrong\n")
+    return made
+
+
+class _Anna:
+    """Lets in one user by her password."""
+
+    def get_user(self, _iserver, username=None, password=None, certificate=None):
+        known = (username, password) == ("anna", "right") and certificate
+        return User(UserRole.User, "anna") if known else None
+
+
+@asynccontextmanager
+async def strict(folder, port):
+    """A control that encrypts, knows one user, and trusts one certificate, right in every field."""
+    server = Server(user_manager=_Anna())
+    await server.init()
+    server.set_endpoint(f"opc.tcp://127.0.0.1:{port}/control")
+    await server.set_application_uri("urn:control")
+    server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+    server.set_identity_tokens([ua.UserNameIdentityToken])
+    await server.load_certificate(folder / "control.pem")
+    await server.load_private_key(folder / "control.key", format="pem")
+    every_field = CertificateValidator(
+        CertificateValidatorOptions.EXT_VALIDATION | CertificateValidatorOptions.PEER_CLIENT
+    )
+    trusted = await load_certificate(folder / "driver.pem")
+
+    async def judge(certificate, who):
+        await every_field(certificate, who)
+        if certificate != trusted:
+            raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+
+    server.iserver.certificate_validator = judge
+    node = ua.NodeId("Axis.X.Position", 2)
+    await server.register_namespace("urn:test")
+    await server.nodes.objects.add_variable(node, "2:Position", 123.5)
+    await server.start()
+    try:
+        yield
+    finally:
+        await server.stop()
+
+
+def known(folder, **more):
+    """What the driver is told of that control and of who it is."""
+    files = {
+        "certificate": "driver.pem", "private_key": "driver.key", "server_certificate": "control.pem",
+        "password_file": "word",
+    }  # fmt: skip
+    return {key: folder / file for key, file in files.items()} | {"user": "anna", "timeout_s": 5.0} | more
+
+
+async def test_a_control_that_asks_for_name_and_certificate_is_read_and_one_wrong_thing_is_told(folder):
+    port = free_port()
+    stranger = folder / "stranger.pem"
+    wrong = {
+        "refuses the user anna": {"password_file": folder / "wrong"},
+        "refuses the user ben": {"user": "ben"},
+        "does not trust": {"certificate": stranger, "private_key": folder / "stranger.key"},
+        "look at server_certificate": {"server_certificate": stranger, "timeout_s": 1.0},
+        "takes Aes256Sha256RsaPss": {"policy": "Aes256Sha256RsaPss", "timeout_s": 1.0},
+        "asks for a name": {"user": None, "password_file": None},
+        "asks for encryption": dict.fromkeys(known(folder)) | {"timeout_s": 1.0},
+    }
+    async with strict(folder, port):
+        for change in ({}, {"private_key": _der(folder)}):
+            async with running(settings(port, POSITION, **known(folder, **change)).open("cnc")) as cnc:
+                assert await cnc.good("x_m") == pytest.approx(0.2235)
+        for told, change in wrong.items():
+            async with running(settings(port, POSITION, **known(folder, **change)).open("cnc")) as cnc:
+                await eventually(lambda told=told, cnc=cnc: told in (cnc.driver.status.last_error or ""))
+                assert all("x_m" in r.faults for r in cnc.readings)
+
+
+def _der(folder):
+    """The driver's key in the other format."""
+    command = (
+        "openssl",
+        "pkcs8",
+        "-topk8",
+        "-nocrypt",
+        "-in",
+        "driver.key",
+        "-outform",
+        "der",
+        "-out",
+        "key.der",
+    )
+    subprocess.run(command, cwd=folder, check=True)
+    return folder / "key.der"
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        (("rsa:2048", "-passout", "pass:word"), "without a passphrase"),
+        (("ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"), "not of RSA"),
+        (None, "is not the key of"),
+    ],
+)
+async def test_a_key_that_cannot_be_used_is_a_fault_that_says_so(folder, kind, told):
+    odd = {"private_key": folder / "stranger.key"}
+    if kind is not None:
+        command = ("openssl", "req", "-x509", "-newkey", *kind, "-subj", "/CN=odd")
+        command += ("-keyout", "odd.key", "-out", "odd.pem")
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        odd = {"certificate": folder / "odd.pem", "private_key": folder / "odd.key"}
+    async with running(settings(free_port(), POSITION, **known(folder, **odd)).open("cnc")) as cnc:
+        await eventually(lambda: told in (cnc.driver.status.last_error or ""))
+        assert await cnc.fault("x_m") == "disconnected"
 
 
 def test_files_that_are_not_there_are_named(tmp_path):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from observer.errors import ConfigError
-from observer.page.login import Login, read_users
+from observer.gateway.users import read_users
+from observer.page.login import Login
 
 
 def _file(folder, text: str, mode: int = 0o600):
