@@ -62,7 +62,7 @@ demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loo
 month: $(READY)  ## two simulated months of a machine as configured: at most one false reason each
 	$(BIN)/python -m pytest tests/reference/months_as_configured.py -s -p no:benchmark $(ARGS)
 
-faults: $(READY)  ## the table of faults: what other daemons promise, and what this one does; two minutes
+faults: $(READY)  ## the table of faults: what other daemons promise, and what this one does; three minutes; needs chromium and mosquitto
 	$(BIN)/python -m tests.faults
 
 soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"

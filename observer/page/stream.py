@@ -18,6 +18,8 @@ from observer.page.recent import Recent
 from observer.publish.codec import decode_estimate
 
 _BEAT_S = 1.0
+_AGAIN = b"retry: 1000\n\n"
+"""A browser that has lost the page's process tries again each second; by itself it would each third."""
 _TOGETHER_S = 0.02  # what belongs to one step comes within
 _LEAST_S = {"estimate": 0.09, "heat": 0.09, "readings": 0.09, "field": 0.45, "error": 0.45}
 """Between two events of a kind, in s: ten a second, and two of what is long."""
@@ -41,7 +43,7 @@ class Stream:
         self._latest = latest
         self._clock = clock
         hello = {"machine": machine, "axis": axis, "period_s": period_s, "login": login}
-        self._newest: dict[str, bytes] = {"hello": event("hello", json.dumps(hello).encode())}
+        self._newest: dict[str, bytes] = {"hello": event("hello", json.dumps(hello).encode()) + _AGAIN}
         self._sent_s: dict[str, float] = {}
         self._viewers: set[Pending] = set()
         self._ended = False

@@ -163,7 +163,9 @@ async def test_a_viewer_who_is_behind_gets_the_newest_of_each_kind():
     now = [0.0]
     stream = Stream(Latest(0.5), "lathe", "z", 0.5, clock=lambda: now[0])
     viewer = stream.viewer()
-    assert (await anext(viewer)).startswith(b"event: hello\n")
+    first = await anext(viewer)
+    assert first.startswith(b"event: hello\n")
+    assert b"retry: 1000\n" in first, "a browser by itself tries each third second"
     for k in range(1000):
         now[0] += 0.5
         stream.take("heat", json.dumps({"sequence": k}).encode())
