@@ -8,6 +8,7 @@
 PYTHON ?= python3
 UV_VERSION := 0.13.8
 CYCLONEDX_VERSION := 7.5.0
+PIPX_VERSION := 1.18.4
 VENV := .venv
 READY := $(VENV)/.ready
 BIN := $(VENV)/bin
@@ -23,7 +24,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign forecast-campaign fleet-scaling config-mutants mutants figures container-check lock dist sbom clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign forecast-campaign fleet-scaling config-mutants mutants figures container-check pipx-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,11 +41,15 @@ lint: $(READY)  ## ruff, formatting, types, import contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
+# A test that fails beside others is tried once more by itself: what fails twice fails, what passes then is told.
+AGAIN = { test $$? -eq 1 && echo "make $@: what failed is tried once more, by itself" >&2 && \
+	$(BIN)/python -m pytest --last-failed --last-failed-no-failures none -v -p no:randomly -p no:benchmark; }
+
 unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes to pytest
-	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark $(ARGS)
+	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark $(ARGS) || $(AGAIN)
 
 system: $(READY)  ## tests with real processes, servers and routers, two files at a time; ARGS goes to pytest
-	$(BIN)/python -m pytest -m system -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
+	$(BIN)/python -m pytest -m system -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS) || $(AGAIN)
 
 coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to pytest, "tests/model" is a part
 	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark --cov --cov-report= $(ARGS)
@@ -103,6 +108,13 @@ figures: $(READY)  ## draw the figures of docs/ again
 
 container-check: $(READY)  ## the Dockerfile's steps without a container engine, as an unprivileged user
 	$(BIN)/python -m pytest tests/packaging/test_dockerfile_steps.py -m slow -s -p no:benchmark $(ARGS)
+
+pipx-check: $(READY) build/pipx/bin/pipx dist  ## what docs/operations.md says of pipx, below a folder; fetches 150 MB
+	PIPX=$(abspath build/pipx/bin/pipx) $(BIN)/python -m pytest tests/packaging/by_pipx.py -m slow -s -p no:benchmark $(ARGS)
+
+build/pipx/bin/pipx:
+	$(PYTHON) -m venv build/pipx
+	build/pipx/bin/python -m pip install --quiet pipx==$(PIPX_VERSION)
 
 format: $(READY)  ## format the code and mend what ruff can mend
 	$(BIN)/ruff format $(CODE)
