@@ -24,7 +24,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign forecast-campaign fleet-scaling config-mutants mutants figures container-check pipx-check lock dist sbom clean
+.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check pipx-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -90,6 +90,9 @@ rods-campaign: $(READY)  ## search heated rods for what is hidden in them, or go
 
 alarms-campaign: $(READY)  ## how often alarms of heats are false on simulated months, and how early wear is told
 	$(BIN)/python -m tests.alarms.trial $(ARGS)
+
+alarms-observed: $(READY)  ## every alarm of rough machines by the real observer, over simulated weeks; or go on
+	$(BIN)/python -m tests.alarms.observed
 
 forecast-campaign: $(READY)  ## do temperatures and error of the next hour lie within their bands? Or go on
 	$(BIN)/python -m tests.forecast.trial

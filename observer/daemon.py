@@ -181,7 +181,9 @@ def _service(
         trial=trial,
         gap=gap,
         control=_steering(config),
-        alarms=AlarmDesk(config, config.alarms, config.alarms_file) if config.alarms.enabled else None,
+        alarms=AlarmDesk(config, machine.plant.layout, config.alarms, config.alarms_file)
+        if config.alarms.enabled
+        else None,
         air=machine.plant.known.ambient,
         forecaster=Forecaster(machine, instance, publisher.forecast) if forecasts else None,
     )

@@ -6,8 +6,8 @@ Over windows of running, the logarithm of the ratio of the estimated heat to its
 
 whose θ is learnt by recursive least squares (Ljung and Söderström 1983, ch. 2) in the first hours of running
 and then stays as it is: wear must not be learnt away. Of those hours the earlier ones, in which a new machine
-runs in, are forgotten. What is left is smoothed over hours of running, and a line through it tells the trend
-over days.
+runs in, are forgotten; what friction falls by after them, up to a tenth, is taken for running in too. What is
+left is smoothed over hours of running, and a line through it tells the trend over days.
 """
 
 from __future__ import annotations
@@ -25,8 +25,12 @@ LEAST_SHARE = 0.15
 """A law that says less than this part of its largest heat says too little to be held against."""
 SURE = 0.3
 """The estimate's own σ, as a part of the heat, up to which a window counts."""
-SMOOTH_H = 3.0
+SMOOTH_H = 6.0
 """What is left is smoothed over so many hours of running."""
+SETTLE_H = 20.0
+"""Whether friction has fallen since it was learnt is judged over so many."""
+RUN_IN = 0.1
+"""The most, as a logarithm, that it falls by in running in: more is less heat than usual."""
 ALIKE_H = 1.5
 """Errors of an estimate stay alike for about so long, so windows within it tell no more than one."""
 MEMORY_H = 15.0
@@ -39,7 +43,8 @@ SIGMAS = 3.0
 CLEAR = 0.6
 """The part of the limit below which it is within its band again."""
 _PRIOR_SIGMA = np.array([1.0, 0.2, 0.1])
-_FLOOR = 0.04
+_FLOOR = 0.07
+"""How alike seasons are, at best: the film outside is not known, and moves heats by some per cent."""
 _LEAST_RATIO = 0.02
 
 
@@ -68,7 +73,8 @@ class Band(NamedTuple):
     """What has been learnt of one source.
 
     `theta` (3,) with covariance `P` (3, 3), `spread2` the variance of a window about them; `running_h` of the
-    windows taken; `left` what is left, smoothed; `line` (5,) the fading sums of a line through it: 1, t, t²,
+    windows taken; `left` what is left, smoothed, `slow` the same over a longer time and `ran_in` the least
+    that has been, at most 0; `line` (5,) the fading sums of a line through it: 1, t, t²,
     y, t y with t in days after `at_s`; `side` is +1 above the band, -1 below, 0 within; `most_W` the law's
     largest heat.
     """
@@ -78,6 +84,8 @@ class Band(NamedTuple):
     spread2: float
     running_h: float
     left: float
+    slow: float
+    ran_in: float
     line: FloatArray
     at_s: float
     side: int
@@ -86,7 +94,9 @@ class Band(NamedTuple):
 
 def nothing_known() -> Band:
     """Return the band before the first window."""
-    return Band(np.zeros(3), np.diag(_PRIOR_SIGMA**2), 0.01, 0.0, 0.0, np.zeros(5), math.nan, 0, 0.0)
+    return Band(
+        np.zeros(3), np.diag(_PRIOR_SIGMA**2), 0.01, 0.0, 0.0, 0.0, 0.0, np.zeros(5), math.nan, 0, 0.0
+    )
 
 
 def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
@@ -103,9 +113,13 @@ def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
     if band.running_h < learn_h:
         own2 = (window.sigma_W / window.law_W) ** 2
         band = _taken(band, phi, off, (band.spread2 + own2) * ALIKE_H / hours, hours)
-    share = hours / SMOOTH_H
-    band = band._replace(left=band.left + share * (off - band.left), running_h=band.running_h + hours)
+    band = _smoothed(band, off, hours, learn_h)
     return _judged(_traced(band, window.time_s, off), phi, learn_h, deadband)
+
+
+def more_than_usual(band: Band) -> float:
+    """Return the logarithm of the heat over what is usual, of a machine that has run in."""
+    return band.left - band.ran_in
 
 
 def sigma_of(band: Band, phi: FloatArray | None = None) -> float:
@@ -134,12 +148,22 @@ def _features(window: Window, most_W: float) -> FloatArray:
 
 
 def _taken(band: Band, phi: FloatArray, off: float, R: float, hours: float) -> Band:
-    """One step of recursive least squares, with forgetting."""
-    P = band.P * min(math.exp(hours / MEMORY_H), float(np.sum(_PRIOR_SIGMA**2) / np.trace(band.P)))
-    gain = P @ phi / (phi @ P @ phi + R)
+    """One step of recursive least squares whose memory fades to the prior and to no less than that."""
+    keep = math.exp(-hours / MEMORY_H)
+    known, prior = np.linalg.inv(band.P), np.diag(1.0 / _PRIOR_SIGMA**2)
+    P = np.asarray(np.linalg.inv(keep * known + (1.0 - keep) * prior + np.outer(phi, phi) / R), np.float64)
+    theta = band.theta + P @ (phi * (off / R) - (1.0 - keep) * prior @ band.theta)
     share = min(0.5, hours / max(hours, min(band.running_h, MEMORY_H)))
     spread2 = band.spread2 + share * (min(off * off, 0.25) - band.spread2) * (band.running_h > ALIKE_H)
-    return band._replace(theta=band.theta + gain * off, P=P - np.outer(gain, phi @ P), spread2=spread2)
+    return band._replace(theta=theta, P=P, spread2=spread2)
+
+
+def _smoothed(band: Band, off: float, hours: float, learn_h: float) -> Band:
+    """Smooth what is left of a window, and note how far friction has fallen since it was learnt."""
+    slow = band.slow + hours / SETTLE_H * (off - band.slow)
+    fallen = min(band.ran_in, max(slow, -RUN_IN)) if band.running_h > learn_h + 0.5 * SETTLE_H else 0.0
+    left = band.left + hours / SMOOTH_H * (off - band.left)
+    return band._replace(left=left, slow=slow, ran_in=fallen, running_h=band.running_h + hours)
 
 
 def _traced(band: Band, time_s: float, off: float) -> Band:
@@ -156,6 +180,7 @@ def _judged(band: Band, phi: FloatArray, learn_h: float, deadband: float) -> Ban
     if band.running_h < learn_h:
         return band._replace(side=0)
     limit = max(math.log1p(deadband), SIGMAS * sigma_of(band, phi))
-    if abs(band.left) > limit:
-        return band._replace(side=1 if band.left > 0 else -1)
-    return band._replace(side=0) if abs(band.left) < CLEAR * limit else band
+    more = more_than_usual(band)
+    if abs(more) > limit:
+        return band._replace(side=1 if more > 0 else -1)
+    return band._replace(side=0) if abs(more) < CLEAR * limit else band

@@ -47,7 +47,7 @@ KINDS: dict[str, Kind] = {
         "less heat than learnt for this speed and temperature: look whether preload or belt tension is lost",
     ),
     "heat_off_law": Kind(
-        "minor", 600.0, 600.0, False,
+        "minor", 600.0, 86_400.0, False,
         "look at the unit and place of what this heat's law reads; `observer calibrate` fits the law anew",
     ),
     "model_inconsistent": Kind(

@@ -118,6 +118,12 @@ def _alarms(document: Mapping[str, Any]) -> list[Text]:
         severity, state = _word(alarm.get("severity")), _word(alarm.get("state"))
         line = f"▲ {severity} {_word(alarm.get('id'))} ({state}): {_word(alarm.get('reason'))}"
         lines.append(Text(line, style="yellow" if severity == "minor" else "red"))
+    bands = _table(document.get("bands")).items()
+    learning = [
+        f"{_word(n)} {_word(b['learning'])}" for n, b in bands if isinstance(b, dict) and b.get("learning")
+    ]
+    if learning:
+        lines.append(Text("usual heats, still being learnt: " + ", ".join(learning), style="dim"))
     return lines
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,24 +13,27 @@ from typing import Any, NamedTuple
 import numpy as np
 import structlog
 
-from observer.alarms import bands
+from observer.alarms import bands, offsets, plain
 from observer.alarms.bands import Band, Gathering, Window
 from observer.alarms.kinds import KINDS
+from observer.alarms.offsets import Offset
 from observer.alarms.states import Alarm, Condition, acknowledged, advance
 from observer.config import Config
-from observer.estimators.selftest import Fault, Finding
 from observer.files.folders import make_folder, write_whole
-from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Quality
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
+from observer.service.conditions import conditions
 from observer.service.gap import Departure
 from observer.service.health import Facts
-from observer.service.reasons import departure_sentence, sentence
 from observer.tables.alarms import AlarmSettings
 
 _KEPT_S = 60.0
-_CLOCK_STEP_S = 0.5
-_STUCK, _DISCONNECTED = "stuck", "disconnected"
 _NOTHING = Gathering(0.0, 0.0, 0.0, 0.0, 0.0)
 _MOST_STEP_S = 30.0
+_APART_S = 600.0
+"""Over so long a sensor and the model have to be apart."""
+_LOOK_S = 60.0
+"""Learnt offsets are looked at after so much of good estimates."""
+_BELIEVED = (EstimateQuality.GOOD, EstimateQuality.DEGRADED)
 _FORMAT = 1
 
 log = structlog.get_logger()
@@ -44,11 +47,19 @@ class Source(NamedTuple):
     law: str
 
 
+class Offsets(NamedTuple):
+    """A sensor: its name, the place of its offset among what is learnt if it is, and what is said of it."""
+
+    name: str
+    learned: int | None
+    said: str
+
+
 class AlarmDesk:
     """Takes every estimate, looks at the facts now and then, and tells what somebody should come for."""
 
-    def __init__(self, config: Config, settings: AlarmSettings, file: Path | None) -> None:
-        """Begin where the file tells, None where nothing is kept."""
+    def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
+        """Begin where the file tells, None where nothing is kept; `layout` is that of the estimates."""
         self._settings = settings
         self._sensors = {s.channel: s.name for s in config.sensor}
         estimated = [s for s in config.source if s.estimate]
@@ -57,6 +68,14 @@ class AlarmDesk:
         ]
         self._gathering = {source.name: _NOTHING for source in self._sources}
         self._bands = {source.name: bands.nothing_known() for source in self._sources}
+        said = {s.name: s.model_dump_json() for s in config.sensor}
+        learned = {name: i for i, name in enumerate(layout.learned)}
+        self._known = [
+            Offsets(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
+        ]
+        self._offsets = {sensor.name: Offset() for sensor in self._known}
+        self._apart_K = np.zeros(len(self._known))
+        self._good_s = 0.0
         self._alarms: dict[str, Alarm] = {}
         self._file = file
         self._told: tuple[Any, ...] = ()
@@ -66,10 +85,11 @@ class AlarmDesk:
             self._restore(file)
 
     def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
-        """Take one estimate, for the bands of the heats."""
+        """Take one estimate, for what is usual of heats and sensors."""
         dt_s = float(frame.dt_s[0])
-        if estimate.quality[0] != EstimateQuality.GOOD or not 0.0 < dt_s <= _MOST_STEP_S:
+        if estimate.quality[0] not in _BELIEVED or not 0.0 < dt_s <= _MOST_STEP_S:
             return
+        self._see_sensors(estimate, dt_s)
         rise_K = float(np.mean(estimate.field_degC[0])) - air_degC
         for source in self._sources:
             heat_W, law_W = float(estimate.heat_W[0, source.column]), float(estimate.law_W[0, source.column])
@@ -89,6 +109,24 @@ class AlarmDesk:
                 now = _NOTHING
             self._gathering[source.name] = now
 
+    def _see_sensors(self, estimate: EstimateBlock, dt_s: float) -> None:
+        """How far each sensor is from the model, and from time to time what its learnt offset is."""
+        apart_K: FloatArray = estimate.innovation_K[0]
+        share = 1.0 - math.exp(-dt_s / _APART_S)
+        self._apart_K += share * np.where(np.isfinite(apart_K), apart_K - self._apart_K, 0.0)
+        self._good_s += dt_s
+        if self._good_s < _LOOK_S:
+            return
+        hours, self._good_s = self._good_s / 3600.0, 0.0
+        for sensor in self._known:
+            if sensor.learned is not None:
+                self._offsets[sensor.name] = offsets.taken(
+                    self._offsets[sensor.name],
+                    float(estimate.learned[0, sensor.learned]),
+                    float(estimate.learned_sigma[0, sensor.learned]),
+                    hours, self._settings.learn_h, self._settings.sensor_K,
+                )  # fmt: skip
+
     def _learnt(self, band: Band, whole: Gathering, time_s: float) -> Band:
         heat_W, sigma_W, law_W, rise_K = (total / whole.running_s for total in whole[1:])
         window = Window(time_s, heat_W, sigma_W, law_W, rise_K, law_W)
@@ -98,7 +136,11 @@ class AlarmDesk:
         """Judge what holds now; says whether something changed that is worth telling at once."""
         holding = [
             condition
-            for condition in (*conditions(facts, departure, self._sensors), *self._heats())
+            for condition in (
+                *conditions(facts, departure, self._sensors),
+                *self._disagreeing(),
+                *self._heats(),
+            )
             if condition.kind not in self._settings.off
         ]
         self._alarms = advance(self._alarms, holding, facts.time_s)
@@ -137,14 +179,39 @@ class AlarmDesk:
 
     def _band_told(self, band: Band) -> dict[str, Any]:
         trend = bands.trend_per_day(band)
-        known = band.running_h >= self._settings.learn_h
+        learn_h = self._settings.learn_h
+        known = band.running_h >= learn_h
         return {
             "known": known,
+            "learning": None if known else f"{band.running_h:.1f} of {learn_h:g} h of running",
             "running_h": round(band.running_h, 2),
-            "ratio": round(math.exp(band.left), 4) if known else None,
+            "ratio": round(math.exp(bands.more_than_usual(band)), 4) if known else None,
             "sigma": round(bands.sigma_of(band), 4) if known else None,
             "trend_per_day": None if trend is None or not known else round(trend, 5),
         }
+
+    def _disagreeing(self) -> Iterator[Condition]:
+        """Sensors that are apart from the model, or whose offset has moved."""
+        for sensor, apart_K in zip(self._known, self._apart_K.tolist(), strict=True):
+            known = self._offsets[sensor.name]
+            if known.moved:
+                moved_K = known.now_K - known.usual_K
+                yield Condition(
+                    "sensor_disagrees",
+                    sensor.name,
+                    f"{sensor.name} reads {moved_K:+.2f} K beside what it did in its first "
+                    f"{self._settings.learn_h:g} h, by the offset that is learnt",
+                    "drifting",
+                    {"offset_K": round(known.now_K, 3), "usual_K": round(known.usual_K, 3)},
+                )
+            if abs(apart_K) > self._settings.sensor_K:
+                yield Condition(
+                    "sensor_disagrees",
+                    sensor.name,
+                    f"{sensor.name} reads {apart_K:+.2f} K beside what the model and the other sensors say",
+                    "apart",
+                    {"apart_K": round(apart_K, 3)},
+                )
 
     def _heats(self) -> Iterator[Condition]:
         """Heats that are not within their bands."""
@@ -178,7 +245,8 @@ class AlarmDesk:
     def _plain(self) -> dict[str, Any]:
         return {
             "format": _FORMAT,
-            "bands": {s.name: {"law": s.law, **_as_lists(self._bands[s.name])} for s in self._sources},
+            "bands": {s.name: {"law": s.law, **plain.of_band(self._bands[s.name])} for s in self._sources},
+            "offsets": {s.name: {"said": s.said, **self._offsets[s.name]._asdict()} for s in self._known},
             "alarms": {n: asdict(alarm) for n, alarm in self._alarms.items() if alarm.is_raised},
         }
 
@@ -188,64 +256,17 @@ class AlarmDesk:
             kept = json.loads(file.read_bytes())
             if kept["format"] != _FORMAT:
                 raise ValueError(f"format {kept['format']}")
-            found = {s.name: kept["bands"].get(s.name) for s in self._sources}
             for source in self._sources:
-                if (plain := found[source.name]) is not None and plain["law"] == source.law:
-                    self._bands[source.name] = _as_band(plain)
-            self._alarms = {name: _as_alarm(plain) for name, plain in kept["alarms"].items()}
+                if (found := kept["bands"].get(source.name)) is not None and found["law"] == source.law:
+                    self._bands[source.name] = plain.band(found)
+            for sensor in self._known:
+                if (found := kept["offsets"].get(sensor.name)) is not None and found["said"] == sensor.said:
+                    self._offsets[sensor.name] = plain.offset(found)
+            self._alarms = {name: plain.alarm(found) for name, found in kept["alarms"].items()}
         except FileNotFoundError:
             return
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             log.warning("what was kept of alarms cannot be used", file=str(file), reason=str(error))
-
-
-def conditions(facts: Facts, departure: Departure | None, sensors: Mapping[str, str]) -> Iterator[Condition]:
-    """What holds now; `sensors` are the names of the channels that are sensors'."""
-    if facts.failure:
-        yield Condition("estimate", "estimator", facts.failure)
-    lost = {name for name, (status, _) in facts.drivers.items() if not status.connected}
-    for name in sorted(lost):
-        error = facts.drivers[name][0].last_error
-        yield Condition("wire", name, f"driver {name} is not connected" + (f": {error}" if error else ""))
-    if facts.frame is not None:
-        yield from _of_channels(facts.frame, facts.faults, sensors)
-    yield from _of_findings(facts.findings, set(sensors.values()))
-    if departure is not None:
-        evidence = {"rms_K": departure.rms_K, "allowed_K": departure.allowed_K, "since_s": departure.since_s}
-        yield Condition(
-            "model_inconsistent", departure.sensor, departure_sentence(departure), evidence=evidence
-        )
-    if facts.record is not None and facts.record.reason:
-        yield Condition("disk", "recording", facts.record.reason)
-    if abs(facts.clock_offset_s) > _CLOCK_STEP_S:
-        yield Condition("clock", "computer", f"the computer's clock stepped by {facts.clock_offset_s:+.1f} s")
-
-
-def _of_channels(
-    frame: FrameBlock, faults: Mapping[str, str], sensors: Mapping[str, str]
-) -> Iterator[Condition]:
-    """Channels that give no value, but those of a wire that is gone: the wire's alarm tells of them."""
-    for j, channel in enumerate(frame.channels):
-        quality, fault = Quality(frame.quality[-1, j]), faults.get(channel)
-        if quality == Quality.GOOD or fault == _DISCONNECTED:
-            continue
-        what, name = fault or quality.label, sensors.get(channel, channel)
-        kind = "sensor_stuck" if what == _STUCK else "sensor_fault"
-        yield Condition(kind, name, f"channel {channel} is {quality.label} ({what})", name=what)
-
-
-_DRIFTING = (Fault.BIASED, Fault.COLOURED, Fault.NOISY, Fault.REFUSED)
-
-
-def _of_findings(findings: Sequence[Finding], sensors: set[str]) -> Iterator[Condition]:
-    for finding in findings:
-        figures = {"value": finding.value, "expected": finding.expected, "since_s": finding.since_s}
-        evidence = {key: value if math.isfinite(value) else None for key, value in figures.items()}
-        if finding.fault in _DRIFTING and finding.subject in sensors:
-            name = finding.fault.name.lower()
-            yield Condition("sensor_disagrees", finding.subject, sentence(finding), name, evidence)
-        elif finding.fault in (Fault.OFF_LAW, Fault.ALL_OFF_LAW):
-            yield Condition("heat_off_law", finding.subject or "all", sentence(finding), evidence=evidence)
 
 
 def _told_of(name: str, alarm: Alarm) -> dict[str, Any]:
@@ -269,30 +290,3 @@ def _write(file: Path, data: bytes) -> None:
         write_whole(file, data)
     except OSError as error:
         log.warning("alarms cannot be kept", file=str(file), reason=error.strerror)
-
-
-def _as_lists(band: Band) -> dict[str, Any]:
-    plain = band._asdict()
-    lists = {key: value.tolist() for key, value in plain.items() if isinstance(value, np.ndarray)}
-    return plain | lists | {"at_s": None if math.isnan(band.at_s) else band.at_s}
-
-
-def _as_band(plain: Mapping[str, Any]) -> Band:
-    """A band from what was kept; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
-    values: dict[str, Any] = {}
-    for key, like in bands.nothing_known()._asdict().items():
-        value = math.nan if key == "at_s" and plain[key] is None else plain[key]
-        if isinstance(like, np.ndarray):
-            values[key] = np.asarray(value, float)
-            if values[key].shape != like.shape or not np.isfinite(values[key]).all():
-                raise ValueError(f"{key} does not fit")
-        else:
-            values[key] = type(like)(value)
-    return Band(**values)
-
-
-def _as_alarm(plain: Mapping[str, Any]) -> Alarm:
-    condition = Condition(**plain["condition"])
-    if condition.kind not in KINDS:
-        raise ValueError(f"kind {condition.kind}")
-    return Alarm(plain["state"], float(plain["since_s"]), float(plain["seen_s"]), condition)

@@ -128,6 +128,7 @@ def test_documents_are_shown_and_never_run(anna, sealed):
         assert "The last cycle goes on" in page.inner_text("#forecast-words")
         assert ", between " in page.inner_text("#forecast-words")
         assert "1.12 ± 0.04" in page.inner_text("#alarms")
+        assert "still learning what is usual: 12.3 of 30 h of running" in page.inner_text("#alarms")
         assert "observer acknowledge sensor.t3.open_circuit" in page.inner_text("#alarms")
         page.click("#alarms button")
         assert json.loads(process.stdout.readline()) == {

@@ -46,6 +46,13 @@ def test_shows_heats_field_error_sensors_and_reasons():
         assert words in text
 
 
+def test_says_of_which_heats_what_is_usual_is_not_known_yet():
+    bands = {"nut": {"known": False, "learning": "2.5 of 30 h of running"}, "bearing": {"learning": None}}
+    text = _shown(_latest() | {"alarms": {"alarms": [], "bands": bands}})
+    assert "usual heats, still being learnt: nut 2.5 of 30 h of running\n" in text.replace(" \n", "\n")
+    assert "still being learnt" not in _shown(_latest() | {"alarms": {"bands": {"nut": {"learning": None}}}})
+
+
 def test_without_truth_there_is_no_such_column():
     assert "truth" not in _shown(_latest())
 

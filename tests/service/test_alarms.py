@@ -1,0 +1,143 @@
+"""The desk of a service: what it makes of estimates, what it says meanwhile, and what it keeps."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.protocol import DriverStatus
+from observer.estimators.selftest import Fault, Finding
+from observer.exchange import PublishStatus
+from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
+from observer.service.alarms import AlarmDesk
+from observer.service.health import Facts
+from observer.tables.alarms import AlarmSettings
+from tests.learning.machines import CONFIG, config_of
+from tests.publish.blocks import block
+
+SENSORS = ("t1", "t2", "t3", "t4", "t5")
+SOURCES = ("nut", "left_bearing", "right_bearing")
+LAYOUT = Layout(
+    SOURCES, np.linspace(0.0, 1.0, 5), SENSORS, False, tuple(f"sensor.{s}.offset_K" for s in SENSORS)
+)
+STEP_S = 20.0
+
+
+def _desk(file=None, **settings) -> AlarmDesk:
+    return AlarmDesk(config_of(CONFIG), LAYOUT, AlarmSettings(**settings), file)
+
+
+def _estimate(time_s: float, quality=EstimateQuality.GOOD, **values: float) -> EstimateBlock:
+    """An estimate of a machine that is as its laws say, but for the values that are given."""
+    row = lambda n, value: np.full((1, n), value)  # noqa: E731
+    learned = row(5, 0.1)
+    learned[0, 2] += values.get("t3_offset_K", 0.0)
+    apart_K = row(5, 0.0)
+    apart_K[0, 2] = values.get("t3_apart_K", 0.0)
+    return replace(
+        block(time_s, quality=quality, layout=LAYOUT), heat_W=row(3, 20.0 * values.get("factor", 1.0)),
+        heat_sigma_W=row(3, 1.0), law_W=row(3, 20.0), innovation_K=apart_K, learned=learned,
+        learned_sigma=row(5, values.get("sigma_K", 0.05)),
+    )  # fmt: skip
+
+
+def _frame(time_s: float) -> FrameBlock:
+    one = np.zeros((1, 0))
+    return FrameBlock((), np.array([time_s]), np.array([STEP_S]), one, one, one, one, {})
+
+
+def _facts(time_s: float, *findings: Finding) -> Facts:
+    return Facts(
+        time_s, None, {}, EstimateQuality.GOOD, True, None, 0, 0, {"wire": (DriverStatus(connected=True), 0)},
+        None, PublishStatus(0, 0, 0), 0.0, findings=findings,
+    )  # fmt: skip
+
+
+def _run(desk: AlarmDesk, hours: float, from_h: float = 0.0, *findings: Finding, **values) -> set[str]:
+    """Let it see estimates for some hours and look each minute; returns what is raised then."""
+    for k in range(int(hours * 3600.0 / STEP_S)):
+        time_s = 1.8e9 + from_h * 3600.0 + k * STEP_S
+        desk.see(_estimate(time_s, **values), _frame(time_s), 22.0)
+        if k % 3 == 0:
+            desk.look(_facts(time_s, *findings), None)
+    return {alarm["id"] for alarm in desk.document(0.0)["alarms"]}
+
+
+def test_what_is_still_being_learnt_is_said_in_words():
+    desk = _desk(learn_h=10.0)
+    assert desk.document(0.0)["bands"]["nut"]["learning"] == "0.0 of 10 h of running"
+    _run(desk, 2.5)
+    told = desk.document(0.0)["bands"]["nut"]
+    assert (told["known"], told["learning"], told["ratio"]) == (False, "2.5 of 10 h of running", None)
+    _run(desk, 8.0, 2.5)
+    told = desk.document(0.0)["bands"]["nut"]
+    assert (told["known"], told["learning"], told["ratio"]) == (True, None, 1.0)
+
+
+def test_a_heat_that_has_grown_is_told_with_its_evidence():
+    desk = _desk(learn_h=10.0)
+    assert not _run(desk, 12.0)
+    assert "heat_high.nut" in _run(desk, 20.0, 12.0, factor=1.6)
+    (alarm,) = [a for a in desk.document(0.0)["alarms"] if a["id"] == "heat_high.nut"]
+    assert alarm["evidence"]["ratio"] == pytest.approx(1.6, rel=0.05)
+    assert "10 h of running" in alarm["reason"]
+
+
+def test_a_sensor_whose_learnt_offset_moves_is_told_as_drifting():
+    desk = _desk(learn_h=10.0)
+    assert not _run(desk, 12.0)
+    assert not _run(desk, 12.0, 12.0, t3_offset_K=0.4)
+    assert _run(desk, 12.0, 24.0, t3_offset_K=0.7) == {"sensor_disagrees.t3.drifting"}
+    (alarm,) = desk.document(0.0)["alarms"]
+    assert alarm["evidence"]["usual_K"] == pytest.approx(0.1, abs=0.01)
+    assert not _run(_desk(learn_h=10.0), 36.0, 0.0, sigma_K=0.3, t3_offset_K=0.7)
+
+
+def test_a_sensor_that_is_apart_from_the_model_for_long_is_told_and_one_that_is_so_for_minutes_is_not():
+    desk = _desk()
+    assert not _run(desk, 0.1, 0.0, t3_apart_K=0.8)
+    assert not _run(desk, 1.0, 0.1)
+    assert _run(desk, 1.0, 1.1, t3_apart_K=0.8) == {"sensor_disagrees.t3.apart"}
+    degraded = _desk()
+    assert _run(degraded, 1.0, 0.0, quality=EstimateQuality.DEGRADED, t3_apart_K=-0.8)
+    assert not _run(_desk(sensor_K=1.0), 1.0, 0.0, t3_apart_K=0.8)
+
+
+@pytest.mark.parametrize(
+    ("fault", "value", "is_told"),
+    [
+        (Fault.BIASED, -0.8, False), (Fault.COLOURED, 0.9, False), (Fault.NOISY, 1.6, False),
+        (Fault.NOISY, 4.0, True), (Fault.REFUSED, 2.0, True),
+    ],
+)  # fmt: skip
+def test_what_lowers_a_quality_by_hundredths_of_a_kelvin_is_no_alarm(fault, value, is_told):
+    desk = _desk()
+    raised = _run(desk, 0.5, 0.0, Finding(fault, "t3", 0.0, value, 1.0))
+    assert raised == ({f"sensor_disagrees.t3.{fault.name.lower()}"} if is_told else set())
+
+
+def test_what_is_usual_is_kept_over_a_restart_and_begins_anew_for_a_sensor_that_is_set_anew(tmp_path):
+    file = tmp_path / "kept.json"
+    desk = _desk(file, learn_h=10.0)
+    _run(desk, 12.0)
+    assert desk.close(10.0)
+    again = _desk(file, learn_h=10.0)
+    assert again.document(0.0)["bands"]["nut"]["known"]
+    assert _run(again, 12.0, 12.0, t3_offset_K=0.7) == {"sensor_disagrees.t3.drifting"}
+    assert again.close(10.0)
+    kept = json.loads(file.read_text())
+    kept["offsets"]["t3"]["said"] = "another place"
+    file.write_text(json.dumps(kept | {"alarms": {}}))
+    anew = _desk(file, learn_h=10.0)
+    assert not _run(anew, 5.0, 24.0, t3_offset_K=0.7)
+    assert anew.close(10.0)
+
+
+@pytest.mark.parametrize("spoilt", ["", "[]", '{"format": 1}', '{"format": 1, "bands": {}, "alarms": {}}'])
+def test_what_cannot_be_read_is_begun_anew(tmp_path, spoilt):
+    file = tmp_path / "kept.json"
+    file.write_text(spoilt)
+    assert _desk(file).document(0.0)["alarms"] == []
