@@ -110,9 +110,10 @@ function drawAlarms() {
     }
     return item;
   });
-  const bands = Object.entries(told.bands ?? {}).map(([name, band]) => make("tr", {}, make("th", { scope: "row", text: name.replaceAll("_", " ") }),
-    make("td", { class: "n", text: band.known ? `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual` : `still learning what is usual: ${band.learning ?? `${number(band.running_h)} h of running`}` }),
-    make("td", { class: "n", text: band.known && known(band.trend_per_day) ? `${number(100 * band.trend_per_day, 2)} %/day` : "" })));
+  const bands = Object.entries(told.bands ?? {}).map(([name, band]) => make("tr", {}, make("th", { scope: "row", text: name.replaceAll("_", " ") }), ...(band.known ? [
+    make("td", { class: "n", text: `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual` }),
+    make("td", { class: "n", text: known(band.trend_per_day) ? `${number(100 * band.trend_per_day, 2)} %/day` : "" }),
+  ] : [make("td", { colspan: "2", class: "hint", text: `still learning what is usual: ${band.learning ?? `${number(band.running_h)} h of running`}` })])));
   box.replaceChildren(...(alarms.length ? alarms : [make("p", { class: "calm", text: "No alarm." })]), ...(bands.length ? [make("div", { class: "scroll" }, make("table", {}, make("tbody", {}, ...bands)))] : []));
   // who was about to press something is still there
   if (held) (box.querySelector(`[data-alarm="${CSS.escape(held)}"] button`) ?? byId("p5")).focus({ preventScroll: true });
