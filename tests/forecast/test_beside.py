@@ -17,6 +17,6 @@ def test_ticks_with_a_forecast_beside_them_come_in_time() -> None:
     assert found.forecasts.thread
     assert threading.get_ident() not in found.forecasts.thread
     assert min(len(found.beside_s), len(found.alone_s)) >= 5
-    # Threads of Python hand over every 5 ms, and a tick takes the interpreter back a few times. Half a period
-    # is far more, and far less than a forecast that a tick waits for.
+    # In the service threads hand over every 1 ms, and a tick takes the interpreter back a few times. Half a
+    # period is far more, and far less than a forecast that a tick waits for.
     assert np.median(found.beside_s) - np.median(found.alone_s) < 0.5 * PERIOD_S
