@@ -17,8 +17,18 @@ def conclude(output: Path, rows: Sequence[Row]) -> list[Row]:
     """
     failures = [row for row in rows if row["problem"] is not None]
     failures.sort(key=lambda row: str(row["folder"]))
-    lost = {row["folder"] for row in failures}
-    there = [row for row in rows_in(output) if row["folder"] not in lost]  # of an older log of that name
+    lost = {row["folder"] for row in failures}  # there may be results of an older log of that name
+    places = {_work(row): row["folder"] for row in rows}
+    there = [
+        row
+        for row in rows_in(output)
+        if row["folder"] not in lost and places.get(_work(row), row["folder"]) == row["folder"]
+    ]
     write_table(output / "results.parquet", [*there, *failures])
     write_report(output / "report.html", there, failures)
     return failures
+
+
+def _work(row: Row) -> tuple[str, ...]:
+    """What was done, wherever it stands: logs may have changed places since, among others of their name."""
+    return (row["machine"], row["verb"], *row["logs"])

@@ -136,20 +136,22 @@ def orders_of(lines: Iterable[Line], verb: Verb) -> list[Order]:
     """
     lines = list(lines)
     if verb not in OF_SEVERAL:
-        stems = Counter((line.machine, _stem(line.log)) for line in lines)
-        return [_single(line, verb, alone=stems[line.machine, _stem(line.log)] == 1) for line in lines]
+        return list(_singles(lines, verb))
     machines: dict[str, list[Line]] = {}
     for line in lines:
         machines.setdefault(line.machine, []).append(line)
     return [_together(machine, own, verb) for machine, own in machines.items()]
 
 
-def _single(line: Line, verb: Verb, *, alone: bool) -> Order:
-    """Work on one log; where another has the same name, its path tells them apart."""
-    name = _stem(line.log)
-    if not alone:
-        name += "-" + hashlib.sha256(str(line.log).encode()).hexdigest()[:8]
-    return Order(line.machine, name, (line.log,), line.config, Path(line.machine, verb, name))
+def _singles(lines: Iterable[Line], verb: Verb) -> Iterator[Order]:
+    """Work on one log each; where one before it has the same name, its path tells them apart."""
+    taken: set[tuple[str, str]] = set()
+    for line in lines:
+        name = stem = _stem(line.log)
+        if (line.machine, stem) in taken:
+            name += "-" + hashlib.sha256(str(line.log).encode()).hexdigest()[:8]
+        taken.add((line.machine, stem))
+        yield Order(line.machine, name, (line.log,), line.config, Path(line.machine, verb, name))
 
 
 def _together(machine: str, lines: Sequence[Line], verb: Verb) -> Order:

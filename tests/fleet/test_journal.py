@@ -2,11 +2,14 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pyarrow import parquet
 
 from observer.errors import UserError
+from observer.fleet.finish import conclude
 from observer.fleet.journal import (
     WHY,
     WORK,
@@ -113,3 +116,18 @@ def test_a_folder_is_for_one_run_alone_and_a_killed_one_leaves_no_tries(order, h
     shutil.move(kept, work)  # as a kill -9 leaves it
     with alone_in(how.output) as work:
         assert [path.name for path in work.iterdir()] == ["lives"]  # by which workers know that it goes on
+
+
+def test_results_that_stand_under_a_former_name_count_once(order, how):
+    """A log may have changed places among others of its name."""
+    former = replace(order, place=Path("m/replay/run-0a1b2c3d"))
+    for each in (former, order):
+        row = {
+            "machine": "m", "verb": "replay", "name": "run", "logs": [str(order.logs[0])], "config": "c",
+            "folder": str(each.place), "problem": None, "seconds": 1.0,
+            "found": {"type": "t", "heat_mean_W": {}, "sources": []},
+        }  # fmt: skip
+        finish(begin(each, how), each, how, made_of(each, how), row)
+    assert len(list(rows_in(how.output))) == 2
+    assert conclude(how.output, [row]) == []
+    assert parquet.read_table(how.output / "results.parquet").to_pydict()["folder"] == ["m/replay/run"]
