@@ -204,7 +204,7 @@ def table(rows: list[dict[str, str]]) -> str:
     """The campaign in a table, a line for each story."""
     lines = [
         "| what happens | machines | days | told | hours of running until then, median (longest) | told as | "
-        "false alarms |",
+        "other alarms |",
         "|---|---|---|---|---|---|---|",
     ]
     for name in ("learning", *STORIES):
