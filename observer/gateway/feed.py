@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections import deque
-from typing import Any
+from typing import IO, Any
 
 import structlog
 
@@ -116,9 +116,9 @@ class Feed:
                 _write(child, key, payload)
 
     def _listen(self, child: subprocess.Popen[bytes]) -> None:
-        """Take what the process says, a line of JSON at a time."""
+        """Take what the process says, a line of JSON at a time, until it ends or is ended."""
         assert child.stdout is not None
-        for line in child.stdout:
+        while line := _line_of(child.stdout):
             try:
                 self._take(json.loads(line))
             except (ValueError, KeyError, TypeError) as error:
@@ -142,6 +142,14 @@ class Feed:
 
 def _answered(outcome: Outcome) -> None:
     """Nothing: what came of it shows in the next message of alarms."""
+
+
+def _line_of(stdout: IO[bytes]) -> bytes:
+    """The next line; nothing once the process has closed it, or somebody here has."""
+    try:
+        return stdout.readline()
+    except (ValueError, OSError):
+        return b""
 
 
 def _write(child: subprocess.Popen[bytes], key: str, payload: bytes) -> None:

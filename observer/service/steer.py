@@ -104,7 +104,10 @@ class Steering:
             self._control.open()
         if time.monotonic() > job.until_s:
             raise ControlError(f"nothing could be written for {self._valid_s:g} s")
-        self._control.write(correction, self._valid_s)
+        try:
+            self._control.write(correction, self._valid_s)
+        except ControlError as error:
+            raise ControlError(f"{error}{self._why()}") from None
         self._check(correction)
         self._written = correction
 
@@ -114,6 +117,14 @@ class Steering:
             raise ControlError(f"it does not follow: {back.reason or 'it is off'}")
         if back.correction != written:
             raise ControlError("it reads back something else than was written; find who else writes to it")
+
+    def _why(self) -> str:
+        """The control's own reason for refusing, if it gives one."""
+        try:
+            reason = self._control.read_back().reason
+        except ControlError:
+            return ""
+        return f"; {reason}" if reason else ""
 
     def _let_go(self) -> None:
         """Release the control, once; where that cannot be, its dead-man does it."""

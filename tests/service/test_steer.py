@@ -148,3 +148,25 @@ def test_a_control_that_is_gone_or_hangs_never_holds_up_who_asks():
     steered.take(OFF)
     hold(steered, document(1.0, 2.0), lambda: "cannot be reached" in str(steered.failure))
     assert steered.close(2.0)
+
+
+class _OffBetween(ModbusControl):
+    """The operator switches it off after it was looked at and before it is written to."""
+
+    control = None
+
+    def write(self, correction, valid_s):
+        if self.control is not None:
+            self.control.tell(off=True)
+        super().write(correction, valid_s)
+
+
+def test_a_writing_that_is_refused_is_told_with_the_controls_own_reason():
+    with simulated_control() as control:
+        between = _OffBetween("127.0.0.1", control.port, 1, 0, 0.3)
+        steered = Steering(between, VALID_S)
+        hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
+        between.control = control
+        hold(steered, document(1.0, 2.0), lambda: steered.failure is not None)
+        assert "refuses writing: Modbus exception 6; it was switched off at the control" in steered.failure
+        assert steered.close(1.0)
