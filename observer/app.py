@@ -495,7 +495,9 @@ def service(config_path: Path | None, root: Path, *, dry_run: bool) -> Iterator[
     if config_path is None:
         yield f"kept: {unit.CONFIG.parent} and {unit.STATE}"
     else:
-        yield f"from now on edit {unit.CONFIG}; see journalctl -u {unit.NAME} and observer health"
+        yield f"from now on edit {unit.CONFIG}"
+        if root == Path("/"):
+            yield f"it starts, the first time for minutes: journalctl -fu {unit.NAME}, then observer health"
 
 
 def wires(config: Installation) -> dict[str, Any]:

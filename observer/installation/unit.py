@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import BaseModel
+
 from observer.errors import UserError
 from observer.installation import Installation
 
@@ -75,7 +77,8 @@ def to_install(config: Installation, text: str, program: str) -> Plan:
             CONFIG: text,
             _UNIT: unit,
             _USER: 'u ballscrew - "Ballscrew Observer"\nm ballscrew dialout\n',
-            _FOLDERS: f"d {CONFIG.parent} 0750 ballscrew ballscrew\nz {CONFIG} 0640 ballscrew ballscrew\n",
+            # systemd-tmpfiles touches no file of root's in a folder that belongs to somebody else
+            _FOLDERS: f"d {CONFIG.parent} 0770 root ballscrew\nz {CONFIG} 0640 root ballscrew\n",
         },
         (),
         (
@@ -83,7 +86,7 @@ def to_install(config: Installation, text: str, program: str) -> Plan:
             ("systemd-tmpfiles", "--create", str(_FOLDERS)),
             ("systemctl", "daemon-reload"),
             ("systemctl", "enable", NAME),
-            ("systemctl", "restart", NAME),
+            ("systemctl", "restart", "--no-block", NAME),  # a first start compiles for minutes
         ),
     )
 
@@ -147,16 +150,29 @@ def _run(commands: tuple[tuple[str, ...], ...]) -> None:
 
 def _files_are_seen(config: Installation) -> None:
     """The service starts in its state's folder, so a file by a relative path is not where it was."""
-    for name, driver in config.drivers.items():
-        for key in ("dbc", "path"):
-            file = getattr(driver, key, None)
-            if file is None or (not file.is_absolute() and (_PACKAGES / file).exists()):
-                continue  # none, or one that comes with the drivers
-            if not file.is_absolute() or str(file).startswith(_HIDDEN):
-                raise UserError(
-                    f"drivers.{name}.{key}: the service does not see {file}; put it into {CONFIG.parent} and "
-                    "write its whole path"
-                )
+    for key, path in _paths(config):
+        folder = key.endswith(".directory")
+        if not path.is_absolute() and (folder or (_PACKAGES / path).exists()):
+            continue  # a folder that it makes there, or a file that comes with the drivers
+        if not path.is_absolute() or f"{path}/".startswith(_HIDDEN):
+            remedy = (
+                f"write a name alone, for a folder in {STATE}"
+                if folder
+                else f"put it into {CONFIG.parent} and write its whole path"
+            )
+            raise UserError(f"{key}: the service does not see {path}; {remedy}")
+
+
+def _paths(part: BaseModel, place: str = "") -> Iterator[tuple[str, Path]]:
+    """Every path that a configuration names, with its key."""
+    for name, value in part:
+        key = f"{place}{name}"
+        for inner, each in value.items() if isinstance(value, dict) else ((None, value),):
+            at = key if inner is None else f"{key}.{inner}"
+            if isinstance(each, Path):
+                yield at, each
+            elif isinstance(each, BaseModel):
+                yield from _paths(each, f"{at}.")
 
 
 def _shipped() -> str:

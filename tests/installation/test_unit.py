@@ -53,7 +53,7 @@ def test_the_service_may_take_an_adopted_configuration_back(plan, tmp_path):
     unit = (tmp_path / "etc/systemd/system/ballscrew-observer.service").read_text()
     assert f"ReadWritePaths=-{CONFIG.parent}" in unit
     folders = (tmp_path / "etc/tmpfiles.d/ballscrew-observer.conf").read_text().splitlines()
-    assert folders[0] == f"d {CONFIG.parent} 0750 ballscrew ballscrew"
+    assert folders == [f"d {CONFIG.parent} 0770 root ballscrew", f"z {CONFIG} 0640 root ballscrew"]
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze")
@@ -113,6 +113,45 @@ def test_a_file_that_the_service_does_not_see_is_refused(dbc, seen, tmp_path, mo
         to_install(config, "", PROGRAM)
 
 
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [("page", "certificate"), ("page", "reports"), ("mqtt", "password_file"), ("opcua", "certificate")],
+)
+@pytest.mark.parametrize("file", ["here.pem", "/root/here.pem", "/home/eve"])
+def test_no_other_file_is_left_where_the_service_does_not_see_it(section, key, file):
+    table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
+    complete = {"mqtt": {"user": "eve"}}.get(section, {})
+    if section == "opcua":
+        complete["users_file"] = "/etc/ballscrew-observer/users"
+    if key == "certificate":
+        complete["key"] = "/etc/ballscrew-observer/key.pem"
+    table[section] = {key: file} | complete
+    with pytest.raises(UserError, match=rf"^{section}\.{key}: the service does not see {file}; put it into"):
+        to_install(parse(table), "", PROGRAM)
+    table[section][key] = "/etc/ballscrew-observer/here.pem"
+    to_install(parse(table), "", PROGRAM)
+
+
+def test_the_files_of_the_plants_session_are_looked_at():
+    table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
+    table["publish"] = {"listen": ["tls/127.0.0.1:7447"], "tls": {"certificate": "s.pem", "key": "s.key"}}
+    with pytest.raises(UserError, match=r"publish\.tls\.certificate: the service does not see s.pem"):
+        to_install(parse(table), "", PROGRAM)
+
+
+@pytest.mark.parametrize(
+    ("directory", "seen"), [("recordings", True), ("/srv/logs", True), ("/home/eve", False)]
+)
+def test_recordings_may_lie_in_the_services_own_folder(directory, seen):
+    table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
+    table["record"] = {"directory": directory}
+    if seen:
+        to_install(parse(table), "", PROGRAM)
+        return
+    with pytest.raises(UserError, match=r"record\.directory: the service does not see /home/eve"):
+        to_install(parse(table), "", PROGRAM)
+
+
 def test_only_root_changes_the_system(plan, monkeypatch):
     monkeypatch.setattr("os.geteuid", lambda: 1000)
     with pytest.raises(UserError, match="sudo"):
@@ -131,4 +170,4 @@ def test_a_command_that_fails_is_told_with_its_last_word(plan, monkeypatch, tmp_
 def test_what_would_be_done_is_told(plan):
     lines = list(plan.lines())
     assert f"write  {CONFIG}" in lines
-    assert lines[-1] == f"run    systemctl restart {NAME}"
+    assert lines[-1] == f"run    systemctl restart --no-block {NAME}"
