@@ -24,7 +24,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check pipx-check lock dist sbom clean
+.PHONY: help env demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check pipx-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -32,7 +32,7 @@ help:  ## list these targets
 demo: $(READY)  ## the whole chain on a simulated machine with a live view; ARGS="--seconds 20" ends it
 	$(BIN)/observer demo $(ARGS)
 
-test: lint unit system  ## everything CI checks: lint, then all tests
+test: lint unit system  ## what every change is checked by: lint, then all tests but the slow ones
 	@echo "make test: all passed"
 
 lint: $(READY)  ## ruff, formatting, types, import contracts
@@ -46,10 +46,13 @@ AGAIN = { test $$? -eq 1 && echo "make $@: what failed is tried once more, by it
 	$(BIN)/python -m pytest --last-failed --last-failed-no-failures none -v -p no:randomly -p no:benchmark; }
 
 unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes to pytest
-	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark $(ARGS) || $(AGAIN)
+	$(BIN)/python -m pytest -m "not system and not slow" -n 2 --dist worksteal -p no:benchmark $(ARGS) || $(AGAIN)
 
 system: $(READY)  ## tests with real processes, servers and routers, two files at a time; ARGS goes to pytest
-	$(BIN)/python -m pytest -m system -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS) || $(AGAIN)
+	$(BIN)/python -m pytest -m "system and not slow" -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS) || $(AGAIN)
+
+slow: $(READY) dist  ## the tests that take long, half an hour: whole searches, images, services under load; CI runs them too
+	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS) || $(AGAIN)
 
 coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to pytest, "tests/model" is a part
 	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark --cov --cov-report= $(ARGS)
