@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from tests.patience import Stopwatch
+from tests.patience import HERE, Stopwatch
 from tests.publish.router import Router, free_port
 from tests.system.plant import PERIOD_S, START_S, Daemon, Subscriber, machine, table_for, until
 
@@ -41,7 +41,8 @@ def test_a_router_that_comes_late_is_killed_and_comes_back(tmp_path):
         killed_s = time.time()
         _wait_for_ticks_until(daemon, killed_s + OUTAGE_S)
         with Router(port) as router, Subscriber(endpoint) as seen:
-            watch, listening_s = Stopwatch(router.pid, daemon.process.pid, plant.pid), time.time()
+            # who listens has to come back to the router too
+            watch, listening_s = Stopwatch(router.pid, daemon.process.pid, plant.pid, HERE), time.time()
             assert seen.wait_until_good() - listening_s - watch.held_up_s() < BACK_S
             until(lambda: seen.health().get("publish_reconnects") == before["publish_reconnects"] + 1)
             assert seen.health()["publish_drops"] > before["publish_drops"]  # the outage is not hidden
