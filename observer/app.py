@@ -475,29 +475,30 @@ def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | N
     )
 
 
-def service(config_path: Path | None, root: Path, *, dry_run: bool) -> Iterator[str]:
-    """Install the service of a configuration, without one remove it; yields what is done, in words."""
+def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Iterator[str]:
+    """Install the service of one axis or several, without any remove it; yields what is done, in words."""
     from observer.installation import unit
     from observer.report.examine import examine
 
-    if config_path is None:
+    if not config_paths:
         plan = unit.to_remove()
     else:
         program = unit.this_program()
         if root == Path("/") and not dry_run:
             unit.refuse_unseen(program)
-        plan = unit.to_install(examine(config_path), config_path.read_text(encoding="utf-8"), program)
+        axes = [unit.Axis(examine(path), path, path.read_text(encoding="utf-8")) for path in config_paths]
+        plan = unit.to_install(axes, program)
     if dry_run:
         yield from plan.lines()
         return
     unit.carry_out(plan, root)
     yield from plan.lines() if root == Path("/") else (f"written below {root}; nothing was run",)
-    if config_path is None:
+    if not config_paths:
         yield f"kept: {unit.CONFIG.parent} and {unit.STATE}"
-    else:
-        yield f"from now on edit {unit.CONFIG}"
-        if root == Path("/"):
-            yield f"it starts, the first time for minutes: journalctl -fu {unit.NAME}, then observer health"
+        return
+    yield f"from now on edit {', '.join(str(path) for path in plan.configurations)}"
+    if root == Path("/"):
+        yield f"it starts, the first time for minutes: journalctl -fu {unit.NAME}, then observer health"
 
 
 def wires(config: Installation) -> dict[str, Any]:

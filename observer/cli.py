@@ -527,7 +527,8 @@ def place(
 def service(
     action: Annotated[Literal["install", "remove"], typer.Argument(help="What is to be done.")],
     config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="install: the configuration (TOML).")
+        list[Path] | None,
+        typer.Option("--config", "-c", help="install: the configuration (TOML); given again, another axis."),
     ] = None,
     root: Annotated[Path, typer.Option(help="Put the files below another folder, and run nothing.")] = Path(
         "/"
@@ -535,11 +536,13 @@ def service(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
 ) -> None:
     """Install the service with systemd (unit, user, folders), or remove it; configuration and data stay."""
-    if (action == "install") != (config is not None):
+    if (action == "install") != bool(config):
         raise UserError("service: install needs --config, and remove takes none")
     from observer import app as parts
+    from observer.fleet.axes import check_axes
 
-    for line in parts.service(config, root, dry_run=dry_run):
+    check_axes(config or [])
+    for line in parts.service(config or [], root, dry_run=dry_run):
         typer.echo(line)
 
 

@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +28,8 @@ _USER = Path("/etc/sysusers.d") / f"{NAME}.conf"
 _FOLDERS = Path("/etc/tmpfiles.d") / f"{NAME}.conf"
 _HIDDEN = ("/home/", "/root/", "/run/user/", "/tmp/", "/var/tmp/")  # from the service, by its unit
 _OURS = re.compile(r"^ExecStart=.*$", re.M)
+_MEMORY = re.compile(r"^MemoryMax=.*$", re.M)
+_FIRST_MB, _AXIS_MB = 800, 300  # the compiler of the first start, and an axis with what it may keep
 _COMMAND_S = 120.0
 _PACKAGES = Path(__file__).parents[2]
 
@@ -39,6 +41,11 @@ class Plan:
     files: dict[Path, str | None]
     before: tuple[tuple[str, ...], ...]
     after: tuple[tuple[str, ...], ...]
+
+    @property
+    def configurations(self) -> list[Path]:
+        """The configurations among the files that are written."""
+        return [path for path, content in self.files.items() if path.parent == CONFIG.parent]
 
     def lines(self) -> Iterator[str]:
         """What it comes to, in words."""
@@ -65,21 +72,39 @@ def refuse_unseen(program: str) -> None:
         )
 
 
-def to_install(config: Installation, text: str, program: str) -> Plan:
-    """What installs the service of a configuration, whose file says `text`, with a program.
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One of the axes that the service is for: its configuration, and the file that says it."""
+
+    config: Installation
+    path: Path
+    text: str
+
+
+def to_install(axes: Sequence[Axis], program: str) -> Plan:
+    """What installs the service of one axis or of several, with a program.
 
     Raises `UserError` where the service could not see a file that it needs.
     """
-    _files_are_seen(config)
-    unit = _OURS.sub(lambda _: f"ExecStart={program} run --config {CONFIG}", _shipped())
+    placed = {_place(axis, alone=len(axes) == 1): axis for axis in axes}
+    for axis in axes:
+        _files_are_seen(axis.config)
+    options = " ".join(f"--config {path}" for path in placed)
+    unit = _OURS.sub(lambda _: f"ExecStart={program} run {options}", _shipped())
+    unit = _MEMORY.sub(lambda _: f"MemoryMax={_FIRST_MB + _AXIS_MB * len(axes)}M", unit)
+    # systemd-tmpfiles touches no file of root's in a folder that belongs to somebody else
+    folders = [
+        f"d {CONFIG.parent} 0770 root ballscrew",
+        *(f"z {path} 0640 root ballscrew" for path in placed),
+    ]
+    files: dict[Path, str | None] = {path: axis.text for path, axis in placed.items()}
+    files |= {
+        _UNIT: unit,
+        _USER: 'u ballscrew - "Ballscrew Observer"\nm ballscrew dialout\n',
+        _FOLDERS: "".join(f"{line}\n" for line in folders),
+    }
     return Plan(
-        {
-            CONFIG: text,
-            _UNIT: unit,
-            _USER: 'u ballscrew - "Ballscrew Observer"\nm ballscrew dialout\n',
-            # systemd-tmpfiles touches no file of root's in a folder that belongs to somebody else
-            _FOLDERS: f"d {CONFIG.parent} 0770 root ballscrew\nz {CONFIG} 0640 root ballscrew\n",
-        },
+        files,
         (),
         (
             ("systemd-sysusers", str(_USER)),
@@ -89,6 +114,14 @@ def to_install(config: Installation, text: str, program: str) -> Plan:
             ("systemctl", "restart", "--no-block", NAME),  # a first start compiles for minutes
         ),
     )
+
+
+def _place(axis: Axis, *, alone: bool) -> Path:
+    """Where the service reads an axis: where the file is, if it is with the service already."""
+    if axis.path.absolute().parent == CONFIG.parent:
+        return axis.path.absolute()
+    machine = axis.config.machine
+    return CONFIG if alone else CONFIG.with_name(f"{machine.name}-{machine.axis}.toml")
 
 
 def to_remove() -> Plan:
@@ -108,7 +141,8 @@ def carry_out(plan: Plan, root: Path) -> None:
     live = root == Path("/")
     if live and os.geteuid() != 0:
         raise UserError("service: only root may do this; write sudo before it, or look with --dry-run")
-    _not_another(root, plan.files.get(CONFIG))
+    for path in plan.configurations:
+        _not_another(root / path.relative_to("/"), plan.files[path])
     if live:
         _run(plan.before)
     for path, content in plan.files.items():
@@ -117,9 +151,8 @@ def carry_out(plan: Plan, root: Path) -> None:
         _run(plan.after)
 
 
-def _not_another(root: Path, text: str | None) -> None:
-    there = root / CONFIG.relative_to("/")
-    if text is not None and there.exists() and there.read_text(encoding="utf-8") != text:
+def _not_another(there: Path, text: str | None) -> None:
+    if there.exists() and there.read_text(encoding="utf-8") != text:
         raise UserError(
             f"service: {there} is there already and is another one; give it with --config, or move it away"
         )
