@@ -186,14 +186,14 @@ async def test_an_unconnected_driver_is_told():
 
 async def test_the_replay_of_the_recording_is_the_live_run_to_the_last_bit(tmp_path):
     rng = np.random.default_rng(7)
-    slow = []
-    for k in range(25):
+    slow = []  # a minute, of which the loop takes what comes after it has begun
+    for k in range(600):
         values = {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}
         slow.append((0.1 * k, values, {"t2_degC": "open_circuit"} if k % 7 == 3 else {}))
-    fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(125)]
+    fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(3000)]
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
     service = _service([FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")], recorder=recorder)
-    await _serve(service, lambda: not slow and not fast)
+    await _serve(service, lambda: len(service.publisher.estimates) >= 25)
     (path,) = tmp_path.glob("m-x-*.csv")
     log = read_log(path, CHANNELS)
     pipeline = Pipeline(FakeDrive(), FakeEstimator())
