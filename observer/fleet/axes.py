@@ -35,6 +35,14 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 STEADY_S = 60.0
 """An axis that has lived so long begins with the short pause again."""
 END_S = 4.0
+_OWN_PORT = "give each axis a port of its own"
+_ONE_ROUTER = 'let one of them, or a router, listen there; the others have mode = "client" and connect to it'
+_REMEDY = {
+    "publish.listen": _ONE_ROUTER,
+    "page.listen": _OWN_PORT,
+    "metrics.listen": _OWN_PORT,
+    "opcua.listen": _OWN_PORT,
+}
 NOT_TO_BE_MENDED = 2
 """The exit code for what a person has to mend, which starting again does not."""
 
@@ -43,20 +51,26 @@ def check_axes(paths: Sequence[Path]) -> list[Installation]:
     """Read the configurations of several axes. Raises `ConfigError` where two are in each other's way."""
     configs = [load(path) for path in paths]
     names: dict[str, Path] = {}
-    endpoints: dict[str, Path] = {}
+    taken: dict[str, Path] = {}
     for path, config in zip(paths, configs, strict=True):
         name = f"{config.machine.name}/{config.machine.axis}"
         if name in names:
             raise ConfigError(f"{path}: {name} is the axis of {names[name]} already; give it another name")
         names[name] = path
-        for endpoint in listening(config.publish):
-            if endpoint in endpoints:
-                raise ConfigError(
-                    f"{path}: publish.listen: {endpoints[endpoint]} listens on {endpoint} already; let one "
-                    'of them, or a router, listen there; the others have mode = "client" and connect to it'
-                )
-            endpoints[endpoint] = path
+        for key, place in _listens(config):
+            if place in taken:
+                raise ConfigError(f"{path}: {key}: {taken[place]} listens on {place} already; {_REMEDY[key]}")
+            taken[place] = path
     return configs
+
+
+def _listens(config: Installation) -> Iterator[tuple[str, str]]:
+    """Where an axis listens, by key."""
+    for endpoint in listening(config.publish):
+        yield "publish.listen", endpoint
+    for key in ("page", "metrics", "opcua"):
+        if (table := getattr(config, key)) is not None:
+            yield f"{key}.listen", table.listen
 
 
 class Axis:

@@ -57,6 +57,21 @@ def test_two_that_are_the_same_axis_or_listen_at_the_same_place_are_refused(tmp_
     assert [config.machine.name for config in check_axes([one, client])] == ["a", "c"]
 
 
+@pytest.mark.parametrize("table", ["page", "metrics", "opcua"])
+def test_two_whose_pages_or_servers_are_at_the_same_place_are_refused(table, tmp_path):
+    publish = {"mode": "client", "connect": ["tcp/127.0.0.1:7447"]}
+    one, two = (configuration(tmp_path, 0, name, publish=publish) for name in ("a", "b"))
+    for path in (one, two):
+        path.write_text(path.read_text() + f"\n[{table}]\n")
+    with pytest.raises(
+        ConfigError, match=rf"b\.toml: {table}\.listen: .*a\.toml listens on .* a port of its own"
+    ):
+        check_axes([one, two])
+    place = "opc.tcp://127.0.0.1:4841" if table == "opcua" else "127.0.0.1:8081"
+    two.write_text(two.read_text() + f'listen = "{place}"\n')
+    check_axes([one, two])
+
+
 class Scripted(Axis):
     """An axis whose process is a shell's word."""
 
