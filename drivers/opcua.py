@@ -6,6 +6,7 @@ value at the limit of its sensor or one that somebody has overridden included, i
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Literal
@@ -72,7 +73,7 @@ class OpcUaSettings(DriverTable):
         return [
             f"{key}: {file} is no file; mend the path"
             for key, file in self.files.items()
-            if not file.is_file()
+            if not os.path.isfile(file)  # one in a folder that this user may not look into is none either
         ]
 
     def open(self, name: str) -> Driver:

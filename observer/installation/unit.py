@@ -15,10 +15,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel
-
 from observer.errors import UserError
 from observer.installation import Installation
+from observer.installation.paths import paths_in
 
 NAME = "ballscrew-observer"
 CONFIG = Path("/etc") / NAME / "observer.toml"
@@ -183,7 +182,7 @@ def _run(commands: tuple[tuple[str, ...], ...]) -> None:
 
 def _files_are_seen(config: Installation) -> None:
     """The service starts in its state's folder, so a file by a relative path is not where it was."""
-    for key, path in _paths(config):
+    for key, path in paths_in(config):
         folder = key.endswith(".directory")
         if not path.is_absolute() and (folder or (_PACKAGES / path).exists()):
             continue  # a folder that it makes there, or a file that comes with the drivers
@@ -194,18 +193,6 @@ def _files_are_seen(config: Installation) -> None:
                 else f"put it into {CONFIG.parent} and write its whole path"
             )
             raise UserError(f"{key}: the service does not see {path}; {remedy}")
-
-
-def _paths(part: BaseModel, place: str = "") -> Iterator[tuple[str, Path]]:
-    """Every path that a configuration names, with its key."""
-    for name, value in part:
-        key = f"{place}{name}"
-        for inner, each in value.items() if isinstance(value, dict) else ((None, value),):
-            at = key if inner is None else f"{key}.{inner}"
-            if isinstance(each, Path):
-                yield at, each
-            elif isinstance(each, BaseModel):
-                yield from _paths(each, f"{at}.")
 
 
 def _shipped() -> str:

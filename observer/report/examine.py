@@ -15,19 +15,21 @@ from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.fit.parameters import free_problems
 from observer.installation import Installation
+from observer.installation.paths import file_problems
 from observer.installation.problems import as_message, problems_of
 
 _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
 
 
 def examine(path: Path) -> Installation:
-    """Read a configuration and every file that its drivers need. Raises `ConfigError` with all problems."""
+    """Read a configuration and look for every file that it names. Raises `ConfigError` with all problems."""
     table = read_toml(path)
     problems = problems_of(table, Installation)
     config = None if problems else Installation.model_validate(table)
     settings = dict(_drivers(table)) if config is None else config.drivers
     if config is not None:
         problems += effect_problems(config) + free_problems(config)
+        problems += file_problems(config)
         problems += config.undelivered() if config.drivers else []  # without any, the model is for logs
     for name, driver in settings.items():
         problems += [f"drivers.{name}.{problem}" for problem in driver.file_problems(name)]
