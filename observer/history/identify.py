@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -45,10 +45,28 @@ def heat_history(
     options.check()
     found = None if tolerances is None else _within(plant, settings, blocks, tolerances)
     if found is None:
-        return _by_method(plant, settings, blocks, options)
-    history = _by_method(plant, settings, with_readings(blocks, -found.sensor_K), options)
-    sigma_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
-    return replace(history, heat_sigma_W=sigma_W)
+        history = _by_method(plant, settings, blocks, options)
+    else:
+        history = _by_method(plant, settings, with_readings(blocks, -found.sensor_K), options)
+        sigma_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
+        history = replace(history, heat_sigma_W=sigma_W)
+    return replace(history, warnings=(*history.warnings, *_that_cool(plant, blocks, history)))
+
+
+def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> Iterator[str]:
+    """Say which sources would take heat away, on average and beyond σ, though their laws do not."""
+    law_W = np.concatenate([block.law_W for block in blocks])[:, plant.estimated]
+    names = [name for name, is_one in zip(plant.source_names, plant.estimated, strict=True) if is_one]
+    for name, heat_W, sigma_W, law in zip(
+        names, history.heat_W.T, history.heat_sigma_W.T, law_W.T, strict=True
+    ):
+        known = np.isfinite(heat_W) & np.isfinite(sigma_W)
+        if known.any() and heat_W[known].mean() < -sigma_W[known].mean() and not (law < 0.0).any():
+            yield (
+                f"{name} would cool, by {-heat_W[known].mean():.3g} W on average, which it cannot: a sensor "
+                "near it, the ambient or the film is not as configured, or the model lacks an effect; try "
+                "`observer calibrate`, then `observer discover`"
+            )
 
 
 def _within(

@@ -5,6 +5,8 @@ import pytest
 
 from observer.estimators import build_estimator
 from observer.history import smoother
+from observer.history.identify import heat_history
+from observer.history.options import MethodOptions
 from observer.history.smoother import smooth_heats
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
@@ -167,3 +169,27 @@ def _walk(plant, u, rng):
         truth[k] = x[n_x:]
         u.y_degC[k] = plant.rows.C[:s] @ x[:n_x] + np.sqrt(plant.noise_R_K2) * rng.standard_normal(s)
     return truth
+
+
+@pytest.mark.parametrize("method", ["smoother", "tikhonov"])
+def test_a_source_that_would_cool_is_told(method):
+    """Sensors ten kelvin below the air, at rest."""
+    config = config_of(
+        Bar(0.6), [point("left", 0.0), point("right", 0.6)], [0.0, 0.6], sensor_m=(0.05, 0.2, 0.55)
+    )
+    plant = build_plant(config)
+    u = inputs(plant, steps=200, dt_s=20.0)
+    z = np.repeat(u.z_end, len(plant.known_names), axis=1)
+    u = u._replace(law_W=np.abs(u.law_W), z_start=z, z_end=z)
+
+    def told(y_degC, law_W):
+        history = heat_history(
+            plant, config.estimator, [u._replace(y_degC=y_degC, law_W=law_W)], MethodOptions(method)
+        )
+        return [sentence for sentence in history.warnings if "would cool" in sentence]
+
+    air_degC = u.z_end[:, [plant.known.ambient]]
+    too_cold = np.broadcast_to(air_degC - 10.0, u.y_degC.shape)
+    assert any(sentence.startswith("left would cool") for sentence in told(too_cold, u.law_W))
+    assert not told(too_cold, -1.0 - u.law_W), "what is said to cool may"
+    assert not told(air_degC + [12.0, 8.0, 12.0], u.law_W)
