@@ -68,6 +68,7 @@ def _assert_goes_on(seen: Subscriber, begun: int) -> None:
     assert np.abs(after["field_degC"] - before["field_degC"]).max() < 1.0
 
 
+@pytest.mark.slow
 def test_a_better_one_is_kept_and_a_worse_one_taken_back(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:

@@ -27,6 +27,7 @@ def _observer(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100)
 
 
+@pytest.mark.slow
 def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
 

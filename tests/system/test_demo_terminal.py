@@ -25,6 +25,7 @@ def _endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(500)
 def test_in_a_busy_terminal_the_heats_agree_with_the_truth():
     found = watched(SETTLED_S + 30.0)

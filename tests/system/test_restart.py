@@ -33,6 +33,7 @@ def _moved(before: dict[str, Any], after: dict[str, Any]) -> float:
     return float(np.max(np.abs(after["heat_W"] - before["heat_W"]) / sigma_W))
 
 
+@pytest.mark.slow
 def test_a_restart_of_ten_seconds(tmp_path):
     """Heats and their uncertainty go on; the recording after it replays to the last bit."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"

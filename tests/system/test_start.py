@@ -48,6 +48,7 @@ def _memory_MB(pid: int, what: str) -> float:
     return int(re.search(rf"^{what}:\s+(\d+)", text, re.MULTILINE)[1]) / 1024
 
 
+@pytest.mark.slow
 def test_it_compiles_before_it_is_ready_says_so_and_stays_within_its_memory(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
     endpoint = f"tcp/127.0.0.1:{free_port()}"
