@@ -192,4 +192,4 @@ def test_a_source_that_would_cool_is_told(method):
     too_cold = np.broadcast_to(air_degC - 10.0, u.y_degC.shape)
     assert any(sentence.startswith("left would cool") for sentence in told(too_cold, u.law_W))
     assert not told(too_cold, -1.0 - u.law_W), "what is said to cool may"
-    assert not told(air_degC + [12.0, 8.0, 12.0], u.law_W)
+    assert not told(air_degC + np.array([12.0, 8.0, 12.0]), u.law_W)
