@@ -6,9 +6,11 @@ import io
 import multiprocessing
 import os
 import pickle
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
@@ -32,7 +34,8 @@ class Crew:
         self._sent: Problem | None = None
         if not alone and (os.cpu_count() or 1) > 1 and multiprocessing.parent_process() is None:
             self._other = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-            self._other.submit(_awake)  # it takes a second
+            with _deaf():
+                self._other.submit(_awake)  # it takes a second
 
     def __enter__(self) -> Self:
         return self
@@ -41,6 +44,9 @@ class Crew:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._other is not None:
+            if error is not None:  # nobody waits for what it does
+                for process in multiprocessing.active_children():
+                    process.kill()
             self._other.shutdown(wait=False, cancel_futures=True)
 
     def each(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
@@ -111,6 +117,16 @@ def _unpacked(data: bytes, problem: Problem) -> Any:
     unpacker = _Unpacker(io.BytesIO(data))
     unpacker.problem = problem
     return unpacker.load()
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Start processes that do not hear Ctrl-C, from their first moment on: who has started them ends them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _awake() -> None:
