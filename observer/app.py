@@ -335,6 +335,7 @@ def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = Fa
     """Read logs; `rightly`, those in which a channel is in another unit in the one expected."""
     from observer.service.misread import read_rightly
 
+    _refuse_twice(log_paths)
     plan, runs = AlignPlan.of(config), []
     odd: list[str] = []
     misread: dict[Misread, None] = {}
@@ -346,6 +347,19 @@ def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = Fa
         misread |= dict.fromkeys(found)
         runs.append(list(frames_of_log(log, plan)) if found else frames)
     return _Runs(runs, odd, tuple(misread))
+
+
+def _refuse_twice(log_paths: Sequence[Path]) -> None:
+    """Raise `LogError` where two logs are one: it would be the proof of what was found in it."""
+    seen: dict[str, Path] = {}
+    for path in log_paths:
+        try:
+            with open(path, "rb") as file:
+                content = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError:
+            continue  # who reads it says why it cannot be
+        if (before := seen.setdefault(content, path)) is not path:
+            raise LogError(f"{path}: holds the same as {before}; give each log once")
 
 
 def _recent(config: Installation, last_s: float) -> tuple[_Runs, list[str]]:

@@ -187,6 +187,18 @@ def _calibrate_to_a_file(folder: Path) -> list[str]:
     return _calibrate(text(rows(800)))(folder)
 
 
+def _twice(of_one: Callable[[Path], list[str]]) -> Callable[[Path], list[str]]:
+    """The same log again, under another name."""
+
+    def arguments(folder: Path) -> list[str]:
+        verb, log, *more = of_one(folder)
+        again = folder / "again.csv"
+        again.write_bytes(Path(log).read_bytes())
+        return [verb, log, str(again), *more]
+
+    return arguments
+
+
 def _identify(log: str, *more: str) -> Callable[[Path], list[str]]:
     def arguments(folder: Path) -> list[str]:
         (folder / "log.csv").write_text(log)
@@ -437,6 +449,8 @@ OTHERS = [
     ),
     Case("simulate: output is a folder", _simulate_into_a_folder, ("predicted.csv", "cannot be written")),
     Case("simulate: unknown suffix", _simulate(text(rows()), "predicted.xls"), ("predicted.xls", ".csv")),
+    Case("calibrate: a log twice", _twice(_calibrate(text(rows(800)))), ("again.csv", "the same as", "once")),
+    Case("discover: a log twice", _twice(_discover(text(rows(800)))), ("again.csv", "the same as", "once")),
     Case("calibrate: too short", _calibrate(text(rows(2))), ("longest log", "300 s", "record")),
     Case("discover: too short", _discover(text(rows(2))), ("shorter than 300 s", "record")),
     Case("discover: no sensor has a value", _discover(_without_sensors()), ("no sensor", "check")),
