@@ -475,12 +475,12 @@ def place(config: Installation, count: int, spacing_m: float | None) -> list[dic
 
 def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | None], str] | None) -> str:
     """Write a first configuration from what is given and what `ask` is told; returns what to do next."""
-    from observer.installation.init.asking import answers
-    from observer.installation.init.writing import write_new
+    from observer.installation.init.asking import agreed
+    from observer.installation.init.writing import checked, write_new
 
     if output.exists():  # before anything is asked
         raise UserError(f"{output}: is there already and is not overwritten; name another file with --output")
-    write_new(output, answers(given, ask))
+    write_new(output, agreed(given, ask, checked))
     return (
         f'written: {output}. What is marked "look" in it is a usual value. Next:\n'
         f"  observer check --config {output}           what it means\n"

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 from observer.cli import app
 from observer.errors import UserError
 from observer.installation import parse
-from observer.installation.init.asking import QUESTIONS, answers
+from observer.installation.init.asking import QUESTIONS, agreed, answers
 from observer.installation.init.screws import SCREWS, STEELS
 from observer.installation.init.wires import CONTROLS, MODULES
-from observer.installation.init.writing import compose, write_new
+from observer.installation.init.writing import checked, compose, write_new
 from observer.report.examine import examine
 
 GIVEN = {
@@ -151,3 +151,40 @@ def test_every_question_is_an_option_and_every_option_a_question():
     command = typer.main.get_command(app).commands["init"]
     options = {p.opts[0] for p in command.params} - {"--output", "--help"}
     assert options == {q.option for q in QUESTIONS}
+
+
+class Somebody:
+    """Answers what is scripted, round by round; else with Enter, which takes what is offered."""
+
+    def __init__(self, *rounds: dict[str, str]) -> None:
+        self.rounds, self.heard, self.number = list(rounds), [], -1
+
+    def __call__(self, words: str, usual: str | None) -> str:
+        self.heard.append(words)
+        name = next(q.name for q in QUESTIONS if words.endswith(q.words))
+        self.number += name == QUESTIONS[0].name
+        typed = self.rounds[min(self.number, len(self.rounds) - 1)].get(name, usual)
+        assert typed is not None, f"nothing is offered for {words}"
+        return typed
+
+
+def test_a_late_refusal_loses_no_answer():
+    somebody = Somebody(GIVEN | {"machine": "lathe-7", "sensors_m": "0.05 1.95"}, {"sensors_m": "0.05 0.95"})
+    found = agreed({}, somebody, checked)
+    assert (found.machine, found.sensors_m, found.stroke_m) == ("lathe-7", (0.05, 0.95), (0.15, 0.80))
+    (told,) = [words for words in somebody.heard if "Once more" in words]
+    assert "sensor" in told
+    assert told.endswith(QUESTIONS[0].words)
+
+
+def test_what_is_said_again_is_refused_at_last():
+    somebody = Somebody(GIVEN | {"sensors_m": "0.05 1.95"})
+    with pytest.raises(UserError, match="sensor"):
+        agreed({}, somebody, checked)
+    assert somebody.number == 1
+
+
+def test_an_option_that_was_given_is_not_asked_for_again():
+    somebody = Somebody({})
+    with pytest.raises(UserError, match="sensor"):
+        agreed(GIVEN | {"sensors_m": "0.05 1.95"}, somebody, checked)

@@ -119,11 +119,39 @@ QUESTIONS = (
 """In the order in which they are put."""
 
 
-def answers(given: Mapping[str, str | None], ask: Ask | None) -> Answers:
+def agreed(given: Mapping[str, str | None], ask: Ask | None, check: Callable[[Answers], object]) -> Answers:
+    """Fill in what was not given, until all fits together: whoever is asked may mend what he has said.
+
+    Raises the `UserError` of `check` with nobody to ask, or where the same is said again; else as `answers`.
+    """
+    said: dict[str, str] = {}
+    trouble = ""
+
+    def once_more(words: str, usual: str | None) -> str:
+        nonlocal trouble
+        words, trouble = trouble + words, ""
+        assert ask is not None
+        return ask(words, usual)
+
+    while True:
+        before = dict(said)
+        try:
+            check(found := answers(given, None if ask is None else once_more, said))
+        except UserError as error:
+            if ask is None or said == before:
+                raise
+            trouble = f"{error}\nOnce more; Enter keeps what you have said.\n"
+        else:
+            return found
+
+
+def answers(given: Mapping[str, str | None], ask: Ask | None, said: dict[str, str] | None = None) -> Answers:
     """Fill in what was not given: by asking, or, with nobody to ask, by what is usual.
 
-    Raises `UserError` for an answer that will not do, and, with nobody to ask, for one that is missing.
+    What was `said` before is offered in place of what is usual, and what is said now is put there. Raises
+    `UserError` for an answer that will not do, and, with nobody to ask, for one that is missing.
     """
+    said = {} if said is None else said
     found: dict[str, Any] = {}
     missing = []
     for question in QUESTIONS:
@@ -136,7 +164,7 @@ def answers(given: Mapping[str, str | None], ask: Ask | None) -> Answers:
                 )
             continue
         if told is None and ask is not None:
-            found[question.name] = _asked(question, ask)
+            found[question.name] = _asked(question, ask, said)
             continue
         if told is None and question.usual is None:
             missing.append(question.option)
@@ -154,11 +182,15 @@ def _read(question: Question, told: str) -> Any:
         raise UserError(f"{question.option}: {error}") from None
 
 
-def _asked(question: Question, ask: Ask) -> Any:
+def _asked(question: Question, ask: Ask, said: dict[str, str]) -> Any:
     """Put a question until the answer will do."""
-    words = question.words
+    words, usual = question.words, said.get(question.name, question.usual)
     while True:
+        typed = ask(words, usual).strip()
         try:
-            return question.read(ask(words, question.usual).strip())
+            value = question.read(typed)
         except ValueError as error:
             words = f"{error}\n{question.words}"
+        else:
+            said[question.name] = typed
+            return value

@@ -23,8 +23,7 @@ def write_new(path: Path, answers: Answers) -> str:
 
     Raises `UserError` where the file is there already, cannot be written, or an answer will not do.
     """
-    content = compose(answers)
-    parse(tomllib.loads(content), "init")
+    content = checked(answers)
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(content)
@@ -36,6 +35,13 @@ def write_new(path: Path, answers: Answers) -> str:
         raise UserError(
             f"{path}: cannot be written ({error.strerror}); name another file with --output"
         ) from None
+    return content
+
+
+def checked(answers: Answers) -> str:
+    """The configuration as text. Raises `UserError` where an answer will not do."""
+    content = compose(answers)
+    parse(tomllib.loads(content), "init")
     return content
 
 
