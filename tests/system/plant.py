@@ -131,9 +131,18 @@ class Daemon:
         return path
 
     def step_times_s(self) -> list[float]:
-        """The ticks in the recording so far; a row that is being written is left out."""
-        rows = self.recording().read_text(encoding="utf-8").split("\n")[1:-1]
-        return [float(row.split(",", 1)[0]) for row in rows if row.split(",")[-3] == "1"]
+        """The ticks in the recording so far."""
+        return [float(row[0]) for row in self._rows()[1:] if row[-3] == "1"]
+
+    def readings(self, channel: str) -> list[str]:
+        """The values of a channel in the recording so far."""
+        head, *rows = self._rows()
+        column = head.index(channel)
+        return [row[column] for row in rows if row[column]]
+
+    def _rows(self) -> list[list[str]]:
+        """The recording so far; a row that is being written is left out."""
+        return [row.split(",") for row in self.recording().read_text(encoding="utf-8").split("\n")[:-1]]
 
     def overruns(self) -> int:
         """How many ticks it says to have left out; to be asked once it has stopped."""
