@@ -575,15 +575,25 @@ def health(
     client: ClientOption = None,
 ) -> None:
     """Ask the running service how it fares; exit code 0 if it lives and gives estimates, else 1."""
-    from observer.publish.ask import ask_health
+    from observer.publish.ask import ask_health, gives_estimates
+    from observer.publish.watch import health_table
 
     answer = ask_health(connect, machine, axis, timeout_s, _client(client))
-    _tell(answer, lambda document: str(document.get("state")) in {"starting", "good", "degraded"})
+    _tell(answer, gives_estimates, health_table)
 
 
-def _tell(answer: Answer, is_good: Callable[[dict[str, Any]], bool]) -> NoReturn:
-    """Print what a service answered, and leave with 0 if that is good, else 1."""
-    typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
+def _tell(
+    answer: Answer,
+    is_good: Callable[[dict[str, Any]], bool],
+    for_people: Callable[[dict[str, Any]], RenderableType] = json.dumps,
+) -> NoReturn:
+    """Print what a service answered, in a terminal for people, and leave with 0 if that is good, else 1."""
+    if answer.document is not None and sys.stdout.isatty():
+        from rich.console import Console
+
+        Console(highlight=False, markup=False).print(for_people(answer.document))
+    else:
+        typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
     leave(0 if answer.document is not None and is_good(answer.document) else 1)
 
 

@@ -7,6 +7,7 @@ import json
 import re
 import socket
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from observer.exchange import plain_name
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client
 
+_ESTIMATING = {"starting", "good", "degraded"}
 _HASH = re.compile(r"[0-9a-f]{1,64}")
 _AGAIN_S = 0.2
 _LONGEST = 300
@@ -34,6 +36,17 @@ def ask_health(
 ) -> Answer:
     """Ask a running service for its health."""
     return _ask(connect, f"ballscrew/{machine}/{axis}/health", timeout_s, client)
+
+
+def gives_estimates(health: Mapping[str, Any]) -> bool:
+    """Whether a service with this health report makes estimates from measurements.
+
+    A `state` of `starting` says that a heat is not known yet, or that nothing has been estimated at all; the
+    `quality` of the estimates tells which.
+    """
+    return all(
+        isinstance(word := health.get(key), str) and word in _ESTIMATING for key in ("state", "quality")
+    )
 
 
 def command(

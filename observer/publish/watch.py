@@ -1,4 +1,4 @@
-"""The subscriber's side: the newest of every message of one axis, and the live table made of it.
+"""The subscriber's side: the newest of every message of one axis, and the tables made of them.
 
 Anybody may have sent what arrives, so nothing is taken for what it should be: what is no number is unknown.
 """
@@ -23,6 +23,7 @@ from observer.tables.publishing import Client
 
 KEYS = ("estimate", "heat", "field", "error", "learned", "health", "alarms", "truth/heat")
 _STYLE = {"good": "green", "degraded": "yellow", "stale": "yellow", "starting": "cyan"}
+_COUNTED = ("samples", "drops", "errors", "reconnects")
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _UNKNOWN = "–"
 _SILENT_S = 3.0
@@ -107,8 +108,29 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     parts += [_sensors(latest.get("estimate", {}))]
     if "learned" in latest:
         parts += [_learned(latest["learned"])]
-    parts += [Text(f"• {_word(reason)}", style="yellow") for reason in _items(health.get("reasons"))]
-    return Group(*parts, *_alarms(latest.get("alarms", {})))
+    return Group(*parts, *_reasons(health), *_alarms(latest.get("alarms", {})))
+
+
+def health_table(health: Mapping[str, Any]) -> RenderableType:
+    """A health report for people: state and reasons, channels, drivers, and where it is recorded."""
+    state, quality = _word(health.get("state")), _word(health.get("quality"))
+    title = Text(f"service {state}", style=_style(state))
+    title.append(f"   estimates {quality}", style=_style(quality))
+    channels = Table("channel", "quality", "age, s", "fault")
+    for name, channel in _tables(health.get("channels")):
+        shown = Text(_word(channel.get("quality")), style=_style(_word(channel.get("quality"))))
+        fault = Text(_word(channel.get("fault") or ""))
+        channels.add_row(Text(name), shown, _number(_float(channel.get("age_s")), 1), fault)
+    drivers = Table("driver", "connected", *_COUNTED)
+    for name, driver in _tables(health.get("drivers")):
+        connected = Text("yes", style="green") if driver.get("connected") is True else Text("no", style="red")
+        drivers.add_row(Text(name), connected, *(_number(_float(driver.get(key)), 0) for key in _COUNTED))
+    recording = Text(f"recording {_word(health.get('recording'))}", style="dim")
+    return Group(title, *_reasons(health), channels, drivers, recording)
+
+
+def _reasons(health: Mapping[str, Any]) -> list[Text]:
+    return [Text(f"• {_word(reason)}", style="yellow") for reason in _items(health.get("reasons"))]
 
 
 def _alarms(document: Mapping[str, Any]) -> list[Text]:
@@ -146,6 +168,11 @@ def _items(value: object) -> Sequence[Any]:
 
 def _table(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}
+
+
+def _tables(value: object) -> list[tuple[str, Mapping[str, Any]]]:
+    """Tables by their names."""
+    return [(_word(name), _table(entry)) for name, entry in list(_table(value).items())[:_LONGEST_LIST]]
 
 
 def _float(value: object) -> float | None:

@@ -49,12 +49,14 @@ class Facts:
 class Health:
     """How the service fares.
 
-    `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `reasons` are sentences for people. Of
-    each channel its `quality`, the `age_s` of its last usable value (None before the first) and its `fault`.
+    `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `quality` that of the estimates, which is
+    `invalid` before the first; `reasons` are sentences for people. Of each channel its `quality`, the `age_s`
+    of its last usable value (None before the first) and its `fault`.
     """
 
     time_s: float
     state: str
+    quality: str
     reasons: tuple[str, ...]
     channels: Mapping[str, Mapping[str, Any]]
     counts: Mapping[str, Any]
@@ -65,12 +67,12 @@ class Health:
         figures within the reasons.
         """
         reasons = tuple(_FIGURES.sub("", reason) for reason in self.reasons)
-        return self.state, reasons, tuple((n, c["quality"]) for n, c in self.channels.items())
+        return self.state, self.quality, reasons, tuple((n, c["quality"]) for n, c in self.channels.items())
 
     def document(self) -> dict[str, Any]:
         """The report as it is published."""
-        head = {"time_s": self.time_s, "state": self.state, "reasons": self.reasons}
-        return {**head, "channels": self.channels, **self.counts}
+        head = {"time_s": self.time_s, "state": self.state, "quality": self.quality}
+        return {**head, "reasons": self.reasons, "channels": self.channels, **self.counts}
 
 
 def assess(facts: Facts) -> Health:
@@ -100,7 +102,15 @@ def assess(facts: Facts) -> Health:
         "clock_offset_s": round(facts.clock_offset_s, 3),
         "gap": facts.gap,
     }
-    return Health(facts.time_s, _state(facts, bool(reasons)), reasons, channels, counts)
+    state = _state(facts, bool(reasons))
+    return Health(facts.time_s, state, _quality(facts).label, reasons, channels, counts)
+
+
+def _quality(facts: Facts) -> EstimateQuality:
+    """The estimates' own quality, whatever is wrong beside them."""
+    if facts.failure or facts.estimate is None:
+        return EstimateQuality.INVALID
+    return facts.estimate
 
 
 def _state(facts: Facts, has_reasons: bool) -> str:

@@ -164,6 +164,23 @@ def test_whatever_comes_back_an_asker_gets_an_answer_in_words(data):
         liar.close()
 
 
+@pytest.mark.parametrize(
+    ("state", "quality", "gives"),
+    [
+        ("good", "good", True),
+        ("degraded", "good", True),
+        ("starting", "starting", True),
+        ("starting", "invalid", False),
+        ("stale", "stale", False),
+        ("invalid", "invalid", False),
+        ("good", None, False),
+        (["good"], {}, False),
+    ],
+)
+def test_a_service_that_has_estimated_nothing_gives_no_estimates(state, quality, gives):
+    assert asking.gives_estimates({"state": state, "quality": quality}) is gives
+
+
 @pytest.mark.system
 def test_the_commands_find_the_hash_themselves_or_take_the_one_given():
     with published() as (made, endpoint), ThreadPoolExecutor(1) as pool:

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from observer.publish import watch
 from observer.publish.codec import EstimateEncoder, decode_estimate
-from observer.publish.watch import KEYS, Subscription, live_line, live_table, message_of
+from observer.publish.watch import KEYS, Subscription, health_table, live_line, live_table, message_of
 from tests.publish.blocks import LAYOUT, block
 
 
@@ -27,9 +27,9 @@ def _latest(**changes):
     }
 
 
-def _shown(latest) -> str:
+def _shown(latest, table=live_table) -> str:
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(live_table(latest))
+    console.print(table(latest))
     return console.export_text()
 
 
@@ -51,6 +51,26 @@ def test_says_of_which_heats_what_is_usual_is_not_known_yet():
     text = _shown(_latest() | {"alarms": {"alarms": [], "bands": bands}})
     assert "usual heats, still being learnt: nut 2.5 of 30 h of running\n" in text.replace(" \n", "\n")
     assert "still being learnt" not in _shown(_latest() | {"alarms": {"bands": {"nut": {"learning": None}}}})
+
+
+def test_a_health_report_is_shown_with_state_reasons_channels_and_drivers():
+    channels = {"t1_degC": {"quality": "good", "age_s": 0.25, "fault": None},
+                "[t2]": {"quality": "missing", "age_s": None, "fault": "open_circuit"}}  # fmt: skip
+    drivers = {"amp": {"connected": False, "samples": 40, "drops": 1, "errors": 7, "reconnects": 2}}
+    text = _shown(
+        {"state": "starting", "quality": "invalid", "reasons": ["driver amp is not connected: refused"],
+         "channels": channels, "drivers": drivers, "recording": "/var/lib/r.csv"},
+        health_table,
+    )  # fmt: skip
+    for words in ("service starting", "estimates invalid", "• driver amp is not connected: refused", "0.2",
+                  "t1_degC", "[t2]", "missing", "open_circuit", "no", "40", "/var/lib/r.csv"):  # fmt: skip
+        assert words in text
+
+
+@pytest.mark.parametrize("value", [None, 7, "x", [1], {"a": 1}, {"a": {"quality": 5, "age_s": "old"}}, 1e400])
+def test_whatever_a_health_report_holds_it_is_shown(value):
+    keys = ("state", "quality", "reasons", "channels", "drivers", "recording")
+    assert "service" in _shown(dict.fromkeys(keys, value), health_table)
 
 
 def test_without_truth_there_is_no_such_column():

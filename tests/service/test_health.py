@@ -78,6 +78,28 @@ def test_each_trouble_has_its_state_and_sentence(changes, state, words):
     to_json(health.document())
 
 
+@pytest.mark.parametrize(
+    ("changes", "quality"),
+    [
+        ({}, "good"),
+        ({"publish": PublishStatus(reason="nobody answers")}, "good"),
+        ({"estimate": EstimateQuality.STARTING}, "starting"),
+        ({"estimate": None, "frame": None}, "invalid"),
+        ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "invalid"),
+        ({"failure": "ZeroDivisionError"}, "invalid"),
+    ],
+)
+def test_the_quality_of_the_estimates_stands_beside_the_state(changes, quality):
+    assert assess(_facts(**changes)).document()["quality"] == quality
+
+
+def test_the_first_estimate_is_worth_telling_at_once():
+    nothing = assess(_facts(estimate=EstimateQuality.INVALID, had_estimate=False))
+    first = assess(_facts(estimate=EstimateQuality.STARTING))
+    assert nothing.state == first.state == "starting"
+    assert nothing.essence != first.essence
+
+
 @pytest.mark.parametrize("quality", [Quality.MISSING, Quality.STALE, Quality.REJECTED])
 def test_a_channel_that_is_not_good_is_named(quality):
     frame = _facts().frame

@@ -14,8 +14,11 @@ import zenoh
 from observer.files.logs import read_log
 from observer.publish.session import session_config
 from observer.publish.watch import KEYS
+from tests.patience import PATIENCE_S
+from tests.publish.people import published
 from tests.publish.router import free_port
-from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until, write
+from tests.system.plant import ROOT, START_S, Daemon, Subscriber, machine, table_for, until, write
+from tests.system.terminal import Terminal
 from tests.system.test_recording import _assert_same, _replay, _rows
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
@@ -114,6 +117,44 @@ def test_a_command_that_nobody_answers_says_so():
         assert done.returncode == 1
         assert "no service answers at" in done.stdout
         assert done.stderr == ""
+
+
+def test_health_is_bad_while_no_sensor_has_ever_been_heard_and_good_once_one_is(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+
+    def health():
+        done = _observer("health", "--connect", endpoint, "--timeout-s", "20")
+        return (done.returncode, json.loads(done.stdout)) if done.stdout.startswith("{") else None
+
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        module = table["drivers"]["thermocouples"]["port"]
+        table["drivers"]["thermocouples"]["port"] = free_port()
+        with Daemon(tmp_path, table) as daemon:
+            code, document = until(health, START_S)
+            daemon.stop()
+        assert (code, document["state"], document["quality"]) == (1, "starting", "invalid")
+        assert any("driver thermocouples is not connected" in reason for reason in document["reasons"])
+        table["drivers"]["thermocouples"]["port"] = module
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            until(lambda: (health() or (1,))[0] == 0)
+            daemon.stop()
+
+
+def test_health_is_for_people_in_a_terminal_and_one_line_of_json_in_a_pipe():
+    report = {"state": "good", "quality": "good", "reasons": [], "channels": {"t1_degC": {"quality": "good"}}}
+    with published() as (made, endpoint):
+        made.health(report)
+        piped = until(lambda: (done := _observer("health", "--connect", endpoint)).returncode == 0 and done)
+        assert json.loads(piped.stdout) == report
+        assert piped.stdout.count("\n") == 1
+        with Terminal("-m", "observer", "health", "--connect", endpoint) as terminal:
+            assert terminal.process.wait(PATIENCE_S) == 0
+            until(lambda: "recording" in terminal.shown())
+            assert "service good" in terminal.shown()
+            assert "t1_degC" in terminal.shown()
+            assert "{" not in terminal.shown()
 
 
 def test_watch_shows_whatever_a_hostile_publisher_sends():
