@@ -71,7 +71,7 @@ ConnectOption = Annotated[
 
 def _name(option: typer.CallbackParam, text: str) -> str:
     """Refuse what cannot be the name of a machine or axis before anything is asked."""
-    if not re.fullmatch(r"[A-Za-z0-9_.*-]{1,64}", text):
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}|\*", text):
         raise UserError(f"{option.opts[0]}: {text!r} is no name; names are of letters, digits and _.-")
     return text
 

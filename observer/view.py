@@ -10,10 +10,12 @@ import argparse
 import os
 import sys
 import threading
-from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 from observer.tables.publishing import Client
+
+if TYPE_CHECKING:
+    from observer.publish.watch import Subscription
 
 REFRESH_S = 0.25
 PLAIN_S = 1.0
@@ -27,15 +29,12 @@ def watch(endpoint: str, machine: str, axis: str, seconds: float | None, client:
         timer.daemon = True
         timer.start()
     try:
-        heard = _view(endpoint, machine, axis, not sys.stdout.isatty(), done, client)
+        problem = _view(endpoint, machine, axis, not sys.stdout.isatty(), done, client)
     except KeyboardInterrupt:
         return 0
-    if not heard:
-        print(
-            f"observer: nothing heard at {endpoint}; start the service, or name it with --connect",
-            file=sys.stderr,
-        )
-    return 0 if heard else 2
+    if problem is not None:
+        print(f"observer: {problem}", file=sys.stderr)
+    return 0 if problem is None else 2
 
 
 def _view(
@@ -45,38 +44,45 @@ def _view(
     plain: bool,
     done: threading.Event,
     client: Client | None = None,
-) -> bool:
-    """Show what is published until `done`; a router that is not there yet is waited for. Says if any came."""
+) -> str | None:
+    """Show what is published until `done`; a router that is not there yet is waited for.
+
+    Says why nothing came, None if something did.
+    """
     import zenoh
 
     from observer.publish.watch import Subscription
 
+    nothing = f"nothing heard at {endpoint}; start the service, or name it with --connect"
     while not done.is_set():
         try:
             with Subscription((endpoint,), machine, axis, client) as subscription:
-                return _show(subscription.latest, plain, done)
+                _show(subscription, plain, done)
+                return None if subscription.latest() else subscription.absent() or nothing
         except zenoh.ZError:
             done.wait(0.3)
-    return False
+    return nothing
 
 
-def _show(latest: Callable[[], dict[str, dict[str, Any]]], plain: bool, done: threading.Event) -> bool:
-    """Draw the newest messages again and again."""
+def _show(subscription: Subscription, plain: bool, done: threading.Event) -> None:
+    """Draw the newest messages again and again, before the first of them who else is there."""
     from rich.console import Console
     from rich.live import Live
+    from rich.text import Text
 
     from observer.publish.watch import live_line, live_table
 
     console = Console()
     if plain:
         while not done.wait(PLAIN_S):
-            if line := live_line(latest()):
+            if line := live_line(subscription.latest()):
                 console.print(line, markup=False, highlight=False, soft_wrap=True)
-        return bool(latest())
+        return
     with Live(live_table({}), console=console, refresh_per_second=1 / REFRESH_S, screen=False) as live:
         while not done.wait(REFRESH_S):
-            live.update(live_table(latest()))
-        return bool(latest())
+            latest = subscription.latest()
+            instead = None if latest else subscription.absent()
+            live.update(Text(instead, style="yellow") if instead else live_table(latest))
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import zenoh
 
 from observer.exchange import plain_name
+from observer.publish.absent import absent
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client
 
@@ -35,7 +36,7 @@ def ask_health(
     connect: str, machine: str, axis: str, timeout_s: float, client: Client | None = None
 ) -> Answer:
     """Ask a running service for its health."""
-    return _ask(connect, f"ballscrew/{machine}/{axis}/health", timeout_s, client)
+    return _ask(connect, machine, axis, "health", timeout_s, client)
 
 
 def gives_estimates(health: Mapping[str, Any]) -> bool:
@@ -65,16 +66,15 @@ def command(
     one in force now. `about` names the alarm that is acknowledged.
     """
     until_s = time.monotonic() + timeout_s
-    prefix = f"ballscrew/{machine}/{axis}"
     if digest is None:
-        told = _ask(connect, f"{prefix}/config", timeout_s, client)
+        told = _ask(connect, machine, axis, "config", timeout_s, client)
         if told.document is None:
             return told
         digest = told.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
         return Answer(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
-    selector = f"{prefix}/command/{kind}?config={digest};by={_myself()}" + (f";id={about}" if about else "")
-    return _ask(connect, selector, max(0.1, until_s - time.monotonic()), client)
+    wanted = f"command/{kind}?config={digest};by={_myself()}" + (f";id={about}" if about else "")
+    return _ask(connect, machine, axis, wanted, max(0.1, until_s - time.monotonic()), client)
 
 
 def _myself() -> str:
@@ -86,11 +86,15 @@ def _myself() -> str:
     return plain_name(f"{user}@{socket.gethostname()}")
 
 
-def _ask(connect: str, selector: str, timeout_s: float, client: Client | None) -> Answer:
-    """Ask until somebody answers or the time is over."""
+def _ask(
+    connect: str, machine: str, axis: str, wanted: str, timeout_s: float, client: Client | None
+) -> Answer:
+    """Ask an axis until it answers or the time is over; then say who else does."""
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
-    answer = Answer(None, f"no service answers at {connect}, or it does not let this client in")
+    selector = f"ballscrew/{machine}/{axis}/{wanted}"
+    nobody = f"no service answers at {connect}, or it does not let this client in"
+    problem = nobody
     while time.monotonic() < until_s:
         try:
             session = zenoh.open(config)
@@ -104,10 +108,11 @@ def _ask(connect: str, selector: str, timeout_s: float, client: Client | None) -
                 refusal = refusal_of(reply.err.payload.to_bytes()) if reply.err is not None else "Timeout"
                 if refusal != "Timeout":  # what Zenoh itself says where nobody has answered
                     return Answer(None, refusal)
+            problem = absent(session, connect, machine, axis) or nobody
         finally:
             close_within(session, 1.0)
         time.sleep(_AGAIN_S)
-    return answer
+    return Answer(None, problem)
 
 
 def answer_of(data: bytes) -> Answer:

@@ -17,6 +17,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from observer.publish.absent import absent
 from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client
@@ -42,6 +43,7 @@ class Subscription:
     def __init__(
         self, connect: tuple[str, ...], machine: str, axis: str, client: Client | None = None
     ) -> None:
+        self._asked = (", ".join(connect), machine, axis)
         self._prefix = f"ballscrew/{machine}/{axis}"
         self._config = client_config(connect, client)
         self._latest: dict[str, dict[str, Any]] = {}
@@ -60,6 +62,10 @@ class Subscription:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         close_within(self._session, 1.0)
+
+    def absent(self) -> str | None:
+        """Which axes live where this one does not, in a sentence."""
+        return absent(self._session, *self._asked)
 
     def latest(self) -> dict[str, dict[str, Any]]:
         """The newest message per key, decoded; a message that cannot be decoded is left out."""

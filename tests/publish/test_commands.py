@@ -182,6 +182,36 @@ def test_a_service_that_has_estimated_nothing_gives_no_estimates(state, quality,
 
 
 @pytest.mark.system
+def test_who_asks_for_an_axis_that_is_not_there_is_told_which_is():
+    with published() as (made, endpoint):
+        made.health({"state": "good"})
+        instead = f"at {endpoint} answers lathe-7/z, not lathe-8/{{}}; name it with --machine and --axis"
+        assert asking.ask_health(endpoint, "lathe-8", "*", 1).problem == instead.format("*")
+        for digest in (None, "ab12"):
+            answer = asking.command("reset", endpoint, "lathe-8", "z", 1, None, digest)
+            assert answer.problem == instead.format("z")
+        assert made.commands() == []
+
+
+@pytest.mark.system
+def test_of_many_axes_that_answer_instead_some_are_named():
+    with published() as (_, endpoint), session(endpoint) as other:
+        tokens = [other.liveliness().declare_token(f"ballscrew/m{k}/x/alive") for k in range(9)]
+        answer = asking.ask_health(endpoint, "lathe-8", "z", 1)
+        names = ", ".join(["lathe-7/z", *(f"m{k}/x" for k in range(7))])
+        assert f"answer {names} and 2 more, not lathe-8/z; name one" in answer.problem
+        assert len(tokens) == 9
+
+
+@pytest.mark.system
+def test_an_axis_that_lives_and_does_not_answer_is_not_taken_for_another():
+    with published() as (_, endpoint), session(endpoint) as other:
+        token = other.liveliness().declare_token("ballscrew/lathe-8/z/alive")
+        assert "no service answers" in asking.ask_health(endpoint, "lathe-8", "z", 1).problem
+        token.undeclare()
+
+
+@pytest.mark.system
 def test_the_commands_find_the_hash_themselves_or_take_the_one_given():
     with published() as (made, endpoint), ThreadPoolExecutor(1) as pool:
         for digest, done in ((None, True), ("ab12", True), ("ab13", False)):

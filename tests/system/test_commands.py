@@ -96,6 +96,7 @@ def test_a_second_service_of_the_same_name_does_not_start(tmp_path):
     ("words", "sentence"),
     [
         (("--machine", "*", "--axis", "x"), "--machine: * may be several; name the one that is meant"),
+        (("--machine", "a*", "--axis", "x"), "--machine: 'a*' is no name"),
         (("--machine", "a/b", "--axis", "x"), "--machine: 'a/b' is no name"),
         (("--machine", "a", "--axis", "x?config=1"), "is no name"),
         (
@@ -155,6 +156,17 @@ def test_health_is_for_people_in_a_terminal_and_one_line_of_json_in_a_pipe():
             assert "service good" in terminal.shown()
             assert "t1_degC" in terminal.shown()
             assert "{" not in terminal.shown()
+
+
+def test_watch_says_which_axis_answers_where_the_one_asked_for_does_not():
+    with published() as (_, endpoint):
+        words = ("watch", "--connect", endpoint, "--machine", "lathe-8", "--seconds")
+        instead = "answers lathe-7/z, not lathe-8/*"
+        done = _observer(*words, "1")
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == f"observer: at {endpoint} {instead}; name it with --machine and --axis\n"
+        with Terminal("-m", "observer", *words, "60") as terminal:
+            until(lambda: instead in terminal.shown())
 
 
 def test_watch_shows_whatever_a_hostile_publisher_sends():
