@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import json
 import re
@@ -43,11 +44,10 @@ def gives_estimates(health: Mapping[str, Any]) -> bool:
     """Whether a service with this health report makes estimates from measurements.
 
     A `state` of `starting` says that a heat is not known yet, or that nothing has been estimated at all; the
-    `quality` of the estimates tells which.
+    `quality` of the estimates tells which, where the service is not an older one.
     """
-    return all(
-        isinstance(word := health.get(key), str) and word in _ESTIMATING for key in ("state", "quality")
-    )
+    state, quality = health.get("state"), health.get("quality", "good")
+    return all(isinstance(word, str) and word in _ESTIMATING for word in (state, quality))
 
 
 def command(
@@ -108,7 +108,8 @@ def _ask(
                 refusal = refusal_of(reply.err.payload.to_bytes()) if reply.err is not None else "Timeout"
                 if refusal != "Timeout":  # what Zenoh itself says where nobody has answered
                     return Answer(None, refusal)
-            problem = absent(session, connect, machine, axis) or nobody
+            with contextlib.suppress(zenoh.ZError):
+                problem = absent(session, connect, machine, axis) or nobody
         finally:
             close_within(session, 1.0)
         time.sleep(_AGAIN_S)
