@@ -1,0 +1,108 @@
+"""A computer of its own for a test, with a systemd that runs and an ordinary user; see `box.sh`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.patience import COMPILE_S
+
+_SCRIPT = Path(__file__).with_name("box.sh")
+_SBIN = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+_TOLD = (
+    "PIP_",
+    "HTTP_PROXY",
+    "HTTPS_PROXY",
+    "NO_PROXY",
+    "http_proxy",
+    "https_proxy",
+    "no_proxy",
+    "SSL_CERT_FILE",
+)
+"""What a user may have to know of the network; everything else of this environment stays outside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A booted box, by the number of its first process."""
+
+    first: int
+    log: Path
+
+    def does(self, line: str, *, code: int | None = 0, fetches: bool = False) -> str:
+        """Carry a line out as its user, at home; returns what was printed.
+
+        `fetches` gives that line the network of this computer. Fails the test where it ends with another
+        code than `code`, None for any.
+        """
+        done = subprocess.run(
+            [*self._enter(fetches), "/bin/sh", "-c", line],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=COMPILE_S,
+        )  # fmt: skip
+        assert code is None or done.returncode == code, (
+            f"$ {line}\n{done.stdout}{done.stderr}exit code {done.returncode}\n{self._journal()}"
+        )
+        return done.stdout + done.stderr
+
+    @contextmanager
+    def beside(self, line: str) -> Iterator[None]:
+        """Have a line run beside what is done meanwhile."""
+        with subprocess.Popen(
+            [*self._enter(), "/bin/sh", "-c", f"exec {line}"], stdin=subprocess.DEVNULL
+        ) as process:
+            try:
+                yield
+            finally:
+                process.kill()
+
+    def _enter(self, fetches: bool = False) -> list[str]:
+        who = [f"{k}={v}" for k, v in os.environ.items() if k.startswith(_TOLD)]
+        where = ["--mount", "--pid", "--uts", "--ipc", *(() if fetches else ("--net",)), "--root", "--wd"]
+        return [
+            "/usr/bin/nsenter", "--target", str(self.first), *where, "--",
+            "/usr/sbin/runuser", "-u", "eve", "--",
+            "/usr/bin/env", "-i", "-C", "/home/eve", "HOME=/home/eve", "LANG=C.UTF-8", f"PATH={_SBIN}", *who,
+        ]  # fmt: skip
+
+    def _journal(self) -> str:
+        command = [*self._enter(), "sudo", "journalctl", "--no-pager", "--lines=40", "--boot"]
+        return subprocess.run(command, capture_output=True, text=True).stdout
+
+
+@contextmanager
+def box(place: Path, *packages: str) -> Iterator[Box]:
+    """Furnish a box with Debian's packages, boot it, and end it; skips the test where that cannot be."""
+    missing = [
+        name
+        for name in ("unshare", "nsenter", "findmnt", "apt-get")
+        if shutil.which(name, path=_SBIN) is None
+    ]
+    if os.geteuid() != 0 or missing or not Path("/lib/systemd/systemd").exists():
+        pytest.skip(f"needs root, systemd and {', '.join(missing) or 'namespaces'}")
+    with (place / "log").open("w") as log, subprocess.Popen(
+        [str(_SCRIPT), str(_made(place / "box")), *packages],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        said = [process.stdout.readline().strip() for _ in range(2)]
+        if said[0] != "furnished" or not said[1].isdigit():
+            process.kill()
+            pytest.skip(f"no box can be made here: {(place / 'log').read_text()[-500:]}")
+        made = Box(int(said[1]), place / "log")
+        try:
+            yield made
+        finally:
+            assert process.stdin is not None
+            process.stdin.close()  # for it, the end
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder

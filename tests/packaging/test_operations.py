@@ -1,0 +1,206 @@
+"""docs/operations.md from the box to a running service, line by line, as an ordinary user beside a systemd.
+
+The lines are read from the page. What needs the network of this computer is told: Debian's packages and pip.
+The thermocouple module is a Modbus server in the box.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.docs.console import blocks, commands, matches
+from tests.packaging.box import Box, box
+from tests.patience import COMPILE_S, until
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "operations.md"
+DAEMON_MB = 500  # the page says 492; a package that a daemon does not need is more than 8 MB as a rule
+CONFIG = "/etc/ballscrew-observer/observer.toml"
+MODULE = """
+import asyncio, itertools, random
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+async def answer(function, first, address, count, current, written):
+    current[:16] = [word for k in range(8) for word in (0, 230 + k + random.randint(-1, 1))]
+
+async def main():
+    device = SimDevice(1, [SimData(0, values=[0] * 16, datatype=DataType.REGISTERS)], action=answer)
+    await ModbusTcpServer(device, address=("127.0.0.1", 17502)).serve_forever()
+
+asyncio.run(main())
+"""
+
+
+@pytest.fixture(scope="module")
+def computer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Box]:
+    """The computer in the cabinet, with the wheel in its user's home."""
+    (wheel,) = (ROOT / "dist").glob("*.whl")
+    with box(tmp_path_factory.mktemp("computer"), "sudo", "dbus", "openssl") as made:
+        made.does(f"cp {wheel} .")
+        yield made
+
+
+def _lines(section: str) -> list[str]:
+    """The lines of all blocks of text below a heading, the wheel by its name."""
+    text = PAGE.read_text(encoding="utf-8").splitlines()
+    start = text.index(f"## {section}") + 1
+    end = next((k for k, line in enumerate(text[start:], start) if line.startswith("## ")), len(text))
+    found = [b for line, language, b in blocks(PAGE) if language == "text" and start < line <= end]
+    (wheel,) = (ROOT / "dist").glob("*.whl")
+    return [re.sub(r"ballscrew_observer-\S+\.whl", wheel.name, row) for b in found for row in b.splitlines()]
+
+
+def _shown(computer: Box, begin: str) -> None:
+    """Carry out the page's console commands that begin so; what they print is what it shows."""
+    found = [c for c in commands(PAGE) if c.text.startswith(begin)]
+    assert found, begin
+    for command in found:
+        printed = computer.does(command.text)
+        assert matches(command.expected, printed), f"{command.text}\n{printed}"
+
+
+def _property(computer: Box, name: str) -> str:
+    return computer.does(f"systemctl show ballscrew-observer --value --property={name}").strip()
+
+
+def _gives_estimates(computer: Box) -> None:
+    """Wait until the service is up, as the page says it tells."""
+
+    def is_good() -> bool:
+        assert _property(computer, "ActiveState") != "failed", computer.does(
+            "systemctl status -n 40 ballscrew-observer", code=None
+        )
+        return computer.does("observer health >health.json && echo good", code=None).strip().endswith("good")
+
+    until(is_good, 2 * COMPILE_S, pause_s=2.0)
+    assert _property(computer, "ActiveState") == "active"
+
+
+@pytest.mark.timeout(6 * COMPILE_S)
+def test_from_the_box_to_a_running_service_and_back(computer: Box) -> None:
+    _install_the_program(computer)
+    _configure(computer)
+    with computer.beside("/opt/pipx/venvs/ballscrew-observer/bin/python module.py"):
+        _try_the_wires(computer)
+        _install_the_service(computer)
+        _live(computer)
+        _change_the_configuration(computer)
+        _certify(computer)
+        _update(computer)
+        _remove(computer)
+
+
+def _install_the_program(computer: Box) -> None:
+    """With pipx, for all users, no larger than the page says."""
+    apt, install, *_ = _lines("Install the program")
+    computer.does(apt.replace(" install ", " install -y -qq "), fetches=True)
+    computer.does(install, fetches=True)
+    assert "ballscrew-observer" in computer.does("observer --version")
+    told = computer.does(
+        "du -sm --exclude='pip*' --exclude='setuptools*' /opt/pipx/venvs/*/lib/python3*/site-packages"
+    )
+    print(f"\nthe daemon's packages by pipx: {told.split()[0]} MB")
+    assert int(told.split()[0]) <= DAEMON_MB
+
+
+def _configure(computer: Box) -> None:
+    """By the page's own commands; nothing answers yet where the module is said to be."""
+    _shown(computer, "observer init ")
+    _shown(computer, "observer check ")
+    computer.does(f"cat >module.py <<'END'\n{MODULE}\nEND")
+
+
+def _try_the_wires(computer: Box) -> None:
+    """Now the module is there."""
+    until(lambda: "exit 0" in computer.does("observer check -c observer.toml --wires; echo exit $?"))
+
+
+def _install_the_service(computer: Box) -> None:
+    """One command; it waits for nothing, and the service comes up by itself as its own user."""
+    _shown(computer, "observer service install --config observer.toml --dry-run")
+    install, status, health = _lines("Install the service")
+    computer.does(install)
+    assert "ballscrew-observer.service" in computer.does(status, code=None)
+    _gives_estimates(computer)
+    document = json.loads(computer.does(health))
+    assert {channel["quality"] for channel in document["channels"].values()} == {"good"}
+    whose = "sudo stat --format='%U:%G %a' /etc/ballscrew-observer /var/lib/ballscrew-observer"
+    assert computer.does(f"{whose} {CONFIG}").splitlines() == [
+        "root:ballscrew 770", "ballscrew:ballscrew 700", "root:ballscrew 640",
+    ]  # fmt: skip
+    assert computer.does(f"ps -o user= -p {_property(computer, 'MainPID')}").strip() == "ballscrew"
+    computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-z")
+
+
+def _live(computer: Box) -> None:
+    """Killed, it comes back; stopped for what a person has to mend, it stays so until that is mended."""
+    before = _property(computer, "MainPID")
+    computer.does("sudo systemctl kill --signal=KILL --kill-whom=main ballscrew-observer")
+    until(lambda: _property(computer, "MainPID") not in {before, "0"})
+    _gives_estimates(computer)
+    computer.does(f"sudo cp {CONFIG} kept.toml && sudo sed -i 's/^length_m = 1.0/length_m = -1.0/' {CONFIG}")
+    computer.does("sudo systemctl restart ballscrew-observer", code=1)
+    until(lambda: _property(computer, "ActiveState") == "failed")
+    assert _property(computer, "ExecMainStatus") == "2"
+    assert "length_m" in computer.does("sudo journalctl -u ballscrew-observer -n 5 --no-pager")
+    computer.does(f"sudo cp kept.toml {CONFIG} && sudo systemctl restart ballscrew-observer")
+    _gives_estimates(computer)
+
+
+def _change_the_configuration(computer: Box) -> None:
+    """It is taken without a restart; a wrong one is refused whole."""
+    edit, check, reload = _lines("Change the configuration")
+    assert edit == f"sudoedit {CONFIG}"
+    process = _property(computer, "MainPID")
+    for old, new, code in (("15.0", "-15.0", 2), ("-15.0", "20.0", 0)):
+        computer.does(f"sudo sed -i 's/^convection_W_m2K = {old}/convection_W_m2K = {new}/' {CONFIG}")
+        computer.does(check, code=code)
+        computer.does(reload)
+        refused = bool(code)
+        until(lambda wanted=refused: ("convection_W_m2K" in _reasons(computer)) == wanted)
+    _gives_estimates(computer)
+    assert _property(computer, "MainPID") == process
+
+
+def _reasons(computer: Box) -> str:
+    return " ".join(json.loads(computer.does("observer health", code=None)).get("reasons", []))
+
+
+def _certify(computer: Box) -> None:
+    """The page's lines find root and the service as readers, and the day on which a certificate ends."""
+    computer.does(
+        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 30 -subj /CN=lathe-7 "
+        "-keyout service.key -out service.pem && cp service.pem plant.pem"
+    )
+    install, ends = _lines("Certificates")
+    computer.does(install)
+    assert "notAfter=" in computer.does(ends)
+    computer.does("sudo -u ballscrew cat /etc/ballscrew-observer/service.key")
+    computer.does("cat /etc/ballscrew-observer/service.key", code=1)
+
+
+def _update(computer: Box) -> None:
+    """The configuration stays, and a copy of it is beside."""
+    lines = _lines("Update, and go back")
+    assert len(lines) == 4
+    for line in lines:
+        computer.does(line, fetches="pipx" in line)
+    computer.does(f"sudo cmp {CONFIG} /etc/ballscrew-observer.before/observer.toml")
+    _gives_estimates(computer)
+
+
+def _remove(computer: Box) -> None:
+    """The service goes; configuration and recordings stay, and bring it back."""
+    computer.does("sudo observer service remove")
+    assert _property(computer, "LoadState") == "not-found"
+    computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-z")
+    (back,) = [line for line in _lines("Update, and go back") if "service install" in line]
+    computer.does(back)
+    _gives_estimates(computer)
