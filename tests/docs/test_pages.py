@@ -90,6 +90,13 @@ def test_files_named_in_a_page_exist(page: str) -> None:
     assert not [name for name in sorted(named) if not (ROOT / name).exists()]
 
 
+def test_the_readme_says_where_make_puts_the_command() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    venv = re.search(r"^VENV := (\S+)$", makefile, re.MULTILINE)[1]
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert text.index(f"`{venv}/bin/observer`") < text.index("$ observer ")
+
+
 def test_decisions_are_numbered_without_gaps_and_have_their_parts() -> None:
     records = sorted((DOCS / "decisions").glob("[0-9]*.md"))
     assert [int(p.name[:4]) for p in records] == list(range(1, len(records) + 1))
