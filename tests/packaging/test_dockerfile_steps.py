@@ -170,7 +170,7 @@ def service(machine: Machine) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     volume = machine.root / "var/lib/observer"
     log = machine.root / "tmp/log.csv"
     log.write_text(
-        "time_s,t1_degC\n" + "".join(f"{0.1 * k:.1f},{20 + 0.01 * (k % 7):.2f}\n" for k in range(6000))
+        "time_s,t1_degC\n" + "".join(f"{0.1 * k:.1f},{20 + 0.01 * (k % 7):.2f}\n" for k in range(12_000))
     )
     configuration = machine.root / "tmp/observer.files.toml"
     configuration.write_text(CONFIG.format(log=log, endpoint=endpoint, recordings=volume))
