@@ -8,7 +8,6 @@
 PYTHON ?= python3
 UV_VERSION := 0.13.8
 CYCLONEDX_VERSION := 7.5.0
-PIPX_VERSION := 1.18.4
 VENV := .venv
 READY := $(VENV)/.ready
 BIN := $(VENV)/bin
@@ -24,7 +23,7 @@ COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check pipx-check lock dist sbom clean
+.PHONY: help env demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check operations-check lock dist sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -115,12 +114,8 @@ figures: $(READY)  ## draw the figures of docs/ again
 container-check: $(READY)  ## the Dockerfile's steps without a container engine, as an unprivileged user
 	$(BIN)/python -m pytest tests/packaging/test_dockerfile_steps.py -m slow -s -p no:benchmark $(ARGS)
 
-pipx-check: $(READY) build/pipx/bin/pipx dist  ## what docs/operations.md says of pipx, below a folder; fetches 150 MB
-	PIPX=$(abspath build/pipx/bin/pipx) $(BIN)/python -m pytest tests/packaging/by_pipx.py -m slow -s -p no:benchmark $(ARGS)
-
-build/pipx/bin/pipx:
-	$(PYTHON) -m venv build/pipx
-	build/pipx/bin/python -m pip install --quiet pipx==$(PIPX_VERSION)
+operations-check: $(READY) dist  ## docs/operations.md carried out on a Debian of its own, as root; fetches 150 MB
+	$(BIN)/python -m pytest tests/packaging/test_operations.py -s -p no:benchmark $(ARGS)
 
 format: $(READY)  ## format the code and mend what ruff can mend
 	$(BIN)/ruff format $(CODE)

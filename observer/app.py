@@ -500,7 +500,11 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
         program = unit.this_program()
         if root == Path("/") and not dry_run:
             unit.refuse_unseen(program)
-        axes = [unit.Axis(examine(path), path, path.read_text(encoding="utf-8")) for path in config_paths]
+        here = root == Path("/")
+        axes = [
+            unit.Axis(examine(path, runs_here=here), path, path.read_text(encoding="utf-8"))
+            for path in config_paths
+        ]
         plan = unit.to_install(axes, program)
     if dry_run:
         yield from plan.lines()

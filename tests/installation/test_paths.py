@@ -29,6 +29,7 @@ def test_a_file_that_is_not_there_is_told_with_its_key(key, tmp_path):
     config.write_text(DEMO.read_text() + TABLES[key].format("/nowhere/it", here=here))
     with pytest.raises(ConfigError, match=f"{key}: /nowhere/it is no file; mend the path"):
         examine(config)
+    examine(config, runs_here=False)
     config.write_text(DEMO.read_text() + TABLES[key].format(here, here=here))
     examine(config)
 

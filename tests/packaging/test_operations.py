@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -104,7 +105,7 @@ def _install_the_program(computer: Box) -> None:
     computer.does(install, fetches=True)
     assert "ballscrew-observer" in computer.does("observer --version")
     told = computer.does(
-        "du -sm --exclude='pip*' --exclude='setuptools*' /opt/pipx/venvs/*/lib/python3*/site-packages"
+        "cd /opt/pipx/venvs/*/lib/python3*/site-packages && du -sm --exclude='pip*' --exclude='setuptools*' ."
     )
     print(f"\nthe daemon's packages by pipx: {told.split()[0]} MB")
     assert int(told.split()[0]) <= DAEMON_MB
@@ -163,14 +164,15 @@ def _change_the_configuration(computer: Box) -> None:
         computer.does(f"sudo sed -i 's/^convection_W_m2K = {old}/convection_W_m2K = {new}/' {CONFIG}")
         computer.does(check, code=code)
         computer.does(reload)
-        refused = bool(code)
-        until(lambda wanted=refused: ("convection_W_m2K" in _reasons(computer)) == wanted)
+        until(partial(_is_refused, computer, wanted=bool(code)))
     _gives_estimates(computer)
     assert _property(computer, "MainPID") == process
 
 
-def _reasons(computer: Box) -> str:
-    return " ".join(json.loads(computer.does("observer health", code=None)).get("reasons", []))
+def _is_refused(computer: Box, *, wanted: bool) -> bool:
+    """Whether health says, or says no more, that the key is wrong."""
+    reasons = json.loads(computer.does("observer health", code=None)).get("reasons", [])
+    return any("convection_W_m2K" in reason for reason in reasons) == wanted
 
 
 def _certify(computer: Box) -> None:
