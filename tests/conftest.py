@@ -24,14 +24,15 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput") or session.config.option.collectonly:
         return
     # Imported here, because a worker's import of the product belongs to its tests.
-    from observer import app, installation
+    from observer import installation
     from observer.history.smoother import smooth_heats
     from observer.service.align import Aligner
+    from observer.service.machine import Machine
 
     settings = installation.load(DEMO)
     for kind in ("kalman", "luenberger"):
         estimator = settings.estimator.model_copy(update={"kind": kind})
-        machine = app.Machine.of(settings.model_copy(update={"estimator": estimator}), learns=True)
+        machine = Machine.of(settings.model_copy(update={"estimator": estimator}), learns=True)
         machine.pipeline(machine.estimator()).warm_up(Aligner(machine.plan).tick(0.0))
     _, nothing = machine.drive.run(machine.drive.initial(), Aligner(machine.plan).tick(0.0))
     smooth_heats(machine.plant, settings.estimator, [nothing])

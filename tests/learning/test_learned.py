@@ -10,6 +10,7 @@ from observer.errors import ConfigError
 from observer.installation import load
 from observer.service.align import frames_of_log
 from observer.service.checkpoint import Fit, Snapshot, pack
+from observer.service.machine import Machine
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, day, draw
 
@@ -24,7 +25,7 @@ def config_path(tmp_path: Path) -> Path:
 def run_for_an_hour(config_path: Path) -> dict[str, tuple[float, float]]:
     """Leave the checkpoint of a service that has run for an hour, and return what it published last."""
     config = load(config_path)
-    machine = app.Machine.of(config, learns=True)
+    machine = Machine.of(config, learns=True)
     estimator = machine.estimator()
     pipeline = machine.pipeline(estimator)
     one = day(draw(1, 3, Rough()), 1, 3, "a")

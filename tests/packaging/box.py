@@ -68,7 +68,8 @@ class Box:
         return [
             "/usr/bin/nsenter", "--target", str(self.first), *where, "--",
             "/usr/sbin/runuser", "-u", "eve", "--",
-            "/usr/bin/env", "-i", "-C", "/home/eve", "HOME=/home/eve", "LANG=C.UTF-8", f"PATH={_SBIN}", "COLUMNS=110", *who,
+            "/usr/bin/env", "-i", "-C", "/home/eve", "HOME=/home/eve", "LANG=C.UTF-8", f"PATH={_SBIN}",
+            "COLUMNS=110", *who,
         ]  # fmt: skip
 
     def _journal(self) -> str:

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer import app
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
@@ -21,6 +20,7 @@ from observer.service import checkpoint, compensation
 from observer.service.align import frames_of_log
 from observer.service.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, shifted, unpack
 from observer.service.keeper import Keeper, carried, stored
+from observer.service.machine import Machine
 from observer.service.replay import estimates_of
 from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, Record
 
@@ -29,9 +29,9 @@ RIG = ROOT / "tests" / "data" / "rig"
 
 
 @pytest.fixture(scope="module")
-def machine() -> app.Machine:
+def machine() -> Machine:
     config = load_config(RIG / "config.toml")
-    return app.Machine.of(config)
+    return Machine.of(config)
 
 
 @pytest.fixture(scope="module")

@@ -64,7 +64,6 @@ def command(monkeypatch, tmp_path, capfd):
         return ended.value.code, *capfd.readouterr()
 
     monkeypatch.setattr("observer.service.shutdown.leave", leave)
-    monkeypatch.setattr("observer.cli.leave", leave)
     monkeypatch.chdir(tmp_path)
     return run
 

@@ -1,0 +1,254 @@
+"""What is done with a log as it is: replay, forecast, heats, and a prediction by the laws alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer.config import Output
+from observer.errors import LogError, UserError
+from observer.estimators.protocol import Estimator
+from observer.files.logs import Log, read_log, suffix_of
+from observer.files.results import results_in, write_json
+from observer.frames import EstimateBlock, FloatArray
+from observer.history.options import MethodOptions
+from observer.installation import Installation
+from observer.service.align import doubts, frames_of_log, refuse_empty
+from observer.service.machine import Machine
+from observer.service.open_loop import open_loop_rms_K, predicted, read_program, simulated_columns
+
+Progress = Callable[[int, int], None]
+
+
+class Ready(NamedTuple):
+    """A machine with its estimator, built once for as many logs as there are."""
+
+    machine: Machine
+    estimator: Estimator
+
+    @classmethod
+    def of(cls, config: Installation) -> Ready:
+        """Build them. Raises `UserError` where no gain to be trusted exists."""
+        machine = Machine.of(config, learns=True)
+        return cls(machine, machine.estimator())
+
+
+def replay(
+    log_path: Path,
+    config: Installation,
+    output: Path,
+    suffix: str,
+    *,
+    progress: Progress,
+    ready: Ready | None = None,
+    picture: bool = True,
+    **accept: bool,
+) -> dict[str, Any]:
+    """Run a log through the live path; write estimates, `summary.json` and `overview.png` into `output`.
+
+    `ready` is what was built of the same configuration before; `picture` says whether there is to be one.
+    `accept` is handed to `read_log`. Returns the summary. Raises `LogError` or `ConfigError`.
+    """
+    from observer.report.collect import ReplaySamples
+    from observer.report.overview import write_overview
+    from observer.service.checkpoint import Fit
+    from observer.service.replay import estimates_of, lasting, nut_paths, speeds, start_of, write_results
+
+    log = _recorded(log_path, config, **accept)
+    machine, estimator = ready or Ready.of(config)
+    pipeline = machine.pipeline(estimator)
+    start, told = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
+    samples = ReplaySamples(config, estimator.layout)
+    reasons: dict[str, int] = {}
+
+    def blocks() -> Iterator[EstimateBlock]:
+        for block in estimates_of(log, machine.plan, pipeline, progress, start):
+            if picture:
+                samples.take(pipeline.inputs, block)
+            yield block
+        reasons.update(lasting(pipeline))
+        more["gap"] = None if pipeline.gap is None else pipeline.gap.history
+
+    more: dict[str, Any] = {
+        "nut_path": nut_paths(config, log),
+        "speed_mean_rpm": speeds(config, log),
+        "open_loop_rms_K": open_loop_rms_K(machine.plant, machine.drive, frames_of_log(log, machine.plan)),
+        "doubts": doubts(log, frames_of_log(log, machine.plan), config),
+        "reasons": reasons,
+        "start": told,
+    }
+    with results_in(output) as part:
+        summary = write_results(part, suffix, estimator.layout, blocks(), log, config.digest, more)
+        if picture:
+            write_overview(part / "overview.png", config, samples, f"replay of {log_path.name}")
+    return summary
+
+
+def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
+    from observer.service.can_log import is_can_recording, read_can_log
+
+    if is_can_recording(path):
+        return read_can_log(path, config)
+    return channels_of(path, config, **accept)
+
+
+def channels_of(path: Path, config: Installation, **accept: bool) -> Log:
+    """A log of channels, each input of which has a value somewhere."""
+    log = read_log(path, config.channels, rows_apart_s=config.log.rows_apart_s, **accept)
+    refuse_empty(log, config, sensors=True)
+    return log
+
+
+def forecast(
+    log_path: Path,
+    config: Installation,
+    output: Path,
+    *,
+    program: Path | None,
+    hours: float | None,
+    progress: Progress,
+    **accept: bool,
+) -> list[str]:
+    """Replay a log and forecast from its end; write `forecast.csv`, `.json` and `.png` into `output`.
+
+    The program is learnt from the log's end, or given as a log of the input channels. `accept` is handed to
+    `read_log`. Returns sentences. Raises `LogError` or `ConfigError`.
+    """
+    from observer.files.writer import write_log
+    from observer.forecast.document import document, sentences
+    from observer.forecast.document import forecast as look_ahead
+    from observer.forecast.program import given, learnt
+    from observer.frames import EstimateQuality
+    from observer.report.forecast import write_forecast
+    from observer.service.checkpoint import Fit
+    from observer.service.forecasting import Learner, forecast_columns, program_bins
+    from observer.service.replay import estimates_of, start_of
+
+    settings = config.forecast
+    log, machine = _recorded(log_path, config, **accept), Machine.of(config, learns=True)
+    estimator = machine.estimator()
+    pipeline, learner = machine.pipeline(estimator), Learner(machine)
+    start, _ = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
+    last: EstimateBlock | None = None
+    for block in estimates_of(log, machine.plan, pipeline, progress, start):
+        learner.take(pipeline.inputs, block)
+        last = block
+    if last is None:
+        raise LogError(f"{log_path}: holds readings but no tick of the estimator; record for longer")
+    try:
+        ran = learner.bins
+        does = learnt(ran) if program is None else given(program_bins(program, machine), ran)
+        state = pipeline.snapshot()[1]
+        found = look_ahead(config, machine.plant, state, does, hours or settings.hours, settings.within_um)
+    except ValueError as error:
+        raise LogError(f"{log_path}: no forecast from its end: {error}") from None
+    quality = EstimateQuality(int(last.quality[-1]))
+    told = document(found, machine.plant, quality, "", settings.within_um)
+    with results_in(output) as part:
+        columns = forecast_columns(machine.plant.layout, found)
+        write_log(part / "forecast.csv", found.now_s + found.ahead.time_s, columns)
+        write_json(part / "forecast.json", told)
+        title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log_path.name}"
+        write_forecast(
+            part / "forecast.png", title, machine.plant.layout.position_m, found, settings.within_um
+        )
+    lines = sentences(found, machine.plant, settings.within_um)
+    return lines if told["reason"] is None else [*lines, f"Doubtful: {told['reason']}."]
+
+
+def identify(
+    log_path: Path,
+    config: Installation,
+    output: Path,
+    options: MethodOptions,
+    *,
+    progress: Callable[[str], None],
+    suffix: str = ".csv",
+    picture: bool = True,
+    **accept: bool,
+) -> dict[str, Any]:
+    """Estimate the heats over a whole log at once; write `heat.csv`, `summary.json` and `heat.png`.
+
+    `suffix` is that of the heats' file; `picture` says whether there is to be one. `accept` is handed to
+    `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
+    """
+    from observer.fit.changes import changes_within
+    from observer.history.identify import heat_history
+    from observer.report.heat_history import write_heat_history
+    from observer.service.identify import inputs_of, write_history
+    from observer.service.replay import nut_paths, speeds
+
+    options.check()
+    progress("reading the log")
+    log = _recorded(log_path, config, **accept)
+    # no field is reported, so the inputs of a long log need not carry its rows
+    ends_only = Output(positions_m=(0.0, config.screw.length_m))
+    machine = Machine.of(config.model_copy(update={"output": ends_only}))
+    frames = list(frames_of_log(log, machine.plan))
+    blocks, odd = inputs_of(frames, machine.drive), doubts(log, frames, config)
+    progress(options.method)
+    try:
+        history = heat_history(
+            machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, frames)
+        )
+    except UserError as error:
+        raise LogError(f"{log_path}: {error}") from None
+    more: dict[str, Any] = {
+        "config": config.digest,
+        "method": options.method,
+        "nut_path": nut_paths(config, log),
+        "speed_mean_rpm": speeds(config, log),
+        "doubts": odd,
+    }
+    with results_in(output) as part:
+        summary = write_history(part, machine.plant.layout, history, log, more, suffix)
+        title, by = f"heats in {log_path.name}", f"by {options.method}"
+        if picture:
+            write_heat_history(part / "heat.png", config, history, blocks, title, by)
+    return summary
+
+
+def simulate(
+    program: Path,
+    config: Installation,
+    output: Path,
+    start_degC: float | None,
+    progress: Progress,
+    warn: Callable[[list[str]], None] = lambda _sentences: None,
+) -> FloatArray:
+    """Predict a run from the heat laws alone and write it as a log, with `overview.png` beside it.
+
+    The program is a log of the input channels; where it also holds the sensors' channels, their first values
+    give the initial field. `warn` is told what is doubtful about it. Returns the last predicted sensor
+    temperatures in °C.
+    """
+    from observer.files.writer import write_log
+    from observer.report.collect import Decimator, simulated
+    from observer.report.overview import write_simulation_overview
+
+    suffix_of(output)
+    machine = Machine.of(config)
+    log = read_program(program, config)
+    refuse_empty(log, config, sensors=False)
+    warn([words.text for words in log.words])
+    samples = Decimator()
+    parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    done = 0
+    for inputs, rows in predicted(machine.plant, machine.drive, frames_of_log(log, machine.plan), start_degC):
+        samples.add(simulated(inputs, rows, machine.plant.rows))
+        parts.append((inputs.time_s, inputs.law_W, rows))
+        done += len(inputs)
+        progress(done, len(log))
+    if not parts:
+        raise LogError(f"{program}: an input that the model needs never has a value; fill its column")
+    time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
+    title = f"open-loop prediction of {program.name}"
+    with results_in(output.parent) as part:
+        columns = simulated_columns(config, machine.plant, log, time_s, law_W, rows)
+        write_log(part / output.name, time_s, columns)
+        write_simulation_overview(part / "overview.png", config, samples, title)
+    return np.asarray(rows[-1, machine.plant.rows.sensor_slice])

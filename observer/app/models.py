@@ -1,0 +1,234 @@
+"""What changes a model: calibration, what was learnt, the search for effects, adoption; and sensor sites."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from observer.app.logs import channels_of
+from observer.errors import ConfigError, LogError
+from observer.files.results import results_in, write_json
+from observer.frames import FrameBlock
+from observer.installation import Installation, load
+from observer.service.align import AlignPlan, doubts, frames_of_log
+from observer.service.machine import Machine
+
+if TYPE_CHECKING:  # the other commands start without the search
+    from observer.discovery.discover import Discovery
+    from observer.service.misread import Misread
+
+
+def calibrate(
+    log_paths: Sequence[Path], config_path: Path, output: Path, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Fit the free parameters and the process noise; write `config.toml` and `calibration.json`.
+
+    Returns the content of `calibration.json`.
+    """
+    from observer.discovery.result import calibration_result
+    from observer.fit.calibrate import calibrate as fit
+    from observer.fit.process_noise import fit_noise
+    from observer.installation.write_back import write_back
+
+    config = load(config_path)
+    searched = config_path.read_bytes()
+    runs, odd, _ = _runs(log_paths, config)
+    with results_in(output) as part:
+        found = fit(config, runs, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+        progress("process noise by maximum likelihood")
+        noise = fit_noise(found.config, runs)
+        result = calibration_result(found, noise) | {"doubts": odd}
+        result = _about(searched, [path.name for path in log_paths]) | result
+        text = write_back(config_path.read_text(encoding="utf-8"), found.values | found.left | noise)
+        (part / "config.toml").write_text(text, encoding="utf-8")
+        write_json(part / "calibration.json", result)
+    return result
+
+
+def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
+    """Write the configuration with what its service has learnt, by its checkpoint, as `config.toml`, and what
+    that is as `learned.json`.
+
+    Returns what has been learnt, with σ. Raises `ConfigError` where nothing is learnt or left to go by.
+    """
+    from observer.fit.learnt import offered
+    from observer.installation.write_back import with_effects, write_back
+    from observer.service.checkpoint import Fit, UnfitError
+    from observer.service.checkpoint import load as load_checkpoint
+
+    config, searched = load(config_path), config_path.read_bytes()
+    machine, file = Machine.of(config, learns=True), config.checkpoint_file
+    if (learning := machine.plant.learning) is None or not learning.names:
+        raise ConfigError(
+            f"{config_path}: estimator.learn: nothing is learnt; name what the estimator is to learn"
+        )
+    if file is None:
+        raise ConfigError(f"{config_path}: the service keeps no checkpoint; give [checkpoint] directory")
+    try:
+        fit = Fit.of(config, machine.drive, machine.estimator(), machine.gap())
+        stood = load_checkpoint(file, fit).estimator
+    except UnfitError as error:
+        raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None
+    first = len(stood.x_hat) - machine.plant.learnt
+    told = learning.told(stood.x_hat[first:], stood.P[first:, first:])
+    offer = offered(config, told)
+    with results_in(output) as part:
+        text = write_back(config_path.read_text(encoding="utf-8"), offer.values | offer.left)
+        (part / "config.toml").write_text(with_effects(text, offer.biases), encoding="utf-8")
+        parameters = {key: {"value": value, "sigma": sigma} for key, (value, sigma) in told.items()}
+        write_json(part / "learned.json", _about(searched, [file.name]) | {"parameters": parameters})
+    return told
+
+
+def discover(
+    config_path: Path,
+    log_paths: Sequence[Path],
+    output: Path,
+    progress: Callable[[str, float], None],
+    *,
+    recent_s: float | None = None,
+    report: bool = True,
+    alone: bool = False,
+) -> tuple[Discovery, dict[str, Any]]:
+    """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
+
+    With `recent_s` the logs are what the service has recorded in so many last seconds; `alone`, in this
+    process only, for the other cores have work of their own. Returns what was
+    found, and the content of `result.json`.
+    """
+    from observer.discovery.crew import Crew
+    from observer.discovery.discover import discover as find
+    from observer.discovery.result import discovery_result
+    from observer.discovery.suspects import Suspect
+    from observer.installation.write_back import with_effects, write_back
+    from observer.report.discovery import write_discovery_report
+
+    config = load(config_path)
+    progress("reading logs", 0.0)
+    searched = config_path.read_bytes()
+    if recent_s is None:
+        runs, names = _runs(log_paths, config, rightly=True), [path.name for path in log_paths]
+    else:
+        runs, names = _recent(config, recent_s)
+    righted = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
+    with results_in(output) as part:
+        with Crew(alone=alone) as crew:
+            found = find(config, runs.frames, progress, crew, righted)
+        result = _about(searched, names) | discovery_result(found) | {"doubts": runs.odd}
+        if found.verdict.kind == "named":
+            values = {key: entry["value"] for key, entry in result["calibrated"].items()}
+            text = write_back(config_path.read_text(encoding="utf-8"), values)
+            text = with_effects(text, found.verdict.fit.config.effect[len(config.effect) :])
+            (part / "config.toml").write_text(text, encoding="utf-8")
+        write_json(part / "result.json", result)
+        if report:
+            progress("writing the report", 0.97)
+            write_discovery_report(part / "report.html", found, result, names)
+    return found, result
+
+
+def adopt(folder: Path, config_path: Path, hours: float) -> str:
+    """Put a found configuration in the place of the one that was searched; returns a sentence."""
+    from observer.installation.adopt import adopt as put
+    from observer.installation.adopt import before_of
+
+    adoption = put(folder, config_path, hours, time.time())
+    return (
+        f"{config_path} is now the configuration of {folder}; the one before is in "
+        f"{before_of(config_path, adoption).name}.\nA running service puts it in force within seconds, "
+        f"watches the gap for {hours:g} h of running, and takes it back if that has not shrunk."
+    )
+
+
+def adopted(config_path: Path, *, undo: bool) -> str:
+    """Say how the last adoption stands; with `undo` take it back before."""
+    from observer.installation.adopt import adoption_of
+    from observer.installation.adopt import undo as put_back
+
+    found = put_back(config_path) if undo else adoption_of(config_path)
+    return f"{config_path}: " + ("nothing was adopted" if found is None else found.sentence())
+
+
+def place(config: Installation, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
+    """Rank sensor sites: the best sets of 1 … `count` positions and how well they see."""
+    from observer.estimators.design.placement import best_places
+
+    return [
+        {
+            "sensors": len(found.sites),
+            "positions_m": places_m,
+            "score_K": found.score_K,
+            "condition": found.condition,
+        }
+        for places_m, found in best_places(config, count, spacing_m)
+    ]
+
+
+class _Runs(NamedTuple):
+    """The frames of each log, what is doubtful about the logs as they are, and what was in another unit."""
+
+    frames: list[list[FrameBlock]]
+    odd: list[str]
+    misread: tuple[Misread, ...] = ()
+
+
+def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = False) -> _Runs:
+    """Read logs; `rightly`, those in which a channel is in another unit in the one expected."""
+    from observer.service.misread import read_rightly
+
+    _refuse_twice(log_paths)
+    plan, runs = AlignPlan.of(config), []
+    odd: list[str] = []
+    misread: dict[Misread, None] = {}
+    for path in log_paths:
+        log = channels_of(path, config)
+        frames = list(frames_of_log(log, plan))
+        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, frames, config)]
+        log, found = read_rightly(log, config) if rightly else (log, ())
+        misread |= dict.fromkeys(found)
+        runs.append(list(frames_of_log(log, plan)) if found else frames)
+    return _Runs(runs, odd, tuple(misread))
+
+
+def _refuse_twice(log_paths: Sequence[Path]) -> None:
+    """Raise `LogError` where two logs are one: it would be the proof of what was found in it."""
+    seen: dict[str, Path] = {}
+    for path in log_paths:
+        try:
+            with open(path, "rb") as file:
+                content = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError:
+            continue  # who reads it says why it cannot be
+        if (before := seen.setdefault(content, path)) is not path:
+            raise LogError(f"{path}: holds the same as {before}; give each log once")
+
+
+def _recent(config: Installation, last_s: float) -> tuple[_Runs, list[str]]:
+    """What the service recorded lately, a run for each stretch, and what each is called."""
+    from observer.service.plausibility import doubts_of_log
+    from observer.service.recent import stretches
+
+    name = f"{config.machine.name}-{config.machine.axis}"
+    runs, odd, names = [], [], []
+    for stretch in stretches(config.record, name, AlignPlan.of(config), last_s):
+        frames = stretch.frames
+        runs.append([frames])
+        names.append(str(stretch))
+        odd += [
+            f"{names[-1]}: {sentence}"
+            for sentence in doubts_of_log(config, frames.values, frames.channels, [frames.path])
+        ]
+    return _Runs(runs, odd), names
+
+
+def _about(searched: bytes, names: Sequence[str]) -> dict[str, Any]:
+    """What a result was made of: program, logs, and the text of the configuration."""
+    return {
+        "version": version("ballscrew-observer"),
+        "logs": list(names),
+        "config_sha256": hashlib.sha256(searched).hexdigest(),
+    }

@@ -1,0 +1,59 @@
+"""The command line; what its verbs do stands in `app`, `demo` and `report`."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from observer.cli import clients, logs, machines
+from observer.cli.output import say
+from observer.errors import UserError
+from observer.fleet.cli import fleet
+from observer.service import shutdown
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for _verbs in (machines.verbs, logs.verbs, clients.verbs):
+    app.add_typer(_verbs)
+app.add_typer(fleet, name="fleet")
+
+
+def _version(asked: bool) -> None:
+    """Say which version this is, and end."""
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"ballscrew-observer {version('ballscrew-observer')}")
+        raise typer.Exit
+
+
+@app.callback()
+def about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    """A ball screw's temperature field, heat inputs and thermal error, live and from logs."""
+
+
+def main() -> None:
+    """Run the command line; what a user can mend ends in one sentence and exit code 2."""
+    try:
+        app(prog_name="observer")
+    except UserError as error:
+        say(error)
+        sys.exit(2)
+    except ModuleNotFoundError as error:
+        from observer.installation.extras import remedy
+
+        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        sentence = remedy(f"observer {verb}", error)
+        if sentence is None:
+            raise
+        say(UserError(sentence))
+        shutdown.leave(2)  # a daemon may have started threads by then

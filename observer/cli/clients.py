@@ -1,0 +1,149 @@
+"""The verbs that ask a running service, or tell it something."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from observer.cli.options import (
+    DEFAULT_ENDPOINT,
+    AxisOption,
+    ClientOption,
+    ConnectOption,
+    HashOption,
+    MachineOption,
+    OneAxisOption,
+    OneMachineOption,
+    SecondsOption,
+    TimeoutOption,
+)
+from observer.errors import UserError
+from observer.service import shutdown
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from observer.publish.ask import Answer
+    from observer.tables.publishing import Client
+
+verbs = typer.Typer()
+
+
+@verbs.command()
+def watch(
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    machine: MachineOption = "*",
+    axis: AxisOption = "*",
+    seconds: SecondsOption = None,
+    client: ClientOption = None,
+) -> None:
+    """Subscribe to a running service and show heats, field and quality in the terminal."""
+    from observer.view import watch as show
+
+    shutdown.leave(show(connect, machine, axis, seconds, _client(client)))
+
+
+def _client(path: Path | None) -> Client | None:
+    from observer.installation import load_client
+
+    return None if path is None else load_client(path)
+
+
+@verbs.command()
+def health(
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    machine: MachineOption = "*",
+    axis: AxisOption = "*",
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
+) -> None:
+    """Ask the running service how it fares; exit code 0 if it lives and gives estimates, else 1."""
+    from observer.publish.ask import ask_health, gives_estimates
+    from observer.publish.watch import health_table
+
+    answer = ask_health(connect, machine, axis, timeout_s, _client(client))
+    _tell(answer, gives_estimates, health_table)
+
+
+def _tell(
+    answer: Answer,
+    is_good: Callable[[dict[str, Any]], bool],
+    for_people: Callable[[dict[str, Any]], RenderableType] = json.dumps,
+) -> NoReturn:
+    """Print what a service answered, in a terminal for people, and leave with 0 if that is good, else 1."""
+    if answer.document is not None and sys.stdout.isatty():
+        from rich.console import Console
+
+        Console(highlight=False, markup=False).print(for_people(answer.document))
+    else:
+        typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
+    shutdown.leave(0 if answer.document is not None and is_good(answer.document) else 1)
+
+
+_COMMANDS = {
+    "arm": "Arm the compensation of one axis; exit code 0 if it is armed then, else 1.",
+    "disarm": "Switch the compensation of one axis off; exit code 0 if it is off then, else 1.",
+    "reset": "Have the estimator of one axis start afresh; exit code 0 if it does, else 1.",
+}
+
+
+def _giving(kind: str) -> Callable[..., None]:
+    """The verb that gives a running service the command `kind` and prints what came of it."""
+
+    def give(
+        machine: OneMachineOption,
+        axis: OneAxisOption,
+        connect: ConnectOption = DEFAULT_ENDPOINT,
+        timeout_s: TimeoutOption = 5.0,
+        client: ClientOption = None,
+        config_hash: HashOption = None,
+    ) -> None:
+        _give(kind, machine, axis, connect, timeout_s, client, config_hash)
+
+    return give
+
+
+def _give(
+    kind: str,
+    machine: str,
+    axis: str,
+    connect: str,
+    timeout_s: float,
+    client: Path | None,
+    config_hash: str | None,
+    about: str | None = None,
+) -> None:
+    """Give a running service a command and tell what came of it."""
+    from observer.publish.ask import command
+
+    for option, name in (("--machine", machine), ("--axis", axis)):
+        if "*" in name:
+            raise UserError(f"{option}: {name} may be several; name the one that is meant")
+    answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash, about)
+    _tell(answer, lambda document: document.get("done") is True)
+
+
+for _kind, _help in _COMMANDS.items():
+    verbs.command(_kind, help=_help)(_giving(_kind))
+
+
+@verbs.command()
+def acknowledge(
+    machine: OneMachineOption,
+    axis: OneAxisOption,
+    alarm: Annotated[str | None, typer.Argument(help="Its id; all of them if left out.")] = None,
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
+    config_hash: HashOption = None,
+) -> None:
+    """Say that an alarm of one axis has been seen; exit code 0 if that is noted, else 1."""
+    if alarm is not None and not re.fullmatch(r"[A-Za-z0-9_.-]{1,250}", alarm):
+        raise UserError(f"{alarm!r} is no alarm; `observer watch` shows which there are")
+    _give("acknowledge", machine, axis, connect, timeout_s, client, config_hash, alarm)

@@ -1,0 +1,263 @@
+"""The verbs of logs: what was, what comes, what a model lacks, and what is adopted of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from observer.cli.options import (
+    ConfigOption,
+    DamagedOption,
+    LogArgument,
+    OutputOption,
+    TruncatedOption,
+)
+from observer.cli.output import warn, warn_of_paths
+from observer.errors import UserError
+
+verbs = typer.Typer()
+
+
+@verbs.command()
+def replay(
+    log: LogArgument,
+    config: ConfigOption,
+    output: OutputOption,
+    format: Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")] = "csv",
+    accept_truncated: TruncatedOption = False,
+    accept_damaged: DamagedOption = False,
+) -> None:
+    """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
+    from observer import app as parts
+    from observer.installation import load
+    from observer.report.progress import counting
+
+    with counting("replay") as progress:
+        summary = parts.replay(
+            log,
+            load(config),
+            output,
+            f".{format}",
+            accept_truncated=accept_truncated,
+            accept_damaged=accept_damaged,
+            progress=progress,
+        )
+    if summary["start"] != "cold":
+        typer.echo(f"start: {summary['start']}")
+    quality = ", ".join(f"{n} {name}" for name, n in summary["quality"].items() if n)
+    typer.echo(f"{summary['rows']} estimates over {summary['duration_s']:.6g} s: {quality}")
+    for name, mean_W in summary["heat_mean_W"].items():
+        typer.echo(f"  {name}: {'unknown' if mean_W is None else f'{mean_W:.2f} W'} on average")
+    for reason, steps in summary["reasons"].items():
+        typer.echo(f"not good in {steps} estimates: {reason}", err=True)
+    warn(summary["doubts"])
+    warn_of_paths(summary["nut_path"])
+    typer.echo(f"written to {output}: estimates.{format}, summary.json, overview.png")
+
+
+@verbs.command()
+def forecast(
+    log: LogArgument,
+    config: ConfigOption,
+    output: OutputOption,
+    program: Annotated[
+        Path | None,
+        typer.Option(help="What runs next, a log of the input channels, repeated; else as the log ends."),
+    ] = None,
+    hours: Annotated[float | None, typer.Option(min=0.05, max=24.0, help="How far ahead.")] = None,
+    accept_truncated: TruncatedOption = False,
+    accept_damaged: DamagedOption = False,
+) -> None:
+    """Say what comes after a log: temperatures and thermal error with sigma, and when it has settled."""
+    from observer import app as parts
+    from observer.installation import load
+    from observer.report.progress import counting
+
+    with counting("forecast") as progress:
+        lines = parts.forecast(
+            log,
+            load(config),
+            output,
+            program=program,
+            hours=hours,
+            accept_truncated=accept_truncated,
+            accept_damaged=accept_damaged,
+            progress=progress,
+        )
+    for line in lines:
+        typer.echo(line)
+    typer.echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
+
+
+@verbs.command()
+def identify(
+    log: LogArgument,
+    config: ConfigOption,
+    output: OutputOption,
+    method: Annotated[
+        Literal["smoother", "tikhonov", "conjugate-gradient"], typer.Option(help="How the heats are found.")
+    ] = "smoother",
+    regularisation: Annotated[
+        float | None,
+        typer.Option(help="Weight of the prior, 1 as configured; else chosen by the method."),
+    ] = None,
+    parameter_choice: Annotated[
+        Literal["discrepancy", "gcv", "l-curve", "ico"] | None,
+        typer.Option(help="How tikhonov chooses that weight; gcv by default."),
+    ] = None,
+    order: Annotated[
+        int | None,
+        typer.Option(min=0, max=1, help="Prior: 0 each heat by itself, 1 heats that walk (default)."),
+    ] = None,
+    gradient: Annotated[
+        Literal["adjoint", "central-differences"] | None,
+        typer.Option(help="Of the conjugate gradients; adjoint by default."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
+    accept_truncated: TruncatedOption = False,
+    accept_damaged: DamagedOption = False,
+) -> None:
+    """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
+    from observer import app as parts
+    from observer.history.options import MethodOptions
+    from observer.installation import load
+    from observer.report.progress import saying
+
+    options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
+    with saying("identify") as progress:
+        summary = parts.identify(
+            log,
+            load(config),
+            output,
+            options,
+            accept_truncated=accept_truncated,
+            accept_damaged=accept_damaged,
+            progress=progress,
+        )
+    typer.echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")
+    for name, mean_W in summary["heat_mean_W"].items():
+        sigma_W = summary["heat_sigma_mean_W"][name]
+        typer.echo(f"  {name}: {mean_W:.2f} W on average, σ {sigma_W:.2f} W at a time")
+    warn([*summary["warnings"], *summary["doubts"]])
+    warn_of_paths(summary["nut_path"])
+    typer.echo(f"written to {output}: heat.csv, summary.json, heat.png")
+
+
+@verbs.command()
+def simulate(
+    config: ConfigOption,
+    program: Annotated[Path, typer.Option(help="Log of the input channels (speed, position, power …).")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .csv, .csv.gz or .parquet.")],
+    start_degC: Annotated[
+        float | None,
+        typer.Option(help="Screw temperature at the start; else by sensors or ambient."),
+    ] = None,
+) -> None:
+    """Predict a run from the heat laws alone, as a log with overview.png beside it."""
+    from observer import app as parts
+    from observer.installation import load
+    from observer.report.progress import counting
+
+    settings, doubts = load(config), list[str]()
+    with counting("simulate") as progress:
+        last = parts.simulate(program, settings, output, start_degC, progress, doubts.extend)
+    ends = ", ".join(f"{s.name} {t:.2f} °C" for s, t in zip(settings.sensor, last, strict=True))
+    typer.echo(f"at the end: {ends}")
+    warn(doubts)
+    typer.echo(f"written: {output}, {output.parent / 'overview.png'}")
+
+
+@verbs.command()
+def calibrate(
+    log: Annotated[list[Path], typer.Argument(help="One or more logs of the same machine.")],
+    config: ConfigOption,
+    output: OutputOption,
+) -> None:
+    """Fit what the configuration declares free; write config.toml and calibration.json."""
+    from observer import app as parts
+    from observer.report.progress import saying
+
+    with saying("calibrate") as progress:
+        result = parts.calibrate(log, config, output, progress)
+    for key, fitted in result["calibrated"].items():
+        low, high = fitted["ci95"]
+        typer.echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
+    warn([*result["not_told"], *result["doubts"]])
+    for key, value in (result["left"] | result["process_noise"]).items():
+        typer.echo(f"{key} = {value:g}")
+    gap = result["gap"]
+    typer.echo(f"open-loop gap {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")
+    typer.echo(f"written to {output}: config.toml, calibration.json")
+
+
+@verbs.command()
+def learned(config: ConfigOption, output: OutputOption) -> None:
+    """Write the configuration with what its service has learnt, such as film and offsets."""
+    from observer import app as parts
+
+    for key, (value, sigma) in parts.learned(config, output).items():
+        typer.echo(f"{key} = {value:.5g} ± {sigma:.2g}")
+    typer.echo(f"written to {output}: config.toml, learned.json")
+
+
+@verbs.command()
+def discover(
+    config: ConfigOption,
+    output: OutputOption,
+    log: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Logs of the same machine; the last one, or its end, is kept as proof."),
+    ] = None,
+    recent: Annotated[
+        str | None,
+        typer.Option(help="In place of logs, what the service recorded in the last 90min, 8h, 2d …"),
+    ] = None,
+) -> None:
+    """Find the physical effect that the model lacks; add it, and prove that the gap shrinks."""
+    if bool(log) == (recent is not None):
+        raise UserError(
+            "discover: name either logs or --recent with a duration, as in --recent 8h, and not both"
+        )
+    from observer import app as parts
+    from observer.report.progress import advancing
+    from observer.report.wording import as_sentences
+    from observer.service.recent import duration_s
+
+    recent_s = None if recent is None else duration_s(recent)
+    with advancing("discover") as progress:
+        found, result = parts.discover(config, log or [], output, progress, recent_s=recent_s)
+    if recent is not None:
+        for name in result["logs"]:
+            typer.echo(f"searched: {name}")
+    warn(result["doubts"])
+    for sentence in as_sentences(found, result):
+        typer.echo(sentence)
+    files = "config.toml, result.json, report.html" if result["effects"] else "result.json, report.html"
+    typer.echo(f"written to {output}: {files}")
+
+
+@verbs.command()
+def adopt(
+    config: ConfigOption,
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="What discover or calibrate has written.")
+    ] = None,
+    hours: Annotated[
+        float, typer.Option(min=0.001, max=1000.0, help="Hours of running over which the gap is watched.")
+    ] = 24.0,
+    status: Annotated[
+        bool, typer.Option("--status", help="Instead, say how the last adoption stands.")
+    ] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="Instead, take the last adoption back.")] = False,
+) -> None:
+    """Put a found configuration in force, watch the gap, and take it back if that has not shrunk."""
+    if [folder is not None, status, undo].count(True) != 1:
+        raise UserError("adopt: name either the folder of results, or --status, or --undo")
+    from observer import app as parts
+
+    if folder is not None:
+        typer.echo(parts.adopt(folder, config, hours))
+    else:
+        typer.echo(parts.adopted(config, undo=undo))

@@ -1,0 +1,61 @@
+"""The options that several verbs share."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from observer.errors import UserError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="Configuration (TOML).")]
+OutputOption = Annotated[
+    Path, typer.Option("--output", "-o", help="Folder for the results; made if missing.")
+]
+SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself after this many seconds.")]
+
+
+def endpoint(option: typer.CallbackParam, text: str) -> str:
+    """Refuse what is no endpoint before anything is started."""
+    from observer.tables.endpoints import checked_endpoint
+
+    try:
+        return checked_endpoint(text)
+    except ValueError as error:
+        raise UserError(f"{option.opts[0]}: {error}") from None
+
+
+ConnectOption = Annotated[
+    str, typer.Option(help="Zenoh endpoint of the service or its router.", callback=endpoint)
+]
+
+
+def _name(option: typer.CallbackParam, text: str) -> str:
+    """Refuse what cannot be the name of a machine or axis before anything is asked."""
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}|\*", text):
+        raise UserError(f"{option.opts[0]}: {text!r} is no name; names are of letters, digits and _.-")
+    return text
+
+
+MachineOption = Annotated[str, typer.Option(help="Machine; * for whichever is there.", callback=_name)]
+AxisOption = Annotated[str, typer.Option(help="Axis; * for whichever is there.", callback=_name)]
+OneMachineOption = Annotated[str, typer.Option("--machine", help="Which machine.", callback=_name)]
+OneAxisOption = Annotated[str, typer.Option("--axis", help="Which axis.", callback=_name)]
+TimeoutOption = Annotated[float, typer.Option(min=0.1, help="How long to wait for an answer.")]
+ClientOption = Annotated[
+    Path | None, typer.Option("--client", help="Who asks: certificates and password (TOML).")
+]
+LogArgument = Annotated[
+    Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
+]
+TruncatedOption = Annotated[bool, typer.Option(help="Drop a last row that was cut off.")]
+DamagedOption = Annotated[bool, typer.Option(help="Drop rows whose checksum is wrong.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="For programs.")]
+HashOption = Annotated[
+    str | None, typer.Option(help="Hash of the configuration that is meant; else the one in force.")
+]
