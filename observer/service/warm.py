@@ -20,6 +20,8 @@ from numba.core import event
 
 _EXTEND_S = 30.0
 _LOOK_S = 5.0
+_TELL_S = 30.0
+"""How often it is told that this goes on."""
 _LONGEST_S = 1800.0
 """No computer that could run the service takes longer; what has not ended by then hangs."""
 
@@ -73,9 +75,13 @@ class Compiler:
             assert child.stdin is not None
             with contextlib.suppress(BrokenPipeError):  # it has failed already, which its code will say
                 child.stdin.write(self._line.encode() + b"\n")  # and stays open: it ends when this one does
-            end_s = time.monotonic() + _LONGEST_S
-            while not self._ended and time.monotonic() < end_s:
+            begun_s, told = time.monotonic(), 0
+            while not self._ended and (took_s := time.monotonic() - begun_s) < _LONGEST_S:
                 self._notify(f"EXTEND_TIMEOUT_USEC={int(_EXTEND_S * 1e6)}")
+                if took_s // _TELL_S > told:
+                    told = int(took_s // _TELL_S)
+                    log.info("still compiling", so_far_s=round(took_s))
+                    self._notify(f"STATUS=compiling the estimator's kernels, {took_s:.0f} s so far")
                 try:
                     code = child.wait(_LOOK_S)
                 except subprocess.TimeoutExpired:

@@ -51,6 +51,10 @@ class Box:
         )
         return done.stdout + done.stderr
 
+    def says(self, line: str) -> bool:
+        """Whether a line ends with 0."""
+        return self.does(f"{line} >/dev/null 2>&1; echo $?", code=None).strip() == "0"
+
     @contextmanager
     def beside(self, line: str) -> Iterator[None]:
         """Have a line run beside what is done meanwhile."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -78,7 +79,7 @@ def _gives_estimates(computer: Box) -> None:
         assert _property(computer, "ActiveState") != "failed", computer.does(
             "systemctl status -n 40 ballscrew-observer", code=None
         )
-        return computer.does("observer health >health.json && echo good", code=None).strip().endswith("good")
+        return computer.says("observer health")
 
     until(is_good, 2 * COMPILE_S, pause_s=2.0)
     assert _property(computer, "ActiveState") == "active"
@@ -96,6 +97,7 @@ def test_from_the_box_to_a_running_service_and_back(computer: Box) -> None:
         _certify(computer)
         _update(computer)
         _remove(computer)
+        _serve_two_axes(computer)
 
 
 def _install_the_program(computer: Box) -> None:
@@ -206,3 +208,17 @@ def _remove(computer: Box) -> None:
     (back,) = [line for line in _lines("Update, and go back") if "service install" in line]
     computer.does(back)
     _gives_estimates(computer)
+
+
+def _serve_two_axes(computer: Box) -> None:
+    """One service of both: the second goes to the first's router, and its page has a port of its own."""
+    edits = (
+        's/^axis = .*/axis = "y"/', 's/^mode = .*/mode = "client"/', "s/:8080/:8081/",
+        's#^listen = .*7447.*#connect = ["tcp/127.0.0.1:7447"]#',
+    )  # fmt: skip
+    computer.does(f"sed {' '.join('-e ' + shlex.quote(edit) for edit in edits)} observer.toml >y.toml")
+    computer.does(f"sudo observer service install --config {CONFIG} --config y.toml")
+    for axis in "zy":
+        until(partial(computer.says, f"observer health --machine lathe-7 --axis {axis}"), 2 * COMPILE_S, 2.0)
+    assert _property(computer, "ActiveState") == "active"
+    computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-y")

@@ -79,3 +79,15 @@ def test_ends_at_once_when_the_service_does(module):
     thread.join(30.0)
     assert not thread.is_alive()
     assert kernels.runs == 1
+
+
+@pytest.mark.system
+def test_whoever_waits_is_told_that_it_goes_on(module, monkeypatch):
+    monkeypatch.setattr("observer.service.warm._LOOK_S", 0.01)
+    monkeypatch.setattr("observer.service.warm._TELL_S", 0.05)
+    notes = []
+    Compiler(module[0], "0", notes.append).warm(_Kernels(cached=False))
+    told = [note for note in notes if note.endswith("s so far")]
+    assert told
+    assert all(note.startswith("STATUS=compiling") for note in told)
+    assert notes[-1] == "STATUS="
