@@ -6,6 +6,8 @@ import os
 import re
 import signal
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -43,6 +45,20 @@ def test_every_axis_is_heard_through_one_router_and_one_that_dies_comes_back(tmp
             process.send_signal(signal.SIGKILL)
             process.wait(PATIENCE_S)
             until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in now.values()))
+
+
+@pytest.mark.system
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_fifty_axes_are_heard_through_one_router():
+    """Each sends what is due, and none of it is lost on the way."""
+    command = [sys.executable, "-m", "tests.fleet.axes", "--axes", "50", "--seconds", "10"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "50 of 50 axes heard" in done.stdout
+    assert " 0 lost on the way" in done.stdout
+    assert "exit code 0; 0 axes left over" in done.stdout
 
 
 def test_two_that_are_the_same_axis_or_listen_at_the_same_place_are_refused(tmp_path):
