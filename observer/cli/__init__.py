@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import Annotated
 
@@ -41,10 +42,21 @@ def about(
     """A ball screw's temperature field, heat inputs and thermal error, live and from logs."""
 
 
+_INTERRUPTED = 130
+
+
 def main() -> None:
-    """Run the command line; what a user can mend ends in one sentence and exit code 2."""
+    """Run the command line; what a user can mend ends in one sentence and exit code 2, Ctrl-C in 130."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, shutdown.arriving(shutdown.interrupting()))
     try:
         app(prog_name="observer")
+    except KeyboardInterrupt:  # before a command began
+        shutdown.leave(_INTERRUPTED)
+    except SystemExit as end:
+        if end.code == _INTERRUPTED:
+            shutdown.leave(_INTERRUPTED)  # threads end what they are at first, and nobody waits for that
+        raise
     except UserError as error:
         say(error)
         sys.exit(2)

@@ -47,7 +47,7 @@ class Crew:
             if error is not None:  # nobody waits for what it does
                 for process in multiprocessing.active_children():
                     process.kill()
-            self._other.shutdown(wait=False, cancel_futures=True)
+            self._other.shutdown(wait=error is not None, cancel_futures=True)
 
     def each(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
         """Return `work(problem, *task)` of every task; the work is a pure function of a module."""

@@ -84,9 +84,12 @@ class Forward:
 
     def _follow_nuts(self, setting: Setting) -> None:
         """Follow the nuts' paths, which takes longest of all, through several runs at a time."""
-        with ThreadPoolExecutor() as threads:
+        threads = ThreadPoolExecutor()
+        try:
             for followed in [threads.submit(self._inputs, setting, run) for run in self.runs]:
                 followed.result()
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)  # after Ctrl-C nobody waits for the others
 
     def _setting(self, config: Config) -> Setting:
         """What the runs are predicted with at a configuration."""

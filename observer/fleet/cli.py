@@ -195,17 +195,17 @@ def _work(
 @contextmanager
 def _ended_by_signals(verb: Verb) -> Iterator[None]:
     """End at Ctrl-C and SIGTERM in good order, with a shell's exit code for it; at a second, at once."""
-    from observer.service.shutdown import leave
+    from observer.service.shutdown import arriving, leave
 
     heard: list[int] = []
 
-    def take(number: int, _frame: object) -> None:
+    def take(number: int) -> None:
         heard.append(number)
         if len(heard) > 1:
             leave(128 + heard[0])  # its workers end with it; what is done is whole, as after kill -9
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, arriving(take)) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     except KeyboardInterrupt as ended:

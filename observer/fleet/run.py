@@ -176,7 +176,8 @@ def _deaf_to_ctrl_c() -> LoopRunner:
     The deaf hand it on to their processes; a worker that hears it while it starts prints a traceback.
     """
     resource_tracker.ensure_running()  # it would give its starter ears again
-    logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # of workers that are ended while they start
+    for name in ("asyncio", "distributed"):  # of workers that are ended while they start, and what follows
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     runner = LoopRunner()
     with _unheard(signal.SIGINT):
         runner.start()

@@ -1,7 +1,11 @@
-"""Leaving on SIGTERM or SIGINT within a bound, whatever the process is stuck in; SIGHUP asks to reload."""
+"""Leaving on SIGTERM or SIGINT within a bound, whatever the process is stuck in; SIGHUP asks to reload.
+
+Commands that end by themselves are left by an exception, which is raised where it is not lost.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -10,10 +14,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import NoReturn
 
 GRACE_S = 1.7
+AGAIN_S = 0.05
+ON_ITS_WAY_S = 1.0
 
 
 class StopSignals:
@@ -114,3 +120,45 @@ def leave(code: int) -> NoReturn:
         except (OSError, ValueError):
             continue  # closed or broken: nobody reads it any more
     os._exit(code)
+
+
+def arriving(act: Callable[[int], object]) -> Callable[[int, FrameType | None], None]:
+    """A handler that calls `act`, which may raise, with the signal's number.
+
+    Where that would be lost, the signal is raised again a little later, for whoever listens to it by then.
+    """
+
+    def take(number: int, frame: FrameType | None) -> None:
+        if _is_lost_in(frame):
+            signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
+            act(number)
+
+    return take
+
+
+def interrupting() -> Callable[[int], None]:
+    """What raises `KeyboardInterrupt`, and not again while that is on its way out, through what tidies up."""
+    raised_s = -math.inf
+
+    def interrupt(_number: int) -> None:
+        nonlocal raised_s
+        if time.monotonic() - raised_s > ON_ITS_WAY_S:
+            raised_s = time.monotonic()
+            raise KeyboardInterrupt
+
+    return interrupt
+
+
+def _is_lost_in(frame: FrameType | None) -> bool:
+    """Whether an exception may be lost on its way out of a frame, or come out as another one.
+
+    Libraries take a module for missing whatever its import raises, and compiled code that calls back goes on.
+    """
+    while frame is not None:
+        file = frame.f_code.co_filename
+        if file.startswith("<frozen importlib") or "/llvmlite/" in file:
+            return True
+        frame = frame.f_back
+    return False

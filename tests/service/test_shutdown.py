@@ -1,5 +1,6 @@
 """SIGTERM and SIGINT end a process in time, whatever it hangs in."""
 
+import importlib
 import os
 import pty
 import re
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from observer.service.shutdown import arriving
 from tests.patience import Stopwatch, until
 
 WELL = "signals.when_heard(ended.set); print('go', flush=True); ended.wait(30); print('ended', flush=True)"
@@ -110,3 +112,25 @@ def test_a_hang_up_of_its_terminal_ends_a_process():
     finally:
         process.kill()
     assert (process.returncode, out) == (0, "ended\n")
+
+
+@pytest.fixture
+def handlers():
+    """The handlers of signals, to be as before."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGALRM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_what_a_signal_raises_is_raised_behind_an_import(handlers, tmp_path, monkeypatch):
+    heard = []
+    (tmp_path / "interrupted.py").write_text("import signal; signal.raise_signal(signal.SIGINT); done = True")
+    monkeypatch.syspath_prepend(tmp_path)
+    signal.signal(signal.SIGINT, arriving(heard.append))
+    module = importlib.import_module("interrupted")
+    assert module.done
+    assert not heard
+    until(lambda: heard == [signal.SIGINT])
+    signal.raise_signal(signal.SIGINT)
+    assert len(heard) == 2, "elsewhere it is raised at once"

@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -24,20 +26,69 @@ def _second(pid: int) -> int | None:
     return None
 
 
-@pytest.mark.parametrize("after_s", [0.02, 2.0], ids=["while it starts", "at work"])
-def test_a_search_ends_without_a_word_of_its_second_process(after_s, tmp_path):
+def _logs() -> list[Path]:
     logs = sorted(RIG.rglob("run_*.csv.gz"))
     assert len(logs) > 2, "a search of one log may be over before it is interrupted"
-    command = [sys.executable, "-m", "observer", "discover", *map(str, logs)]
-    command += ["--config", str(RIG / "config.toml"), "--output", str(tmp_path / "found")]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
-    ) as process:
+    return logs
+
+
+@contextmanager
+def _started(
+    verb: str, logs: list[Path], output: Path, **environment: str
+) -> Iterator[subprocess.Popen[str]]:
+    """A command in a process group of its own."""
+    command = [sys.executable, "-m", "observer", verb, *map(str, logs)]
+    process = subprocess.Popen(
+        [*command, "--config", str(RIG / "config.toml"), "--output", str(output)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        env=os.environ | environment,
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("often", [False, True], ids=["once", "again and again"])
+@pytest.mark.parametrize("after_s", [0.02, 2.0], ids=["while it starts", "at work"])
+def test_a_search_ends_without_a_word_of_its_second_process(after_s, often, tmp_path):
+    with _started("discover", _logs(), tmp_path / "found") as process:
         second = until(lambda: _second(process.pid))
         until(lambda: computed_s(second) >= after_s)
         os.killpg(process.pid, signal.SIGINT)
+        while often and process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert said == ""
     assert not list(tmp_path.iterdir())
     until(lambda: not Path(f"/proc/{second}").exists())
+
+
+_SWALLOWS_IT = """
+import os, signal, time
+try:
+    os.killpg(0, signal.SIGINT)
+    time.sleep(0.01)
+except KeyboardInterrupt:
+    pass
+raise ImportError
+"""
+
+
+@pytest.mark.parametrize("verb", ["replay", "identify", "calibrate", "discover"])
+def test_ctrl_c_is_not_lost_while_a_library_is_loaded(verb, tmp_path):
+    """Arrow looks for pandas when it has read a log; compiled modules of that swallow what is raised."""
+    (tmp_path / "pandas").mkdir()
+    (tmp_path / "pandas" / "__init__.py").write_text(_SWALLOWS_IT)
+    path = os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", "")))
+    logs = _logs() if verb in ("calibrate", "discover") else _logs()[:1]
+    with _started(verb, logs, tmp_path / "found", PYTHONPATH=path) as process:
+        said, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert said == ""
+    assert [file.name for file in tmp_path.iterdir()] == ["pandas"]
