@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -52,10 +52,10 @@ def main() -> None:
     try:
         app(prog_name="observer")
     except KeyboardInterrupt:  # before a command began
-        shutdown.leave(_INTERRUPTED)
+        _leave()
     except SystemExit as end:
         if end.code == _INTERRUPTED:
-            shutdown.leave(_INTERRUPTED)  # threads end what they are at first, and nobody waits for that
+            _leave()
         raise
     except UserError as error:
         say(error)
@@ -69,3 +69,9 @@ def main() -> None:
             raise
         say(UserError(sentence))
         shutdown.leave(2)  # a daemon may have started threads by then
+
+
+def _leave() -> NoReturn:
+    """End after Ctrl-C, without waiting for threads that are still at something."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    shutdown.leave(_INTERRUPTED)

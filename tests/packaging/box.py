@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.patience import COMPILE_S
+from tests.patience import COMPILE_S, until
 
+_BOOTED = {"running", "degraded"}
 _SCRIPT = Path(__file__).with_name("box.sh")
 _SBIN = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 _TOLD = (
@@ -34,7 +35,6 @@ class Box:
     """A booted box, by the number of its first process."""
 
     first: int
-    log: Path
 
     def does(self, line: str, *, code: int | None = 0, fetches: bool = False) -> str:
         """Carry a line out as its user, at home; returns what was printed.
@@ -100,8 +100,11 @@ def box(place: Path, *packages: str) -> Iterator[Box]:
         if said[0] != "furnished" or not said[1].isdigit():
             process.kill()
             pytest.skip(f"no box can be made here: {(place / 'log').read_text()[-500:]}")
-        made = Box(int(said[1]), place / "log")
+        made = Box(int(said[1]))
         try:
+            # until then its files are this computer's
+            until(lambda: Path(f"/proc/{made.first}/comm").read_text().strip() == "systemd")
+            until(lambda: made.does("systemctl is-system-running", code=None).strip() in _BOOTED)
             yield made
         finally:
             assert process.stdin is not None
