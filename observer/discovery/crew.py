@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -33,7 +34,9 @@ class Crew:
         self._other: ProcessPoolExecutor | None = None
         self._sent: Problem | None = None
         if not alone and (os.cpu_count() or 1) > 1 and multiprocessing.parent_process() is None:
-            self._other = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+            self._other = ProcessPoolExecutor(
+                1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
+            )
             with _deaf():
                 self._other.submit(_awake)  # it takes a second
 
@@ -127,6 +130,18 @@ def _deaf() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with_parent() -> None:
+    """In the second process: end when the first has, however it was ended."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _awake() -> None:
