@@ -134,11 +134,13 @@ class Daemon:
         """The ticks in the recording so far."""
         return [float(row[0]) for row in self._rows()[1:] if row[-3] == "1"]
 
-    def readings(self, channel: str) -> list[str]:
-        """The values of a channel in the recording so far."""
+    def readings(self, channel: str, tick_s: float) -> list[str]:
+        """The values of a channel that the recording has up to the tick of that time; waits for that tick."""
+        until(lambda: self.step_times_s()[-1] >= tick_s)
         head, *rows = self._rows()
         column = head.index(channel)
-        return [row[column] for row in rows if row[column]]
+        used = itertools.takewhile(lambda row: row[-3] != "1" or float(row[0]) <= tick_s, rows)
+        return [row[column] for row in used if row[column]]
 
     def _rows(self) -> list[list[str]]:
         """The recording so far; a row that is being written is left out."""

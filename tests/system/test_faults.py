@@ -168,14 +168,16 @@ def test_a_stuck_thermocouple(service):
     until(lambda: len(service.daemon.step_times_s()) > NOISY_TICKS)
     service.seen.wait_until_good()
     with _cleared(service):
-        service.plant.fault(stuck="t2_degC")
+        begin_s = service.plant.fault(stuck="t2_degC")
         until(lambda: _faults(service)["t2_degC"] == "stuck")
-        values = service.daemon.readings("t2_degC")
         flagged_s = time.time()
         service.seen.wait_until_after(flagged_s + 0.5)
         after = service.seen.between(flagged_s, flagged_s + 0.5)
+        during = service.seen.between(begin_s, flagged_s + 0.5)
+        first_s = next(e["time_s"] for e in during if e["sensor_quality"][1] == "rejected")
+        values = service.daemon.readings("t2_degC", first_s)
     still = len(list(itertools.takewhile(lambda value: value == values[-1], reversed(values))))
-    assert still >= 60
+    assert still >= 60, (first_s - begin_s, values[-70:])
     assert {e["sensor_quality"][1] for e in after} == {"rejected"}
     assert "good" not in {e["quality"] for e in after}
 
