@@ -9,7 +9,7 @@ import re
 import socket
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import zenoh
@@ -27,10 +27,11 @@ _LONGEST = 300
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What came back: a JSON object, or in words why there is none."""
+    """What came back: a JSON object, or in words why there is none; and the machine and axis it is from."""
 
     document: dict[str, Any] | None
     problem: str = ""
+    source: tuple[str, str] = ("", "")
 
 
 def ask_health(
@@ -38,6 +39,13 @@ def ask_health(
 ) -> Answer:
     """Ask a running service for its health."""
     return _ask(connect, machine, axis, "health", timeout_s, client)
+
+
+def ask_alarms(
+    connect: str, machine: str, axis: str, timeout_s: float, client: Client | None = None
+) -> Answer:
+    """Ask a running service for its alarms."""
+    return _ask(connect, machine, axis, "alarms", timeout_s, client)
 
 
 def gives_estimates(health: Mapping[str, Any]) -> bool:
@@ -104,7 +112,9 @@ def _ask(
         try:
             for reply in session.get(selector, timeout=max(0.1, until_s - time.monotonic())):
                 if reply.ok is not None:
-                    return answer_of(reply.ok.payload.to_bytes())
+                    names = str(reply.ok.key_expr).split("/")
+                    source = (names[1], names[2]) if len(names) == 4 else (machine, axis)
+                    return replace(answer_of(reply.ok.payload.to_bytes()), source=source)
                 refusal = refusal_of(reply.err.payload.to_bytes()) if reply.err is not None else "Timeout"
                 if refusal != "Timeout":  # what Zenoh itself says where nobody has answered
                     return Answer(None, refusal)

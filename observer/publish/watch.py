@@ -117,10 +117,11 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     return Group(*parts, *_reasons(health), *_alarms(latest.get("alarms", {})))
 
 
-def health_table(health: Mapping[str, Any]) -> RenderableType:
-    """A health report for people: state and reasons, channels, drivers, and where it is recorded."""
+def health_table(health: Mapping[str, Any], alarms: Mapping[str, Any], axis: str) -> RenderableType:
+    """A health report for people: state and reasons, channels, drivers, where it is recorded, and alarms."""
     state, quality = _word(health.get("state")), _word(health.get("quality"))
-    title = Text(f"service {state}", style=_style(state))
+    title = Text(f"{_word(axis)}   ")
+    title.append(f"service {state}", style=_style(state))
     title.append(f"   estimates {quality}", style=_style(quality))
     channels = Table("channel", "quality", "age, s", "fault")
     for name, channel in _tables(health.get("channels")):
@@ -132,7 +133,7 @@ def health_table(health: Mapping[str, Any]) -> RenderableType:
         connected = Text("yes", style="green") if driver.get("connected") is True else Text("no", style="red")
         drivers.add_row(Text(name), connected, *(_number(_float(driver.get(key)), 0) for key in _COUNTED))
     recording = Text(f"recording {_word(health.get('recording'))}", style="dim")
-    return Group(title, *_reasons(health), channels, drivers, recording)
+    return Group(title, *_reasons(health), channels, drivers, recording, *_alarms(alarms))
 
 
 def _reasons(health: Mapping[str, Any]) -> list[Text]:

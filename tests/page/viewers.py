@@ -1,6 +1,6 @@
-"""What viewers cost: the CPU of the gateway's process with none and with five, and the first paint.
+"""What viewers cost and see: the gateway's share of a core, the first paint, and how much the page jumps.
 
-`python -m tests.page.viewers` prints a row for each; it takes about a minute and a half on a quiet computer.
+`python -m tests.page.viewers` prints a row for each; it takes two minutes and a half on a quiet computer.
 """
 
 from __future__ import annotations
@@ -19,6 +19,13 @@ from tests.system.plant import children_of
 MEASURED_S = 20.0
 VIEWERS = 5
 PAINTS = 5
+_JUMPS = """() => new Promise(done => {
+  let first = 0, later = 0;
+  const add = e => e.startTime < 2000 ? first += e.value : later += e.value;
+  const seen = new PerformanceObserver(list => list.getEntries().forEach(add));
+  seen.observe({type: 'layout-shift', buffered: true});
+  setTimeout(() => done([first, later]), SECONDS);
+})"""
 
 
 def main() -> None:
@@ -36,7 +43,10 @@ def main() -> None:
         print(f"{VIEWERS} viewers: {share:.1%} of a core, {rate_kB_s:.0f} kB/s in all")
         with chromium() as browser:
             paints_ms = [_first_paint_ms(browser, url) for _ in range(PAINTS)]
-        print(f"first paint: {min(paints_ms):.0f} to {max(paints_ms):.0f} ms in {PAINTS} new windows")
+            print(f"first paint: {min(paints_ms):.0f} to {max(paints_ms):.0f} ms in {PAINTS} new windows")
+            for name in SIZES:
+                first, later = _jumps(browser, url, name)
+                print(f"layout shift, {name}: {first:.3f} in the first two seconds, {later:.3f} in the next")
 
 
 def _is_gateway(pid: int) -> bool:
@@ -61,8 +71,21 @@ def _look(url: str, read: list[int]) -> None:
             read[0] += len(line)
 
 
+def _window(browser, size: str):
+    return browser.new_context(viewport=dict(zip(("width", "height"), SIZES[size], strict=True)))
+
+
+def _jumps(browser, url: str, size: str) -> tuple[float, float]:
+    """How far what stands on the page moves, weighted by its part of the window, as browsers tell it."""
+    with _window(browser, size) as context:
+        page = context.new_page()
+        page.goto(url)
+        first, later = page.evaluate(_JUMPS.replace("SECONDS", f"{1000 * MEASURED_S}"))
+    return first, later
+
+
 def _first_paint_ms(browser, url: str) -> float:
-    context = browser.new_context(viewport=dict(zip(("width", "height"), SIZES["desktop"], strict=True)))
+    context = _window(browser, "desktop")
     page = context.new_page()
     page.goto(url)
     page.wait_for_selector("tr[data-sensor]")

@@ -2,6 +2,7 @@
 
 import io
 import json
+from functools import partial
 
 import cbor2
 import numpy as np
@@ -57,12 +58,14 @@ def test_a_health_report_is_shown_with_state_reasons_channels_and_drivers():
     channels = {"t1_degC": {"quality": "good", "age_s": 0.25, "fault": None},
                 "[t2]": {"quality": "missing", "age_s": None, "fault": "open_circuit"}}  # fmt: skip
     drivers = {"amp": {"connected": False, "samples": 40, "drops": 1, "errors": 7, "reconnects": 2}}
+    alarms = {"alarms": [{"severity": "major", "reason": "it wears"}]}
     text = _shown(
         {"state": "starting", "quality": "invalid", "reasons": ["driver amp is not connected: refused"],
          "channels": channels, "drivers": drivers, "recording": "/var/lib/r.csv"},
-        health_table,
+        partial(health_table, alarms=alarms, axis="lathe-7/z"),
     )  # fmt: skip
-    for words in ("service starting", "estimates invalid", "• driver amp is not connected: refused", "0.2",
+    for words in ("lathe-7/z", "▲ major", "it wears", "service starting",
+                  "estimates invalid", "• driver amp is not connected: refused", "0.2",
                   "t1_degC", "[t2]", "missing", "open_circuit", "no", "40", "/var/lib/r.csv"):  # fmt: skip
         assert words in text
 
@@ -70,7 +73,8 @@ def test_a_health_report_is_shown_with_state_reasons_channels_and_drivers():
 @pytest.mark.parametrize("value", [None, 7, "x", [1], {"a": 1}, {"a": {"quality": 5, "age_s": "old"}}, 1e400])
 def test_whatever_a_health_report_holds_it_is_shown(value):
     keys = ("state", "quality", "reasons", "channels", "drivers", "recording")
-    assert "service" in _shown(dict.fromkeys(keys, value), health_table)
+    shown = _shown(dict.fromkeys(keys, value), partial(health_table, alarms={"alarms": value}, axis="a/b"))
+    assert "service" in shown
 
 
 def test_without_truth_there_is_no_such_column():

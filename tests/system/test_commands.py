@@ -150,9 +150,11 @@ def test_health_is_for_people_in_a_terminal_and_one_line_of_json_in_a_pipe():
         piped = until(lambda: (done := _observer("health", "--connect", endpoint)).returncode == 0 and done)
         assert json.loads(piped.stdout) == report
         assert piped.stdout.count("\n") == 1
+        made.alarms({"alarms": [{"id": "heat_high.nut", "severity": "minor", "state": "active"}]})
         with Terminal("-m", "observer", "health", "--connect", endpoint) as terminal:
             assert terminal.process.wait(PATIENCE_S) == 0
-            until(lambda: "recording" in terminal.shown())
+            until(lambda: "minor heat_high.nut (active)" in terminal.shown())
+            assert "lathe-7/z" in terminal.shown()
             assert "service good" in terminal.shown()
             assert "t1_degC" in terminal.shown()
             assert "{" not in terminal.shown()
