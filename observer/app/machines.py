@@ -31,13 +31,13 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
     from observer.installation import unit
     from observer.report.examine import examine
 
+    here = root == Path("/")
     if not config_paths:
         plan = unit.to_remove()
     else:
         program = unit.this_program()
-        if root == Path("/") and not dry_run:
+        if here and not dry_run:
             unit.refuse_unseen(program)
-        here = root == Path("/")
         axes = [
             unit.Axis(examine(path, runs_here=here), path, path.read_text(encoding="utf-8"))
             for path in config_paths
@@ -47,12 +47,12 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
         yield from plan.lines()
         return
     unit.carry_out(plan, root)
-    yield from plan.lines() if root == Path("/") else (f"written below {root}; nothing was run",)
+    yield from plan.lines() if here else (f"written below {root}; nothing was run",)
     if not config_paths:
         yield f"kept: {unit.CONFIG.parent} and {unit.STATE}"
         return
     yield f"from now on edit {', '.join(str(path) for path in plan.configurations)}"
-    if root == Path("/"):
+    if here:
         yield f"it starts, the first time for minutes: journalctl -fu {unit.NAME}, then observer health"
 
 

@@ -64,13 +64,14 @@ def health(
     client: ClientOption = None,
 ) -> None:
     """Ask the running service how it fares; exit code 0 if it lives and gives estimates, else 1."""
-    from observer.publish.ask import ask_alarms, ask_health, gives_estimates
+    from observer.publish.ask import ask, ask_health, gives_estimates
     from observer.publish.watch import health_table
 
-    answer = ask_health(connect, machine, axis, timeout_s, _client(client))
+    who = _client(client)
+    answer = ask_health(connect, machine, axis, timeout_s, who)
 
     def table(report: dict[str, Any]) -> RenderableType:
-        alarms = ask_alarms(connect, *answer.source, timeout_s, _client(client))
+        alarms = ask(connect, *answer.source, "alarms", timeout_s, who)
         return health_table(report, alarms.document or {}, "/".join(answer.source))
 
     _tell(answer, gives_estimates, table)

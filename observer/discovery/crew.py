@@ -8,14 +8,14 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
 from observer.fit.problem import Problem
+from observer.signals import unheard
 
 Work = Callable[..., Any]
 Task = tuple[Any, ...]
@@ -37,7 +37,7 @@ class Crew:
             self._other = ProcessPoolExecutor(
                 1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
             )
-            with _deaf():
+            with unheard(signal.SIGINT):  # who has started it ends it
                 self._other.submit(_awake)  # it takes a second
 
     def __enter__(self) -> Self:
@@ -120,16 +120,6 @@ def _unpacked(data: bytes, problem: Problem) -> Any:
     unpacker = _Unpacker(io.BytesIO(data))
     unpacker.problem = problem
     return unpacker.load()
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Start processes that do not hear Ctrl-C, from their first moment on: who has started them ends them."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with_parent() -> None:

@@ -26,6 +26,7 @@ from observer.fleet.batches import batches
 from observer.fleet.journal import How, Row, alone_in, done
 from observer.fleet.orders import Order
 from observer.fleet.work import failed, work
+from observer.signals import unheard
 
 WAIT_S = 30.0
 AHEAD = 2
@@ -135,7 +136,7 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
         stack.enter_context(dask.config.set(settings))
         runner = _deaf_to_ctrl_c()
         stack.callback(runner.stop)
-        with _unheard(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
+        with unheard(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
             cluster = stack.enter_context(_cluster(runner, workers, memory_GB, folder))
         client = stack.enter_context(Client(cluster))
         try:
@@ -160,16 +161,6 @@ def _cluster(runner: LoopRunner, workers: int, memory_GB: float | None, folder: 
     )
 
 
-@contextmanager
-def _unheard(*numbers: signal.Signals) -> Iterator[None]:
-    """Put signals off; threads and processes that are started within do not hear them at all."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _deaf_to_ctrl_c() -> LoopRunner:
     """Start the thread that starts the workers so that Ctrl-C, which a terminal sends to all, is not theirs.
 
@@ -179,7 +170,7 @@ def _deaf_to_ctrl_c() -> LoopRunner:
     for name in ("asyncio", "distributed"):  # of workers that are ended while they start, and what follows
         logging.getLogger(name).setLevel(logging.CRITICAL)
     runner = LoopRunner()
-    with _unheard(signal.SIGINT):
+    with unheard(signal.SIGINT):
         runner.start()
     return runner
 

@@ -38,14 +38,7 @@ def ask_health(
     connect: str, machine: str, axis: str, timeout_s: float, client: Client | None = None
 ) -> Answer:
     """Ask a running service for its health."""
-    return _ask(connect, machine, axis, "health", timeout_s, client)
-
-
-def ask_alarms(
-    connect: str, machine: str, axis: str, timeout_s: float, client: Client | None = None
-) -> Answer:
-    """Ask a running service for its alarms."""
-    return _ask(connect, machine, axis, "alarms", timeout_s, client)
+    return ask(connect, machine, axis, "health", timeout_s, client)
 
 
 def gives_estimates(health: Mapping[str, Any]) -> bool:
@@ -75,14 +68,14 @@ def command(
     """
     until_s = time.monotonic() + timeout_s
     if digest is None:
-        told = _ask(connect, machine, axis, "config", timeout_s, client)
+        told = ask(connect, machine, axis, "config", timeout_s, client)
         if told.document is None:
             return told
         digest = told.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
         return Answer(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
     wanted = f"command/{kind}?config={digest};by={_myself()}" + (f";id={about}" if about else "")
-    return _ask(connect, machine, axis, wanted, max(0.1, until_s - time.monotonic()), client)
+    return ask(connect, machine, axis, wanted, max(0.1, until_s - time.monotonic()), client)
 
 
 def _myself() -> str:
@@ -94,7 +87,7 @@ def _myself() -> str:
     return plain_name(f"{user}@{socket.gethostname()}")
 
 
-def _ask(
+def ask(
     connect: str, machine: str, axis: str, wanted: str, timeout_s: float, client: Client | None
 ) -> Answer:
     """Ask an axis until it answers or the time is over; then say who else does."""

@@ -12,22 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.packaging.network import of_network
 from tests.patience import COMPILE_S, until
 
 _BOOTED = {"running", "degraded"}
 _SCRIPT = Path(__file__).with_name("box.sh")
 _SBIN = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
-_TOLD = (
-    "PIP_",
-    "HTTP_PROXY",
-    "HTTPS_PROXY",
-    "NO_PROXY",
-    "http_proxy",
-    "https_proxy",
-    "no_proxy",
-    "SSL_CERT_FILE",
-)
-"""What a user may have to know of the network; everything else of this environment stays outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +57,7 @@ class Box:
                 process.kill()
 
     def _enter(self, fetches: bool = False) -> list[str]:
-        who = [f"{k}={v}" for k, v in os.environ.items() if k.startswith(_TOLD)]
+        who = [f"{name}={value}" for name, value in of_network().items()]
         where = ["--mount", "--pid", "--uts", "--ipc", *(() if fetches else ("--net",)), "--root", "--wd"]
         return [
             "/usr/bin/nsenter", "--target", str(self.first), *where, "--",

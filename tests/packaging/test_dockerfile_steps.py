@@ -22,21 +22,11 @@ from pathlib import Path
 import pytest
 
 from tests.packaging.dockerfile import Machine, Step, carry_out, parse
+from tests.packaging.network import of_network
 from tests.patience import COMPILE_S, PATIENCE_S, until
 
 ROOT = Path(__file__).parents[2]
 STEPS = parse(ROOT / "Dockerfile")
-# What a build may need to know of the network; everything else of this environment stays outside.
-NETWORK = (
-    "PIP_",
-    "HTTP_PROXY",
-    "HTTPS_PROXY",
-    "NO_PROXY",
-    "http_proxy",
-    "https_proxy",
-    "no_proxy",
-    "SSL_CERT_FILE",
-)
 
 CONFIG = """
 [screw]
@@ -106,8 +96,7 @@ def machine() -> Iterator[Machine]:
     root = Path(tempfile.mkdtemp(prefix="image-"))
     root.chmod(0o755)
     try:
-        environment = {k: v for k, v in os.environ.items() if k.startswith(NETWORK)}
-        environment |= {
+        environment = of_network() | {
             "PATH": f"{interpreter.parent}:/usr/bin:/bin",
             "HOME": "/nonexistent",
             "LANG": "C.UTF-8",

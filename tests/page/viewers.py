@@ -85,12 +85,11 @@ def _jumps(browser, url: str, size: str) -> tuple[float, float]:
 
 
 def _first_paint_ms(browser, url: str) -> float:
-    context = _window(browser, "desktop")
-    page = context.new_page()
-    page.goto(url)
-    page.wait_for_selector("tr[data-sensor]")
-    paint = page.evaluate("() => performance.getEntriesByName('first-contentful-paint')[0].startTime")
-    context.close()
+    with _window(browser, "desktop") as context:
+        page = context.new_page()
+        page.goto(url)
+        page.wait_for_selector("tr[data-sensor]")
+        paint = page.evaluate("() => performance.getEntriesByName('first-contentful-paint')[0].startTime")
     return float(paint)
 
 
