@@ -13,11 +13,12 @@ RUN python3 -m venv /opt/build
 RUN /opt/build/bin/pip install --no-cache-dir --require-hashes -r requirements-build.lock
 RUN python3 -m venv --without-pip /opt/observer
 RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir --require-hashes -r ${LOCK}
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml setup.py build_kernels.py MANIFEST.in README.md LICENSE ./
 COPY observer observer
 COPY drivers drivers
 # The wheel carries the demo's configuration.
 COPY config config
+# The base has no C compiler: the kernels are built by zig's, of requirements-build.lock, which stays in this stage.
 RUN /opt/build/bin/pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /opt/build/dist .
 RUN /opt/build/bin/pip --python /opt/observer/bin/python3 install --no-cache-dir --no-deps /opt/build/dist/*.whl
 # The libraries' own tests are a tenth of the image.
@@ -25,20 +26,19 @@ RUN find /opt/observer/lib -type d -name tests -prune -exec rm -r {} +
 
 FROM ${BASE}
 COPY --from=build /opt/observer /opt/observer
-# The only places that are written: the compiled kernels and the recordings. Everything else may be read-only.
-RUN mkdir -p /var/cache/observer /var/lib/observer /config
+# The only place that is written: the recordings. Everything else may be read-only.
+RUN mkdir -p /var/lib/observer /config
 ENV PATH=/opt/observer/bin:/usr/local/bin:/usr/bin:/bin \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1 \
     OPENBLAS_NUM_THREADS=1 \
-    NUMBA_CACHE_DIR=/var/cache/observer \
     MPLCONFIGDIR=/tmp
 COPY config /config
-RUN chown 10001:10001 /var/cache/observer /var/lib/observer
+RUN chown 10001:10001 /var/lib/observer
 USER 10001:10001
-VOLUME ["/var/cache/observer", "/var/lib/observer"]
+VOLUME ["/var/lib/observer"]
 EXPOSE 7447
 STOPSIGNAL SIGTERM
-HEALTHCHECK --interval=10s --timeout=5s --start-period=600s CMD ["observer", "health"]
+HEALTHCHECK --interval=10s --timeout=5s --start-period=20s CMD ["observer", "health"]
 ENTRYPOINT ["observer"]
 CMD ["run", "--config", "/config/observer.files.toml"]

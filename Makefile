@@ -1,34 +1,50 @@
-# One task runner, the same names for people and for CI. Needs: make, and Python >= 3.11 as `python3`
-# (or `make PYTHON=python3.12 …`).
+# One task runner, the same names for people and for CI. Needs: make, and Python >= 3.11 with its headers as
+# `python3` (or `make PYTHON=python3.12 …`). A C compiler is taken where there is one (build_kernels.py).
 #
-# Everything runs in one environment, .venv, made from requirements-dev.lock. The demo alone could do with
-# requirements.lock, but whoever runs the demo runs the tests next, and one environment cannot disagree
-# with itself.
+# Everything runs in one environment, .venv, so that nothing can disagree: for the demo it holds what the program
+# itself needs, requirements.lock, which is half as much to fetch; the first target that tests adds the rest,
+# requirements-dev.lock, which pins the same versions. All extras are in it from the beginning (they are a fifth of
+# it), so that every command of the tutorial works after the demo.
 
 PYTHON ?= python3
 UV_VERSION := 0.13.8
 CYCLONEDX_VERSION := 7.5.0
 VENV := .venv
-READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 ARGS ?=
+
+# A uv on the path is taken if it is not older than the one that is known to do; else that one is installed here.
+UV := $(shell printf '%s\n' $(UV_VERSION) "$$(uv --version 2>/dev/null | cut -d ' ' -f 2)" | sort -V -C \
+	&& command -v uv || echo build/uv/bin/uv)
+
+# Stamps. READY: the environment with all packages and the program in it; RUNS: with those of the program at least.
+READY := $(VENV)/.ready
+RUNS := $(if $(wildcard $(VENV)/requirements-dev.lock.synced),$(READY),$(VENV)/.runs)
+# What the built kernels are made of.
+KERNELS := build_kernels.py $(wildcard setup.py observer/kernels/*.py observer/kernels/*.pxd)
 
 # One BLAS thread beats two at these matrix sizes, and leaves the second core to the tests beside it.
 export OPENBLAS_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Tests start some hundred processes: one whose libraries are compiled anew takes twice as long until it works.
+unexport PYTHONDONTWRITEBYTECODE
 
-CODE := observer drivers tests benchmarks docs
-COMPILE := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate \
+CODE := observer drivers tests benchmarks docs build_kernels.py $(wildcard setup.py)
+COMPILE := $(UV) pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate \
 	--no-emit-index-url --generate-hashes
+BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint requirements-build.lock \
+	--require-hashes --out-dir dist
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check operations-check lock dist sbom clean
+# `make -j demo test` would make the environment for both at once.
+.NOTPARALLEL:
+.PHONY: help env runtime demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-demo: $(READY)  ## the whole chain on a simulated machine with a live view; ARGS="--seconds 20" ends it
+demo: $(RUNS)  ## the whole chain on a simulated machine with a live view; ARGS="--seconds 20" ends it
 	$(BIN)/observer demo $(ARGS)
 
 test: lint unit system  ## what every change is checked by: lint, then all tests but the slow ones
@@ -121,44 +137,60 @@ format: $(READY)  ## format the code and mend what ruff can mend
 	$(BIN)/ruff format $(CODE)
 	$(BIN)/ruff check --fix $(CODE)
 
-env: $(READY)  ## make or renew the environment only
+env: $(READY)  ## make or renew the environment only, with all that tests and tools need
+runtime: $(RUNS)  ## the same with what the program itself needs, as the demo does
 
-# The environment is remade from nothing when a lock changes, so that a dropped package does not linger.
-$(VENV)/.locked: requirements-dev.lock requirements-build.lock
+# `uv pip sync` also removes what a lock no longer names, the program included: hence it is installed after it.
+$(VENV)/%.synced: % | $(UV)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 		echo "$(PYTHON) is missing or older than 3.11; install one or name it: make PYTHON=python3.12 …" >&2; exit 2; }
-	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-build.lock -r requirements-dev.lock
+	@test -x $(BIN)/python || $(UV) venv --clear --python $(PYTHON) $(VENV)
+	$(UV) pip sync --python $(BIN)/python --require-hashes $<
+	@rm -f $(VENV)/*.synced
 	@touch $@
 
-$(READY): $(VENV)/.locked pyproject.toml
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+$(VENV)/.runs: $(VENV)/requirements.lock.synced
+$(READY): $(VENV)/requirements-dev.lock.synced
+# Built again although nothing but a kernel has changed, which uv does not look at.
+$(VENV)/.runs $(READY): $(KERNELS) requirements-build.lock pyproject.toml | $(UV)
+	@echo "building the kernels; this takes a minute or so …"
+	$(UV) pip install --python $(BIN)/python --no-deps --build-constraint requirements-build.lock \
+		--reinstall-package ballscrew-observer --editable .
 	@touch $@
 
-lock: build/uv/bin/uv  ## write the lock files again; ARGS=--upgrade takes the newest versions
+lock: | $(UV)  ## write the lock files again; ARGS=--upgrade takes the newest versions
 	$(COMPILE) $(ARGS) --all-extras pyproject.toml --output-file requirements.lock
 	$(COMPILE) $(ARGS) --extra page --extra plant --constraint requirements.lock pyproject.toml --output-file requirements-daemon.lock
 	$(COMPILE) $(ARGS) --all-extras pyproject.toml --group dev --output-file requirements-dev.lock
-	$(COMPILE) $(ARGS) --group build --output-file requirements-build.lock
+	$(COMPILE) $(ARGS) --group build --constraint requirements-dev.lock --output-file requirements-build.lock
 
 build/uv/bin/uv:
 	$(PYTHON) -m venv build/uv
-	build/uv/bin/python -m pip install --quiet uv==$(UV_VERSION)
+	build/uv/bin/python -m pip install uv==$(UV_VERSION)
 
-dist: build/uv/bin/uv  ## the source distribution and the wheel, in dist/
+dist: | $(UV)  ## the source distribution, and the wheel for computers like this one, in dist/
 	rm -rf dist
-	build/uv/bin/uv build --quiet --build-constraint requirements-build.lock --require-hashes --out-dir dist .
+	$(BUILD) .
 
-sbom: build/sbom/bin/cyclonedx-py  ## the software bill of materials: what requirements.lock installs, in dist/
+# From the source distribution, so that nothing of an earlier build gets in. Both by zig, for the C library that the
+# oldest wheels of numpy and scipy ask for too; the Python that builds needs headers that do not differ by processor, as
+# every Python has but Debian's own.
+wheels: | $(UV)  ## the source distribution, and the wheels of a release, for x86-64 and for arm64, in dist/
+	rm -rf dist
+	$(BUILD) --sdist .
+	for machine in x86_64 aarch64; do \
+		KERNELS_TARGET=$$machine-linux-gnu.2.28 $(BUILD) --wheel \
+			--config-setting=--build-option=--plat-name=manylinux_2_28_$$machine dist/*.tar.gz || exit 1; \
+	done
+
+sbom: | $(UV)  ## the software bill of materials: what requirements.lock installs, in dist/
 	mkdir -p dist
-	build/sbom/bin/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml --mc-type application \
+	$(UV) tool run --python $(PYTHON) --from cyclonedx-bom==$(CYCLONEDX_VERSION) cyclonedx-py \
+		requirements requirements.lock --pyproject pyproject.toml --mc-type application \
 		--output-reproducible --output-format JSON --output-file dist/ballscrew-observer.cdx.json
-
-build/sbom/bin/cyclonedx-py:
-	$(PYTHON) -m venv build/sbom
-	build/sbom/bin/python -m pip install --quiet cyclonedx-bom==$(CYCLONEDX_VERSION)
 
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks \
 		.import_linter_cache .coverage
+	find observer -name '*.so' -delete
 	find $(CODE) -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -11,8 +11,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
@@ -32,20 +32,16 @@ STARTS = 5
 FILL_S = 110.0
 """Until it keeps as many estimates as it ever will, 1000 for those who ask for the last ones."""
 HOUR_S = 3600.0
-START_S, FIRST_START_S = 60.0, 600.0
-"""For so long a daemon may take until its first estimate; the first one compiles."""
+START_S = 60.0
+"""For so long a daemon may take until its first estimate."""
 
 
 def results(seconds: float = 30.0) -> list[Result]:
-    """Run `observer run` on a Modbus server; growth is judged only over an hour (`--daemon-seconds 3600`).
-
-    The first start finds nothing compiled, all later ones what it left.
-    """
+    """Run `observer run` on a Modbus server; growth is judged only over an hour (`--daemon-seconds 3600`)."""
     with tempfile.TemporaryDirectory() as directory, _module() as port:
         place = _Place(Path(directory), port)
         help_s = statistics.median(_help_s(place) for _ in range(STARTS))
         try:
-            first = _first_start(place)
             start_s = statistics.median(_start_once(place) for _ in range(STARTS))
             load, resident_MB, growth_MB = _load(place, seconds)
         except RuntimeError as error:
@@ -62,8 +58,6 @@ def results(seconds: float = 30.0) -> list[Result]:
         _at_most("start to first estimate at a subscriber", start_s, 1.0, "s", 2),
         Result(f"daemon at 10 Hz, {size}", f"{load:.1%} of a core", goal="≤ 5 %", met=load <= 0.05),
         _at_most("  resident", resident_MB, 200, "MB"),
-        _at_most("  resident, at most, at a first start that compiles", first.daemon_MB, 256, "MB"),
-        Result("  … of the process that compiles, which then ends", f"{first.compiler_MB:.0f} MB"),
         growth,
     ]
 
@@ -81,10 +75,9 @@ class _Place:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Compiled code of these daemons' own, bytecode as any installation has it."""
+        """Bytecode as any installation has it."""
         kept = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
-        own = {"NUMBA_CACHE_DIR": str(self.folder / "kernels"), "PYTHONPYCACHEPREFIX": str(self.folder)}
-        return kept | own
+        return kept | {"PYTHONPYCACHEPREFIX": str(self.folder)}
 
 
 def _help_s(place: _Place) -> float:
@@ -92,44 +85,6 @@ def _help_s(place: _Place) -> float:
     command = [sys.executable, "-m", "observer", "--help"]
     subprocess.run(command, env=place.environment, stdout=subprocess.DEVNULL, check=True)
     return time.monotonic() - began_s
-
-
-@dataclass(frozen=True, slots=True)
-class _FirstStart:
-    """The most that was resident, MB."""
-
-    daemon_MB: float
-    compiler_MB: float
-
-
-def _first_start(place: _Place) -> _FirstStart:
-    """Start where nothing has been compiled yet."""
-    compiler_MB = 0.0
-
-    def look(pid: int) -> None:
-        nonlocal compiler_MB
-        compiler_MB = max([compiler_MB, *(_most_resident_MB(child) for child in _children_of(pid))])
-
-    with _daemon(place, FIRST_START_S, look) as (pid, _):
-        return _FirstStart(_most_resident_MB(pid), compiler_MB)
-
-
-def _children_of(pid: int) -> list[int]:
-    """The processes that a process has begun; each counts as a child of one of its threads."""
-    children: list[str] = []
-    for thread in Path(f"/proc/{pid}/task").glob("*/children"):
-        with suppress(OSError):  # the thread has ended
-            children += thread.read_text().split()
-    return [int(child) for child in children]
-
-
-def _most_resident_MB(pid: int) -> float:
-    """The most that was ever resident; 0 once the process has ended."""
-    try:
-        status = Path(f"/proc/{pid}/status").read_text()
-    except OSError:
-        return 0.0
-    return next((1.024e-3 * int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line), 0.0)
 
 
 def _start_once(place: _Place) -> float:
@@ -148,10 +103,8 @@ def _load(place: _Place, seconds: float) -> tuple[float, float, float]:
 
 
 @contextmanager
-def _daemon(
-    place: _Place, limit_s: float = START_S, look: Callable[[int], None] = lambda _: None
-) -> Iterator[tuple[int, float]]:
-    """A daemon that has published its first heat, and how long that took; it is looked at meanwhile."""
+def _daemon(place: _Place) -> Iterator[tuple[int, float]]:
+    """A daemon that has published its first heat, and how long that took."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = place.folder / "config.toml"
     config.write_text(_config_text(place.port, endpoint))
@@ -164,9 +117,8 @@ def _daemon(
         )
         try:
             while heat.try_recv() is None:
-                if process.poll() is not None or time.monotonic() - began_s > limit_s:
-                    raise RuntimeError(_last_line(process, limit_s))
-                look(process.pid)
+                if process.poll() is not None or time.monotonic() - began_s > START_S:
+                    raise RuntimeError(_last_line(process))
                 time.sleep(0.005)
             yield process.pid, time.monotonic() - began_s
         finally:
@@ -174,9 +126,9 @@ def _daemon(
             process.wait(timeout=10)
 
 
-def _last_line(process: subprocess.Popen[str], limit_s: float) -> str:
+def _last_line(process: subprocess.Popen[str]) -> str:
     if process.poll() is None or process.stderr is None:
-        return f"no heat within {limit_s:g} s"
+        return f"no heat within {START_S:g} s"
     return (process.stderr.read().strip().splitlines() or ["it ended without a word"])[-1]
 
 

@@ -12,9 +12,10 @@ from benchmarks import bare
 from benchmarks.plants import config_of, dense, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
-from observer.estimators.compiled.packing import pad_rows, padded_width
 from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.packing import padded_width
 from observer.frames import FloatArray, Inputs
+from observer.kernels.layout import pad_rows
 from observer.model.build import build_plant
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant

@@ -1,5 +1,6 @@
 """Ballscrew Observer: a ball screw's temperature field, heat inputs and thermal error, in real time."""
 
-from observer.compile_cache import choose_compile_cache
+import os
 
-choose_compile_cache()
+# Matrices here are small: BLAS' threads would only wait for each other, and the more so beside other work.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

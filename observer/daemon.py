@@ -18,7 +18,6 @@ from observer.publish.session import listening
 from observer.publish.taken import refuse_taken
 from observer.publish.zenoh import ZenohPublisher
 from observer.service.alarms import AlarmDesk
-from observer.service.align import Aligner
 from observer.service.carry import carried_over
 from observer.service.checkpoint import Fit, Snapshot, pack, shifted
 from observer.service.clock import ServiceClock
@@ -36,7 +35,6 @@ from observer.service.renew import Renewal, Renewals
 from observer.service.retention import Retention, refuse_shared
 from observer.service.steer import Steering
 from observer.service.trial import Trial
-from observer.service.warm import Compiler
 
 _TRIAL_END_S = 0.2
 
@@ -51,7 +49,7 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     if (folder := config.record.directory) is not None:
         refuse_shared(folder, f"{config.machine.name}-{config.machine.axis}")
     renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
-    trial = None if path is None else Trial(path, renewals.reload, ready.compiler)
+    trial = None if path is None else Trial(path, renewals.reload)
 
     def anew(renewal: Renewal[_Ready]) -> Service:
         nonlocal ready, clock
@@ -103,11 +101,6 @@ class _Ready:
         estimator = machine.estimator()
         return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator, machine.gap()))
 
-    def compiler(self) -> Compiler:
-        """What has its kernels compiled."""
-        line = self.config.model_dump_json(by_alias=True, exclude_unset=True)
-        return Compiler("observer.compile_kernels", line, service_manager())
-
 
 def _reread(path: Path, now: Installation) -> _Ready:
     """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
@@ -115,10 +108,7 @@ def _reread(path: Path, now: Installation) -> _Ready:
     refuse_taken(set(listening(config.publish)) - set(listening(now.publish)), "publish.listen")
     for key, settings in config.drivers.items():
         settings.open(key)
-    ready = _Ready.of(config)
-    frame = Aligner(ready.machine.plan).tick(0.0)
-    ready.compiler().warm(lambda: ready.machine.pipeline(ready.estimator).warm_up(frame))
-    return ready
+    return _Ready.of(config)
 
 
 def _service(
@@ -176,7 +166,6 @@ def _service(
         start=start,
         keeper=None if file is None else Keeper(file, ready.fit, config.checkpoint.period_s),
         renewals=renewals,
-        compiler=ready.compiler(),
         alone=alone,
         trial=trial,
         gap=gap,

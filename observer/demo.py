@@ -51,7 +51,7 @@ def run_demo(seconds: float | None, listen: str, plain: bool, page: Page | None)
             f"simulated machine: Modbus TCP on 127.0.0.1:{wires['modbus_port']}, CAN on {wires['can_device']}"
             f"; estimates on {listen} under ballscrew/{name}/{axis}/\n"
             f"from another terminal: observer watch --connect {listen} --machine {name} --axis {axis}\n"
-            "the service gets ready, which takes some four minutes the first time; Ctrl-C ends everything",
+            "the service gets ready; Ctrl-C ends everything",
             sep="",
             flush=True,
         )

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 PATIENCE_S = 60.0
-COMPILE_S = 900.0  # all kernels from nothing: minutes, on a computer that does nothing else
 PAUSE_S = 0.005  # between two looks
 HERE = os.getpid()
 

@@ -53,7 +53,7 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
         return
     yield f"from now on edit {', '.join(str(path) for path in plan.configurations)}"
     if here:
-        yield f"it starts, the first time for minutes: journalctl -fu {unit.NAME}, then observer health"
+        yield f"it starts: journalctl -fu {unit.NAME}, then observer health"
 
 
 def wires(config: Installation) -> dict[str, Any]:

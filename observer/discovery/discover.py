@@ -88,7 +88,7 @@ def discover(
     known = library(config, keys, config.discover.without, coarse=coarse)
     found = search(problem, known, progress, crew)
     progress("suspects among the logs", 0.91)
-    wrong = suspects(found.null, found.ranking, known)
+    wrong = suspects(found.null, found.ranking, found.signatures)
     progress("opening the proof", 0.94)
     proof = prove(found.null, found.fit, _with_one_less(found, crew))
     verdict = decide(found, proof, lacking(config, prepared, courses_of(problem)))

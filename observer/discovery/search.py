@@ -104,7 +104,8 @@ class Search(NamedTuple):
 
     `null` is the fit without effects, `fit` the last accepted one; `chosen` its effects, each with the trials
     it won against (`rivals`, itself first, then the best) while the others stood; `ranking` the first round;
-    `blind` the candidates that this test cannot tell from the free parameters.
+    `blind` the candidates that this test cannot tell from the free parameters; `signatures` those of the
+    library.
     """
 
     null: Fit
@@ -113,6 +114,7 @@ class Search(NamedTuple):
     rivals: tuple[tuple[Trial, ...], ...]
     ranking: tuple[Trial, ...]
     blind: tuple[Candidate, ...]
+    signatures: tuple[Signature, ...] = ()
 
 
 def search(
@@ -125,7 +127,7 @@ def search(
     progress("calibrating without any effect", 0.0)
     null = fit_null(problem, problem.config)
     progress("signatures of the library", 0.15)
-    found = signatures(null.problem, null.config, library)
+    found = signatures(null.problem, null.config, library, crew)
     blind = _blind(promises(null, found))
     fit = null
     chosen: list[Trial] = []
@@ -148,7 +150,7 @@ def search(
     for i in range(len(chosen) if len(chosen) > 1 else 0):
         fit, chosen, trials = _exchanged(null, fit, chosen, i, found, crew)
         rivals.append(trials)
-    return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind)
+    return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind, tuple(found))
 
 
 def _exchanged(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Candidate
+from observer.discovery.crew import ALONE, Crew
 from observer.discovery.mistakes import deviance
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem, told_lags
@@ -37,12 +38,17 @@ class Promise(NamedTuple):
     kept: float
 
 
-def signatures(problem: Problem, config: Config, candidates: Sequence[Candidate]) -> list[Signature]:
+def signatures(
+    problem: Problem, config: Config, candidates: Sequence[Candidate], crew: Crew = ALONE
+) -> list[Signature]:
     """Return the signatures of all shapes; those that move nothing are left out."""
+    kinds = groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
+    groups = [tuple(group) for _, group in kinds]
+    found = crew.each(_changes, problem, [(config, group) for group in groups])
     changes = [
-        entry
-        for _, group in groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
-        for entry in _changes(problem, config, tuple(group))
+        (group[number], shape, change)
+        for group, own in zip(groups, found, strict=True)
+        for number, shape, change in own
     ]
     columns = problem.evidence.whitened(np.column_stack([change for _, _, change in changes]))
     return [
@@ -83,23 +89,26 @@ def promises(base: Fit, found: Sequence[Signature], *, everywhere: bool = False)
 
 def _changes(
     problem: Problem, config: Config, group: Sequence[Candidate]
-) -> Iterator[tuple[Candidate, int, FloatArray]]:
-    """Yield candidate, number of the shape, and change (n,) in K of the prediction, for one kind."""
+) -> list[tuple[int, int, FloatArray]]:
+    """Of each candidate of one kind, by its number, and of each of its shapes, by its number, the change (n,)
+    in K of the prediction.
+    """
     here = problem.predicted(config)
 
     def change(*effects: object) -> FloatArray:
         more = config.model_copy(update={"effect": (*config.effect, *effects)})
         return problem.predicted(more) - here
 
+    changes = []
     if group[0].of.targets == "sensor":  # each moves its own sensor only: all at once
         names = [s.name for s in config.sensor]
         for i in range(len(group[0].shapes)):
             whole = change(*(c.effect(c.shapes[i]) for c in group))
-            for c in group:
-                yield c, i, np.where(problem.evidence.sensor == names.index(str(c.target)), whole, 0.0)
-        return
-    for c in group:
+            own = [problem.evidence.sensor == names.index(str(c.target)) for c in group]
+            changes += [(number, i, np.where(rows, whole, 0.0)) for number, rows in enumerate(own)]
+        return changes
+    for number, c in enumerate(group):
         sums = c.of.sums(c.shapes)
         parts = {j: change(c.effect(c.shapes[j])) for j in sorted({j for parts in sums for j in parts})}
-        for i, own in enumerate(sums):
-            yield c, i, np.sum([parts[j] for j in own], axis=0)
+        changes += [(number, i, np.sum([parts[j] for j in own], axis=0)) for i, own in enumerate(sums)]
+    return changes

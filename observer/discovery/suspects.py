@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.candidates import Candidate
 from observer.discovery.mistakes import Look, Weighed, What, deviance, follows, score, weigh
 from observer.discovery.search import BLIND, PER_PARAMETER, Trial
-from observer.discovery.signatures import promises, signatures
+from observer.discovery.signatures import Signature, promises
 from observer.discovery.verdict import WITHIN_REACH
 from observer.effects.base import EffectTable
 from observer.effects.terms import AmbientShift
@@ -69,16 +68,16 @@ class Suspect(NamedTuple):
     text: str
 
 
-def suspects(null: Fit, rivals: Sequence[Trial], library: Sequence[Candidate] = ()) -> tuple[Suspect, ...]:
-    """Return what is wrong with the logs, as far as it shows; `rivals` are fits of single effects, `library`
-    all that could have been fitted.
+def suspects(null: Fit, rivals: Sequence[Trial], marks: Sequence[Signature] = ()) -> tuple[Suspect, ...]:
+    """Return what is wrong with the logs, as far as it shows; `rivals` are fits of single effects, `marks`
+    the signatures of all that could have been fitted.
     """
     if units := tuple(misscaled(null)):  # beside which nothing else can be told
         return units
     for weighed in weigh(null):
         if alike(weighed):
             continue
-        if beyond_tolerance(null.problem.config, weighed) and plain(null, weighed, rivals, library):
+        if beyond_tolerance(null.problem.config, weighed) and plain(null, weighed, rivals, marks):
             return (told(null.problem, weighed),)
     return ()
 
@@ -99,11 +98,11 @@ def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
     return score(weighed) >= BEYOND[what]
 
 
-def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial], library: Sequence[Candidate] = ()) -> bool:
+def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial], marks: Sequence[Signature] = ()) -> bool:
     """Whether a hypothesis, its kind not tolerated, explains the logs, and no single effect does as well."""
     noise = null.problem.evidence.expected * len(null.residual)
     taken = deviance(null) <= noise  # by the tolerances, at a price that this would spare them
-    if taken and score(weighed) >= SPARED and _alone(null, weighed, rivals, library):
+    if taken and score(weighed) >= SPARED and _alone(null, weighed, rivals, marks):
         return True
     config, strict = intolerant(null.config, weighed.hypothesis.what), null
     if config.tolerance != null.config.tolerance:
@@ -111,13 +110,13 @@ def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial], library: Sequenc
         weighed = Look.at(strict.problem, weighed.config).weighed(weighed.hypothesis, deviance(strict))
     misfit = weighed.left + weighed.drop - noise
     earned = score(weighed) >= LEAST and weighed.drop >= SHARE * misfit
-    return earned and _alone(null, weighed, rivals, library)
+    return earned and _alone(null, weighed, rivals, marks)
 
 
-def _alone(null: Fit, weighed: Weighed, rivals: Sequence[Trial], library: Sequence[Candidate]) -> bool:
+def _alone(null: Fit, weighed: Weighed, rivals: Sequence[Trial], marks: Sequence[Signature]) -> bool:
     """Whether no single effect explains the logs as well as a hypothesis about them."""
     as_well = any(_as_well(null, weighed, trial) for trial in rivals if not _the_same(weighed, trial))
-    return not as_well and not _promised(null, weighed, library)
+    return not as_well and not _promised(null, weighed, marks)
 
 
 def _the_same(weighed: Weighed, rival: Trial) -> bool:
@@ -125,13 +124,12 @@ def _the_same(weighed: Weighed, rival: Trial) -> bool:
     return weighed.hypothesis.what == "ambient" and about_the_air(rival.fit)
 
 
-def _promised(null: Fit, weighed: Weighed, library: Sequence[Candidate]) -> bool:
+def _promised(null: Fit, weighed: Weighed, marks: Sequence[Signature]) -> bool:
     """Whether an effect, no stronger than it may be, promises to leave less of all logs than a hypothesis
     about them. One that shows on the proof alone is not among those fitted, and suspects look at the proof.
     """
-    found = signatures(null.problem, null.config, library) if library else ()
     before = deviance(null)
-    for promise in promises(null, found, everywhere=True):
+    for promise in promises(null, marks, everywhere=True):
         candidate = promise.signature.candidate
         effect = candidate.effect(candidate.shapes[promise.signature.shape])
         more = PER_PARAMETER * (len(candidate.fitted) - weighed.hypothesis.parameters)

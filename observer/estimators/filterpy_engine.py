@@ -1,4 +1,8 @@
-"""The Kalman filter on filterpy's dense matrices: engine "filterpy", and the compiled engine's oracle."""
+"""The Kalman filter on filterpy's dense matrices: engine "filterpy", a check of the compiled engine.
+
+The matrices are those of the `specification`, prediction and correction are filterpy's; what surrounds them,
+the start, the gate, what is learnt, the qualities, are the kernels run as Python.
+"""
 
 from __future__ import annotations
 
@@ -6,104 +10,82 @@ from typing import Any
 
 import numpy as np
 
-from observer.estimators.by_block import BlockEstimator
-from observer.estimators.compiled import judging, kernels
-from observer.estimators.compiled.packing import Results, Running, Work
-from observer.estimators.compiled.steps import Chunk
-from observer.frames import FloatArray, Inputs
-from observer.model import advance
-from observer.model.coupling import coupled
-from observer.model.discretise import StepMatrices
+from observer.estimators.by_block import BlockEstimator, Scratch
+from observer.estimators.packing import Results
+from observer.estimators.specification import Columns, transition
+from observer.estimators.steps import Chunk
+from observer.frames import Inputs
+from observer.kernels import advance, judging, learning
+from observer.kernels import step as steps
 
 
 class FilterpyEstimator(BlockEstimator):
     """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections, Joseph form, the same rules."""
 
-    def _take(self, chunk: Chunk, running: Running, out: Results, work: Work) -> None:
+    def _take(self, chunk: Chunk, _inputs: Any, scratch: Scratch, out: Results, _results: Any) -> None:
         from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (slow to import)
 
-        kf = KalmanFilter(dim_x=len(running.x), dim_z=max(self._plant.rows.sensors, 1))
+        n = len(scratch.running.x)
+        kf = KalmanFilter(dim_x=n, dim_z=max(self._plant.rows.sensors, 1))
         for k, length in enumerate(chunk.step):
-            kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
-            step, _ = self._steps.get(chunk.lengths_s[length])
-            self._step(kf, chunk.inputs, k, step, running, out, work)
+            if self._predict(kf, chunk, int(length), k, scratch, out):
+                self._correct(kf, chunk.inputs, k, scratch, out)
+                self._write(chunk.inputs, k, scratch, out)
 
-    def _step(
-        self, kf: Any, u: Inputs, k: int, step: StepMatrices, running: Running, out: Results, work: Work
-    ) -> None:
-        plant, s = self._plant, self._plant.rows.sensors
-        usable = u.usable[k] & np.isfinite(u.y_degC[k])
-        ready = bool(judging.step_is_finite(u, k))
-        if not ready or not (running.flags[0] or usable.any()):
-            judging.skip(u, k, usable, running, out)
-            return
-        B, C = plant.B.T.copy(), plant.rows.C[:s].copy()
-        advance.move_columns(self._arrays, u, k, B, C)
-        if running.flags[0]:
-            self._predict(kf, u, k, step, B, work)
-            judging.doubt_nut(self._arrays, u, k, running.lost_s, kf.P)
-        else:
-            kernels.start(self._arrays, C, u, k, usable, running.x, running.P, work.nu)
-            advance.put_laws(self._arrays, u, k, B, running.x, work.law)
-            running.flags[0] = 1
-            kf.x, kf.P = running.x[:, None].copy(), running.P[:, : len(running.x)].copy()
-        H = np.hstack([C[:s], np.zeros((s, len(running.x) - C.shape[1]))])
-        y = u.y_degC[k] - plant.rows.F[:s] @ u.z_end[k]
-        nu = y - H @ kf.x[:, 0]
-        S = np.diag(H @ kf.P @ H.T) + plant.noise_R_K2
+    def _predict(self, kf: Any, chunk: Chunk, d: int, k: int, scratch: Scratch, out: Results) -> bool:
+        """Start, or predict; return whether the step could be taken."""
+        p, u, work, state = self._arrays, chunk.inputs, scratch.work, scratch.running
+        present = judging.find_usable(u, k, work.usable)
+        if not judging.step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
+            judging.skip(u, k, work.usable, state, out)
+            return False
+        advance.move_columns(p, u, k, work.B, work.C)
+        if state.flags[0] == 0:
+            steps.start(p, work.C, u, k, work.usable, state.x, state.P, work.nu)
+            learning.begin(p, u, k, work.usable, work.C, state.x, state.P, state.around)
+            advance.put_laws(p, u, k, work.B, state.x, work.law)
+            state.flags[0] = 1
+            return True
+        learning.follow(p, chunk.table, d, u, k, work.B, work.C, state.around, state.x, work)
+        m_e, n_x, n = len(p.source), len(p.uniform), len(state.x)
+        G = work.G[m_e : m_e + p.learn.machine, :n_x].T
+        step = transition(self._plant, u, k, state.x, Columns(work.B.T, G))
+        work.law[:] = step.law_W
+        kf.x, kf.P = state.x[:, None].copy(), state.P[:, :n].copy()
+        kf.predict(u=step.forced[:, None], B=np.eye(n), F=step.F, Q=step.Q)
+        state.x[:], state.P[:, :n] = kf.x[:, 0], kf.P
+        judging.doubt_nut(p, u, k, state.lost_s, state.P)
+        return True
+
+    def _correct(self, kf: Any, u: Inputs, k: int, scratch: Scratch, out: Results) -> None:
+        """Correct by the sensors that pass the gate."""
+        p, work, state = self._arrays, scratch.work, scratch.running
+        n, s = len(state.x), len(p.R_K2)
         out.log_likelihood[k] = np.nan
-        judging.write_innovations(nu, S, usable, k, out)
-        accepted = np.zeros(s, dtype=np.bool_)
-        if judging.gate(nu, S, usable, running.suspect, self._gate_sigma, accepted):
-            judging.add_prior(self._arrays, kf.P, 1.0)
-        else:
-            judging.hold_back(nu, usable, accepted, running.suspect, running.refused_s, running.opened_K)
-        judging.reopen(
-            self._arrays, C, u.dt_s[k], usable, accepted, nu, running.refused_s, running.opened_K, kf.P
-        )
-        if accepted.any():
-            kf.update(y[accepted, None], R=np.diag(plant.noise_R_K2[accepted]), H=H[accepted])
-        running.x[:], running.P[:, : len(running.x)] = kf.x[:, 0], kf.P
-        out.quality[k] = judging.judge(u, k, usable, accepted, running, out)
-        judging.move_rows(self._arrays, u, k, work.rows)
-        known = judging.write_values(self._arrays, u, k, running.x, work, out)
-        known = judging.write_sigmas(running.P, out.heat_sigma, out.field_sigma, k, work) and known
+        steps.compare(p, u, k, state, work)
+        judging.write_innovations(work.nu, work.S_nu, work.usable, k, out)
+        work.accepted[:] = False
+        if work.usable.any():
+            judging.judge_sensors(p, u, k, self._gate_sigma, state, work)
+        if work.accepted.any():
+            good = work.accepted
+            H = np.zeros((s, n))
+            H[:, : work.C.shape[1]] = work.C
+            y = u.y_degC[k] - p.F @ u.z_end[k]
+            learning.keep(p, state.x, state.P, work.kept)
+            kf.x, kf.P = state.x[:, None].copy(), state.P[:, :n].copy()
+            kf.update(y[good, None], R=np.diag(p.R_K2[good]), H=H[good])
+            state.x[:], state.P[:, :n] = kf.x[:, 0], kf.P
+            learning.give_back(p, state.x, state.P, work.kept)
+        learning.draw_near(p, u.dt_s[k], state.x, state.around)
+
+    def _write(self, u: Inputs, k: int, scratch: Scratch, out: Results) -> None:
+        """Write step k."""
+        p, work, state = self._arrays, scratch.work, scratch.running
+        out.quality[k] = judging.judge(u, k, work.usable, work.accepted, state, out)
+        judging.move_rows(p, u, k, work.rows)
+        known = judging.write_values(p, u, k, state, work, out)
+        known = judging.write_sigmas(state, k, work, out) and known
+        learning.tell(p, state.x, state.P, k, work, out)
         if not known:
             judging.invalidate(out, k)
-
-    def _predict(self, kf: Any, u: Inputs, k: int, step: StepMatrices, B: FloatArray, work: Work) -> None:
-        """Predict with the dense Ad and Qd of this step's columns."""
-        plant = self._plant
-        columns = B[plant.estimated]
-        m_e, n_x = columns.shape
-        Ad = np.diag(np.concatenate([step.decay, step.heat_decay]))
-        Ad[:n_x, n_x:] = (columns * step.couple).T
-        Qd = np.zeros_like(Ad)
-        Qd[:n_x, :n_x] = plant.field_noise_Q * step.dt_s
-        Qd[:n_x, :n_x] += np.einsum("ja,jb,jab->ab", columns, columns, step.walk_xx)
-        Qd[n_x:, :n_x] = columns * step.walk_dx
-        Qd[:n_x, n_x:] = Qd[n_x:, :n_x].T
-        Qd[n_x:, n_x:] = np.diag(step.walk_dd)
-        jump = plant.law_uncertainty * u.law_jump_W[k, plant.estimated]
-        self._couple_half(kf, u, k, u.z_start[k], B, work)
-        advance.put_laws(self._arrays, u, k, B, kf.x[:, 0], work.law)
-        held = B.T @ work.law + plant.E @ u.z_start[k]
-        known = step.hold * held + step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
-        known = np.concatenate([known, np.zeros(m_e)])[:, None]
-        kf.P[n_x:, n_x:] += np.diag(jump**2)
-        kf.predict(u=known, B=np.eye(n_x + m_e), F=Ad, Q=Qd)
-        self._couple_half(kf, u, k, u.z_end[k], B, work)
-
-    def _couple_half(self, kf: Any, u: Inputs, k: int, z: FloatArray, B: FloatArray, work: Work) -> None:
-        """Half a step of what couples the states, on the dense matrices."""
-        coupling = self._plant.coupling
-        if not coupling.active:
-            return
-        M, b, x = work.couple, work.shift, np.ascontiguousarray(kf.x[:, 0])
-        coupled(coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], x, M, b)
-        n_x = len(b)
-        whole = np.eye(len(x))
-        whole[:n_x, :n_x] = M
-        kf.x = whole @ x[:, None]
-        kf.x[:n_x, 0] += b
-        kf.P = whole @ kf.P @ whole.T

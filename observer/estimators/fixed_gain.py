@@ -5,22 +5,21 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from observer.errors import UserError
-from observer.estimators.by_block import BlockEstimator
-from observer.estimators.compiled import packing
-from observer.estimators.compiled.allowing import Allowed
-from observer.estimators.compiled.cruise_kernel import columns
-from observer.estimators.compiled.fixed_gain_kernel import DONE, GainTable, Rungs, run_fixed_gain
-from observer.estimators.compiled.packing import Results, Running, Work
-from observer.estimators.compiled.steps import Chunk
+from observer.estimators import packing
+from observer.estimators.by_block import BlockEstimator, Scratch
 from observer.estimators.design.gains import Refusal, everything, sensor_rows
 from observer.estimators.design.riccati import steady_covariance
+from observer.estimators.fixed_gain_records import Allowed, GainTable, Rungs, columns
+from observer.estimators.packing import PlantArrays, Results
 from observer.estimators.protocol import EstimatorState
+from observer.estimators.steps import Chunk
 from observer.frames import BoolArray, FloatArray, contiguous
+from observer.kernels import DONE, record, run_fixed_gain
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
@@ -47,17 +46,22 @@ class GainBank:
         self._period_s = float(quantise(np.array(period_s)))
         self._design = design
         self._rows: dict[int, tuple[FloatArray, ...]] = {}
-        self._table: GainTable | None = None
+        self._table: Any = None
         self.add((_PERIOD_RUNG << plant.rows.sensors) + (1 << plant.rows.sensors) - 1)
 
     @property
-    def table(self) -> GainTable:
-        """All gains so far, for the kernel."""
+    def gains(self) -> GainTable:
+        """All gains so far."""
+        columns = [np.stack(column) for column in zip(*self._rows.values(), strict=True)]
+        K, steady, P, S, heat_sigma, field_sigma = columns
+        keys = np.array(list(self._rows), dtype=np.int64)
+        return GainTable(keys, K, steady.astype(np.bool_), P, S, heat_sigma, field_sigma)
+
+    @property
+    def table(self) -> Any:
+        """The same as the kernel takes it."""
         if self._table is None:
-            columns = [np.stack(column) for column in zip(*self._rows.values(), strict=True)]
-            K, steady, P, S, heat_sigma, field_sigma = columns
-            keys = np.array(list(self._rows), dtype=np.int64)
-            self._table = GainTable(keys, K, steady.astype(np.bool_), P, S, heat_sigma, field_sigma)
+            self._table = record(self.gains)
         return self._table
 
     def rungs(self, lengths_s: list[float]) -> Rungs:
@@ -127,30 +131,53 @@ class FixedGainEstimator(BlockEstimator):
         n, s = len(state.x_hat), len(state.suspect)
         return replace(state, around=np.zeros(n + 2 * s + n * L if L else 0))
 
-    def _allowed(self, running: Running) -> Allowed:
-        """What is allowed for, in arrays that are those of the state."""
-        n, s, L = len(running.x), len(running.suspect), len(self._roughly.learn.kind)
-        first = n + 2 * s if L else 0
-        S = running.around[first:].reshape(n, L)
-        return Allowed(
-            self._roughly, self._own.allowing, running.around[:first], S, np.zeros(n + L), np.zeros((s, L)),
-            np.zeros(s), np.zeros(s), np.zeros(1, np.int64),
-        )  # fmt: skip
-
     @abstractmethod
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
         """The gain K (n, s) for a step and the sensors `present` (s,)."""
 
-    def _take(self, chunk: Chunk, running: Running, out: Results, work: Work) -> None:
+    def _scratch(self) -> Scratch:
+        return FixedGainScratch(self._plant, self._arrays, self._roughly, self.initial())
+
+    def _take(
+        self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any
+    ) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
-        if not hasattr(self._own, "allowing"):
-            self._own.allowing = packing.scratch(self._roughly)
-        rungs, allowed = self._bank.rungs(chunk.lengths_s), self._allowed(running)
+        rungs = record(self._bank.rungs(chunk.lengths_s))
         first, resumed, key = 0, 0, 0
         while key != DONE:
             first, key, resumed = run_fixed_gain(
-                self._arrays, chunk.table, rungs, chunk.inputs, chunk.step, running, self._gate_sigma,
-                self.optimal, self._bank.table, out, first, resumed, work, columns(self._arrays), allowed,
+                self._plant_record, chunk.table, rungs, inputs, chunk.step, scratch.running_record,
+                self._gate_sigma, self.optimal, self._bank.table, results, first, resumed,
+                scratch.work_record, scratch.columns, scratch.allowed,
             )  # fmt: skip
             if key != DONE:
                 self._bank.add(int(key))
+
+
+class FixedGainScratch(Scratch):
+    """The same with the steady step's columns, and what is allowed for, on the memory of the state."""
+
+    def __init__(
+        self, plant: Plant, arrays: PlantArrays, roughly: PlantArrays, initial: EstimatorState
+    ) -> None:
+        """Allocate it; `roughly` is the plant with what is only roughly known of it."""
+        super().__init__(plant, arrays)
+        self.running = packing.thaw(initial)
+        self.running_record = record(self.running)
+        n, s, L = len(self.running.x), len(self.running.suspect), len(roughly.learn.kind)
+        first = n + 2 * s if L else 0
+        around, S = self.running.around[:first], self.running.around[first:].reshape(n, L)
+        self.columns = record(columns(arrays))
+        self.allowed = record(
+            Allowed(
+                roughly,
+                packing.scratch(roughly),
+                around,
+                S,
+                np.zeros(n + L),
+                np.zeros((s, L)),
+                np.zeros(s),
+                np.zeros(s),
+                np.zeros(1, np.int64),
+            )
+        )

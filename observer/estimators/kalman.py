@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from observer.estimators.by_block import BlockEstimator
-from observer.estimators.compiled.kalman_kernel import run_kalman
-from observer.estimators.compiled.packing import Results, Running, Work
-from observer.estimators.compiled.steps import Chunk
+from typing import Any
+
+from observer.estimators.by_block import BlockEstimator, Scratch
+from observer.estimators.packing import Results
+from observer.estimators.steps import Chunk
+from observer.kernels import run_kalman
 
 
 class KalmanEstimator(BlockEstimator):
@@ -15,5 +17,8 @@ class KalmanEstimator(BlockEstimator):
     the gate. Source: Kalman (1960).
     """
 
-    def _take(self, chunk: Chunk, running: Running, out: Results, work: Work) -> None:
-        run_kalman(self._arrays, chunk.table, chunk.inputs, chunk.step, running, self._gate_sigma, out, work)
+    def _take(self, chunk: Chunk, inputs: Any, scratch: Scratch, _out: Results, results: Any) -> None:
+        run_kalman(
+            self._plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self._gate_sigma,
+            results, scratch.work_record,
+        )  # fmt: skip

@@ -101,16 +101,15 @@ def interpolation(place: FloatArray, size: int) -> FloatArray:
 
 
 def _wave_table(table: NutTable, highest: int, step_1_m: float, stroke: Stretch) -> NutTable:
-    """The table of a nut whose modes are the tabulated waves: cosines, then sines, about the middle."""
+    """The table of a nut whose modes are the tabulated waves: cosines, then sines, about the middle (see
+    `kernels.moving.add_waves`).
+    """
     G = highest * PER_MODE + 1 + 2 * NEIGHBOURS  # mode n lies within [n − 1, n] π/L, whatever the ends
     mu = np.tile(step_1_m * np.arange(G), 2)
-    turned = mu * table.screw_m / 2 + np.repeat([0.0, np.pi / 2], G)
     waves = replace(
         table,
         mu_1_m=mu,
-        phase=turned,
-        scale=np.ones(2 * G),
-        conductance_W_m=1.0,
+        phase=np.zeros(0),
         lag=2 * G,
         table_C=np.zeros((2, 0)),
         mean_B=np.zeros(2 * G + 1),

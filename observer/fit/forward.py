@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from observer.config import Config
 from observer.fit.kept import Kept
 from observer.fit.runs import Run, mean_over
-from observer.fit.steps import SteppedRun
+from observer.fit.steps import SteppedRun, driving
 from observer.fit.strengths import unit_laws
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
@@ -62,8 +61,6 @@ class Forward:
         self._tables = [m.table for m in plant.moving]
         self.runs = tuple(SteppedRun(run, config, plant, by_row=by_row) for run in runs)
         self._plants, self._means = Kept[Plant](MOST_KEPT), Kept[list[FloatArray]](MOST_KEPT)
-        if not by_row:
-            self._follow_nuts(self._setting(config))
 
     def __call__(self, config: Config) -> list[FloatArray]:
         """Return the prediction (b, s) of each run in °C."""
@@ -82,20 +79,11 @@ class Forward:
             out.append(mean_over(law_W, ticks.length_s, starts))
         return out
 
-    def _follow_nuts(self, setting: Setting) -> None:
-        """Follow the nuts' paths, which takes longest of all, through several runs at a time."""
-        threads = ThreadPoolExecutor()
-        try:
-            for followed in [threads.submit(self._inputs, setting, run) for run in self.runs]:
-                followed.result()
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)  # after Ctrl-C nobody waits for the others
-
     def _setting(self, config: Config) -> Setting:
         """What the runs are predicted with at a configuration."""
         unit, strength = unit_laws(lean_config(config, self._modes))
         key = unit.model_dump_json(include=PREDICTS) + repr(unit.effect)
-        return Setting(unit, key, strength, self._plants.get(key, lambda: self._plant(unit)))
+        return Setting(unit, key, strength, self._plants.get(key, lambda: self._plant(unit)), driving(unit))
 
     def _plant(self, config: Config) -> Plant:
         if self._by_row:
@@ -149,7 +137,8 @@ class Forward:
         unit, strength = unit_laws(lean_config(config, self._modes))
         unit = unit.model_copy(update={"sensor": (*unit.sensor, *places)})
         plant = build_plant(unit, nut_places=2).sensors_only()
-        setting = Setting(unit, f"fields {unit.model_dump_json(include=PREDICTS)}", strength, plant)
+        key = f"fields {unit.model_dump_json(include=PREDICTS)}"
+        setting = Setting(unit, key, strength, plant, driving(unit))
         with np.errstate(over="ignore", invalid="ignore"):
             rows = [self._rows(setting, run)[1:] for run in self.runs]
         ambient = plant.known.ambient
@@ -196,7 +185,7 @@ class Forward:
 
     def _inputs(self, setting: Setting, run: SteppedRun) -> Inputs:
         """The inputs of a run, its laws at their strengths; those that effects and links add keep theirs."""
-        inputs = run.inputs(setting.config, setting.plant, setting.key)
+        inputs = run.inputs(setting.config, setting.plant, setting.key, setting.driving)
         added = np.ones(inputs.law_W.shape[1] - len(setting.strength))
         return inputs._replace(law_W=inputs.law_W * np.concatenate([setting.strength, added]))
 
@@ -258,12 +247,15 @@ def _untold(
 
 
 class Setting(NamedTuple):
-    """A configuration ready for predictions: laws at strength 1, their strengths (m,), a key, the plant."""
+    """A configuration ready for predictions: laws at strength 1, their strengths (m,), a key, the plant, and
+    the key of what drives it.
+    """
 
     config: Config
     key: str
     strength: FloatArray
     plant: Plant
+    driving: str
 
 
 def _told(plant: Plant) -> Plant:

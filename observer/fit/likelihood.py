@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.estimators.compiled import packing
-from observer.estimators.compiled.kalman_kernel import run_kalman
-from observer.estimators.compiled.steps import StepCache, chunks
+from observer.estimators import packing
+from observer.estimators.steps import StepCache, chunks
 from observer.frames import FloatArray, Inputs
+from observer.kernels import record, run_kalman
 from observer.model.plant import Plant
 
 _SWEEPS = 2
@@ -26,9 +26,9 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
     results = packing.empty_results(bare, len(inputs))
     running = packing.thaw(packing.initial_state(bare))
     arrays, steps = packing.pack_plant(bare), StepCache(bare)
-    work = packing.scratch(arrays)
+    p, work, state = record(arrays), record(packing.scratch(arrays)), record(running)
     for part, _, table, u, step in chunks(steps, inputs.sensors_only(plant.rows.sensors)):
-        run_kalman(arrays, table, u, step, running, np.inf, packing.cut(results, part), work)
+        run_kalman(p, table, record(u), step, state, np.inf, record(packing.cut(results, part)), work)
     started = np.flatnonzero(np.isfinite(results.innovation).any(axis=1))
     return float(results.log_likelihood[started[1:]].sum()) if len(started) else 0.0
 

@@ -139,11 +139,13 @@ class SteppedRun:
         """Whether its rows are further apart than ticks: what changed between them changed at any time."""
         return self.row_s > 1.5 * TICK_S
 
-    def inputs(self, config: Config, plant: Plant, key: str) -> Inputs:
-        """Return the inputs of the steps, (T,); `key` says the configuration."""
+    def inputs(self, config: Config, plant: Plant, key: str, driven_by: str) -> Inputs:
+        """Return the inputs of the steps, (T,); `key` says the configuration, and `driven_by` what of it
+        `driving` tells.
+        """
         if self._by_row:
             return self._rows_kept.get(key, lambda: self._rows(config, plant))
-        driven = self._driven.get(driving(config), lambda: self._aggregated(config, plant))
+        driven = self._driven.get(driven_by, lambda: self._aggregated(config, plant))
         T, M = len(self.ticks.first), len(plant.moving)
         B, C = np.zeros((T, M, len(plant.decay_1_s))), np.zeros((T, M, len(plant.rows.C)))
         for i, source in enumerate(plant.moving):

@@ -30,7 +30,7 @@ LOOK_S = 0.2
 WATCHDOG_S = 10.0
 """As in the unit of a single service: WATCHDOG comes from completed cycles only."""
 START_S = 90.0
-"""To READY, or to the next message before it: an axis that compiles says again and again that it does."""
+"""To READY, as in the unit."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 STEADY_S = 60.0
 """An axis that has lived so long begins with the short pause again."""
@@ -103,7 +103,7 @@ class Axis:
         with suppress(BlockingIOError):
             while words := self.ear.recv(4096).decode(errors="replace").split("\n"):
                 self.ready = self.ready or "READY=1" in words
-                if not self.ready or "WATCHDOG=1" in words or "READY=1" in words:
+                if "WATCHDOG=1" in words or "READY=1" in words:
                     self._heard_s = now_s
 
     def see_to(self, now_s: float, *, ending: bool) -> None:
@@ -138,8 +138,8 @@ class Axis:
 def serve_axes(paths: Sequence[Path], seconds: float | None, log_format: str) -> int:
     """Serve several axes until SIGTERM, SIGINT or for `seconds`; returns the exit code. Raises `ConfigError`.
 
-    The others start when the first is ready, so that the kernels are compiled once; SIGHUP has all of them
-    read their configurations again. Should this process be killed, they end by themselves.
+    SIGHUP has all of them read their configurations again. Should this process be killed, they end by
+    themselves.
     """
     configs = check_axes(paths)
     notify = service_manager()
@@ -167,18 +167,14 @@ def serve_axes(paths: Sequence[Path], seconds: float | None, log_format: str) ->
 
 
 def _look_after(axes: Sequence[Axis]) -> None:
-    """Hear and see to each, and start the next one that is to run.
-
-    The first starts alone, for it may have to compile what all then find; later ones as many at a time as
-    there are cores.
-    """
+    """Hear and see to each, and start the next one that is to run; as many at a time as there are cores."""
     select.select([axis.ear for axis in axes], [], [], LOOK_S)
     now_s = time.monotonic()
     for axis in axes:
         axis.hear(now_s)
         axis.see_to(now_s, ending=False)
     starting = sum(axis.process is not None and not axis.ready for axis in axes)
-    if starting < ((os.cpu_count() or 1) if any(axis.ready for axis in axes) else 1):
+    if starting < (os.cpu_count() or 1):
         for axis in axes:
             if axis.process is None and axis.over is None and now_s >= axis.due_s:
                 axis.start(now_s)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict
 
-from observer.installation import Installation
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
+
+if TYPE_CHECKING:
+    from observer.installation import Installation
 
 
 class Start(BaseModel):

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer.estimators.compiled import packing
-from observer.estimators.compiled.packing import IntArray, Running
-from observer.estimators.compiled.steps import StepCache, StepTable, chunks
+from observer.estimators import packing
+from observer.estimators.packing import IntArray
+from observer.estimators.steps import StepCache, chunks
 from observer.frames import FloatArray, Inputs
 from observer.history.history import HeatHistory
-from observer.history.smoother_kernel import Adjoint, Smoothed, Tape, run_backward, run_forward
+from observer.history.tape import Adjoint, Smoothed, Tape
+from observer.kernels import record, run_backward, run_changes_backward, run_changes_forward, run_forward
+from observer.kernels.layout import padded_width
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 # Long enough that the filter's states kept between segments do not count, short enough for the cache.
 _STEPS_IN_SEGMENT = 1024
-_Segment = tuple[Inputs, IntArray, StepTable]
+_REGISTER = 4
 
 
 def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs]) -> HeatHistory:
@@ -32,13 +35,31 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
     Sensors that the gate refused on the way forward are left out on the way back too. Sources: Bierman
     (1973), de Jong (1989); Durbin and Koopman (2012), section 6.4, for one sensor at a time.
     """
-    plant = plant.sensors_only()
-    passes = _Passes(plant, settings)
-    for block in blocks:
-        passes.forward(block)
-    parts = [passes.backward(block) for block in reversed(blocks)][::-1]
-    heat, sigma, residual = (np.concatenate(column) for column in zip(*parts, strict=True))
+    heat, sigma, residual = _Passes(plant.sensors_only(), settings).run(blocks)
     return HeatHistory(np.concatenate([block.time_s for block in blocks]), heat, sigma, residual)
+
+
+def smooth_changes(
+    plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], changes_K: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the smoother makes of changes D (K, s, c) of what sensors read, K, beside the log itself.
+
+    Σ being the covariance of all readings, that is Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), and the changes of the
+    heats (K, m_e, c), W. Changes of readings that are not used must be 0. Gains and covariances are those of
+    the log, so one pass does for all.
+    """
+    passes = _ChangedPasses(plant.sensors_only(), settings, changes_K)
+    [heat] = passes.run(blocks)
+    return passes.told, heat
+
+
+class _Segment(NamedTuple):
+    """Some of a log's steps: which, their inputs, and where each one's length is in the table."""
+
+    rows: slice
+    u: Inputs
+    step: IntArray
+    table: Any
 
 
 class _Passes:
@@ -47,62 +68,110 @@ class _Passes:
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         self._arrays = packing.pack_plant(plant)
         self._steps = StepCache(plant)
-        self._work = packing.scratch(self._arrays)
+        self._plant_record, self._work = record(self._arrays), record(packing.scratch(self._arrays))
         self._gate_sigma = float(settings.gate_sigma)
         self._state = packing.thaw(packing.initial_state(plant))
-        self._kept: list[Running] = []
         n, width = self._state.P.shape
         s, m_e = len(self._arrays.R_K2), len(self._arrays.source)
-        self._adjoint = Adjoint(np.zeros(width), np.zeros((n, width)), np.zeros(width))
+        self._adjoint = record(Adjoint(np.zeros(width), np.zeros((n, width)), np.zeros(width)))
         K = _STEPS_IN_SEGMENT
-        self._tape = Tape(
-            kind=np.zeros(K, dtype=np.int8),
-            gain=np.zeros((K, s, width)),
-            weight=np.zeros((K, s)),
-            innovation=np.zeros((K, s)),
-            heat=np.zeros((K, m_e)),
-            cross=np.zeros((K, m_e, width)),
-            coupled=np.zeros((K, 2, n - m_e)),
+        self._tape = record(
+            Tape(
+                kind=np.zeros(K, dtype=np.int8),
+                gain=np.zeros((K, s, width)),
+                weight=np.zeros((K, s)),
+                innovation=np.zeros((K, s)),
+                heat=np.zeros((K, m_e)),
+                cross=np.zeros((K, m_e, width)),
+                coupled=np.zeros((K, 2, n - m_e)),
+            )
         )
-        self._tape_is_of_last = False
 
-    def forward(self, block: Inputs) -> None:
-        """Filter a block, keeping the state at the start of each of its segments."""
-        for segment in self._segments(block):
-            self._kept.append(_copy(self._state))
-            self._filter(segment, self._state)
-            self._tape_is_of_last = True
+    def run(self, blocks: Sequence[Inputs]) -> list[FloatArray]:
+        """Go forward, keeping the state at the start of each segment, and back; return what that makes of
+        the K rows.
+        """
+        kept, parts = [], list[tuple[FloatArray, ...]]()
+        begins = np.cumsum([0, *map(len, blocks)]).tolist()
+        for block, begin in zip(blocks, begins, strict=False):
+            for segment in self._segments(block, begin):
+                kept.append(self._remembered())
+                self._filter(segment)
+        for block, begin in zip(reversed(blocks), begins[-2::-1], strict=True):
+            for segment in reversed(list(self._segments(block, begin))):
+                state = kept.pop()
+                if parts:  # at first the tape is that of the last segment
+                    self._recall(state)
+                    self._filter(segment)
+                parts.append(self._smooth(segment))
+        return [np.concatenate(column) for column in zip(*parts[::-1], strict=True)]
 
-    def backward(self, block: Inputs) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Smooth a block: heats and σ (K, m_e), residuals (K, s)."""
-        parts = []
-        for segment in reversed(list(self._segments(block))):
-            state = self._kept.pop()
-            if not self._tape_is_of_last:
-                self._filter(segment, state)
-            self._tape_is_of_last = False
-            parts.append(self._smooth(segment))
-        heat, sigma, residual = (np.concatenate(column) for column in zip(*parts[::-1], strict=True))
-        return heat, sigma, residual
-
-    def _segments(self, block: Inputs) -> Iterator[_Segment]:
+    def _segments(self, block: Inputs, row: int) -> Iterator[_Segment]:
         seen = block.sensors_only(len(self._arrays.R_K2))
-        for _, _, table, u, step in chunks(self._steps, seen):
+        for part, _, table, u, step in chunks(self._steps, seen):
             for begin in range(0, len(step), _STEPS_IN_SEGMENT):
-                end = begin + _STEPS_IN_SEGMENT
-                yield u.part(begin, end), step[begin:end], table
+                own = u.part(begin, begin + _STEPS_IN_SEGMENT)
+                first = row + part.start + begin
+                rows = slice(first, first + len(own))
+                yield _Segment(rows, own, step[begin : begin + _STEPS_IN_SEGMENT], table)
 
-    def _filter(self, segment: _Segment, state: Running) -> None:
-        u, step, table = segment
-        run_forward(self._arrays, table, u, step, state, self._gate_sigma, self._work, self._tape)
+    def _remembered(self) -> tuple[FloatArray | IntArray, ...]:
+        return tuple(array.copy() for array in self._state)
 
-    def _smooth(self, segment: _Segment) -> Smoothed:
-        u, step, table = segment
-        K, s, m_e = len(step), len(self._arrays.R_K2), len(self._arrays.source)
+    def _recall(self, state: tuple[FloatArray | IntArray, ...]) -> None:
+        for array, then in zip(self._state, state, strict=True):
+            array[...] = then
+
+    def _filter(self, segment: _Segment) -> None:
+        run_forward(
+            self._plant_record, segment.table, record(segment.u), segment.step, record(self._state),
+            self._gate_sigma, self._work, self._tape,
+        )  # fmt: skip
+
+    def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
+        """Heats and σ (K, m_e), residuals (K, s)."""
+        K, s, m_e = len(segment.step), len(self._arrays.R_K2), len(self._arrays.source)
         out = Smoothed(np.full((K, m_e), np.nan), np.full((K, m_e), np.nan), np.full((K, s), np.nan))
-        run_backward(self._arrays, table, u, step, self._tape, self._adjoint, self._work, out)
+        run_backward(
+            self._plant_record, segment.table, record(segment.u), segment.step, self._tape, self._adjoint,
+            self._work, record(out),
+        )  # fmt: skip
         return out
 
 
-def _copy(state: Running) -> Running:
-    return Running._make(array.copy() for array in state)
+class _ChangedPasses(_Passes):
+    """The same with changes of the readings beside the log, which is column 0."""
+
+    def __init__(self, plant: Plant, settings: EstimatorSettings, changes_K: FloatArray) -> None:
+        super().__init__(plant, settings)
+        self._changes_K, count = changes_K, changes_K.shape[2]
+        self._columns = padded_width(1 + count, _REGISTER)
+        self._X, self._adjoints = np.zeros((2, len(self._state.x), self._columns))
+        self.told = np.zeros((count, 1 + count))
+
+    def _remembered(self) -> tuple[FloatArray | IntArray, ...]:
+        return *super()._remembered(), self._X.copy()
+
+    def _recall(self, state: tuple[FloatArray | IntArray, ...]) -> None:
+        super()._recall(state[:-1])
+        self._X[...] = state[-1]
+
+    def _filter(self, segment: _Segment) -> None:
+        super()._filter(segment)
+        D = self._changes_K[segment.rows]
+        K, s, count = D.shape
+        self._moved = np.zeros((K, s, self._columns))
+        self._moved[:, :, 1 : 1 + count] = D
+        self._heat = np.full((K, len(self._arrays.source), self._columns), np.nan)
+        run_changes_forward(*self._over(segment), self._X, self._moved, self._heat)
+
+    def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
+        """What Σ⁻¹ makes of the readings goes into `told`; the changes of the heats (K, m_e, c)."""
+        run_changes_backward(*self._over(segment), self._adjoints, self._moved, self._heat)
+        D = self._changes_K[segment.rows]
+        self.told += np.einsum("ksc,ksd->cd", D, self._moved[:, :, : self.told.shape[1]], optimize=True)
+        return (self._heat[:, :, 1 : self.told.shape[1]],)
+
+    def _over(self, segment: _Segment) -> tuple[Any, ...]:
+        u = record(segment.u)
+        return self._plant_record, segment.table, u, segment.step, self._tape, self._work

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import BoolArray, FloatArray, Inputs
-from observer.history.smoother import smooth_heats
+from observer.history.smoother import smooth_changes
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -53,28 +53,17 @@ def most_probable(
     """Return what the `used` readings (K, s) of consecutive blocks tell of tolerances, of which there is one
     at least.
     """
-    settings = settings.model_copy(update={"gate_sigma": _OPEN_GATE})
-    weight_1_K2 = used / plant.noise_R_K2
-
-    def smoothed(more_K: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The heats (K, m_e), and Σ⁻¹ times the readings about their mean (K s,)."""
-        history = smooth_heats(plant, settings, with_readings(blocks, np.where(used, more_K, np.nan)))
-        return history.heat_W, np.where(used, history.residual_K * weight_1_K2, 0.0).ravel()
-
-    heat_W, told = smoothed(np.zeros(used.shape))
-    D = np.array([np.where(used, change.sensor_K, 0.0).ravel() for change in changes])
-    M, G = [], np.empty((len(D), len(D)))
-    for i, change in enumerate(changes):
-        moved_W, moved = smoothed(change.sensor_K)
-        M.append(heat_W - moved_W)
-        G[i] = D @ (moved - told)
-    S = np.linalg.inv(np.eye(len(D)) + 0.5 * (G + G.T))
+    open_gate = settings.model_copy(update={"gate_sigma": _OPEN_GATE})
+    D = np.stack([np.where(used, change.sensor_K, 0.0) for change in changes], axis=2)
+    read = with_readings(blocks, np.where(used, 0.0, np.nan))
+    told, M = smooth_changes(plant, open_gate, read, D)
+    S = np.linalg.inv(np.eye(len(told)) + told[:, 1:])
     learnt = np.array([change.learnt for change in changes])
-    theta = np.where(learnt, S @ (D @ told), 0.0)
+    theta = np.where(learnt, S @ told[:, 0], 0.0)
     held = np.ix_(~learnt, ~learnt)
-    S[held] = np.eye(len(D))[held]
-    variance = np.einsum("ikj,il,lkj->kj", M, S, M, optimize=True)
-    return Within(np.reshape(theta @ D, used.shape), np.maximum(variance, 0.0))
+    S[held] = np.eye(len(told))[held]
+    variance = np.sum(M @ S * M, axis=2)
+    return Within(D @ theta, np.maximum(variance, 0.0))
 
 
 def with_readings(blocks: Sequence[Inputs], more_K: FloatArray) -> list[Inputs]:

@@ -27,8 +27,8 @@ _USER = Path("/etc/sysusers.d") / f"{NAME}.conf"
 _FOLDERS = Path("/etc/tmpfiles.d") / f"{NAME}.conf"
 _HIDDEN = ("/home/", "/root/", "/run/user/", "/tmp/", "/var/tmp/")  # from the service, by its unit
 _OURS = re.compile(r"^ExecStart=.*$", re.M)
-_MEMORY = re.compile(r"^MemoryMax=.*$", re.M)
-_FIRST_MB, _AXIS_MB = 800, 300  # the compiler of the first start, and an axis with what it may keep
+_MEMORY = re.compile(r"^MemoryMax=(\d+)M$", re.M)
+_AXIS_MB = 300  # for each further axis, with what it may keep
 _COMMAND_S = 120.0
 _PACKAGES = Path(__file__).parents[2]
 
@@ -90,7 +90,7 @@ def to_install(axes: Sequence[Axis], program: str) -> Plan:
         _files_are_seen(axis.config)
     options = " ".join(f"--config {path}" for path in placed)
     unit = _OURS.sub(lambda _: f"ExecStart={program} run {options}", _shipped())
-    unit = _MEMORY.sub(lambda _: f"MemoryMax={_FIRST_MB + _AXIS_MB * len(axes)}M", unit)
+    unit = _MEMORY.sub(lambda one: f"MemoryMax={int(one[1]) + _AXIS_MB * (len(axes) - 1)}M", unit)
     # systemd-tmpfiles touches no file of root's in a folder that belongs to somebody else
     folders = [
         f"d {CONFIG.parent} 0770 root ballscrew",
@@ -110,7 +110,7 @@ def to_install(axes: Sequence[Axis], program: str) -> Plan:
             ("systemd-tmpfiles", "--create", str(_FOLDERS)),
             ("systemctl", "daemon-reload"),
             ("systemctl", "enable", NAME),
-            ("systemctl", "restart", "--no-block", NAME),  # a first start compiles for minutes
+            ("systemctl", "restart", "--no-block", NAME),  # many axes start in turn
         ),
     )
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from observer.effects.terms import Fade, Lag, Radiation, StretchFilm, Term
 from observer.frames import FloatArray
-from observer.model.coupling import Fades, Films, Links, SensorLags, no_coupling, packed
+from observer.kernels.layout import packed
+from observer.model.coupling import Fades, Films, Links, SensorLags, no_coupling
 from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
 from observer.model.network.attach import Attached, attached, past_covariance
 from observer.model.network.network import NodeModes, node_modes

@@ -13,11 +13,11 @@ import numpy as np
 from observer.config import Config
 from observer.effects.terms import LawFactor, SpeedLoss
 from observer.frames import FloatArray
+from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from observer.model.couple import surface_rate
 from observer.model.law import heat_law
 from observer.model.plant import AMBIENT, LEFT, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
-from observer.model.rod.path import SAMPLES_PER_TRAVERSE
 from observer.model.rod.ripple import Sweep
 from observer.physics.constants import ZERO_DEGC_K
 from observer.tables.sections import Source, law_channels

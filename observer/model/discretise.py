@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.compiled import cached_call, rarely
-from observer.frames import FloatArray
+from observer.frames import FloatArray, contiguous
+from observer.kernels import discretise
+from observer.kernels.codes import TICKS_PER_S
 from observer.model.plant import Plant
 
 # Gauss-Legendre on [0, 1]; the weights are positive, so the noise is positive semidefinite to the last bit of
 # rounding.
 _NODES = 0.5 * (np.polynomial.legendre.leggauss(16)[0] + 1.0)
 _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(16)[1]
-TICKS_PER_S = 1e6
 
 
 class StepMatrices(NamedTuple):
@@ -56,13 +56,21 @@ def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:
     """
     if not (np.isfinite(dt_s) and dt_s >= 0.0):
         raise ValueError(f"a step of {dt_s} s cannot be taken; times must increase")
-    arrays = _step(
-        np.ascontiguousarray(plant.decay_1_s),
-        np.ascontiguousarray(plant.heat_decay_1_s),
-        np.ascontiguousarray(plant.random_walk_W2_s),
-        float(dt_s),
+    n_x, m_e = len(plant.decay_1_s), len(plant.heat_decay_1_s)
+    step = StepMatrices(
+        dt_s=float(dt_s),
+        decay=np.empty(n_x),
+        hold=np.empty(n_x),
+        ramp=np.empty(n_x),
+        heat_decay=np.empty(m_e),
+        couple=np.empty((m_e, n_x)),
+        walk_xx=np.zeros((m_e, n_x, n_x)),
+        walk_dx=np.zeros((m_e, n_x)),
+        walk_dd=np.zeros(m_e),
     )
-    return StepMatrices(float(dt_s), *arrays)
+    rates = (plant.decay_1_s, plant.heat_decay_1_s, plant.random_walk_W2_s)
+    discretise(*map(contiguous, rates), step.dt_s, _NODES, _WEIGHTS, np.empty(n_x), *step[1:])
+    return step
 
 
 def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
@@ -89,55 +97,3 @@ def fixed_noise(plant: Plant, step: StepMatrices, which: np.typing.NDArray[np.bo
     for j in np.flatnonzero(which):
         Q = Q + np.multiply.outer(columns[j], columns[j]) * step.walk_xx[j]
     return Q
-
-
-@rarely
-def hold(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
-    """∫_0^dt exp(-rate s) ds, safe for rate → 0."""
-    if rate_1_s == 0.0:
-        return dt_s
-    return -np.expm1(-rate_1_s * dt_s) / rate_1_s
-
-
-@rarely
-def ramp(rate_1_s, dt_s):  # type: ignore[no-untyped-def]
-    """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u², u = rate dt; for small u a series."""
-    u = rate_1_s * dt_s
-    if u < 1e-2:
-        return dt_s * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0 - u * (1.0 / 120.0 - u / 720.0))))
-    return dt_s * (u + np.expm1(-u)) / (u * u)
-
-
-@rarely
-def _chain(rate_1_s, heat_rate_1_s, dt_s):  # type: ignore[no-untyped-def]
-    """∫_0^dt exp(-rate (dt-s)) exp(-heat_rate s) ds, safe where both rates meet."""
-    slow = min(rate_1_s, heat_rate_1_s)
-    return np.exp(-slow * dt_s) * hold(abs(rate_1_s - heat_rate_1_s), dt_s)
-
-
-@cached_call
-def _step(rate, heat_rate, intensity, dt_s):  # type: ignore[no-untyped-def]
-    n_x, m_e = len(rate), len(heat_rate)
-    decay, held, ramped = np.empty(n_x), np.empty(n_x), np.empty(n_x)
-    heat_decay, couple = np.exp(-heat_rate * dt_s), np.empty((m_e, n_x))
-    walk_xx, walk_dx, walk_dd = np.zeros((m_e, n_x, n_x)), np.zeros((m_e, n_x)), np.zeros(m_e)
-    for i in range(n_x):
-        decay[i] = np.exp(-rate[i] * dt_s)
-        held[i] = hold(rate[i], dt_s)
-        ramped[i] = ramp(rate[i], dt_s)
-    response = np.empty(n_x)
-    for j in range(m_e):
-        for i in range(n_x):
-            couple[j, i] = _chain(rate[i], heat_rate[j], dt_s)
-        for q in range(len(_NODES)):
-            s = _NODES[q] * dt_s
-            weight = _WEIGHTS[q] * dt_s * intensity[j]
-            own = np.exp(-heat_rate[j] * s)
-            for i in range(n_x):
-                response[i] = _chain(rate[i], heat_rate[j], s)
-            for i in range(n_x):
-                walk_dx[j, i] += weight * own * response[i]
-                for k in range(n_x):
-                    walk_xx[j, i, k] += weight * response[i] * response[k]
-            walk_dd[j] += weight * own * own
-    return decay, held, ramped, heat_decay, couple, walk_xx, walk_dx, walk_dd

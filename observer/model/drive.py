@@ -8,6 +8,7 @@ silently.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.compiled import cached_loop, inlined
 from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
-from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, Quality, QualityArray
+from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, QualityArray
+from observer.kernels import drive_on, record
+from observer.kernels.layout import packed
 from observer.model.couple import surface_rate
 from observer.model.law import Law, heat_law
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
@@ -26,8 +28,6 @@ from observer.model.realise import realise
 from observer.model.rod import moving, turning
 from observer.model.rod.path import PathState
 from observer.tables.sections import law_channels
-
-_GOOD = int(Quality.GOOD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +101,7 @@ class Drive:
         needed += [loss.speed_channel for loss in self._losses]
         self._needed = [c for c in dict.fromkeys(needed) if c is not None]
         self._channels: tuple[str, ...] | None = None  # of the last frames, and where they hold what is read
+        self._own = threading.local()
 
     def initial(self) -> DriveState:
         """Return the state before the first frame."""
@@ -117,45 +118,48 @@ class Drive:
 
     def run(self, state: DriveState, frames: FrameBlock) -> tuple[DriveState, Inputs]:
         """Return the state after K frames and the inputs of the K steps they end."""
-        driving, read, after = self._driving(state, frames)
+        told, begin_s, running_s = self._told(state, frames)
         nuts, turns, moving_B, moving_C = self._nuts(state, frames)
         inputs = Inputs(
-            frames.time_s, frames.dt_s, *read[:3], driving.law_W, driving.law_jump_W, driving.z_start,
-            driving.z_end, moving_B, moving_C, read.degraded, driving.loss_1_s, driving.loss_degC,
+            frames.time_s, frames.dt_s, told.y_degC, told.usable, told.sensor_quality, told.law_W,
+            told.jump_W, told.z_start, told.z_end, moving_B, moving_C, told.degraded,
+            *self._loss(frames, told.z_end[:, self._known.ambient]),
         )  # fmt: skip
-        law_W, z, begin_s, running_s = after
-        return DriveState(law_W, z, nuts, turns, begin_s, float(frames.time_s[-1]), running_s), inputs
+        last_s = float(frames.time_s[-1])
+        return DriveState(told.law[-1], told.known[-1], nuts, turns, begin_s, last_s, running_s), inputs
 
     def open_loop(self, frames: FrameBlock) -> Driving:
         """Return what drives a plant through a log from its first frame on, but for where nuts are."""
-        return self._driving(self.initial(), frames)[0]
+        told, _, _ = self._told(self.initial(), frames)
+        losses = self._loss(frames, told.z_end[:, self._known.ambient])
+        return Driving(told.law_W, told.jump_W, told.z_start, told.z_end, *losses)
 
-    def _driving(
-        self, state: DriveState, frames: FrameBlock
-    ) -> tuple[Driving, _Sensed, tuple[FloatArray, FloatArray, float, FloatArray]]:
-        """The heats, known inputs and losses of K steps, what sensors say, and what is remembered of it: laws
-        and known inputs at the end, the first frame's time, and how long each law has run.
+    def _told(self, state: DriveState, frames: FrameBlock) -> tuple[DriveDesk, float, FloatArray]:
+        """What drives the plant in K steps and what sensors say, the first frame's time, and how long each
+        law has run.
         """
         if frames.channels is not self._channels:
-            self._channels, self._read = frames.channels, self._places(frames.channels)
-        count, s, m, p = len(frames), len(self._sensor_channels), len(self._laws), len(state.z)
-        law, running_s = self._law(frames, state)
-        known, z_start, z_end = np.empty((count, p)), np.empty((count, p)), np.empty((count, p))
-        law_W, jump_W = np.empty((count, m)), np.empty((count, m))
-        sensed = _Sensed(
-            np.empty((count, s)), np.empty((count, s), np.bool_), np.empty((count, s), np.int8),
-            np.empty(count, np.int8),
-        )  # fmt: skip
+            self._channels, self._read = frames.channels, record(self._places(frames.channels))
+        own, sizes = self._own, (len(self._sensor_channels), len(self._laws), len(state.z))
+        if len(frames) != 1:
+            desk = _desk(frames, *sizes)
+            desk_record = record(desk)
+        elif not hasattr(own, "desk") or own.desk.values.shape != frames.values.shape:
+            desk = own.desk = DriveDesk._make(array.copy() for array in _desk(frames, *sizes))
+            desk_record = own.record = record(desk)
+        else:
+            desk, desk_record = own.desk, own.record
+            desk.time_s[:], desk.values[:] = frames.time_s, frames.values
+            desk.fresh[:], desk.quality[:] = frames.fresh, frames.quality
+        desk.law_before_W[:], desk.z_before[:] = state.law_W, state.z
+        running_s = self._law(desk.law, frames, state)
         begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
-        _fill(
-            self._read, frames.time_s, frames.values, frames.fresh, frames.quality, state.law_W, state.z,
-            begin_s, state.last_s, law, known, z_start, z_end, law_W, jump_W, *sensed,
-        )  # fmt: skip
-        losses = self._loss(frames, z_end[:, self._known.ambient])
-        driving = Driving(law_W, jump_W, z_start, z_end, *losses)
-        return driving, sensed, (law[-1], known[-1], begin_s, running_s)
+        drive_on(self._read, desk_record, begin_s, state.last_s)
+        if len(frames) == 1:
+            desk = DriveDesk._make([*desk[:6], *[array.copy() for array in desk[6:]]])
+        return desk, begin_s, running_s
 
-    def _places(self, channels: tuple[str, ...]) -> _Read:
+    def _places(self, channels: tuple[str, ...]) -> ColumnsRead:
         """Where frames of these channels hold what is read."""
         at: dict[str | None, int] = {name: i for i, name in enumerate(channels)}
         self._law_columns = [[at[c] for c in read] for read, _ in self._laws]
@@ -164,7 +168,7 @@ class Drive:
         def columns(names: Sequence[str]) -> NDArray[np.int64]:
             return np.array([at[name] for name in names], np.int64)
 
-        return _Read(
+        return ColumnsRead(
             columns(self._sensor_channels),
             np.array([-1 if c is None else at[c] for c in self._known_channels], np.int64),
             self._shift_K,
@@ -175,9 +179,10 @@ class Drive:
             -1 if self._known.reference is None else self._known.reference,
         )
 
-    def _law(self, frames: FrameBlock, state: DriveState) -> tuple[FloatArray, FloatArray]:
-        """Each source's heat by law at each tick, (K, m), W, NaN while not known, and how long it has run."""
-        law = np.empty((len(frames), len(self._laws)))
+    def _law(self, law: FloatArray, frames: FrameBlock, state: DriveState) -> FloatArray:
+        """Fill in each source's heat by law at each tick, (K, m), W, NaN while not known; return for how long
+        each has run.
+        """
         running_s = state.running_s
         for j, (columns, (_, heat_W)) in enumerate(zip(self._law_columns, self._laws, strict=True)):
             read = [frames.values[:, i] for i in columns] or [np.zeros(len(frames))]
@@ -189,7 +194,7 @@ class Drive:
                 running_s[j] = ran_s[-1]
                 for factor in factors:
                     law[:, j] *= factor(read[0], ran_s)
-        return law, running_s
+        return running_s
 
     def _loss(self, frames: FrameBlock, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C."""
@@ -203,6 +208,14 @@ class Drive:
             drawn += own * (ambient_degC if loss.temperature_degC is None else loss.temperature_degC)
         return rate, np.where(rate > 0.0, drawn / np.where(rate > 0.0, rate, 1.0), 0.0)
 
+    def _averaging(self, nut: int, steps: int) -> moving.Averaging:
+        """What the averaging of a nut's columns works on; for a single step it is kept."""
+        if steps != 1:
+            return moving.Averaging(self._plant.moving[nut].table, steps)
+        if not hasattr(self._own, "nuts"):
+            self._own.nuts = [moving.Averaging(s.table, 1) for s in self._plant.moving]
+        return self._own.nuts[nut]  # type: ignore[no-any-return]
+
     def _nuts(
         self, state: DriveState, frames: FrameBlock
     ) -> tuple[tuple[moving.NutState, ...], tuple[PathState, ...], FloatArray, FloatArray]:
@@ -211,11 +224,11 @@ class Drive:
         B, C, nuts, turns = [], [], [], list(state.turns)
         for i, source in enumerate(plant.moving):
             path = frames.path[source.channel]
-            nut, own_B, own_C = moving.columns(source.table, state.nuts[i], frames.dt_s, path)
+            nut, own_B, own_C = self._averaging(i, len(frames)).columns(state.nuts[i], frames.dt_s, path)
             if source.ends_fraction:
                 turns[i], ends_B, ends_C = turning.columns(source.table, turns[i], frames.dt_s, path)
-                own_B += source.ends_fraction * (ends_B - own_B)
-                own_C += source.ends_fraction * (ends_C - own_C)
+                own_B = own_B + source.ends_fraction * (ends_B - own_B)
+                own_C = own_C + source.ends_fraction * (ends_C - own_C)
             nuts.append(nut)
             B.append(own_B)
             C.append(own_C)
@@ -224,16 +237,7 @@ class Drive:
         return tuple(nuts), tuple(turns), moving_B, moving_C
 
 
-class _Sensed(NamedTuple):
-    """What sensors say in K steps, and how far it can be used; each as in `Inputs`."""
-
-    y_degC: FloatArray
-    usable: BoolArray
-    quality: QualityArray
-    degraded: NDArray[np.int8]
-
-
-class _Read(NamedTuple):
+class ColumnsRead(NamedTuple):
     """The columns of the frames that hold sensors (s,), known inputs (p,), what else the model needs, and
     nuts' positions (M,); −1 is a known input that no channel tells. `shift_K` (p,) is how far those are from
     what is told, and `rate_K_h` (p,) how fast they drift from there;
@@ -250,63 +254,38 @@ class _Read(NamedTuple):
     reference: int
 
 
-@cached_loop
-def _fill(  # type: ignore[no-untyped-def]
-    read, time_s, values, fresh, quality, law_before_W, z_before, begin_s, last_s,
-    law, known, z_start, z_end, law_W, jump_W, y_degC, usable, sensor_quality, degraded,
-):  # fmt: skip
-    """Fill in the inputs of K steps, and of `law` what is not known; shapes as in `Inputs`."""
-    for k in range(len(time_s)):
-        hours = (time_s[k] - begin_s) / 3600.0
-        hours_before = ((time_s[k - 1] if k > 0 else last_s) - begin_s) / 3600.0
-        if np.isnan(hours_before):
-            hours_before = hours
-        ready = _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, z_end)
-        _fill_laws(law_before_W, k, law, law_W, jump_W)
-        for i in range(len(read.sensors)):
-            column = read.sensors[i]
-            y_degC[k, i], sensor_quality[k, i] = values[k, column], quality[k, column]
-            usable[k, i] = fresh[k, column] and quality[k, column] == _GOOD and ready
-        degraded[k] = 0
-        for i in range(len(read.needed)):
-            if quality[k, read.needed[i]] != _GOOD:
-                degraded[k] = 1
-        for i in range(len(read.nuts)):
-            if quality[k, read.nuts[i]] != _GOOD:
-                degraded[k] = 2
+class DriveDesk(NamedTuple):
+    """What the kernel reads of K frames and of the state, and what it fills in.
 
-
-@inlined
-def _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, z_end):  # type: ignore[no-untyped-def]
-    """Fill in the known inputs at both ends of step k; return whether all are numbers.
-
-    The error's reference, which comes after it, is the first ambient unless it is given.
+    Names and shapes as in `FrameBlock`, `DriveState` and `Inputs`; `law` (K, m) and `known` (K, p) are heats
+    by law and known inputs at the ticks.
     """
-    ready = True
-    for q in range(known.shape[1]):
-        before = known[k - 1, q] if k > 0 else z_before[q]
-        known[k, q] = values[k, read.known[q]] if read.known[q] >= 0 else before
-        if q == read.reference and np.isnan(known[k, q]):
-            known[k, q] = known[k, read.ambient]
-        if k == 0 and np.isnan(before):
-            before = known[k, q]
-        z_end[k, q] = known[k, q] + read.shift_K[q] + hours * read.rate_K_h[q]
-        start = before + read.shift_K[q] + hours_before * read.rate_K_h[q]
-        z_start[k, q] = z_end[k, q] if np.isnan(start) else start
-        ready = ready and np.isfinite(z_end[k, q])
-    return ready
+
+    time_s: FloatArray
+    values: FloatArray
+    fresh: BoolArray
+    quality: QualityArray
+    law_before_W: FloatArray
+    z_before: FloatArray
+    law: FloatArray
+    known: FloatArray
+    z_start: FloatArray
+    z_end: FloatArray
+    law_W: FloatArray
+    jump_W: FloatArray
+    y_degC: FloatArray
+    usable: BoolArray
+    sensor_quality: QualityArray
+    degraded: NDArray[np.int8]
 
 
-@inlined
-def _fill_laws(law_before_W, k, law, law_W, jump_W):  # type: ignore[no-untyped-def]
-    """Fill in the heats by law over step k; one that was never known is that of standstill."""
-    for j in range(law.shape[1]):
-        before = law[k - 1, j] if k > 0 else law_before_W[j]
-        if np.isnan(law[k, j]):
-            law[k, j] = 0.0 if np.isnan(before) else before
-        if np.isnan(before):
-            before = law[k, j]
-        law_W[k, j], jump_W[k, j] = (before + law[k, j]) / 2, law[k, j] - before
+def _desk(frames: FrameBlock, s: int, m: int, p: int) -> DriveDesk:
+    """The desk of some frames, on their memory."""
+    k = len(frames)
+    given = (packed(a) for a in (frames.time_s, frames.values, frames.fresh, frames.quality))
+    numbers = (np.empty(size) for size in (m, p, (k, m), *3 * [(k, p)], *2 * [(k, m)], (k, s)))
+    flags = np.empty((k, s), np.bool_), np.empty((k, s), np.int8), np.empty(k, np.int8)
+    return DriveDesk._make([*given, *numbers, *flags])
 
 
 def _stacked(columns: list[FloatArray], steps: int, width: int) -> FloatArray:

@@ -35,7 +35,7 @@ def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
         heat_W, stops = source.scale * (source.heat_W or 0.0), source.drive_channel is not None
         return lambda drive: np.where(drive != 0.0, heat_W, 0.0) if stops else np.full_like(drive, heat_W)
     factor, of_speed = _factor(source, screw_m), _of_speed(source)
-    return lambda *channels: factor * of_speed(*channels)
+    return of_speed if factor == 1.0 else lambda *channels: factor * of_speed(*channels)
 
 
 def _factor(source: Source, screw_m: float) -> float:

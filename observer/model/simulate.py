@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.compiled import cached_loop
-from observer.frames import FloatArray, Inputs
-from observer.model.advance import advance, move_columns, pad_rows, padded_width
+from observer.frames import FloatArray, Inputs, contiguous
+from observer.kernels import march, record
+from observer.kernels.layout import pad_rows, padded_width
 from observer.model.coupling import Coupling
-from observer.model.discretise import hold, ramp
 from observer.model.plant import Plant
 
 _CHUNK = 1024
@@ -25,8 +24,8 @@ MOST_PARTS = 64
 """… and into how many parts at most a step is divided for that."""
 
 
-class _PlantArrays(NamedTuple):
-    """What of a plant `advance` takes, W states with the padding."""
+class AdvancePlant(NamedTuple):
+    """What of a plant the open loop takes, W states with the padding (see `kernels.advance`)."""
 
     modes: int
     B: FloatArray
@@ -36,7 +35,7 @@ class _PlantArrays(NamedTuple):
     coupling: Coupling
 
 
-class _Table(NamedTuple):
+class AdvanceTable(NamedTuple):
     """The step of the moment, as a table of one; no heat is a state here."""
 
     decay: FloatArray
@@ -46,15 +45,15 @@ class _Table(NamedTuple):
     couple: FloatArray
 
     @classmethod
-    def empty(cls, width: int) -> _Table:
+    def empty(cls, width: int) -> AdvanceTable:
+        """Room for a step of so many states."""
         decay, hold, ramp = np.zeros((3, 1, width))
         return cls(decay, hold, ramp, np.zeros((1, 0)), np.zeros((1, 0, width)))
 
 
-class _Work(NamedTuple):
-    """The state x (W,) and scratch, as in `advance`."""
+class AdvanceWork(NamedTuple):
+    """Scratch, as in `kernels.advance`."""
 
-    x: FloatArray
     law: FloatArray
     driven: FloatArray
     before: FloatArray
@@ -62,10 +61,10 @@ class _Work(NamedTuple):
     sweep: FloatArray
 
     @classmethod
-    def of(cls, p: _PlantArrays, x: FloatArray, sweep: FloatArray) -> _Work:
-        (m, width), n_x = p.B.shape, len(x)
-        law, driven, before, none = np.zeros(m), np.zeros(width), np.zeros((2, n_x)), np.zeros((n_x, 0))
-        return cls(pad_rows(x, width), law, driven, before, none, sweep)
+    def of(cls, p: AdvancePlant, n_x: int, sweep: FloatArray) -> AdvanceWork:
+        """Scratch for a plant of n_x states."""
+        m, width = p.B.shape
+        return cls(np.zeros(m), np.zeros(width), np.zeros((2, n_x)), np.zeros((n_x, 0)), sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,48 +156,29 @@ def _simulate(
     plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray
 ) -> tuple[SimulationState, FloatArray]:
     K, p = len(inputs), _plant_arrays(plant)
-    table, work = _Table.empty(p.B.shape[1]), _Work.of(p, state.x, sweep)
+    x = pad_rows(state.x, p.B.shape[1])
+    plant_record, table = record(p), record(AdvanceTable.empty(p.B.shape[1]))
     seen = np.ascontiguousarray(np.hstack([plant.rows.C, plant.rows.F]).T)
     for source in plant.moving:
         seen[plant.modes + source.index] = 0.0
-    u = inputs.packed()
+    u, decay_1_s = inputs.packed(), contiguous(plant.decay_1_s)
     rows, states = np.empty((K, seen.shape[1])), np.empty((min(K, _CHUNK), len(seen)))
     B, C = p.B.copy(), np.zeros((0, p.B.shape[1]))
     for begin in range(0, K, _CHUNK):
         part = slice(begin, begin + _CHUNK)
-        here, now = states[: len(u.dt_s[part])], work._replace(sweep=sweep[part])
-        _march(p, table, plant.decay_1_s, u.part(begin, begin + _CHUNK), B, C, now, here)
+        here, work = states[: len(u.dt_s[part])], record(AdvanceWork.of(p, len(state.x), sweep[part]))
+        march(plant_record, table, decay_1_s, record(u.part(begin, begin + _CHUNK)), B, C, work, x, here)
         np.matmul(here, seen, out=rows[part])
         for i, source in enumerate(plant.moving):
             rows[part] += here[:, plant.modes + source.index, None] * inputs.moving_C[part, i]
-    return SimulationState(work.x[: len(state.x)].copy()), rows
+    return SimulationState(x[: len(state.x)].copy()), rows
 
 
-@cached_loop
-def _march(p, t, decay, u, B, C, work, states):  # type: ignore[no-untyped-def]
-    """March work.x over the steps of `u`; `states` (K, n_x + p) are the states and known inputs at their
-    ends.
-    """
-    x, n_x, dt_known = work.x, len(decay), -1.0
-    for k in range(len(u.dt_s)):
-        if u.dt_s[k] != dt_known:
-            dt_known = u.dt_s[k]
-            for a in range(n_x):
-                t.decay[0, a] = np.exp(-decay[a] * dt_known)
-                t.hold[0, a], t.ramp[0, a] = hold(decay[a], dt_known), ramp(decay[a], dt_known)
-        move_columns(p, u, k, B, C)
-        advance(p, t, 0, u, k, B, x, work)
-        for a in range(n_x):
-            states[k, a] = x[a]
-        for q in range(u.z_end.shape[1]):
-            states[k, n_x + q] = u.z_end[k, q]
-
-
-def _plant_arrays(plant: Plant) -> _PlantArrays:
+def _plant_arrays(plant: Plant) -> AdvancePlant:
     width = padded_width(len(plant.decay_1_s), _REGISTER)
     acting = np.flatnonzero(plant.E.any(axis=0))
     acts = slice(0, acting.max(initial=-1) + 1)  # what comes later is for the outputs alone
-    return _PlantArrays(
+    return AdvancePlant(
         plant.modes,
         pad_rows(plant.B.T, width),
         pad_rows(plant.E[:, acts].T, width),

@@ -216,7 +216,7 @@ class Tolerant:
         return np.hstack([self._C(u)[: self._plant.rows.sensors], self._of_sensors(x)])
 
     def _drive(self, u: Inputs, x: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """∂(c θ)/∂x (n_x, n_x), and c (n_x, t), at a state; see `estimators.compiled.learning.drive`."""
+        """∂(c θ)/∂x (n_x, n_x), and c (n_x, t), at a state; see `kernels.learning.drive`."""
         plant, learn, n_x, at = self._plant, self._learn, len(x), self._at
         z, N = 0.5 * (u.z_start[0] + u.z_end[0]), plant.modes
         B = plant.B.copy()

@@ -11,14 +11,16 @@ import json
 import math
 import struct
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cbor2
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout, Quality
+
+if TYPE_CHECKING:
+    from observer.config import Config
 
 ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
 ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
@@ -65,7 +67,8 @@ def _array_head(count: int) -> bytes:
 class EstimateEncoder:
     """Encodes single estimates of one layout and one `instance`; `k` is the step in the block.
 
-    What is the same in every estimate is encoded once.
+    What is the same in every estimate is encoded once, and the numbers are written between it: one thread at
+    a time may encode.
     """
 
     def __init__(self, layout: Layout, instance: str) -> None:
@@ -80,9 +83,14 @@ class EstimateEncoder:
             "field_degC": _pair("position_m", _typed(layout.position_m)),
             "innovation_K": _pair("sensors", sensors),
         }
-        self._heads = [
-            before.get(name, b"") + _head(name, 4 * width)
-            for name, width in zip(_ARRAYS, (m, m, m, g, g, error, error, s, s), strict=True)
+        widths = dict(zip(_ARRAYS, (m, m, m, g, g, error, error, s, s), strict=True))
+        self._arrays, at = bytearray(), {}
+        for name, width in widths.items():
+            self._arrays += before.get(name, b"") + _head(name, 4 * width)
+            at[name] = len(self._arrays)
+            self._arrays += bytes(4 * width)
+        self._numbers = [
+            (name, np.ndarray(widths[name], "<f4", self._arrays, begin)) for name, begin in at.items()
         ]
         self._begin = cbor2.dumps(dict.fromkeys(range(_ENTRIES)))[:1] + cbor2.dumps("time_s")
         self._middle = _pair("instance", instance) + cbor2.dumps("quality")
@@ -94,9 +102,9 @@ class EstimateEncoder:
             self._begin, _FLOAT64.pack(_FLOAT64_MARK, block.time_s[k]), _SEQUENCE, cbor2.dumps(sequence),
             self._middle, _QUALITY_CBOR[block.quality[k]],
         ]  # fmt: skip
-        for name, head in zip(_ARRAYS, self._heads, strict=True):
-            parts += head, getattr(block, name)[k].astype("<f4").tobytes()
-        parts.append(self._end)
+        for name, numbers in self._numbers:
+            numbers[:] = getattr(block, name)[k]
+        parts += self._arrays, self._end
         parts += [_SENSOR_QUALITY_CBOR[q] for q in block.sensor_quality[k].tolist()]
         return b"".join(parts)
 

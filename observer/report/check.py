@@ -12,13 +12,13 @@ from observer.errors import ConfigError
 from observer.estimators import refuse_what_it_cannot_follow
 from observer.estimators.design.report import DesignReport, design_report
 from observer.installation import Installation
+from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from observer.model.build import build_plant
 from observer.model.generator import settled_rows
 from observer.model.network.attach import attached
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.modes import solve_modes
-from observer.model.rod.path import SAMPLES_PER_TRAVERSE
 from observer.model.rod.screw import rod_of
 from observer.model.rod.sources import footprints
 from observer.model.rod.supports import force_N

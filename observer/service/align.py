@@ -19,9 +19,9 @@ import numpy as np
 from observer.config import Config
 from observer.errors import LogError
 from observer.files.logs import Log
-from observer.frames import FloatArray, FrameBlock, Reading
+from observer.frames import FloatArray, FrameBlock, Reading, contiguous
 from observer.service.plausibility import Breach, Limits, doubts_of_log
-from observer.service.walk import Expected, Rows, nothing_yet, walk
+from observer.service.walk import Expected, Rows, Walk
 
 BLOCK = 4096
 MISSING_FAULT = "missing"  # how a recording marks a reading without a value and without a fault
@@ -113,16 +113,14 @@ class Aligner:
     def __init__(self, plan: AlignPlan, last_tick_s: float = math.nan) -> None:
         self._plan = plan
         self._column = {name: j for j, name in enumerate(plan.channels)}
-        self._expected = plan.expected()
-        self._memory = nothing_yet(self._expected, last_tick_s)
-        self._pending: list[Reading] = []
+        self._walk = Walk(plan.channels, plan.expected(), last_tick_s)
         self._faults: dict[str, str] = {}
         self._last_s = -math.inf
 
     @property
     def faults(self) -> dict[str, str]:
         """The fault each channel shows now, by its name."""
-        memory, found = self._memory, {}
+        memory, found = self._walk.memory, {}
         ambient = self._plan.limits.ambient
         ambient_degC = self._plan.limits.ambient_degC if ambient < 0 else float(memory.value[ambient])
         for j, name in enumerate(self._plan.channels):
@@ -148,29 +146,18 @@ class Aligner:
                 faults[name] = self._faults[name] = fault or "unknown"
         row_s = self._later(reading.time_s)
         late_s = row_s - reading.time_s
-        used = Reading(row_s, values, faults, late_s if late_s >= LATE_S else 0.0)
-        self._pending.append(used)
-        return used
+        late_s = late_s if late_s >= LATE_S else 0.0
+        row, rows = self._walk.waiting.add(row_s, late_s), self._walk.waiting.rows
+        for name, value in values.items():
+            j = self._column[name]
+            rows.values[row, j], rows.present[row, j], rows.faulted[row, j] = value, True, name in faults
+        return Reading(row_s, values, faults, late_s)
 
     def tick(self, time_s: float) -> FrameBlock:
         """The frame of all readings up to now; a block of one."""
-        n, channels = len(self._pending) + 1, len(self._plan.channels)
-        times, late_s, step = np.empty(n), np.zeros(n), np.zeros(n, np.bool_)
-        values = np.full((n, channels), np.nan)
-        present, faulted = np.zeros((n, channels), np.bool_), np.zeros((n, channels), np.bool_)
-        for row, reading in enumerate(self._pending):
-            times[row], late_s[row] = reading.time_s, reading.late_s
-            for name, value in reading.values.items():
-                j = self._column[name]
-                values[row, j], present[row, j], faulted[row, j] = value, True, name in reading.faults
-        times[-1], step[-1] = self._later(time_s), True
-        self._pending.clear()
-        return walk(
-            self._plan.channels,
-            self._expected,
-            self._memory,
-            Rows(times, late_s, step, values, present, faulted),
-        )
+        row = self._walk.waiting.add(self._later(time_s))
+        self._walk.waiting.rows.step[row] = True
+        return self._walk.tick()
 
     def _later(self, time_s: float) -> float:
         """This time, or the smallest one after the last, so that rows are in the order of time."""
@@ -193,8 +180,7 @@ def blocks_of_log(
     log: Log, plan: AlignPlan, block: int = BLOCK, last_tick_s: float = math.nan
 ) -> Iterator[tuple[FrameBlock, bool]]:
     """The frames of a log in blocks, each with whether the estimator was reset before its first frame."""
-    expected = plan.expected()
-    memory = nothing_yet(expected, last_tick_s)
+    walk = Walk(plan.channels, plan.expected(), last_tick_s)
     rows = _rows_of_log(log, plan.channels)
     ends = np.flatnonzero(rows.step) + 1
     resets = [row for row, flags in enumerate(log.flags or ()) if flags and flags.startswith(RESET)]
@@ -203,13 +189,14 @@ def blocks_of_log(
     while first < len(ends):
         last = min([first + block, len(ends), *(k for k in afresh if k > first)])
         end = int(ends[last - 1])
-        yield walk(plan.channels, expected, memory, rows.part(start, end)), first in afresh
+        yield walk.on(rows.part(start, end)), first in afresh
         start, first = end, last
 
 
 def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
     """A log as rows; a channel that the log does not have is never present."""
     known = [j for j, name in enumerate(channels) if name in log.channels]
+    time_s = contiguous(log.time_s)
     values = np.full((len(log), len(channels)), np.nan)
     values[:, known] = log.values[:, [log.channels.index(channels[j]) for j in known]]
     faulted = np.zeros(values.shape, np.bool_)
@@ -217,7 +204,7 @@ def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
     if log.step is None or log.flags is None:
         present[:, known] = True
         none_late = np.zeros(len(log))
-        return Rows(log.time_s, none_late, np.ones(len(log), np.bool_), values, present, faulted)
+        return Rows(time_s, none_late, np.ones(len(log), np.bool_), values, present, faulted)
     present[:] = ~np.isnan(values)
     column = {name: j for j, name in enumerate(channels)}
     for row, flags in enumerate(log.flags):
@@ -226,7 +213,7 @@ def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
                 present[row, column[name]] = True
                 faulted[row, column[name]] = fault != MISSING_FAULT
     late_s = np.zeros(len(log)) if log.late_s is None else np.nan_to_num(log.late_s)
-    return Rows(log.time_s, late_s, log.step, values, present, faulted)
+    return Rows(time_s, late_s, contiguous(log.step, np.bool_), values, present, faulted)
 
 
 def faults_of(flags: str | None) -> dict[str, str]:

@@ -190,11 +190,6 @@ class GapWatch:
             return replace(state, last_s=since_s, sensor=worst, phase=_phase(state.sums, worst))
         return replace(state, last_s=math.nan, sensor=-1, phase=-1)
 
-    def warm_up(self, inputs: Inputs) -> None:
-        """Have everything compiled and loaded, by a step that is then forgotten."""
-        one = gathered([inputs])._replace(dt_s=np.array([STEP_S]))
-        self._tolerant.ahead(self._tolerant.initial(), one)
-
     @property
     def of_allowed(self) -> float:
         """The largest gap of any sensor over what it may be."""

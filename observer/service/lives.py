@@ -33,7 +33,7 @@ def run(
     end_s: float | None = None
 
     def left_s() -> float | None:
-        """How long is left; the time begins when it is asked for first, for compiling may take minutes."""
+        """How long is left; the time begins when it is asked for first, for a network may take seconds."""
         nonlocal end_s
         if seconds is None:
             return None
@@ -41,8 +41,6 @@ def run(
         return max(0.0, end_s - time.monotonic())
 
     def flush() -> None:
-        if service.compiler is not None:
-            service.compiler.end()
         if service.recorder is not None:
             service.recorder.close(0.1)
 
@@ -66,12 +64,12 @@ async def _until_ended(
         with contextlib.suppress(RuntimeError):  # the loop has ended by itself
             loop.call_soon_threadsafe(task.cancel)
 
-    def when_warm() -> None:
+    def when_ready() -> None:
         leave_in_peace()
         if (seconds := left_s()) is not None:
             loop.call_later(seconds, stop)
 
-    task = asyncio.ensure_future(serve(service, when_warm=when_warm))
+    task = asyncio.ensure_future(serve(service, when_ready=when_ready))
     if service.renewals is not None and service.renewals.can_reload:
         signals.when_asked(service.renewals.reload)
     signals.when_heard(stop)

@@ -37,7 +37,6 @@ from observer.service.record import Recorder
 from observer.service.renew import Renewal, Renewals
 from observer.service.steer import Steering
 from observer.service.trial import Trial
-from observer.service.warm import Compiler
 from observer.service.wires import Wires
 
 HEALTH_PERIOD_S = 5.0
@@ -125,7 +124,6 @@ class Service:
     start: Snapshot | None = None
     keeper: Keeper | None = None
     renewals: Renewals[Any] | None = None
-    compiler: Compiler | None = None
     alone: bool = True
     trial: Trial | None = None
     gap: GapWatch | None = None
@@ -135,10 +133,10 @@ class Service:
     forecaster: Forecaster | None = None
 
 
-async def serve(service: Service, when_warm: Callable[[], None] | None = None) -> Renewal[Any] | None:
+async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> Renewal[Any] | None:
     """Serve until cancelled or until a renewal is due, then end every part within 1.7 s.
 
-    `when_warm` is called before the first tick. Raises `UserError` where another service has the axis
+    `when_ready` is called before the first tick. Raises `UserError` where another service has the axis
     already.
     """
     cycles = _Cycles(service)
@@ -146,13 +144,12 @@ async def serve(service: Service, when_warm: Callable[[], None] | None = None) -
     cycles.wires.start()
     renewal = None
     try:
-        await asyncio.to_thread(cycles.warm_up)
         if service.forecaster is not None:
             service.forecaster.start()
         if service.alone:
             await _refuse_a_second_service(service.publisher)
-        if when_warm is not None:
-            when_warm()
+        if when_ready is not None:
+            when_ready()
         renewal = await cycles.tick_until_renewed()
         return renewal
     finally:
@@ -166,8 +163,6 @@ def _end(service: Service, cycles: _Cycles) -> None:
     """End every part, the control first; one that does not end in its time is told."""
     if service.control is not None and not service.control.close(_CONTROL_END_S):
         log.warning("the control could not be released in time; its dead-man takes it to zero")
-    if service.compiler is not None:
-        service.compiler.end()
     if service.forecaster is not None:
         service.forecaster.end()
     if service.keeper is not None:
@@ -226,15 +221,6 @@ class _Cycles:
         self._failure: str | None = None
         self._health: Health | None = None
         self._sent_s = self._looked_s = self._told_s = -math.inf
-
-    def warm_up(self) -> None:
-        """Have everything compiled and loaded, by a tick without readings that is then forgotten."""
-        compiler = self._service.compiler
-
-        def run() -> None:
-            self._pipeline.warm_up(Aligner(self._service.plan).tick(0.0))
-
-        run() if compiler is None else compiler.warm(run)
 
     def snapshot(self) -> Snapshot | None:
         """Where the pipeline stands after its last step, None while the estimator knows nothing yet."""

@@ -42,11 +42,6 @@ class OpenLoop:
         self._state, rows = simulate(self._plant, self._state, inputs)
         return inputs, rows
 
-    def warm_up(self, frames: FrameBlock) -> None:
-        """Have everything compiled and loaded, by steps that are then forgotten."""
-        _, inputs = self._drive.run(self._drive.initial(), frames)
-        simulate(self._plant, start(self._plant, 0.0, inputs.law_W[0]), inputs)
-
     def _begin(self, inputs: Inputs) -> SimulationState:
         plant, law_W, z = self._plant, inputs.law_W[0], inputs.z_end[0]
         y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)

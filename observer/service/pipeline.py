@@ -90,13 +90,3 @@ class Pipeline(Generic[DriveState]):
     def restore(self, drive: DriveState, estimator: EstimatorState) -> None:
         """Go on from where another pipeline of the same parts stood."""
         self._drive_state, self._estimator_state = drive, estimator
-
-    def warm_up(self, frames: FrameBlock) -> None:
-        """Have everything compiled and loaded, by steps that are then forgotten."""
-        _, inputs = self._drive.run(self._drive.initial(), frames)
-        if self.gap is not None:
-            self.gap.warm_up(inputs)
-        _, estimates = self._estimator.run(self._estimator.initial(), inputs)
-        if self._self_test is not None:
-            state, motion, inputs = self._self_test.watch(self._self_test.initial(), frames, inputs)
-            self._self_test.run(state, motion, inputs, estimates)

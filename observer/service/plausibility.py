@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from observer.config import Config
-from observer.estimators.selftest import DISAGREE, FALLS_SHORT
 from observer.frames import FloatArray, NutPath
+from observer.kernels.selftest import DISAGREE, FALLS_SHORT
 from observer.physics.constants import ZERO_DEGC_K
 
 SCREW_RANGE_DEGC = (-40.0, 150.0)

@@ -154,11 +154,10 @@ def interrupting() -> Callable[[int], None]:
 def _is_lost_in(frame: FrameType | None) -> bool:
     """Whether an exception may be lost on its way out of a frame, or come out as another one.
 
-    Libraries take a module for missing whatever its import raises, and compiled code that calls back goes on.
+    Libraries take a module for missing whatever its import raises.
     """
     while frame is not None:
-        file = frame.f_code.co_filename
-        if file.startswith("<frozen importlib") or "/llvmlite/" in file:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
             return True
         frame = frame.f_back
     return False

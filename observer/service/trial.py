@@ -22,10 +22,8 @@ from observer.fit.runs import joined
 from observer.frames import FrameBlock, Inputs
 from observer.installation import Installation, load
 from observer.installation.adopt import Adoption, adoption_of, before_of, note, sha256, take_back
-from observer.service.align import Aligner
 from observer.service.machine import Machine
 from observer.service.open_loop import OpenLoop, gap_K
-from observer.service.warm import Compiler
 
 SHRUNK = 0.95
 """The adopted configuration is kept if its gap is at most this part of the other's over the same hours."""
@@ -51,11 +49,6 @@ class Pair:
 
     def _begin(self) -> None:
         self._loops = [OpenLoop(machine.plant, machine.drive) for machine in self._machines]
-
-    def warm_up(self) -> None:
-        """Have everything compiled and loaded."""
-        for machine in self._machines:
-            OpenLoop(machine.plant, machine.drive).warm_up(Aligner(machine.plan).tick(0.0))
 
     def see(self, adoption: Adoption, frames: FrameBlock) -> Adoption:
         """Add frames to what has been watched."""
@@ -92,15 +85,12 @@ def has_shrunk(adoption: Adoption) -> bool:
 class Trial:
     """Watches the file of a configuration for what is adopted in its place, and what comes of it.
 
-    `reload` has the service read its configuration again; `compiler` makes kernels that are not there yet.
+    `reload` has the service read its configuration again.
     """
 
-    def __init__(
-        self, config: Path, reload: Callable[[], None], compiler: Callable[[], Compiler] | None = None
-    ) -> None:
+    def __init__(self, config: Path, reload: Callable[[], None]) -> None:
         self._path = config.resolve()
         self._reload = reload
-        self._compiler = compiler
         self._hash = ""
         self._forget()
         self._problem: str | None = None
@@ -191,7 +181,7 @@ class Trial:
         if not frames:
             return
         if self._pair is None:
-            self._pair = self._pair_of(adoption)
+            self._pair = Pair(load(before_of(self._path, adoption)), load(self._path))
         adoption = self._pair.see(adoption, joined(frames))
         self._adoption, self._problem = adoption, None
         if adoption.watched_h >= adoption.hours:
@@ -208,14 +198,6 @@ class Trial:
         ):
             return ()
         return [frames.popleft() for _ in range(waiting)]
-
-    def _pair_of(self, adoption: Adoption) -> Pair:
-        pair = Pair(load(before_of(self._path, adoption)), load(self._path))
-        if self._compiler is None:
-            pair.warm_up()
-        else:
-            self._compiler().warm(pair.warm_up)
-        return pair
 
     def _decide(self, adoption: Adoption) -> None:
         if has_shrunk(adoption):

@@ -20,7 +20,7 @@ import structlog
 from drivers.protocol import Clock, Driver, DriverStatus
 from observer.frames import Reading
 
-MAX_WAITING = 10_000  # readings; some minutes of a machine whose estimator is busy compiling
+MAX_WAITING = 10_000  # readings; some minutes of a machine, far longer than the loop is ever busy
 RESTART_S = 1.0
 _BEAT_S = 0.5
 _DEAF_S = 10.0  # a thread that has not come round for so long reads nothing any more

@@ -74,7 +74,7 @@ def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
     if found:  # effects only take suspects back
         known = library(config, problem.keys, config.discover.without)
         marks = signatures(null.problem, null.config, known)
-        found = suspects(null, tried(null, null, marks, (), ALONE), known)
+        found = suspects(null, tried(null, null, marks, (), ALONE), marks)
     return (*righted, *found)
 
 

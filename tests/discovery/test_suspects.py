@@ -121,7 +121,7 @@ def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them
     clocks = next(w for w in weigh(null) if w.hypothesis.what == "heat starts late")
     suspected = replace(clocks, left=deviance(null) - everywhere + by, drop=everywhere - by)
     assert plain(null, suspected, [])
-    assert plain(null, suspected, [], motor) is told
+    assert plain(null, suspected, [], found) is told
 
 
 def test_of_logs_in_doubt_nothing_is_told_to_be_missing() -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.model.coupling import coupled
+from observer.kernels.coupling import coupled
 from observer.model.discretise import augmented, quantise, step_matrices
 
 

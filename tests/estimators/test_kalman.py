@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from observer.estimators import build_estimator
 from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.specification import Belief, Columns, correct, predict, transition
 from observer.frames import EstimateQuality, Inputs, Quality
-from observer.model.discretise import augmented, quantise, step_matrices
+from observer.model.discretise import augmented, step_matrices
 from observer.model.plant import Rows
 from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import inputs, rod
@@ -33,27 +34,18 @@ def nut_path(steps):
 
 
 def textbook(plant, u, x, P):
-    """Predict and update in the eight lines of any textbook, on dense matrices, from a given state after step
-    0.
-    """
-    n_x, C = len(plant.decay_1_s), plant.rows.C[: plant.rows.sensors]
-    H = np.hstack([C, np.zeros((len(C), len(x) - n_x))])
-    heats = []
+    """The specification's predict and correct from a given state after step 0."""
+    n_x, s, belief, heats = len(plant.decay_1_s), plant.rows.sensors, Belief(x, P), []
+    H = np.hstack([plant.rows.C[:s], np.zeros((s, len(x) - n_x))])
     for k in range(1, len(u)):
-        step = step_matrices(plant, float(quantise(u.dt_s[k])))
-        F, Q = augmented(plant, step)
-        known = step.hold * (plant.B @ u.law_W[k] + plant.E @ u.z_start[k])
-        known += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
-        P[n_x:, n_x:] += np.diag((plant.law_uncertainty * u.law_jump_W[k]) ** 2)
-        x, P = F @ x, F @ P @ F.T + Q
-        x[:n_x] += known
-        h = H[u.usable[k]]
-        S = h @ P @ h.T + np.diag(plant.noise_R_K2[u.usable[k]])
-        K = P @ h.T @ np.linalg.inv(S)
-        x = x + K @ (u.y_degC[k][u.usable[k]] - h @ x)
-        P = P - K @ S @ K.T
-        heats.append(u.law_W[k] + x[n_x:])
-    return x, P, np.array(heats)
+        step = transition(plant, u, k, belief.x, Columns(plant.B, np.zeros((n_x, 0))))
+        good = u.usable[k]
+        belief = correct(
+            predict(belief, step.F, step.forced, step.Q), H[good], u.y_degC[k][good],
+            np.diag(plant.noise_R_K2[good]),
+        ).belief  # fmt: skip
+        heats.append(u.law_W[k] + belief.x[n_x:])
+    return belief.x, belief.P, np.array(heats)
 
 
 @pytest.mark.parametrize("uneven", [False, True])
@@ -65,8 +57,7 @@ def test_equals_the_textbook_filter(uneven, heat_rate):
     first, _ = estimator.run(estimator.initial(), cut(u, slice(0, 1)))
     last, block = estimator.run(first, cut(u, slice(1, None)))
     x, P, heats = textbook(plant, u, first.x_hat.copy(), first.P.copy())
-    # 1e-10 of the largest entry: the textbook's short form loses a few digits on the large entries of a modal
-    # P.
+    # 1e-10 of the largest entry: rounding of sums in another order, on the large entries of a modal P
     np.testing.assert_allclose(block.heat_W, heats, rtol=1e-10, atol=1e-10 * np.abs(heats).max())
     np.testing.assert_allclose(last.x_hat, x, rtol=0, atol=1e-10 * np.abs(x).max())
     np.testing.assert_allclose(last.P, P, rtol=0, atol=1e-10 * np.abs(first.P).max())

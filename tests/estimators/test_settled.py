@@ -26,7 +26,7 @@ def built(plant, kind, engine, gate_sigma=WIDE):
 
 
 def table_of(estimator):
-    return estimator._bank.table
+    return estimator._bank.gains
 
 
 def settled(plant, estimator):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.specification import Belief, Columns, correct, predict, transition
 from observer.fit.likelihood import innovations_log_likelihood
 from observer.frames import EstimateQuality, Quality
-from observer.model.discretise import augmented, quantise, step_matrices
 from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import at, lively, small
 
@@ -45,28 +45,20 @@ def dense(plant, u, shares=None, kept=None):
     for k in range(len(u)):
         now = at(plant, u, k)
         if k:
-            step = step_matrices(plant, float(quantise(u.dt_s[k])))
-            F, Q = augmented(now, step)
-            jump = plant.law_uncertainty * u.law_jump_W[k, plant.estimated]
-            P[n_x:, n_x:] += np.diag(jump**2)
-            x, P = F @ x, F @ P @ F.T + Q
-            x[:n_x] += step.hold * (now.B @ u.law_W[k] + plant.E @ u.z_start[k])
-            x[:n_x] += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
+            step = transition(plant, u, k, x, Columns(now.B, np.zeros((n_x, 0))))
+            x, P = predict(Belief(x, P), step.F, step.forced, step.Q)
         H = np.hstack([now.rows.C[:s], np.zeros((s, len(x) - n_x))])
         R = np.diag(plant.noise_R_K2)
         nu = u.y_degC[k] - H @ x - plant.rows.F[:s] @ u.z_end[k]
         innovations.append(np.where(u.usable[k], nu, np.nan))
         sigmas.append(np.where(u.usable[k], np.sqrt(np.diag(H @ P @ H.T + R)), np.nan))
         P = P + (shares or {}).get(k, 0.0) * prior
-        h, v = H[kept[k]], nu[kept[k]]
         r = R[np.ix_(kept[k], kept[k])]
-        S = h @ P @ h.T + r
-        K = np.linalg.solve(S, h @ P).T
-        x, rest = x + K @ v, np.eye(len(x)) - K @ h
-        P = rest @ P @ rest.T + K @ r @ K.T
+        y = nu[kept[k]] + H[kept[k]] @ x
+        (x, P), _, _, _, log_likelihood = correct(Belief(x, P), H[kept[k]], y, r)
         states.append(x)
         covariances.append(P.copy())
-        likelihood.append(-0.5 * (v @ np.linalg.solve(S, v) + np.linalg.slogdet(2 * np.pi * S)[1]))
+        likelihood.append(log_likelihood)
     return (np.array(a) for a in (states, covariances, innovations, sigmas, likelihood))
 
 

@@ -52,7 +52,7 @@ def test_columns_of_any_modes_are_those_of_the_path_followed_row_by_row(
     run = SteppedRun(the_run(), with_effects(), build_plant(with_effects()))
     config = with_effects(*effects)
     plant = build_plant(config)
-    inputs = run.inputs(config, plant, "")
+    inputs = run.inputs(config, plant, "", "")
     count = np.diff([*run.ticks.first, len(run.run.frames)])
     weight = run.run.frames.dt_s * (np.repeat(np.abs(inputs.law_W[:, 0]), count) + 1e-6)
     direct = averaged(run, plant, weight)
@@ -117,7 +117,7 @@ def test_a_pass_early_in_a_tick_warms_its_mean_by_more_than_one_late_in_it() -> 
     plant = build_plant(config).sensors_only()
     run = SteppedRun(the_run(), config, plant)
     drive = Drive(config, plant)
-    inputs, by_row = run.inputs(config, plant, ""), drive.run(drive.initial(), run.run.frames)[1]
+    inputs, by_row = run.inputs(config, plant, "", ""), drive.run(drive.initial(), run.run.frames)[1]
     state = start_from_sensors(
         plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
     )
@@ -137,6 +137,6 @@ def test_a_pass_early_in_a_tick_warms_its_mean_by_more_than_one_late_in_it() -> 
 def test_dwelling_at_the_ends_follows_the_path_a_second_time() -> None:
     bare, config = with_effects(), with_effects(Dwell(kind="dwell", target="nut", fraction=0.5))
     run = SteppedRun(the_run(), bare, build_plant(bare))
-    dwelling = run.inputs(config, build_plant(config), "").moving_B
-    even = run.inputs(bare, build_plant(bare), "").moving_B
+    dwelling = run.inputs(config, build_plant(config), "", "").moving_B
+    even = run.inputs(bare, build_plant(bare), "", "bare").moving_B
     assert np.abs(dwelling - even).max() > 0.1 * np.abs(even).max()

@@ -8,6 +8,7 @@ from observer.history import smoother
 from observer.history.identify import heat_history
 from observer.history.options import MethodOptions
 from observer.history.smoother import smooth_heats
+from observer.kernels.codes import NUT_LOST
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
@@ -36,6 +37,21 @@ def test_equals_the_dense_posterior(moving, estimated, heat_rate):
     np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=1e-8 * np.abs(heat).max())
     np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=1e-8)
     np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=1e-8 * np.nanmax(np.abs(residual)))
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_at_its_end_a_history_is_what_the_filter_knows(lost):
+    """Nothing comes after the last step: the smoother takes the filter's, also where the nut is lost."""
+    plant, steps = rod(moving=(1,)), 400
+    u = inputs(plant, steps=steps, nut_m=nut_path(steps), missing=0.0)
+    if lost:
+        u.degraded[steps - 60 :] = NUT_LOST
+    settings = EstimatorSettings(gate_sigma=4.0)
+    estimator = build_estimator(plant, settings)
+    _, block = estimator.run(estimator.initial(), u)
+    history = smooth_heats(plant, settings, [u])
+    np.testing.assert_allclose(history.heat_W[-1], block.heat_W[-1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(history.heat_sigma_W[-1], block.heat_sigma_W[-1], rtol=1e-9)
 
 
 def coupled_machine(**effect):

@@ -91,7 +91,7 @@ def test_at_rest_all_heat_goes_into_the_air(conductances: list[float], ambient_d
     heat_W = np.array([3.0, 4.0, 5.0])
     T = steady(network, heat_W, ambient_degC)
     assert network.ambient_W_K @ (T - ambient_degC) == pytest.approx(12.0)
-    np.testing.assert_allclose(steady(network, heat_W * 0.0, ambient_degC), ambient_degC)
+    np.testing.assert_allclose(steady(network, heat_W * 0.0, ambient_degC), ambient_degC, atol=1e-12)
 
 
 BAR = Bar(length_m=0.6, diameter_m=0.03, convection_W_m2K=12.0)

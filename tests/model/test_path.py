@@ -8,7 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from observer.frames import FloatArray, NutPath
-from observer.model.rod.path import FINE, SAMPLES_PER_TRAVERSE, PathState, advance, on_the_way, reversals
+from observer.kernels.path import FINE, SAMPLES_PER_TRAVERSE, on_the_way, take_sample
+from observer.model.rod.path import PathState, reversals
 
 LOW_M, HIGH_M = 0.15, 0.8
 STROKE_M = HIGH_M - LOW_M
@@ -29,7 +30,7 @@ def end_before(run_m: float) -> float:
     return LOW_M if sense_of(run_m) > 0 else HIGH_M
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.floats(0.0, 1.0), st.floats(-20.0, 20.0), st.floats(0.01, 2.0), st.floats(-1.0, 1.0))
 def test_a_nut_that_runs_on_is_where_small_steps_bring_it(
     share: float, run_m: float, length_m: float, low_m: float
@@ -51,7 +52,7 @@ def test_a_nut_that_runs_on_is_where_small_steps_bring_it(
     assert same == first * sense
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.floats(3.0, 40.0), st.floats(0.0, 2 * STROKE_M), st.integers(0, 10**6))
 def test_reversals_between_uneven_samples_are_found_where_they_are(
     samples_per_traverse: float, begin_m: float, seed: int
@@ -65,10 +66,10 @@ def test_reversals_between_uneven_samples_are_found_where_they_are(
     run_m = begin_m + speed_m_s * time_s
     position_m = shuttle_m(run_m)
     scalars = PathState().scalars
-    advance(scalars, time_s[0], position_m[0], np.nan, STROKE_M)
+    take_sample(scalars, time_s[0], position_m[0], np.nan, STROKE_M)
     known = False
     for k in range(1, len(time_s)):
-        turn_m = advance(scalars, time_s[k], position_m[k], np.nan, STROKE_M)
+        turn_m = take_sample(scalars, time_s[k], position_m[k], np.nan, STROKE_M)
         into_m, step_m = run_m[k] % STROKE_M, run_m[k] - run_m[k - 1]
         if FINE * step_m <= STROKE_M:
             assert turn_m == position_m[k]
@@ -101,7 +102,7 @@ def test_the_ends_of_the_stroke_are_learnt() -> None:
     np.testing.assert_array_equal(second.scalars, state.scalars)
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.floats(4.0, 200.0))
 def test_after_a_late_sample_the_nut_is_known_to_run_the_right_way(late_s: float) -> None:
     speed_m_s = 0.13
@@ -111,14 +112,14 @@ def test_after_a_late_sample_the_nut_is_known_to_run_the_right_way(late_s: float
     assume(late)
     scalars = PathState().scalars
     for at_s, at_m in zip(time_s, shuttle_m(run_m), strict=True):
-        turn_m = advance(scalars, at_s, at_m, np.nan, STROKE_M)
+        turn_m = take_sample(scalars, at_s, at_m, np.nan, STROKE_M)
     assert np.isnan(turn_m)  # it cannot be told from the sample
     away_m = min(run_m[-1] % STROKE_M, STROKE_M - run_m[-1] % STROKE_M)
     assume(away_m > 1e-6)
     assert scalars[2] == pytest.approx(sense_of(run_m[-1]) * speed_m_s, rel=1e-6)
     following_s = time_s[-1] + min(0.5, 0.5 * away_m / speed_m_s)
     at_m = float(shuttle_m(np.array(speed_m_s * following_s)))
-    assert advance(scalars, following_s, at_m, np.nan, STROKE_M) == pytest.approx(at_m)
+    assert take_sample(scalars, following_s, at_m, np.nan, STROKE_M) == pytest.approx(at_m)
 
 
 # ---- what is remembered, believed and forgotten, sample by sample ----
@@ -132,7 +133,7 @@ def follow(
     """The state after samples (time, place), and where the nut turned before each."""
     scalars, driven = PathState().scalars, np.broadcast_to(driven_m_s, len(samples))
     return scalars, [
-        advance(scalars, at_s, at_m, float(v), stroke_m)
+        take_sample(scalars, at_s, at_m, float(v), stroke_m)
         for (at_s, at_m), v in zip(samples, driven, strict=True)
     ]
 
@@ -177,7 +178,7 @@ def test_a_nut_that_rests_stands_and_then_runs_again() -> None:
     assert state[_VELOCITY] == pytest.approx(0.2)
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=40))
 def test_the_full_speed_is_the_fourth_of_sixteen(made_m_s: list[float]) -> None:
     """Of fewer it is the first, the second from four on and the third from eight on."""

@@ -14,7 +14,7 @@ import sys
 import time
 
 LIBRARIES = (
-    "numpy", "scipy.linalg", "scipy.optimize", "scipy.sparse.linalg", "scipy.special", "numba", "pydantic",
+    "numpy", "scipy.linalg", "scipy.optimize", "scipy.sparse.linalg", "scipy.special", "cython", "pydantic",
     "tomlkit", "cbor2", "pyarrow.csv", "rich.console", "structlog", "control", "hypothesis.extra.numpy",
 )  # fmt: skip
 

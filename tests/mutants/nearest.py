@@ -12,9 +12,8 @@ ROOT = Path(__file__).parents[2]
 class Nearest:
     """Arguments to pytest; `compiled` where the kernels must run compiled to be through in a minute.
 
-    Interpreted, a kernel takes up to a thousand times as long, but compiling it takes up to a minute and
-    each mutant has to be compiled anew: with small tests the interpreter wins. A module without kernels is
-    put to tests with compiled ones where those take long: they are compiled once, and used again.
+    Interpreted, a kernel takes up to a thousand times as long; a mutant in a kernel always runs so. A module
+    without kernels is put to tests with compiled ones where those take long.
     """
 
     tests: tuple[str, ...]
@@ -25,8 +24,9 @@ def _at(*tests: str, compiled: bool = False) -> Nearest:
     return Nearest(tests, compiled)
 
 
-KALMAN = _at("tests/estimators/test_steps.py")
-SETTLED = _at("tests/estimators/test_settled.py")
+BITS = "tests/bits/test_bits.py"
+KALMAN = _at("tests/estimators/test_steps.py", "tests/estimators/test_specification.py", BITS)
+SETTLED = _at("tests/estimators/test_settled.py", BITS)
 PARTS = _at("tests/fit/test_parts.py")
 GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py", compiled=True)
 
@@ -36,11 +36,6 @@ NEAREST: dict[str, Nearest] = {
     "observer/discovery/proof.py": _at("tests/discovery/test_verdict.py"),
     "observer/discovery/search.py": _at("tests/discovery/test_search.py", compiled=True),
     "observer/discovery/verdict.py": _at("tests/discovery/test_verdict.py"),
-    "observer/estimators/compiled/cruise_kernel.py": SETTLED,
-    "observer/estimators/compiled/fixed_gain_kernel.py": SETTLED,
-    "observer/estimators/compiled/judging.py": KALMAN,
-    "observer/estimators/compiled/kalman_kernel.py": KALMAN,
-    "observer/estimators/compiled/kernels.py": KALMAN,
     "observer/estimators/design/gains.py": GAINS,
     "observer/estimators/design/riccati.py": GAINS,
     "observer/estimators/selftest.py": _at("tests/estimators/test_selftest.py", compiled=True),
@@ -53,10 +48,18 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/problem.py": PARTS,
     "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),
     "observer/fit/tolerance.py": PARTS,
+    "observer/kernels/cruise.py": SETTLED,
+    "observer/kernels/discretise.py": _at("tests/model/test_discretise.py", BITS),
+    "observer/kernels/evening.py": _at("tests/service/test_evening.py", BITS),
+    "observer/kernels/fixed_gain.py": SETTLED,
+    "observer/kernels/judging.py": KALMAN,
+    "observer/kernels/kalman.py": KALMAN,
+    "observer/kernels/path.py": _at("tests/model/test_path.py", BITS),
+    "observer/kernels/selftest.py": _at("tests/estimators/test_selftest.py", BITS),
+    "observer/kernels/step.py": KALMAN,
+    "observer/kernels/stuck.py": _at("tests/service/test_align.py", BITS),
     "observer/model/discretise.py": _at("tests/model/test_discretise.py"),
     "observer/model/rod/path.py": _at("tests/model/test_path.py"),
     "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
     "observer/service/align.py": _at("tests/service/test_align.py", "tests/service/test_can_log.py"),
-    "observer/service/evening.py": _at("tests/service/test_evening.py"),
-    "observer/service/stuck.py": _at("tests/service/test_align.py"),
 }

@@ -6,6 +6,7 @@ import os
 
 _TOLD = (
     "PIP_",
+    "UV_",
     "HTTP_PROXY",
     "HTTPS_PROXY",
     "NO_PROXY",

@@ -18,13 +18,13 @@ import pytest
 
 from tests.docs.console import blocks, commands, matches
 from tests.packaging.box import Box, box
-from tests.patience import COMPILE_S, until
+from tests.patience import PATIENCE_S, until
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "operations.md"
-# The page says 492 and 384; a package that a daemon does not need is more than 8 MB as a rule.
-DAEMON_MB, SMALL_MB = 500, 395
+# A package that a daemon does not need is more than 8 MB as a rule.
+DAEMON_MB, SMALL_MB = 305, 215
 CONFIG = "/etc/ballscrew-observer/observer.toml"
 MODULE = """
 import asyncio, itertools, random
@@ -83,11 +83,11 @@ def _gives_estimates(computer: Box) -> None:
         )
         return computer.says("observer health")
 
-    until(is_good, 2 * COMPILE_S, pause_s=2.0)
+    until(is_good, 2 * PATIENCE_S, pause_s=2.0)
     assert _property(computer, "ActiveState") == "active"
 
 
-@pytest.mark.timeout(6 * COMPILE_S)
+@pytest.mark.timeout(3600)
 def test_from_the_box_to_a_running_service_and_back(computer: Box) -> None:
     _install_the_program(computer)
     _configure(computer)
@@ -233,6 +233,6 @@ def _serve_two_axes(computer: Box) -> None:
     computer.does(f"sed {' '.join('-e ' + shlex.quote(edit) for edit in edits)} observer.toml >y.toml")
     computer.does(f"sudo observer service install --config {CONFIG} --config y.toml")
     for axis in "zy":
-        until(partial(computer.says, f"observer health --machine lathe-7 --axis {axis}"), 2 * COMPILE_S, 2.0)
+        until(partial(computer.says, f"observer health --machine lathe-7 --axis {axis}"), 2 * PATIENCE_S, 2.0)
     assert _property(computer, "ActiveState") == "active"
     computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-y")

@@ -1,6 +1,6 @@
 """A service of small parts with a real publisher and recorder, as a process of its own.
 
-Arguments: endpoint to connect to, folder to record into, and what hangs: nothing, step, compile or driver.
+Arguments: endpoint to connect to, folder to record into, and what hangs: nothing, step or driver.
 """
 
 import asyncio
@@ -20,14 +20,14 @@ from tests.service.streams import CHANNELS, plan
 
 
 class HangingEstimator(FakeEstimator):
-    """Hangs in the first step that has a measurement, or in any, without giving way to anything."""
+    """Hangs in the first step that has a measurement, if it is to, without giving way to anything."""
 
     def __init__(self, hangs: str) -> None:
         super().__init__()
         self.hangs = hangs
 
     def run(self, state, inputs):
-        if self.hangs == "compile" or (self.hangs == "step" and inputs.usable.any()):
+        if self.hangs == "step" and inputs.usable.any():
             print("hanging", flush=True)
             time.sleep(60)
         return super().run(state, inputs)

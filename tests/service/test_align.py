@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from observer.files.logs import Log, read_log
 from observer.frames import Quality, Reading
+from observer.kernels.stuck import _LAST, _SEEN, is_stuck
 from observer.service.align import Aligner, AlignPlan, blocks_of_log, faults_of, frames_of_log
-from observer.service.stuck import is_stuck, no_memory
 from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams, write
 
 GOOD, MISSING, STALE, REJECTED = Quality.GOOD, Quality.MISSING, Quality.STALE, Quality.REJECTED
@@ -149,7 +149,8 @@ def test_flags_are_read_back():
 
 def _stuck_at(values, noise_K=0.05):
     """The samples at which a series counts as stuck."""
-    memory = no_memory(1)[0]
+    memory = np.zeros(_SEEN + 1)
+    memory[_LAST] = np.nan
     return [k for k, value in enumerate(values) if is_stuck(memory, float(value), noise_K)]
 
 

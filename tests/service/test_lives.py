@@ -1,7 +1,9 @@
 """How long a service lives that is to stop by itself."""
 
-import threading
+import time
+from dataclasses import dataclass, field
 
+from observer.exchange import PublishStatus
 from observer.service.clock import ServiceClock
 from observer.service.lives import run
 from observer.service.loop import Service
@@ -11,24 +13,31 @@ from tests.service.streams import plan
 LIVES_S, READY_S = 0.5, 1.0
 
 
-class SlowToBegin(FakeEstimator):
-    """Takes longer at its first step, as one does whose kernels are compiled, than the service is to live."""
+@dataclass
+class SlowToSettle(FakePublisher):
+    """Takes longer to know who else is there than the service is to live."""
 
-    ready = False
+    begun_s: float = field(default_factory=time.monotonic)
 
-    def run(self, state, inputs):
-        if not self.ready:
-            threading.Event().wait(READY_S)
-            self.ready = True
-        return super().run(state, inputs)
+    @property
+    def status(self) -> PublishStatus:
+        settled = time.monotonic() - self.begun_s > READY_S
+        return PublishStatus(True, len(self.estimates), 0, 0, None, settled=settled)
 
 
 def test_its_time_begins_with_its_first_tick():
     script = [(0.05 * k, {"t1_degC": 20.0 + k, "t2_degC": 20.0}, {}) for k in range(2000)]
-    publisher, aligned = FakePublisher(), plan(period_s=0.1)
+    publisher, aligned = SlowToSettle(), plan(period_s=0.1)
     run(
         Service(
-            (FakeDriver(script),), aligned, FakeDrive(), SlowToBegin(), publisher, None, ServiceClock(), print
+            (FakeDriver(script),),
+            aligned,
+            FakeDrive(),
+            FakeEstimator(),
+            publisher,
+            None,
+            ServiceClock(),
+            print,
         ),
         LIVES_S,
     )

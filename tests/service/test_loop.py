@@ -209,6 +209,8 @@ async def test_the_replay_of_the_recording_is_the_live_run_to_the_last_bit(tmp_p
 
 async def test_a_reading_between_the_grid_point_and_its_late_tick_is_recorded_in_the_order_of_use(tmp_path):
     class Between(FakeDriver):
+        hand_on = staticmethod(lambda: None)  # until it runs: the first tick may be before
+
         async def run(self, deliver, now):
             self.hand_on = lambda: deliver(Reading(now(), {"t1_degC": 20.0, "t2_degC": 21.0}))
             await asyncio.Event().wait()
@@ -252,7 +254,7 @@ async def test_a_renewal_ends_the_parts_and_tells_where_they_stood():
     driver = FakeDriver([(0, {"t1_degC": 20.0, "t2_degC": 20.0}, {})])
     service = replace(_service([driver], clock=FastClock(), period_s=0.5), renewals=renewals)
     task = asyncio.ensure_future(serve(service))
-    await eventually(lambda: len(service.publisher.estimates) >= 5)
+    await eventually(lambda: [b for _, b in service.publisher.estimates if np.isfinite(b.field_degC).all()])
     service.clock.offset = 60.0
     renewal = await task
     assert renewal.new_time
@@ -276,11 +278,8 @@ class _Departed:
     def __init__(self) -> None:
         self.taken = 0
 
-    def warm_up(self, inputs) -> None:
-        self.taken = -1000
-
     def take(self, inputs) -> None:
-        self.taken = max(self.taken, 0) + len(inputs)
+        self.taken += len(inputs)
 
 
 async def test_a_departed_prediction_is_a_reason_and_estimates_stay_as_good_as_they_are():

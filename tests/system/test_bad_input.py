@@ -99,7 +99,7 @@ def test_and_so_it_is_by_the_program_itself(case, tmp_path):
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=5 * PATIENCE_S,  # a first run compiles kernels
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 2
     _assert_told(case, done.stderr)
@@ -164,7 +164,7 @@ def test_a_log_without_a_single_value_is_refused(tmp_path):
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=5 * PATIENCE_S,  # a first run compiles kernels
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 2
     assert "log.csv: no sensor has a value in any row" in done.stderr
@@ -181,7 +181,7 @@ def test_a_quiet_log_says_what_it_cannot_tell(tmp_path):
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=5 * PATIENCE_S,  # a first run compiles kernels
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0, done.stderr
     assert "screw_speed_rpm stays at 0" in done.stderr

@@ -43,11 +43,9 @@ def test_while_it_is_being_loaded(plant, tmp_path, after_s):
         assert "Traceback" not in daemon.said()
 
 
-def test_while_it_compiles_without_a_router(plant, tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
+def test_without_a_router(plant, tmp_path):
     with Daemon(tmp_path, table_for(plant.wires, **_nobody_there())) as daemon:
         until(lambda: _started(daemon) and daemon.recording().read_bytes().count(b"\n") > 10)
-        assert daemon.step_times_s() == []  # readings keep coming in while it is not through
         assert daemon.stop() < LIMIT_S
     assert len(read_log(daemon.recording())) > 10
 

@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tests.truth.machine.compiling import cached
 
 FloatArray = NDArray[np.float64]
 STEP_S = 0.5
@@ -96,7 +97,7 @@ def record(
     return Days(STEP_S * np.arange(1.0, steps + 1.0), speed_rpm, position_m, seen, heat_W)
 
 
-@njit
+@cached()
 def _conduct(  # type: ignore[no-untyped-def]
     temperature, run_m, heat_W, low_m, reach_m, nut_m, length_m, diameter_m, k, capacity, film, ambient,
     sensor_m, out,

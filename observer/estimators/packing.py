@@ -1,0 +1,315 @@
+"""What the kernels take: a plant, steps and inputs as plain contiguous arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.estimators.protocol import EstimatorState
+from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
+from observer.kernels import layout
+from observer.kernels.layout import packed, pad_rows
+from observer.model.coupling import Coupling
+from observer.model.learning import LearningArrays, nothing_learnt
+from observer.model.plant import Plant
+from observer.model.rod.supports import fold
+
+IntArray = NDArray[np.int64]
+# Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows
+# of 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
+_REGISTER, _CROWDED = 16, 64
+
+
+class PlantArrays(NamedTuple):
+    """A plant for the kernels; input columns are stored as rows, which the inner loops walk.
+
+    `B` (m, n_x), `E` (p, n_x); `C` (s, n_x), `F` (s, p) the sensors' rows, and as padded columns those that
+    are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `prior_P` (n_x, n_x),
+    `initial_W2`, `law_uncertainty` (m_e,); `source` (m_e,) the source of each estimated heat; `moving` (M,)
+    the source of each moving column and `moving_heat` (M,) its estimated heat, -1 if it is not estimated.
+    """
+
+    modes: int
+    B: FloatArray
+    E: FloatArray
+    C: FloatArray
+    F: FloatArray
+    rows: FloatArray
+    rows_F: FloatArray
+    R_K2: FloatArray
+    uniform: FloatArray
+    prior_P: FloatArray
+    initial_W2: FloatArray
+    law_uncertainty: FloatArray
+    source: IntArray
+    moving: IntArray
+    moving_heat: IntArray
+    coupling: Coupling
+    learn: LearningArrays
+
+
+class Running(NamedTuple):
+    """The state while it runs, changed in place: `P` (n, padded width), `flags` [started, silent]."""
+
+    x: FloatArray
+    P: FloatArray
+    suspect: FloatArray
+    refused_s: FloatArray
+    opened_K: FloatArray
+    lost_s: FloatArray
+    flags: IntArray
+    around: FloatArray
+
+
+class Work(NamedTuple):
+    """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
+    at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
+    coupling began from, `none` (n_x, 0), `sweep` as in `advance`, and the arrays of one step. `C` has the
+    columns of all states where something is learnt, and of the plant's where not.
+    """
+
+    B: FloatArray
+    C: FloatArray
+    rows: FloatArray
+    value: FloatArray
+    shared: FloatArray
+    law: FloatArray
+    driven: FloatArray
+    couple: FloatArray
+    shift: FloatArray
+    was: FloatArray
+    before: FloatArray
+    none: FloatArray
+    sweep: FloatArray
+    G: FloatArray
+    H: FloatArray
+    M: FloatArray
+    L: FloatArray
+    W: FloatArray
+    e: FloatArray
+    order: IntArray
+    K: FloatArray
+    row: FloatArray
+    half: FloatArray
+    g: FloatArray
+    nu: FloatArray
+    S_nu: FloatArray
+    usable: NDArray[np.bool_]
+    accepted: NDArray[np.bool_]
+    suspect: FloatArray
+    A: FloatArray
+    before_around: FloatArray
+    kept: FloatArray
+
+
+class Results(NamedTuple):
+    """Where the kernels write; `field` holds the field's rows and then the error's."""
+
+    heat: FloatArray
+    heat_sigma: FloatArray
+    field: FloatArray
+    field_sigma: FloatArray
+    innovation: FloatArray
+    sensor_quality: QualityArray
+    quality: QualityArray
+    log_likelihood: FloatArray
+    innovation_sigma: FloatArray
+    law: FloatArray
+    learned: FloatArray
+    learned_sigma: FloatArray
+
+
+def padded_width(columns: int) -> int:
+    """Return the width of an array's rows in memory that the inner loops run over."""
+    width = layout.padded_width(columns, _REGISTER)
+    if width % _CROWDED == 0:
+        half = layout.padded_width(columns, _REGISTER // 2)
+        return half + _REGISTER // 2 if half % _CROWDED == 0 else half
+    return width
+
+
+def pack_plant(plant: Plant) -> PlantArrays:
+    """Bring a plant into the kernels' form."""
+    source = np.flatnonzero(plant.estimated)
+    s = plant.rows.sensors
+    reported = padded_width(len(plant.rows.C) - s)
+    heat_of = {int(j): i for i, j in enumerate(source)}
+    return PlantArrays(
+        plant.modes,
+        contiguous(plant.B.T),
+        contiguous(plant.E.T),
+        contiguous(plant.rows.C[:s]),
+        contiguous(plant.rows.F[:s]),
+        pad_rows(plant.rows.C[s:].T, reported),
+        pad_rows(plant.rows.F[s:].T, reported),
+        contiguous(plant.noise_R_K2),
+        contiguous(plant.uniform),
+        contiguous(0.5 * (plant.prior_P + plant.prior_P.T)),
+        contiguous(plant.initial_sigma_W**2),
+        contiguous(plant.law_uncertainty),
+        contiguous(source, np.int64),
+        contiguous([s.index for s in plant.moving], np.int64),
+        contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),
+        plant.coupling,
+        _learning(plant),
+    )
+
+
+def _learning(plant: Plant) -> LearningArrays:
+    """What of the plant is only roughly known, as kernels take it."""
+    if plant.learning is None:
+        return nothing_learnt(len(plant.decay_1_s), plant.rows.sensors)
+    return packed(plant.learning.arrays)  # type: ignore[no-any-return]
+
+
+def states_of(plant: Plant) -> int:
+    """Return how many states an estimator of the plant has: its own, the heats' and what is learnt."""
+    return len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
+
+
+def initial_state(plant: Plant) -> EstimatorState:
+    """Return the state before the first usable measurement."""
+    n, never = states_of(plant), np.zeros(plant.rows.sensors)
+    around = np.zeros(0)
+    if plant.learning is not None:
+        around = np.zeros(n - plant.learnt + 2 * len(never))
+    return EstimatorState(
+        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=around
+    )
+
+
+def thaw(state: EstimatorState) -> Running:
+    """Copy a state into arrays that may change."""
+    flags = np.array([int(state.started), state.silent], dtype=np.int64)
+    return Running(
+        np.array(state.x_hat, order="C"),
+        pad_rows(state.P, padded_width(len(state.P))),
+        np.array(state.suspect, dtype=float),
+        np.array(state.refused_s, dtype=float),
+        np.array(state.opened_K, dtype=float),
+        np.array([state.lost_s]),
+        flags,
+        np.array(state.around),
+    )
+
+
+def thaw_into(running: Running, state: EstimatorState) -> None:
+    """Copy a state into arrays that may change, of the same sizes."""
+    running.x[:] = state.x_hat
+    running.P[:, : len(state.P)] = state.P
+    running.suspect[:] = state.suspect
+    running.refused_s[:] = state.refused_s
+    running.opened_K[:] = state.opened_K
+    running.lost_s[0] = state.lost_s
+    running.flags[0], running.flags[1] = state.started, state.silent
+    running.around[:] = state.around
+
+
+def scratch(arrays: PlantArrays) -> Work:
+    """Allocate the kernels' scratch."""
+    n_x, m_e, s = arrays.B.shape[1], len(arrays.source), len(arrays.R_K2)
+    n, learn = n_x + m_e + len(arrays.learn.kind), arrays.learn
+    width, columns = padded_width(n), m_e + learn.machine
+    return Work(
+        B=arrays.B.copy(),
+        C=pad_rows(arrays.C, n) if len(learn.kind) else arrays.C.copy(),
+        rows=arrays.rows.copy(),
+        value=np.zeros(arrays.rows.shape[1]),
+        shared=np.zeros(arrays.rows.shape[1]),
+        law=np.zeros(len(arrays.B)),
+        driven=np.zeros(n_x),
+        couple=np.zeros((n_x, n_x)),
+        shift=np.zeros(n_x),
+        was=np.zeros((n, width)),
+        before=np.zeros((2, n_x)),
+        none=np.zeros((n_x, 0)),
+        sweep=np.zeros((0, 0, 0, 0)),
+        G=np.zeros((columns, width)),
+        H=np.zeros((columns, width)),
+        M=np.zeros((m_e, width)),
+        L=np.zeros((s, s)),
+        W=np.zeros((s, width)),
+        e=np.zeros(s),
+        order=np.zeros(s, dtype=np.int64),
+        K=np.zeros(width),
+        row=np.zeros(width),
+        half=np.zeros(width),
+        g=np.zeros((s, width)),
+        nu=np.zeros(s),
+        S_nu=np.zeros(s),
+        usable=np.zeros(s, dtype=np.bool_),
+        accepted=np.zeros(s, dtype=np.bool_),
+        suspect=np.zeros(s),
+        A=np.zeros((n, width)),
+        before_around=np.zeros(n_x + m_e),
+        kept=np.zeros((len(learn.held), len(learn.held) + 1)),
+    )
+
+
+def freeze(running: Running, time_s: float) -> EstimatorState:
+    """Copy the arrays into a state."""
+    return EstimatorState(
+        running.x.copy(),
+        running.P[:, : len(running.x)].copy(),
+        bool(running.flags[0]),
+        running.suspect.copy(),
+        running.refused_s.copy(),
+        running.opened_K.copy(),
+        time_s,
+        int(running.flags[1]),
+        float(running.lost_s[0]),
+        running.around.copy(),
+    )
+
+
+def empty_results(plant: Plant, steps: int) -> Results:
+    """Allocate results for that many steps; the kernels write every row of them."""
+    m_e, s = int(plant.estimated.sum()), plant.rows.sensors
+    wide, learnt = len(plant.rows.C) - s, plant.learnt
+    return Results(
+        heat=np.empty((steps, m_e)),
+        heat_sigma=np.empty((steps, m_e)),
+        field=np.empty((steps, wide)),
+        field_sigma=np.empty((steps, wide)),
+        innovation=np.empty((steps, s)),
+        sensor_quality=np.empty((steps, s), dtype=np.int8),
+        quality=np.empty(steps, dtype=np.int8),
+        log_likelihood=np.empty(steps),
+        innovation_sigma=np.empty((steps, s)),
+        law=np.empty((steps, m_e)),
+        learned=np.empty((steps, learnt)),
+        learned_sigma=np.empty((steps, learnt)),
+    )
+
+
+def cut(results: Results, part: slice) -> Results:
+    """Return the part of the results that belongs to some steps, as views."""
+    return Results._make(array[part] for array in results)
+
+
+def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBlock:
+    """Give the results their names."""
+    g = plant.rows.grid
+    error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
+    learned, learned_sigma = results.learned, results.learned_sigma
+    if (known := plant.learning) is not None:
+        learned = known.value + known.unit * learned[:, known.states]
+        learned_sigma = known.unit * learned_sigma[:, known.states]
+    return EstimateBlock(
+        time_s=time_s,
+        heat_W=results.heat,
+        heat_sigma_W=results.heat_sigma,
+        field_degC=results.field[:, :g],
+        field_sigma_K=results.field_sigma[:, :g],
+        error_um=error_um,
+        error_sigma_um=error_sigma_um,
+        innovation_K=results.innovation,
+        sensor_quality=results.sensor_quality,
+        quality=results.quality,
+        innovation_sigma_K=results.innovation_sigma,
+        law_W=results.law,
+        learned=learned,
+        learned_sigma=learned_sigma,
+    )

@@ -1,0 +1,156 @@
+"""One step of every estimator as a textbook has it, on dense matrices: what the kernels are tested against.
+
+The state of an estimator is [x | δ | θ]: the plant's states, what the estimated heats are beyond their laws,
+and what of the machine is only roughly known. A step is `transition`, `predict`, `correct`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.frames import FloatArray, Inputs
+from observer.kernels.coupling import coupled, faded
+from observer.model.discretise import fixed_noise, quantise, step_matrices
+from observer.model.learning import WANDER_S
+from observer.model.plant import Plant
+
+NONE = np.zeros(0, dtype=np.int64)
+
+
+class Belief(NamedTuple):
+    """A Gaussian: mean `x` (n,) and covariance `P` (n, n)."""
+
+    x: FloatArray
+    P: FloatArray
+
+
+class Correction(NamedTuple):
+    """What measurements (s,) say: the belief after them, their `innovation` (s,), its covariance `S` (s, s),
+    the gain `K` (n, s), and the logarithm of their likelihood.
+    """
+
+    belief: Belief
+    innovation: FloatArray
+    S: FloatArray
+    K: FloatArray
+    log_likelihood: float
+
+
+def predict(belief: Belief, F: FloatArray, forced: FloatArray, Q: FloatArray) -> Belief:
+    """x⁻ = F x + f, P⁻ = F P Fᵀ + Q with F, Q (n, n), f (n,). Source: Kalman (1960)."""
+    return Belief(F @ belief.x + forced, F @ belief.P @ F.T + Q)
+
+
+def correct(
+    belief: Belief,
+    H: FloatArray,
+    y: FloatArray,
+    R: FloatArray,
+    *,
+    considered: NDArray[np.int64] = NONE,
+    K: FloatArray | None = None,
+) -> Correction:
+    """ν = y - H x, S = H P Hᵀ + R, K = P Hᵀ S⁻¹, x⁺ = x + K ν, P⁺ = (I - K H) P (I - K H)ᵀ + K R Kᵀ.
+
+    Takes H (s, n), y (s,), R (s, s), and K (n, s) where an observer's gain is given: Joseph's form of the
+    covariance (Bucy and Joseph 1968) holds for any. States that are only `considered` keep their value and
+    variance, and have a row of zeros in K (Schmidt 1966).
+    """
+    innovation, S = y - H @ belief.x, H @ belief.P @ H.T + R
+    gain = K
+    if gain is None:
+        gain = np.asarray(np.linalg.solve(S, H @ belief.P).T, dtype=np.float64)
+        gain[considered] = 0.0
+    left = np.eye(len(belief.x)) - gain @ H
+    after = Belief(belief.x + gain @ innovation, left @ belief.P @ left.T + gain @ R @ gain.T)
+    squares = float(innovation @ np.linalg.solve(S, innovation))
+    log_likelihood = -0.5 * (squares + float(np.linalg.slogdet(2.0 * np.pi * S)[1]))
+    return Correction(after, innovation, S, gain, log_likelihood)
+
+
+class Columns(NamedTuple):
+    """The columns of a plant over one step, moving nuts in place: `B` (n_x, m) of the heats, and of what is
+    learnt of the machine `G` (n_x, t), what a unit of each does to the states over the step.
+    """
+
+    B: FloatArray
+    G: FloatArray
+
+
+class Transition(NamedTuple):
+    """x⁺ = F x + f with noise Q, all states; `law_W` (m,) are the heats by their laws at the state's
+    temperature.
+    """
+
+    F: FloatArray
+    forced: FloatArray
+    Q: FloatArray
+    law_W: FloatArray
+
+
+def columns_in_place(plant: Plant, u: Inputs, k: int) -> tuple[FloatArray, FloatArray]:
+    """Return B (n_x, m) and all output rows C (R, n_x) with moving nuts where they are over step k."""
+    B, C = plant.B.copy(), plant.rows.C.copy()
+    for i, source in enumerate(plant.moving):
+        B[:, source.index] = u.moving_B[k, i]
+        C[:, plant.modes + source.index] = u.moving_C[k, i, : len(C)]
+    return B, C
+
+
+def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns) -> Transition:
+    """The step k from the state x (n,) on: half of what couples the states, the exact diagonal step with laws
+    and known inputs, the other half (Strang 1968). The couplings' linear parts are those at x.
+    """
+    B, G = columns
+    n_x, m_e, n, t = len(plant.decay_1_s), int(plant.estimated.sum()), len(x), G.shape[1]
+    first, dt_s = n_x + m_e, float(quantise(u.dt_s[k]))
+    step, own = step_matrices(plant, dt_s), B[:, plant.estimated]
+    before, shift = _half(plant, u, k, u.z_start[k], B, x, n)
+    x = before @ x + shift
+    law_W = laws(plant, u, k, B, x[:n_x])
+    F, forced, Q = np.eye(n) * np.exp(-dt_s / WANDER_S), np.zeros(n), np.zeros((n, n))
+    F[:first, :first] = np.diag(np.concatenate([step.decay, step.heat_decay]))
+    F[:n_x, n_x:first] = own * step.couple.T
+    F[:n_x, first : first + t] = G
+    forced[:n_x] = step.hold * (B @ law_W + plant.E @ u.z_start[k])
+    forced[:n_x] += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
+    Q[:n_x, :n_x] = fixed_noise(plant, step, np.zeros(m_e, dtype=np.bool_))
+    Q[:n_x, :n_x] += np.einsum("aj,bj,jab->ab", own, own, step.walk_xx)
+    Q[:n_x, n_x:first] = own * step.walk_dx.T
+    Q[n_x:first, :n_x] = Q[:n_x, n_x:first].T
+    Q[n_x:first, n_x:first] = np.diag(step.walk_dd)
+    if plant.learning is not None:
+        sigma = plant.learning.arrays.sigma
+        Q[first:, first:] = np.diag(sigma**2 * (1.0 - np.exp(-dt_s / WANDER_S) ** 2))
+    jump = np.zeros(n)
+    jump[n_x:first] = plant.law_uncertainty * u.law_jump_W[k, plant.estimated]
+    Q += F @ np.diag(jump**2) @ F.T
+    after, shift_after = _half(plant, u, k, u.z_end[k], B, F @ x + forced, n)
+    return Transition(
+        after @ F @ before, after @ (F @ shift + forced) + shift_after, after @ Q @ after.T, law_W
+    )
+
+
+def laws(plant: Plant, u: Inputs, k: int, B: FloatArray, x: FloatArray) -> FloatArray:
+    """The heats (m,) by their laws over step k, at the temperatures of the state x (n_x,) if they fade."""
+    law_W = u.law_W[k].copy()
+    if plant.coupling.active:
+        B = np.ascontiguousarray(B.T)
+        law_W *= [faded(plant.coupling, j, u.z_start[k], B, x) for j in range(len(law_W))]
+    return law_W
+
+
+def _half(
+    plant: Plant, u: Inputs, k: int, z: FloatArray, B: FloatArray, x: FloatArray, n: int
+) -> tuple[FloatArray, FloatArray]:
+    """What couples the states in half a step, T (n, n) and shift (n,)."""
+    T, shift, n_x = np.eye(n), np.zeros(n), len(plant.decay_1_s)
+    if plant.coupling.active:
+        M, b = np.empty((n_x, n_x)), np.empty(n_x)
+        rows = np.ascontiguousarray(B.T)
+        coupled(plant.coupling, u.loss_1_s[k], u.loss_degC[k], z, rows, 0.5 * u.dt_s[k], x, M, b)
+        T[:n_x, :n_x], shift[:n_x] = M, b
+    return T, shift

@@ -1,0 +1,122 @@
+"""The compiled advance of a plant's state over one step: filter, smoother, open loop and fit share it.
+
+What couples the states acts for half a step on either side of the exact diagonal step (see `coupling`); the
+heats are taken by their laws at the temperature of the moment. Nothing here calls BLAS and no sum is
+reordered: K steps give the same bits as K runs of one.
+
+The records are taken by their fields: of a plant `p` its `B` (m, W) and `E` (p, W) as rows of W ≥ n_x states,
+`modes`, `coupling`, `source` (m_e,) the source of each heat that is a state, and `moving` (M,) that of each
+moving column; of a table of step lengths `t` its `decay`, `hold`, `ramp` (D, W), `heat_decay` (D, m_e) and
+`couple` (D, m_e, W); the inputs `u` are `Inputs`. `work` is scratch but for `sweep` (K, M, e, N), shapes of
+which the squares add up to the covariance of each moving source's column over each step: empty where that is
+not known.
+"""
+
+from __future__ import annotations
+
+from observer.kernels.coupling import couple, faded, swept
+
+
+def add_scaled(target, rows, weights, count):
+    """target += Σ_a weights_a · rows_a over the first `count` rows, in sums of four, two at a time."""
+    pairs, whole = count // 8 * 8, count // 4 * 4
+    for a in range(0, pairs, 8):
+        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
+        w4, w5, w6, w7 = weights[a + 4], weights[a + 5], weights[a + 6], weights[a + 7]
+        for b in range(len(target)):
+            four = (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
+            more = (w4 * rows[a + 4, b] + w5 * rows[a + 5, b]) + (w6 * rows[a + 6, b] + w7 * rows[a + 7, b])
+            target[b] = (target[b] + four) + more
+    for a in range(pairs, whole, 4):
+        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
+        for b in range(len(target)):
+            target[b] += (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
+    for a in range(whole, count):
+        w0 = weights[a]
+        for b in range(len(target)):
+            target[b] += w0 * rows[a, b]
+
+
+def move_columns(p, u, k, B, C):
+    """Put the columns of the moving sources over step k in place."""
+    for i in range(len(p.moving)):
+        index = p.moving[i]
+        for a in range(u.moving_B.shape[2]):
+            B[index, a] = u.moving_B[k, i, a]
+        for r in range(C.shape[0]):
+            C[r, p.modes + index] = u.moving_C[k, i, r]
+
+
+def advance(p, t, d, u, k, B, x, work):
+    """Take the state x, plant states and deviations of the heats, over step k of the length d of the table.
+
+    `work.law` are then the heats by their laws, and `work.before` (2, n_x), where states are coupled, what
+    the state was before each half of it.
+    """
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_start[k], B, x, 0, work)
+    put_laws(p, u, k, B, x, work.law)
+    advance_diagonal(p, t, d, u, k, B, x, work)
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_end[k], B, x, 1, work)
+
+
+def put_laws(p, u, k, B, x, law):
+    """Each source's heat by its law over step k, at the temperature of the moment if it depends on that."""
+    for j in range(len(law)):
+        law[j] = u.law_W[k, j]
+        if p.coupling.active:
+            law[j] *= faded(p.coupling, j, u.z_start[k], B, x)
+
+
+def advance_diagonal(p, t, d, u, k, B, x, work):
+    """x⁺ = e∘x + hold∘(B law + E z_start) + ramp∘(E (z_end - z_start)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
+    n_x = B.shape[1]
+    for a in range(n_x):
+        work.driven[a] = 0.0
+    add_scaled(work.driven, B, work.law, B.shape[0])
+    add_scaled(work.driven, p.E, u.z_start[k], p.E.shape[0])
+    for a in range(n_x):
+        x[a] = t.decay[d, a] * x[a] + t.hold[d, a] * work.driven[a]
+    for q in range(p.E.shape[0]):
+        rise = u.z_end[k, q] - u.z_start[k, q]
+        if rise != 0.0:
+            for a in range(n_x):
+                x[a] += t.ramp[d, a] * p.E[q, a] * rise
+    for j in range(len(p.source)):
+        delta, index = x[n_x + j], p.source[j]
+        for a in range(n_x):
+            x[a] += B[index, a] * t.couple[d, j, a] * delta
+        x[n_x + j] = t.heat_decay[d, j] * delta
+
+
+def couple_half(p, u, k, z, B, x, half, work):
+    """Half a step of what couples the states; `half` is 0 before the diagonal step and 1 after it."""
+    n_x, half_s = work.before.shape[1], 0.5 * u.dt_s[k]
+    known = len(p.moving) if work.sweep.shape[0] * work.sweep.shape[2] > 0 else 0
+    for a in range(n_x):
+        work.before[half, a] = x[a]
+    if half == 1:
+        for i in range(known - 1, -1, -1):
+            swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, -1)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, work.none, x)
+    if half == 0:
+        for i in range(known):
+            swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, 1)
+
+
+def couple_covariance(p, u, k, z, B, half, P, work):
+    """What a half of the coupling does to a covariance: P ← T P Tᵀ, T of the state it was taken at.
+
+    T is many steps of rank one: it is applied to the rows, and to the columns as those of the transpose.
+    """
+    n, n_x = P.shape[0], work.before.shape[1]
+    rows, was = P[:n_x], work.before[half]
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift)
+    for a in range(n):
+        for b in range(a):
+            P[a, b], P[b, a] = P[b, a], P[a, b]
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift)
+    for a in range(n):
+        for b in range(a):
+            P[b, a] = P[a, b]

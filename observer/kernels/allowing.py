@@ -1,0 +1,156 @@
+"""What an observer with a fixed gain allows for: what each tolerance makes of its estimate's error.
+
+With e the error of the estimate, θ a parameter, c what it does to the plant and h to a reading,
+
+    e⁺ = A e + c θ,        ν = C e + h θ,        e⁺ = e - K ν:
+
+linear in θ, so that the columns S = ∂e/∂θ σ_θ are carried beside a covariance that knows noise alone, and
+σ² = σ_noise² + Σ S² (Schmidt 1966: considered parameters, here of a gain that is given). The effects are
+taken along a field that follows the estimate slowly, as where they are learnt (`learning`).
+"""
+
+from __future__ import annotations
+
+from observer.kernels.advance import move_columns
+from observer.kernels.arithmetic import squared
+from observer.kernels.coupling import couple
+from observer.kernels.judging import clear
+from observer.kernels.learning import below, draw_near, follow, see
+from observer.kernels.libm import sqrt
+
+
+def begin_allowing(a, u, k, x):
+    """At the start: the effects are taken at the state, and nothing is off by a parameter yet."""
+    C = a.work.C
+    if a.S.shape[1] == 0:
+        return
+    move_columns(a.plant, u, k, a.work.B, C)
+    first, s = len(a.plant.uniform) + len(a.plant.source), len(a.plant.R_K2)
+    clear(a.S)
+    for b in range(first):
+        a.around[b] = x[b]
+    for i in range(s):
+        a.around[first + i] = below(a.plant, u, k, C, i, a.around)
+        a.around[first + s + i] = a.around[first + i]
+    see(a.plant, u, k, 0.0, C, a.around)
+
+
+def allow(a, t, d, u, k):
+    """Take `around` and S over step k, once."""
+    S = a.S
+    if S.shape[1] == 0 or a.taken[0] == 1:
+        return
+    a.taken[0] = 1
+    n_x, m_e, sigma = len(a.plant.uniform), len(a.plant.source), a.plant.learn.sigma
+    move_columns(a.plant, u, k, a.work.B, a.work.C)
+    follow(a.plant, t, d, u, k, a.work.B, a.work.C, a.around, a.nothing, a.work)
+    half_s, before = 0.5 * u.dt_s[k], a.work.before
+    rate_1_s, drawn_degC = u.loss_1_s[k], u.loss_degC[k]
+    if a.plant.coupling.active:
+        couple(
+            a.plant.coupling,
+            rate_1_s,
+            drawn_degC,
+            u.z_start[k],
+            a.work.B,
+            half_s,
+            before[0],
+            S[:n_x],
+            a.work.shift,
+        )
+    for b in range(n_x):
+        for r in range(S.shape[1]):
+            S[b, r] *= t.decay[d, b]
+    for j in range(m_e):
+        index = a.plant.source[j]
+        for b in range(n_x):
+            for r in range(S.shape[1]):
+                S[b, r] += a.work.B[index, b] * t.couple[d, j, b] * S[n_x + j, r]
+        for r in range(S.shape[1]):
+            S[n_x + j, r] *= t.heat_decay[d, j]
+    for i in range(a.plant.learn.machine):
+        for b in range(n_x):
+            S[b, i] += a.work.G[m_e + i, b] * sigma[i]
+    if a.plant.coupling.active:
+        couple(
+            a.plant.coupling,
+            rate_1_s,
+            drawn_degC,
+            u.z_end[k],
+            a.work.B,
+            half_s,
+            before[1],
+            S[:n_x],
+            a.work.shift,
+        )
+
+
+def allow_for_readings(a, S_nu):
+    """Put what parameters do to innovations into `nu`, and the variances with that into `variance`."""
+    S, C = a.S, a.work.C
+    n_x, first = len(a.plant.uniform), len(a.plant.uniform) + len(a.plant.source)
+    for i in range(len(S_nu)):
+        a.variance[i] = S_nu[i]
+        for r in range(S.shape[1]):
+            off = C[i, first + r] * a.plant.learn.sigma[r]
+            for b in range(n_x):
+                off += C[i, b] * S[b, r]
+            a.nu[i, r] = off
+            a.variance[i] += off * off
+
+
+def correct_allowed(a, K, accepted):
+    """S⁺ = S - K ν of the accepted sensors."""
+    for i in range(len(accepted)):
+        if accepted[i]:
+            for b in range(a.S.shape[0]):
+                for r in range(a.S.shape[1]):
+                    a.S[b, r] -= K[b, i] * a.nu[i, r]
+
+
+def correct_allowed_jointly(a, accepted, L, W, order):
+    """The same by the Kalman gain of the moment, from the factors that a joint update has left."""
+    count = 0
+    for i in range(len(accepted)):
+        count += 1 if accepted[i] else 0
+    for r in range(a.S.shape[1]):
+        for i in range(count):
+            rest = a.nu[order[i], r]
+            for j in range(i):
+                rest -= L[i, j] * a.e[j]
+            a.e[i] = rest * L[i, i]
+        for i in range(count):
+            for b in range(a.S.shape[0]):
+                a.S[b, r] -= W[i, b] * a.e[i]
+
+
+def finish_allowing(a, dt_s, x):
+    """After a step: `around` goes after the estimate, and the next step is another."""
+    draw_near(a.plant, dt_s, x, a.around)
+    a.taken[0] = 0
+
+
+def widen(a, rows, k, out):
+    """Add to the σ of step k, of heats and of the `rows` (n_x, W), what the parameters have in them."""
+    S, square, value = a.S, a.work.shared, a.work.value
+    n_x, L = len(rows), a.S.shape[1]
+    if L == 0:
+        return
+    for j in range(out.heat_sigma.shape[1]):
+        variance = squared(out.heat_sigma[k, j])
+        for r in range(L):
+            variance += squared(S[n_x + j, r])
+        out.heat_sigma[k, j] = sqrt(variance)
+    for w in range(len(square)):
+        square[w] = 0.0
+    for r in range(L):
+        for w in range(len(value)):
+            value[w] = 0.0
+        for b in range(n_x):
+            off = S[b, r]
+            for w in range(len(value)):
+                value[w] += off * rows[b, w]
+        for w in range(len(value)):
+            square[w] += value[w] * value[w]
+    for w in range(out.field_sigma.shape[1]):
+        out.field_sigma[k, w] = sqrt(squared(out.field_sigma[k, w]) + square[w])

@@ -1,0 +1,135 @@
+"""What the smoother makes of changed readings: many changes at once over the gains of one filter's tape.
+
+Gains and covariances do not depend on what sensors read, so a change of the readings costs the state's own
+arithmetic only. Column 0 stands for the log itself on the way back, the others for the changes.
+"""
+
+from __future__ import annotations
+
+import cython  # type: ignore[import-untyped]
+
+from observer.kernels.advance import move_columns
+from observer.kernels.coupling import couple, coupled
+from observer.kernels.kalman import SKIPPED, STEPPED
+
+
+def run_changes_forward(p, t, u, step, tape, work, X, told, heat):
+    """Take the changes X (n, c) of the state over the K steps on the tape.
+
+    `told` (K, s, c) are the changes of the readings, and then those of the innovations, each given the
+    sensors before it; `heat` (K, m_e, c) is filled with those of the heats. Where the filter began, nothing
+    has changed: the level it began from is what the log says.
+    """
+    with cython.nogil:
+        changes_forward(p, t, u, step, tape, work, X, told, heat)
+
+
+def run_changes_backward(p, t, u, step, tape, work, R, told, heat):
+    """Take the adjoint R (n, c) back over the tape; `told` is then Σ⁻¹ times the readings about their mean,
+    and `heat` smoothed.
+    """
+    with cython.nogil:
+        changes_backward(p, t, u, step, tape, work, R, told, heat)
+
+
+def changes_forward(p, t, u, step, tape, work, X, told, heat):
+    """The filter's arithmetic, in the order of `advance.advance` and of the tape's corrections."""
+    B, C, n_x, n, count = work.B, work.C, work.B.shape[1], X.shape[0], X.shape[1]
+    for k in range(len(step)):
+        if tape.kind[k] == SKIPPED:
+            continue
+        move_columns(p, u, k, B, C)
+        if tape.kind[k] == STEPPED:
+            if p.coupling.active:
+                couple_changes(p, u, k, u.z_start[k], tape.coupled[k, 0], X, work)
+            step_changes(p, t, step[k], B, X)
+            if p.coupling.active:
+                couple_changes(p, u, k, u.z_end[k], tape.coupled[k, 1], X, work)
+        for i in range(len(p.R_K2)):
+            if tape.weight[k, i] > 0.0:
+                for a in range(n_x):
+                    add_row(told[k, i], -C[i, a], X[a])
+                for a in range(n):
+                    add_row(X[a], tape.gain[k, i, a], told[k, i])
+                told[k, i, 0] = tape.innovation[k, i]
+        for j in range(len(p.source)):
+            for q in range(count):
+                heat[k, j, q] = X[n_x + j, q]
+            heat[k, j, 0] = tape.heat[k, j]
+
+
+def step_changes(p, t, d, B, X):
+    """x⁺ = e∘x + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ, for every column."""
+    n_x, count = B.shape[1], X.shape[1]
+    for a in range(n_x):
+        keep = t.decay[d, a]
+        for q in range(count):
+            X[a, q] *= keep
+        for j in range(len(p.source)):
+            add_row(X[a], B[p.source[j], a] * t.couple[d, j, a], X[n_x + j])
+    for j in range(len(p.source)):
+        keep = t.heat_decay[d, j]
+        for q in range(count):
+            X[n_x + j, q] *= keep
+
+
+def couple_changes(p, u, k, z, x, X, work):
+    """What half a coupling, taken at the state x, does to every column."""
+    half_s, n_x = 0.5 * u.dt_s[k], work.B.shape[1]
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, X[:n_x], work.shift)
+
+
+def changes_backward(p, t, u, step, tape, work, R, told, heat):
+    """The way of `smoother.smooth_back` for every column of r, without N."""
+    B, C, n_x, n, count = work.B, work.C, work.B.shape[1], R.shape[0], R.shape[1]
+    for k in range(len(step) - 1, -1, -1):
+        if tape.kind[k] == SKIPPED:
+            continue
+        for j in range(len(p.source)):
+            for a in range(n):
+                add_row(heat[k, j], tape.cross[k, j, a], R[a])
+        move_columns(p, u, k, B, C)
+        for i in range(len(p.R_K2) - 1, -1, -1):
+            if tape.weight[k, i] > 0.0:
+                weight = tape.weight[k, i]
+                for q in range(count):
+                    told[k, i, q] *= weight
+                for a in range(n):
+                    add_row(told[k, i], -tape.gain[k, i, a], R[a])
+                for a in range(n_x):
+                    add_row(R[a], C[i, a], told[k, i])
+        if tape.kind[k] == STEPPED:
+            if p.coupling.active:
+                couple_changes_back(p, u, k, u.z_end[k], tape.coupled[k, 1], R, work)
+            for j in range(len(p.source)):
+                keep, index = t.heat_decay[step[k], j], p.source[j]
+                for q in range(count):
+                    R[n_x + j, q] *= keep
+                for a in range(n_x):
+                    add_row(R[n_x + j], B[index, a] * t.couple[step[k], j, a], R[a])
+            for a in range(n_x):
+                keep = t.decay[step[k], a]
+                for q in range(count):
+                    R[a, q] *= keep
+            if p.coupling.active:
+                couple_changes_back(p, u, k, u.z_start[k], tape.coupled[k, 0], R, work)
+
+
+def couple_changes_back(p, u, k, z, x, R, work):
+    """R ← Tᵀ R for the states, column by column, T what half a coupling does at the state x."""
+    M, was = work.couple, work.half
+    n_x, half_s = M.shape[0], 0.5 * u.dt_s[k]
+    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, M, work.shift)
+    for q in range(R.shape[1]):
+        for i in range(n_x):
+            was[i] = R[i, q]
+            R[i, q] = 0.0
+        for i in range(n_x):
+            for a in range(n_x):
+                R[a, q] += M[i, a] * was[i]
+
+
+def add_row(target, weight, row):
+    """target += weight · row."""
+    for q in range(len(target)):
+        target[q] += weight * row[q]

@@ -1,0 +1,75 @@
+"""One exact step of a diagonal plant over a time dt, in closed form but for what random walks leave."""
+
+from __future__ import annotations
+
+from observer.kernels.codes import TICKS_PER_S
+from observer.kernels.libm import exp, expm1, rint
+
+
+def hold(rate_1_s, dt_s):
+    """∫_0^dt exp(-rate s) ds, safe for rate → 0."""
+    if rate_1_s == 0.0:
+        return dt_s
+    return -expm1(-rate_1_s * dt_s) / rate_1_s
+
+
+def ramp(rate_1_s, dt_s):
+    """∫_0^dt exp(-rate (dt-s)) s/dt ds = dt (u - 1 + exp(-u)) / u², u = rate dt; for small u a series."""
+    u = rate_1_s * dt_s
+    if u < 1e-2:
+        return dt_s * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0 - u * (1.0 / 120.0 - u / 720.0))))
+    return dt_s * (u + expm1(-u)) / (u * u)
+
+
+def respond(rate_1_s, heat_rate_1_s, dt_s):
+    """∫_0^dt exp(-rate (dt-s)) exp(-heat_rate s) ds, safe where both rates meet."""
+    slow = min(rate_1_s, heat_rate_1_s)
+    return exp(-slow * dt_s) * hold(abs(rate_1_s - heat_rate_1_s), dt_s)
+
+
+def discretise(rate, heat_rate, intensity, dt_s, nodes, weights, response, decay, held, ramped, heat_decay,
+               couple, walk_xx, walk_dx, walk_dd):  # fmt: skip
+    """Fill in the step of length dt: n_x plant states of the rates `rate`, m_e heats of the rates `heat_rate`
+    and the random walks' `intensity`; quadrature by `nodes` and `weights` on [0, 1]; `response` is scratch.
+    """
+    n_x, m_e = len(rate), len(heat_rate)
+    for i in range(n_x):
+        decay[i] = exp(-rate[i] * dt_s)
+        held[i] = hold(rate[i], dt_s)
+        ramped[i] = ramp(rate[i], dt_s)
+    for j in range(m_e):
+        heat_decay[j] = exp(-heat_rate[j] * dt_s)
+        for i in range(n_x):
+            couple[j, i] = respond(rate[i], heat_rate[j], dt_s)
+        for q in range(len(nodes)):
+            s = nodes[q] * dt_s
+            weight = weights[q] * dt_s * intensity[j]
+            own = exp(-heat_rate[j] * s)
+            for i in range(n_x):
+                response[i] = respond(rate[i], heat_rate[j], s)
+            for i in range(n_x):
+                walk_dx[j, i] += weight * own * response[i]
+                for k in range(n_x):
+                    walk_xx[j, i, k] += weight * response[i] * response[k]
+            walk_dd[j] += weight * own * own
+
+
+def number_steps(dt_s, start, step, lengths):
+    """Number the steps from `start` on by their lengths, quantised, as long as there is room for these.
+
+    Returns the first step that is left and how many lengths there are.
+    """
+    count, known = 0, 0
+    for k in range(start, len(dt_s)):
+        length = rint(dt_s[k] * TICKS_PER_S) / TICKS_PER_S
+        if known == count or lengths[known] != length:
+            known = 0
+            while known < count and lengths[known] != length:
+                known += 1
+            if known == len(lengths):
+                return k, count
+            if known == count:
+                lengths[count] = length
+                count += 1
+        step[k] = known
+    return len(dt_s), count

@@ -1,0 +1,30 @@
+cdef Py_ssize_t RELEASE_AFTER_STEPS, STALE_AFTER_STEPS, _FEW
+cdef double REOPEN_AFTER_S, REOPEN_EVERY_S, HELD_BACK_S, LOST_S, _REOPEN_AT_LEAST, _REOPEN_SIGMA, _AGREES
+
+cdef inline void forget(double[:, ::1] rows, Py_ssize_t k) noexcept nogil
+
+@cython.locals(total=double)
+cdef inline bint step_is_finite(Inputs u, Py_ssize_t k) noexcept nogil
+cdef inline Py_ssize_t find_usable(Inputs u, Py_ssize_t k, unsigned char[::1] usable) noexcept nogil
+cdef inline bint gate(double[::1] nu, double[::1] S, unsigned char[::1] usable, double[::1] suspect, double gate_sigma, unsigned char[::1] accepted) noexcept nogil
+@cython.locals(due=bint)
+cdef inline void hold_back(double[::1] nu, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] suspect, double[::1] refused_s, double[::1] opened_K) noexcept nogil
+@cython.locals(share=double)
+cdef inline bint reopen(PlantArrays p, double[:, ::1] C, double dt_s, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] nu, double[::1] refused_s, double[::1] opened_K, double[:, ::1] P) noexcept nogil
+cdef inline void doubt_nut(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] lost_s, double[:, ::1] P) noexcept nogil
+@cython.locals(variance=double)
+cdef double _share_of_prior(PlantArrays p, double[:, ::1] C, Py_ssize_t i, double nu) noexcept nogil
+cdef void add_prior(PlantArrays p, double[:, ::1] P, double share) noexcept nogil
+cdef inline Py_ssize_t judge(Inputs u, Py_ssize_t k, unsigned char[::1] usable, unsigned char[::1] accepted, Running state, Results out) noexcept nogil
+cdef void skip(Inputs u, Py_ssize_t k, unsigned char[::1] usable, Running state, Results out) noexcept nogil
+cdef inline void write_innovations(double[::1] nu, double[::1] S, unsigned char[::1] usable, Py_ssize_t k, Results out) noexcept nogil
+cdef void invalidate(Results out, Py_ssize_t k) noexcept nogil
+cdef inline void move_rows(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] rows) noexcept nogil
+cdef inline bint write_values(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
+cdef inline bint write_sigmas(Running state, Py_ssize_t k, Work work, Results out) noexcept nogil
+@cython.locals(total=double)
+cdef inline double square_of_row(double[:, ::1] P, double[:, ::1] rows, Py_ssize_t r, double[::1] c, double[::1] g) noexcept nogil
+cdef inline void squares_of_rows(double[:, ::1] P, double[:, ::1] rows, double[::1] half, double[::1] total) noexcept nogil
+cdef inline void clear(double[:, ::1] P) noexcept nogil
+@cython.locals(opened=bint, reopened=bint)
+cdef inline bint judge_sensors(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil

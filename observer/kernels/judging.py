@@ -1,0 +1,307 @@
+"""What a step is worth: which values may be used, the gate, the qualities, and what is reported."""
+
+from __future__ import annotations
+
+from observer.kernels.advance import add_scaled
+from observer.kernels.arithmetic import squared
+from observer.kernels.codes import (
+    ESTIMATE_DEGRADED,
+    ESTIMATE_GOOD,
+    ESTIMATE_INVALID,
+    ESTIMATE_STALE,
+    GOOD,
+    NUT_LOST,
+    REJECTED,
+    STALE,
+)
+from observer.kernels.libm import INFINITY, NAN, floor, fmod, isfinite, isinf, sqrt
+
+RELEASE_AFTER_STEPS = 3
+STALE_AFTER_STEPS = 2
+# A sensor that has been refused for so long may be right, and the state led astray …
+REOPEN_AFTER_S = 20.0
+# … which is tried again so often …
+REOPEN_EVERY_S = 60.0
+# … and each time the other sensors, with the state opened, have so long to speak first.
+HELD_BACK_S = 40.0
+LOST_S = 40.0
+_REOPEN_AT_LEAST = 0.01
+_REOPEN_SIGMA = 3.0
+_FEW = 8  # rows, up to which one after the other is quicker than all at once
+_AGREES = 0.3  # part of what a sensor was off when the state was opened for it
+
+
+def step_is_finite(u, k):
+    """Whether every law, known input and moving column of step k is a number."""
+    total = 0.0
+    for j in range(u.law_W.shape[1]):
+        total += u.law_W[k, j]
+    for q in range(u.z_end.shape[1]):
+        total += u.z_start[k, q] + u.z_end[k, q]
+    for i in range(u.moving_B.shape[1]):
+        for a in range(u.moving_B.shape[2]):
+            total += u.moving_B[k, i, a]
+    return isfinite(total)
+
+
+def find_usable(u, k, usable):
+    """Which sensors may correct at step k; return how many. A value that is no number never may."""
+    count = 0
+    for i in range(len(usable)):
+        usable[i] = u.usable[k, i] and isfinite(u.y_degC[k, i])
+        if usable[i]:
+            count += 1
+    return count
+
+
+def gate(nu, S, usable, suspect, gate_sigma, accepted):
+    """Refuse |ν_i| > gate √S_ii; return whether the model, not the sensors, is the surprised one.
+
+    That is so when more than half of the usable sensors have each been refused for three steps in a row: then
+    everything is accepted, the counts start afresh, and the caller must inflate P before it corrects. A
+    single sensor among several stays refused for as long as it disagrees.
+    """
+    present, long_refused = 0, 0
+    for i in range(len(nu)):
+        accepted[i] = usable[i]
+        if usable[i]:
+            present += 1
+            if nu[i] * nu[i] > gate_sigma * gate_sigma * S[i]:
+                accepted[i] = False
+                suspect[i] += 1.0
+                if suspect[i] >= RELEASE_AFTER_STEPS:
+                    long_refused += 1
+            else:
+                suspect[i] = 0.0
+    if 2 * long_refused <= present:
+        return False
+    for i in range(len(nu)):
+        accepted[i] = usable[i]
+        if usable[i]:
+            suspect[i] = 0.0
+    return True
+
+
+def hold_back(nu, usable, accepted, suspect, refused_s, opened_K):
+    """Keep sensors out that the state was opened for, until the others have spoken or they agree again."""
+    for i in range(len(usable)):
+        since_s = refused_s[i] - REOPEN_AFTER_S
+        due = since_s >= 0.0 and fmod(since_s, REOPEN_EVERY_S) < HELD_BACK_S
+        if accepted[i] and due and opened_K[i] != 0.0 and abs(nu[i]) > _AGREES * abs(opened_K[i]):
+            accepted[i] = False
+            suspect[i] = 1.0
+
+
+def reopen(p, C, dt_s, usable, accepted, nu, refused_s, opened_K, P):
+    """Count for how long each sensor has been refused; return whether P was opened for one of them.
+
+    A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
+    After 20 s, and then every minute, P gets the share of its prior that would let the refused sensor be
+    right, and the others say first what they make of it. One that is broken is refused again.
+    """
+    share = 0.0
+    for i in range(len(usable)):
+        if usable[i] and accepted[i]:
+            refused_s[i] = 0.0
+            opened_K[i] = 0.0
+        elif usable[i] or refused_s[i] > 0.0:
+            before = floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S)
+            refused_s[i] += dt_s
+            if floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
+                opened_K[i] = INFINITY  # due with its next sample
+            if usable[i] and isinf(opened_K[i]):
+                share = max(share, _share_of_prior(p, C, i, nu[i]))
+                opened_K[i] = nu[i]
+    if share == 0.0:
+        return False
+    add_prior(p, P, share)
+    return True
+
+
+def judge_sensors(p, u, k, gate_sigma, state, work):
+    """Which usable sensors may correct; return whether P was opened: then they are to be compared anew."""
+    opened = gate(work.nu, work.S_nu, work.usable, state.suspect, gate_sigma, work.accepted)
+    if opened:
+        add_prior(p, state.P, 1.0)
+    else:
+        hold_back(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
+    reopened = reopen(
+        p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.refused_s, state.opened_K, state.P
+    )
+    return reopened or opened
+
+
+def doubt_nut(p, u, k, lost_s, P):
+    """Let P grow while the place of a nut is not known: its heat goes where nobody sees it.
+
+    What is misplaced grows with time, so the prior's share with its square, up to the whole after 40 s.
+    """
+    if u.degraded[k] < NUT_LOST:
+        lost_s[0] = 0.0
+        return
+    before_s = lost_s[0]
+    lost_s[0] = min(before_s + u.dt_s[k], LOST_S)
+    until_s, from_s = max(lost_s[0], u.dt_s[k]), min(before_s, LOST_S - u.dt_s[k])
+    add_prior(p, P, (squared(until_s) - squared(from_s)) / squared(LOST_S))
+
+
+def _share_of_prior(p, C, i, nu):
+    """The share of the prior that makes an innovation of sensor i one of three standard deviations."""
+    n_x, variance = len(p.uniform), 0.0
+    for a in range(n_x):
+        for b in range(n_x):
+            variance += C[i, a] * p.prior_P[a, b] * C[i, b]
+    return min(1.0, max(_REOPEN_AT_LEAST, squared(nu / _REOPEN_SIGMA) / max(variance, 1e-12)))
+
+
+def add_prior(p, P, share):
+    """Add a share of the prior's covariance of field, heats and what is learnt to P; of the last no more than
+    makes it that of the prior.
+    """
+    n_x, first = len(p.uniform), len(p.uniform) + len(p.source)
+    for a in range(n_x):
+        for b in range(n_x):
+            P[a, b] += share * p.prior_P[a, b]
+    for j in range(len(p.source)):
+        P[n_x + j, n_x + j] += share * p.initial_W2[j]
+    for q in range(len(p.learn.sigma)):
+        variance = squared(p.learn.sigma[q])
+        P[first + q, first + q] += max(0.0, min(share * variance, variance - P[first + q, first + q]))
+
+
+def judge(u, k, usable, accepted, state, out):
+    """Fill in each sensor's quality and return that of the estimate; `state.flags[1]` counts the silent
+    steps.
+
+    A refused sensor stays marked between its samples. Only quality is judged: a tick between two samples of a
+    slow sensor is neither degraded nor stale.
+    """
+    good, stale = 0, 0
+    for i in range(len(usable)):
+        quality = u.quality[k, i]
+        if quality == GOOD and (
+            (usable[i] and not accepted[i]) or (not usable[i] and state.suspect[i] > 0.0)
+        ):
+            quality = REJECTED
+        out.sensor_quality[k, i] = quality
+        if quality == GOOD:
+            good += 1
+        elif quality == STALE:
+            stale += 1
+    state.flags[1] = 0 if good > 0 else state.flags[1] + 1
+    if state.flags[1] > STALE_AFTER_STEPS or stale == len(usable):
+        return ESTIMATE_STALE
+    if u.degraded[k] != 0 or good < len(usable):
+        return ESTIMATE_DEGRADED
+    return ESTIMATE_GOOD
+
+
+def skip(u, k, usable, state, out):
+    """Report a step that cannot be computed; the state stays as it is."""
+    judge(u, k, usable, usable, state, out)
+    forget(out.law, k)
+    forget(out.innovation, k)
+    forget(out.innovation_sigma, k)
+    out.log_likelihood[k] = 0.0
+    invalidate(out, k)
+
+
+def write_innovations(nu, S, usable, k, out):
+    """Innovations and their σ of step k, and NaN where no value came."""
+    for i in range(len(usable)):
+        out.innovation[k, i] = nu[i] if usable[i] else NAN
+        out.innovation_sigma[k, i] = sqrt(S[i]) if usable[i] else NAN
+
+
+def forget(rows, k):
+    """Fill row k with NaN."""
+    for q in range(rows.shape[1]):
+        rows[k, q] = NAN
+
+
+def invalidate(out, k):
+    """Mark step k as not known."""
+    forget(out.heat, k)
+    forget(out.heat_sigma, k)
+    forget(out.field, k)
+    forget(out.field_sigma, k)
+    forget(out.learned, k)
+    forget(out.learned_sigma, k)
+    out.quality[k] = ESTIMATE_INVALID
+
+
+def move_rows(p, u, k, rows):
+    """Put the columns of the moving sources over step k in place among the rows that are reported."""
+    s = len(p.R_K2)
+    for i in range(len(p.moving)):
+        for r in range(u.moving_C.shape[2] - s):
+            rows[p.modes + p.moving[i], r] = u.moving_C[k, i, s + r]
+
+
+def write_values(p, u, k, state, work, out):
+    """Heats and their laws, field and error of step k; return whether all are numbers."""
+    n_x, lost = len(p.uniform), 0
+    for j in range(len(p.source)):
+        law = work.law[p.source[j]]
+        out.law[k, j] = law
+        out.heat[k, j] = law + state.x[n_x + j]
+        lost += 0 if isfinite(out.heat[k, j]) else 1
+    for r in range(len(work.value)):
+        work.value[r] = 0.0
+    add_scaled(work.value, p.rows_F, u.z_end[k], len(p.rows_F))
+    add_scaled(work.value, work.rows, state.x, n_x)
+    for r in range(out.field.shape[1]):
+        out.field[k, r] = work.value[r]
+        lost += 0 if isfinite(work.value[r]) else 1
+    return lost == 0
+
+
+def write_sigmas(state, k, work, out):
+    """σ = √(c P cᵀ) of every heat and output row at step k; return whether all are numbers."""
+    n_x, lost = len(work.rows), 0
+    for j in range(out.heat_sigma.shape[1]):
+        out.heat_sigma[k, j] = sqrt(state.P[n_x + j, n_x + j])
+        lost += 0 if isfinite(out.heat_sigma[k, j]) else 1
+    if out.field_sigma.shape[1] <= _FEW:
+        for r in range(out.field_sigma.shape[1]):
+            work.value[r] = square_of_row(state.P, work.rows, r, work.K, work.half)
+    else:
+        squares_of_rows(state.P, work.rows, work.shared, work.value)
+    # A field that is known exactly (a prescribed end) has a variance of zero, give or take rounding.
+    for r in range(out.field_sigma.shape[1]):
+        out.field_sigma[k, r] = sqrt(max(0.0, work.value[r]))
+        lost += 0 if isfinite(work.value[r]) else 1
+    return lost == 0
+
+
+def square_of_row(P, rows, r, c, g):
+    """c P cᵀ of one row; `c` and `g` (width,) are scratch."""
+    n_x, total = len(rows), 0.0
+    for a in range(n_x):
+        c[a] = rows[a, r]
+    for b in range(len(g)):
+        g[b] = 0.0
+    add_scaled(g, P, c, n_x)
+    for a in range(n_x):
+        total += c[a] * g[a]
+    return total
+
+
+def squares_of_rows(P, rows, half, total):
+    """c P cᵀ of all rows at once, from the lower triangle: 2 Σ_a c_a (½ P_aa c_a + Σ_{b<a} P_ab c_b)."""
+    for r in range(len(total)):
+        total[r] = 0.0
+    for a in range(len(rows)):
+        own = 0.5 * P[a, a]
+        for r in range(len(half)):
+            half[r] = own * rows[a, r]
+        add_scaled(half, rows, P[a], a)
+        for r in range(len(half)):
+            total[r] += 2.0 * rows[a, r] * half[r]
+
+
+def clear(P):
+    """P = 0."""
+    for a in range(P.shape[0]):
+        for b in range(P.shape[1]):
+            P[a, b] = 0.0

@@ -1,0 +1,83 @@
+"""The Kalman filter's loop over K steps, and the two halves of a step that the smoother takes as well."""
+
+from __future__ import annotations
+
+from observer.kernels.advance import move_columns, put_laws
+from observer.kernels.judging import (
+    doubt_nut,
+    find_usable,
+    invalidate,
+    judge,
+    judge_sensors,
+    move_rows,
+    skip,
+    step_is_finite,
+    write_innovations,
+    write_sigmas,
+    write_values,
+)
+from observer.kernels.learning import begin, draw_near, follow, give_back, keep, tell
+from observer.kernels.step import compare, correct, mirror, predict, start
+
+SKIPPED, STARTED, STEPPED = 0, 1, 2
+
+
+def start_or_predict(p, t, d, u, k, state, work):
+    """Take the state to the end of step k, before its measurements; return whether it could not be computed,
+    was the first, or a step from the one before.
+    """
+    present = find_usable(u, k, work.usable)
+    for i in range(len(work.accepted)):
+        work.accepted[i] = False
+    if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
+        return SKIPPED
+    move_columns(p, u, k, work.B, work.C)
+    if state.flags[0] == 0:
+        start(p, work.C, u, k, work.usable, state.x, state.P, work.nu)
+        begin(p, u, k, work.usable, work.C, state.x, state.P, state.around)
+        put_laws(p, u, k, work.B, state.x, work.law)
+        state.flags[0] = 1
+        return STARTED
+    follow(p, t, d, u, k, work.B, work.C, state.around, state.x, work)
+    predict(p, t, d, u, k, state, work)
+    doubt_nut(p, u, k, state.lost_s, state.P)
+    return STEPPED
+
+
+def judge_and_correct(p, u, k, gate_sigma, state, work):
+    """Correct by the usable sensors that pass the gate, after `compare`; return the log-likelihood."""
+    present = 0
+    for i in range(len(work.usable)):
+        present += 1 if work.usable[i] else 0
+    if present == 0:
+        return 0.0
+    if judge_sensors(p, u, k, gate_sigma, state, work):
+        compare(p, u, k, state, work)
+    keep(p, state.x, state.P, work.kept)
+    log_likelihood = correct(p, state, work)
+    give_back(p, state.x, state.P, work.kept)
+    return log_likelihood
+
+
+def filter_steps(p, t, u, step, state, gate_sigma, out, work):
+    """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
+
+    `step` (K,) is where each step's length is in the table `t`. A step whose laws or known inputs are no
+    numbers cannot be computed: it leaves the state as it is and is invalid.
+    """
+    mirror(state.P)
+    for k in range(len(step)):
+        if start_or_predict(p, t, step[k], u, k, state, work) == SKIPPED:
+            skip(u, k, work.usable, state, out)
+            continue
+        compare(p, u, k, state, work)
+        write_innovations(work.nu, work.S_nu, work.usable, k, out)
+        out.log_likelihood[k] = judge_and_correct(p, u, k, gate_sigma, state, work)
+        draw_near(p, u.dt_s[k], state.x, state.around)
+        out.quality[k] = judge(u, k, work.usable, work.accepted, state, out)
+        move_rows(p, u, k, work.rows)
+        known = write_values(p, u, k, state, work, out)
+        known = write_sigmas(state, k, work, out) and known
+        tell(p, state.x, state.P, k, work, out)
+        if not known:
+            invalidate(out, k)

@@ -1,0 +1,19 @@
+cdef double FOLLOWS_S, _SURE, _STILL
+
+cdef void follow(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[:, ::1] C, double[::1] around, double[::1] x, Work work) noexcept nogil
+@cython.locals(colder_K=double)
+cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
+cdef inline void drive_of_screw(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t kind, double[::1] x, Work work, double[::1] c) noexcept nogil
+@cython.locals(entry=double)
+cdef void see(PlantArrays p, Inputs u, Py_ssize_t k, double dt_s, double[:, ::1] C, double[::1] around) noexcept nogil
+@cython.locals(degC=double)
+cdef inline double below(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] C, Py_ssize_t i, double[::1] around) noexcept nogil
+cdef void advance_learning(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, Py_ssize_t learnt, Work work) noexcept nogil
+cdef inline void keep(PlantArrays p, double[::1] x, double[:, ::1] P, double[:, ::1] kept) noexcept nogil
+cdef inline void give_back(PlantArrays p, double[::1] x, double[:, ::1] P, double[:, ::1] kept) noexcept nogil
+cdef inline void draw_near(PlantArrays p, double dt_s, double[::1] x, double[::1] around) noexcept nogil
+cdef void begin(PlantArrays p, Inputs u, Py_ssize_t k, unsigned char[::1] usable, double[:, ::1] C, double[::1] x, double[:, ::1] P, double[::1] around) noexcept nogil
+@cython.locals(ambient_K=double, quiet=bint)
+cdef inline bint stands(PlantArrays p, Inputs u, Py_ssize_t k, unsigned char[::1] usable) noexcept nogil
+cdef inline void rest(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] x, double[:, ::1] P) noexcept nogil
+cdef void tell(PlantArrays p, double[::1] x, double[:, ::1] P, Py_ssize_t k, Work work, Results out) noexcept nogil

@@ -1,0 +1,244 @@
+"""What is learnt of a machine while it runs: what each parameter does to field and readings.
+
+A filter that took these sensitivities at its own estimate would have gains that go with the noise of that
+estimate, and whatever multiplies a state (a place, a lag, a loss at an end) would drift by several σ. They
+are taken at a state `around` instead, which the laws and what is learnt drive, and which follows the estimate
+so slowly that the noise is gone from it.
+"""
+
+from __future__ import annotations
+
+from observer.kernels.advance import add_scaled, advance_diagonal, couple_half, put_laws
+from observer.kernels.arithmetic import squared
+from observer.kernels.codes import AMBIENT, CONDUCTIVITY, CONVECTION, END, LAW, OFFSET, PLACE
+from observer.kernels.judging import add_prior, clear
+from observer.kernels.libm import exp, expm1, sqrt
+
+FOLLOWS_S = 1200.0
+"""How slowly `around` follows the estimate."""
+_SURE = 3.0
+_STILL = 0.1  # part of a heat's first σ that is left where the machine stands still
+
+
+def follow(p, t, d, u, k, B, C, around, x, work):
+    """Take `around` over step k; put what the machine's parameters do over it into the rows of `work.G` that
+    follow those of the heats, and what those of the sensors do to readings into C.
+    """
+    if len(p.learn.kind) == 0:
+        return
+    n_x, m_e = B.shape[1], len(p.source)
+    before, machine = work.before_around, p.learn.machine
+    for a in range(n_x + m_e):
+        before[a] = around[a]
+    advance_learning(p, t, d, u, k, B, around, 0, work)
+    for i in range(machine):
+        row = m_e + i
+        for a in range(work.G.shape[1]):
+            work.G[row, a] = 0.0
+        drive(p, u, k, B, i, before, work, work.G[row])
+        for a in range(n_x):
+            work.G[row, a] *= t.hold[d, a]
+            around[a] += work.G[row, a] * x[n_x + row]
+    see(p, u, k, u.dt_s[k], C, around)
+
+
+def drive(p, u, k, B, i, x, work, c):
+    """What parameter i adds to dx/dt at the state x at the start of step k, (n_x,), per unit of it.
+
+    With D the decay, of which ω by the film, and T the ambient: the film ω (1 T − x), conduction
+    E z − D x − ω (1 T − x), the heat capacity −(E z − D x + B q), the ambient its column of E, an end's loss
+    b (T − v x), and a law's scale B_j q_j.
+    """
+    kind, of = p.learn.kind[i], p.learn.of[i]
+    n_x, ambient_degC = B.shape[1], u.z_start[k, p.learn.ambient]
+    if kind == AMBIENT:
+        for a in range(n_x):
+            c[a] = p.E[p.learn.ambient, a]
+    elif kind == LAW:
+        source = p.source[of]
+        for a in range(n_x):
+            c[a] = B[source, a] * work.law[source]
+    elif kind == END:
+        colder_K = ambient_degC
+        for a in range(p.modes):
+            colder_K -= p.learn.ends_C[of, a] * x[a]
+        for a in range(p.modes):
+            c[a] = p.learn.ends_B[of, a] * colder_K
+    else:
+        drive_of_screw(p, u, k, B, kind, x, work, c)
+
+
+def drive_of_screw(p, u, k, B, kind, x, work, c):
+    """The same of the film, the conductivity and the heat capacity."""
+    n_x = B.shape[1]
+    for a in range(p.modes):
+        by_film = p.learn.film_1_s * (p.learn.uniform[a] * u.z_start[k, p.learn.ambient] - x[a])
+        if kind == CONVECTION:
+            c[a] = by_film
+        elif kind == CONDUCTIVITY:
+            c[a] = -p.learn.decay_1_s[a] * x[a] - by_film
+            for q in range(len(p.E)):
+                c[a] += p.E[q, a] * u.z_start[k, q]
+        else:
+            c[a] = p.learn.decay_1_s[a] * x[a] - work.driven[a]
+            for j in range(len(p.source)):
+                c[a] -= B[p.source[j], a] * x[n_x + j]
+
+
+def see(p, u, k, dt_s, C, around):
+    """Put what offset, place and lag of each sensor do to its reading into its row of C.
+
+    `around` goes on with what each sensor would read without a lag and with one of its whole tolerance; a lag
+    is told by the difference, so a reading is right with none, with that one, and nearly so in between.
+    """
+    first, s = len(p.uniform) + len(p.source), len(p.R_K2)
+    for q in range(p.learn.machine, len(p.learn.kind)):
+        kind, i = p.learn.kind[q], p.learn.of[q]
+        entry = 0.0
+        if kind == OFFSET:
+            entry = 1.0
+        elif kind == PLACE:
+            for a in range(p.modes):
+                entry += p.learn.slope_C[i, a] * around[a]
+        else:
+            lag_s, slow = p.learn.sigma[q], first + s + i
+            now_degC = below(p, u, k, C, i, around)
+            if dt_s > 0.0:
+                fade = exp(-dt_s / lag_s)
+                mean = lag_s / dt_s * (1.0 - fade)
+                around[slow] = (
+                    fade * around[slow] + (mean - fade) * around[first + i] + (1.0 - mean) * now_degC
+                )
+            around[first + i] = now_degC
+            entry = (around[slow] - now_degC) / lag_s
+        C[i, first + q] = entry
+
+
+def below(p, u, k, C, i, around):
+    """The temperature that a true sensor i would read at the end of step k, °C."""
+    degC = 0.0
+    for a in range(len(p.uniform)):
+        degC += C[i, a] * around[a]
+    for q in range(p.F.shape[1]):
+        degC += p.F[i, q] * u.z_end[k, q]
+    return degC
+
+
+def advance_learning(p, t, d, u, k, B, x, learnt, work):
+    """Take a state over step k as `advance` does, with what so many parameters behind it add, which fade."""
+    n_x, first = B.shape[1], B.shape[1] + len(p.source)
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_start[k], B, x, 0, work)
+    put_laws(p, u, k, B, x, work.law)
+    advance_diagonal(p, t, d, u, k, B, x, work)
+    if learnt > 0:
+        add_scaled(x[:n_x], work.G[len(p.source) :], x[first:], p.learn.machine)
+    for q in range(learnt):
+        x[first + q] *= t.decay[d, first + q]
+    if p.coupling.active:
+        couple_half(p, u, k, u.z_end[k], B, x, 1, work)
+
+
+def keep(p, x, P, kept):
+    """Remember the values of what is considered only, and their covariance, (h, h + 1)."""
+    first, held = len(p.uniform) + len(p.source), p.learn.held
+    for i in range(len(held)):
+        kept[i, 0] = x[first + held[i]]
+        for j in range(len(held)):
+            kept[i, j + 1] = P[first + held[i], first + held[j]]
+
+
+def give_back(p, x, P, kept):
+    """Put them back: a correction leaves them as they are, and their covariance with the rest as it becomes
+    (Schmidt 1966).
+    """
+    first, held = len(p.uniform) + len(p.source), p.learn.held
+    for i in range(len(held)):
+        x[first + held[i]] = kept[i, 0]
+        for j in range(len(held)):
+            P[first + held[i], first + held[j]] = kept[i, j + 1]
+
+
+def draw_near(p, dt_s, x, around):
+    """Have `around` follow the estimate."""
+    if len(p.learn.kind) == 0:
+        return
+    share = -expm1(-dt_s / FOLLOWS_S)
+    for a in range(len(p.uniform) + len(p.source)):
+        around[a] += share * (x[a] - around[a])
+
+
+def begin(p, u, k, usable, C, x, P, around):
+    """After the start: `around` is the state, and where the machine stands, the state is that of the air.
+
+    A machine that stood overnight has one temperature, the air's, and what its sensors say then is what they
+    and the air's thermometer read too much.
+    """
+    if len(p.learn.kind) == 0:
+        return
+    if stands(p, u, k, usable):
+        rest(p, u, k, x, P)
+    first, s = len(p.uniform) + len(p.source), len(p.R_K2)
+    for a in range(first):
+        around[a] = x[a]
+    for i in range(s):
+        around[first + i] = below(p, u, k, C, i, around)
+        around[first + s + i] = around[first + i]
+    see(p, u, k, 0.0, C, around)
+
+
+def stands(p, u, k, usable):
+    """Whether no law makes heat, and every sensor tells the air's temperature, within what is known."""
+    ambient_K, seen = 0.0, 0
+    for q in range(p.learn.machine):
+        if p.learn.kind[q] == AMBIENT:
+            ambient_K = p.learn.sigma[q]
+    quiet = ambient_K > 0.0 and p.learn.rests == 1
+    for j in range(u.law_W.shape[1]):
+        quiet = quiet and u.law_W[k, j] == 0.0
+    for q in range(p.learn.machine, len(p.learn.kind)):
+        i = p.learn.of[q]
+        if p.learn.kind[q] == OFFSET and usable[i]:
+            seen += 1
+            variance = squared(p.learn.sigma[q]) + squared(ambient_K) + p.R_K2[i]
+            apart_K = u.y_degC[k, i] - u.z_end[k, p.learn.ambient]
+            quiet = quiet and apart_K * apart_K <= _SURE * _SURE * variance
+    return quiet and seen > 0
+
+
+def rest(p, u, k, x, P):
+    """The state of a machine at the temperature of the air, and what is not known of it."""
+    n_x, m_e, first = len(p.uniform), len(p.source), len(p.uniform) + len(p.source)
+    for a in range(len(x)):
+        x[a] = 0.0
+    for a in range(n_x):
+        x[a] = p.uniform[a] * u.z_end[k, p.learn.ambient]
+    clear(P)
+    add_prior(p, P, 1.0)
+    for a in range(n_x):
+        for b in range(n_x):
+            P[a, b] = p.learn.rest_P[a, b]
+    for j in range(m_e):
+        P[n_x + j, n_x + j] *= _STILL * _STILL
+    for q in range(p.learn.machine):
+        if p.learn.kind[q] == AMBIENT:
+            variance = squared(p.learn.sigma[q])
+            for a in range(n_x):
+                P[a, first + q] = variance * p.uniform[a]
+                P[first + q, a] = variance * p.uniform[a]
+                for b in range(n_x):
+                    P[a, b] += variance * (p.uniform[a] * p.uniform[b])
+
+
+def tell(p, x, P, k, work, out):
+    """Add to the heats what is learnt of their laws, and write what is learnt at all."""
+    n_x, m_e = len(p.uniform), len(p.source)
+    for q in range(len(p.learn.kind)):
+        own = n_x + m_e + q
+        out.learned[k, q], out.learned_sigma[k, q] = x[own], sqrt(P[own, own])
+        if p.learn.kind[q] == LAW:
+            j = p.learn.of[q]
+            law_W = work.law[p.source[j]]
+            out.heat[k, j] += law_W * x[own]
+            shared = 2.0 * P[n_x + j, own] + law_W * P[own, own]
+            out.heat_sigma[k, j] = sqrt(max(0.0, squared(out.heat_sigma[k, j]) + law_W * shared))

@@ -1,0 +1,322 @@
+"""The arithmetic of one step: predict state and covariance, correct them by the sensors.
+
+The plant is diagonal and the heats reach it only through their input columns, so predicting a covariance
+costs O(n²). Nothing here calls BLAS and no sum is reordered: K steps give the same bits as K runs of one.
+Arrays are changed in place; shapes are those of `packing`.
+"""
+
+from __future__ import annotations
+
+from observer.kernels.advance import add_scaled, couple_covariance
+from observer.kernels.judging import add_prior, clear
+from observer.kernels.learning import advance_learning
+from observer.kernels.libm import M_PI, log, sqrt
+
+_DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
+
+
+def predict(p, t, d, u, k, state, work):
+    """One step of state and covariance; what couples the states acts in two halves around it."""
+    advance_learning(p, t, d, u, k, work.B, state.x, len(p.learn.kind), work)
+    if p.coupling.active:
+        couple_covariance(p, u, k, u.z_start[k], work.B, 0, state.P, work)
+    predict_covariance(p, t, d, u, k, state, work)
+    if p.coupling.active:
+        couple_covariance(p, u, k, u.z_end[k], work.B, 1, state.P, work)
+
+
+def predict_covariance(p, t, d, u, k, state, work):
+    """P⁺ = Ad (P + jump) Adᵀ + Qd, with the law's jump acting from the start of the step.
+
+    Ad = diag d + Σ_j G_j 1_jᵀ with G_j the column of heat j, so that with H_j = d∘P_j + ½ Σ_i P_ji G_i
+
+        P⁺ = (d dᵀ)∘P + Σ_j (H_j G_jᵀ + G_j H_jᵀ) + Q.
+
+    Written so, P stays symmetric to the last bit without being made so. Rows are worked out over their padded
+    width, where d, G and H are zero. What is learnt of the machine acts through columns too, which are in G.
+    """
+    n_x, m_e, n, width = len(p.uniform), len(p.source), state.P.shape[0], state.P.shape[1]
+    columns = m_e + p.learn.machine
+    for j in range(m_e):
+        index = p.source[j]
+        jump = p.law_uncertainty[j] * u.law_jump_W[k, index]
+        state.P[n_x + j, n_x + j] += jump * jump
+        for a in range(n_x):
+            work.G[j, a] = work.B[index, a] * t.couple[d, j, a]
+    for j in range(columns):
+        for b in range(width):
+            work.H[j, b] = t.decay[d, b] * state.P[n_x + j, b]
+        for i in range(columns):
+            shared = 0.5 * state.P[n_x + j, n_x + i]
+            for b in range(width):
+                work.H[j, b] += shared * work.G[i, b]
+    for a in range(n):
+        scale = t.decay[d, a]
+        for b in range(width):
+            state.P[a, b] = scale * t.decay[d, b] * state.P[a, b] + t.noise[d, a, b]
+    add_pairs(work.H, work.G, columns, n_x, state.P)
+    for i in range(len(p.moving)):
+        if p.moving_heat[i] >= 0:
+            add_walk(work.B, p.moving[i], t, d, p.moving_heat[i], state.P)
+
+
+def add_pairs(H, G, count, n_x, P):
+    """P += Σ_j (H_j G_jᵀ + G_j H_jᵀ), two of them at a time; G is zero beyond its first n_x entries."""
+    n, width = P.shape[0], P.shape[1]
+    for j in range(0, count - 1, 2):
+        for a in range(n_x):
+            h0, g0, h1, g1 = H[j, a], G[j, a], H[j + 1, a], G[j + 1, a]
+            for b in range(width):
+                P[a, b] += (h0 * G[j, b] + g0 * H[j, b]) + (h1 * G[j + 1, b] + g1 * H[j + 1, b])
+        for a in range(n_x, n):
+            h0, h1 = H[j, a], H[j + 1, a]
+            for b in range(n_x):
+                P[a, b] += h0 * G[j, b] + h1 * G[j + 1, b]
+    if count % 2 == 1:
+        j = count - 1
+        for a in range(n_x):
+            h0, g0 = H[j, a], G[j, a]
+            for b in range(width):
+                P[a, b] += h0 * G[j, b] + g0 * H[j, b]
+        for a in range(n_x, n):
+            h0 = H[j, a]
+            for b in range(n_x):
+                P[a, b] += h0 * G[j, b]
+
+
+def add_walk(B, index, t, d, j, P):
+    """Add what the walk of heat j leaves through its moving column."""
+    n_x = B.shape[1]
+    for a in range(n_x):
+        own, shared = B[index, a], B[index, a] * t.walk_dx[d, j, a]
+        for b in range(n_x):
+            P[a, b] += own * B[index, b] * t.walk_xx[d, j, a, b]
+        P[n_x + j, a] += shared
+        P[a, n_x + j] += shared
+
+
+def mirror(P):
+    """Copy the lower triangle to the upper."""
+    for a in range(P.shape[0]):
+        for b in range(a):
+            P[b, a] = P[a, b]
+
+
+def symmetrise(P):
+    """P = (P + Pᵀ)/2."""
+    for a in range(P.shape[0]):
+        for b in range(a):
+            mean = 0.5 * (P[a, b] + P[b, a])
+            P[a, b] = mean
+            P[b, a] = mean
+
+
+def residual(p, C, u, k, i, x):
+    """Measured minus expected temperature of sensor i at the end of step k, K."""
+    nu = u.y_degC[k, i]
+    for a in range(C.shape[1]):
+        nu -= C[i, a] * x[a]
+    for q in range(p.F.shape[1]):
+        nu -= p.F[i, q] * u.z_end[k, q]
+    return nu
+
+
+def sensor_covariance(C, i, P, g):
+    """g_i = P c_i."""
+    n = C.shape[1]
+    whole = n // 4 * 4
+    for b in range(P.shape[1]):
+        g[i, b] = 0.0
+    for a in range(0, whole, 4):
+        c0, c1, c2, c3 = C[i, a], C[i, a + 1], C[i, a + 2], C[i, a + 3]
+        if c0 != 0.0 and c1 != 0.0 and c2 != 0.0 and c3 != 0.0:
+            for b in range(P.shape[1]):
+                g[i, b] = (((g[i, b] + c0 * P[a, b]) + c1 * P[a + 1, b]) + c2 * P[a + 2, b]) + c3 * P[
+                    a + 3, b
+                ]
+        else:
+            add_rows(C, i, a, a + 4, P, g)
+    add_rows(C, i, whole, n, P, g)
+
+
+def add_rows(C, i, first, end, P, g):
+    """g_i += P c_i for the states from `first` to `end`; of what is learnt, a sensor sees its own only."""
+    for a in range(first, end):
+        c = C[i, a]
+        if c != 0.0:
+            for b in range(P.shape[1]):
+                g[i, b] += c * P[a, b]
+
+
+def project(C, i, g, j):
+    """c_iᵀ g_j over the states that sensors see."""
+    total = 0.0
+    for a in range(C.shape[1]):
+        total += C[i, a] * g[j, a]
+    return total
+
+
+def start(p, C, u, k, usable, x, P, levels):
+    """Set x̂ to a screw of one temperature with the lags at rest under their laws, and P to the prior.
+
+    That temperature is the median over the usable sensors, so that one broken sensor does not set it.
+    `levels` (s,) is scratch.
+    """
+    n_x = len(p.uniform)
+    for a in range(len(x)):
+        x[a] = 0.0
+    for j in range(u.law_W.shape[1]):
+        x[p.modes + j] = u.law_W[k, j]
+    count = 0
+    for i in range(len(usable)):
+        if usable[i]:
+            seen = 0.0
+            for a in range(n_x):
+                seen += C[i, a] * p.uniform[a]
+            # Next to a prescribed end the modes alone see little of a uniform temperature.
+            level = residual(p, C, u, k, i, x) / seen if seen > 0.5 else u.y_degC[k, i]
+            place = count
+            while place > 0 and levels[place - 1] > level:
+                levels[place] = levels[place - 1]
+                place -= 1
+            levels[place] = level
+            count += 1
+    level = 0.5 * (levels[(count - 1) // 2] + levels[count // 2])
+    for a in range(n_x):
+        x[a] += p.uniform[a] * level
+    clear(P)
+    add_prior(p, P, 1.0)
+
+
+def is_drastic(p, work):
+    """Whether an accepted sensor says so much that P - Wᵀ W would have no digits left."""
+    for i in range(len(work.accepted)):
+        if work.accepted[i] and work.S_nu[i] > _DRASTIC * p.R_K2[i]:
+            return True
+    return False
+
+
+def correct(p, state, work):
+    """Correct x and P by all accepted sensors at once; return the log-likelihood of their innovations.
+
+    With S = L Lᵀ the covariance of the innovations ν and W = L⁻¹ [c_i P]: x⁺ = x + Wᵀ L⁻¹ ν, P⁺ = P - Wᵀ W,
+    which is symmetric to the last bit. Where a sensor says so much that the difference would have no digits
+    left, the sensors correct one after the other in Joseph's form. `compare` was before.
+    """
+    if is_drastic(p, work):
+        return correct_in_turn(p, state, work)
+    squares, volume, count = 0.0, 1.0, 0
+    for i in range(len(work.accepted)):
+        if not work.accepted[i]:
+            continue
+        work.order[count] = i
+        variance, rest = work.S_nu[i], work.nu[i]
+        for j in range(count):
+            shared = project(work.C, i, work.g, work.order[j])
+            for q in range(j):
+                shared -= work.L[count, q] * work.L[j, q]
+            shared *= work.L[j, j]
+            work.L[count, j] = shared
+            variance -= shared * shared
+            rest -= shared * work.e[j]
+        inverse = 1.0 / sqrt(variance)
+        work.L[count, count] = inverse
+        work.e[count] = rest * inverse
+        squares += work.e[count] * work.e[count]
+        volume *= 2.0 * M_PI * variance
+        whiten(work, count, i)
+        count += 1
+    add_scaled(state.x, work.W, work.e, count)
+    subtract_squares(work.W, count, state.P)
+    return -0.5 * (squares + log(volume))
+
+
+def whiten(work, count, i):
+    """Row `count` of W = L⁻¹ [c_i P]; L holds the inverses of its diagonal."""
+    inverse = work.L[count, count]
+    for b in range(work.W.shape[1]):
+        work.W[count, b] = inverse * work.g[i, b]
+    for j in range(count):
+        shared = inverse * work.L[count, j]
+        for b in range(work.W.shape[1]):
+            work.W[count, b] -= shared * work.W[j, b]
+
+
+def subtract_squares(W, count, P):
+    """P -= Wᵀ W over the first rows of W, four of them at a time."""
+    n, width = P.shape[0], P.shape[1]
+    whole = count // 4 * 4
+    for j in range(0, whole, 4):
+        for a in range(n):
+            w0, w1, w2, w3 = W[j, a], W[j + 1, a], W[j + 2, a], W[j + 3, a]
+            for b in range(width):
+                P[a, b] -= (w0 * W[j, b] + w1 * W[j + 1, b]) + (w2 * W[j + 2, b] + w3 * W[j + 3, b])
+    for j in range(whole, count):
+        for a in range(n):
+            w0 = W[j, a]
+            for b in range(width):
+                P[a, b] -= w0 * W[j, b]
+
+
+def joseph_covariance(C, i, g, K, r, P, half, rest):
+    """P⁺ = A - K (cᵀ A) + r K Kᵀ with A = P - g Kᵀ, for sensor i; `half` and `rest` are scratch.
+
+    Both outer products are written as the mean of themselves and their transposes, term by term, so that P
+    stays symmetric to the last bit. Where they are not, what rounding leaves antisymmetric grows without
+    bound once P has fourteen digits to lose: copying one triangle over the other is not enough (seen in the
+    tests, and in filterpy).
+    """
+    n, width, seen = P.shape[0], P.shape[1], C.shape[1]
+    for b in range(width):
+        half[b] = 0.5 * g[i, b]
+        rest[b] = r * K[b]
+    for a in range(n):
+        gain, expected = K[a], half[a]
+        for b in range(width):
+            P[a, b] -= expected * K[b] + gain * half[b]
+    for a in range(seen):
+        c = C[i, a]
+        for b in range(width):
+            rest[b] -= c * P[a, b]
+    for b in range(width):
+        rest[b] *= 0.5
+    for a in range(n):
+        gain, left = K[a], rest[a]
+        for b in range(width):
+            P[a, b] += gain * rest[b] + left * K[b]
+
+
+def correct_in_turn(p, state, work):
+    """Correct x and P by every accepted sensor in turn; return the log-likelihood of their innovations.
+
+    `work.nu` are the innovations before any correction; those of the sensors still to come follow on the way.
+    Their g is worked out anew from the P in force: Joseph's form forgives a wrong gain, but not a wrong c P
+    (Bucy and Joseph, 1968). P is symmetric to rounding; the lower triangle is the one that counts.
+    """
+    n, width, s = state.P.shape[0], state.P.shape[1], len(work.accepted)
+    squares, volume = 0.0, 1.0
+    for i in range(s):
+        if not work.accepted[i]:
+            continue
+        sensor_covariance(work.C, i, state.P, work.g)
+        innovation, r = work.nu[i], p.R_K2[i]
+        S = project(work.C, i, work.g, i) + r
+        squares += innovation * innovation / S
+        volume *= 2.0 * M_PI * S
+        for b in range(width):
+            work.K[b] = work.g[i, b] / S
+        for a in range(n):
+            state.x[a] += work.K[a] * innovation
+        joseph_covariance(work.C, i, work.g, work.K, r, state.P, work.half, work.row)
+        for later in range(i + 1, s):
+            work.nu[later] -= project(work.C, later, work.g, i) / S * innovation
+    return -0.5 * (squares + log(volume))
+
+
+def compare(p, u, k, state, work):
+    """Innovation ν_i and its variance S_ii before any correction, for every usable sensor; g_i = P c_i."""
+    for i in range(len(work.usable)):
+        sensor_covariance(work.C, i, state.P, work.g)
+        if work.usable[i]:
+            work.nu[i] = residual(p, work.C, u, k, i, state.x)
+            work.S_nu[i] = project(work.C, i, work.g, i) + p.R_K2[i]

@@ -1,0 +1,242 @@
+"""From the full model of a screw to the plant of few modes: `reduce` keeps some, and says what that costs.
+
+Modes that are dropped settle faster than those that are kept. Each heat has one lag for all of them, whose
+output column is their steady response in closed form: the field at rest is exact with any number of modes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.frames import FloatArray, Layout
+from observer.model.coupling import no_coupling
+from observer.model.plant import OFFSET, REFERENCE, MovingSource, Plant, Rows
+from observer.model.prior import past_heat_covariance, smooth_field_covariance
+from observer.model.rod.modes import Modes
+from observer.model.rod.moving import TABLE_POINTS, NutTable
+from observer.model.rod.rows import Places, modal_rows, reference_rows, remainder_rows
+from observer.model.rod.sources import nut_stretch
+from observer.model.rod.static import Stretch, source_field
+from observer.model.rod.truncation import contributions, modal_input, tail_left
+
+
+class KnownInput(NamedTuple):
+    """An input that is measured or configured: ambient, a prescribed end, the thermal error's reference.
+
+    `modal` (N,) is its input to the modes of the full model, `steady(x)` its steady field per unit.
+    """
+
+    name: str
+    modal: FloatArray
+    steady: Callable[[FloatArray], FloatArray]
+
+
+class Nut(NamedTuple):
+    """A source that moves: the channel of its position, its length and its stroke."""
+
+    channel: str
+    length_m: float
+    stroke_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Heat:
+    """A source of heat: the `share` of it that enters the screw does so over `stretch`, averaged over its
+    motion, but for `ends_fraction`, which enters over the two stretches `ends` at the ends of a stroke.
+
+    The rest is what an estimator is told of it: the σ it begins with, whether it is `estimated`, its random
+    walk in W²/s, the rate at which it comes back to its law, and how far that is trusted.
+    """
+
+    name: str
+    stretch: Stretch
+    share: float
+    ends: tuple[Stretch, ...]
+    ends_fraction: float
+    nut: Nut | None
+    initial_sigma_W: float
+    estimated: bool
+    random_walk_W2_s: float
+    decay_1_s: float
+    law_uncertainty: float
+
+
+@dataclass(frozen=True, slots=True)
+class FullModel:
+    """A screw with as many modes as anyone may ask for: what the heat equation, its sources, its ends and its
+    outputs are, before anything is left out.
+
+    `noise_K` (s,) are the σ of the sensors; `initial_sigma_K` is that of the unknown field at the start,
+    `field_noise_K_sqrt_s` a noise on it.
+    """
+
+    modes: Modes
+    heats: tuple[Heat, ...]
+    known: tuple[KnownInput, ...]
+    places: Places
+    sensors: tuple[str, ...]
+    noise_K: FloatArray
+    initial_sigma_K: float
+    field_noise_K_sqrt_s: float
+    static_correction: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Reduced:
+    """A plant, its modes, and what was left out until the dropped modes have settled, the slowest of them in
+    `settles_s`. With the static correction nothing is missing from then on.
+    """
+
+    plant: Plant
+    modes: Modes
+    stretches: tuple[Stretch, ...]
+    settles_s: float
+
+    @property
+    def left(self) -> FloatArray:
+        """1 − s_N/s_∞ of each heat, (m,): the part of its steady field, in the norm of Kim et al. (eq. 16),
+        that the modes leave out.
+        """
+        return np.array([tail_left(self.modes, len(self.modes), s) for s in self.stretches])
+
+
+def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS) -> Reduced:
+    """Return the plant with the modes `kept` (from 0) of a full model.
+
+    `nut_places` is how many places of a nut its lag's output column is tabulated for.
+    """
+    modes, heats, places = full.modes.take(list(kept)), full.heats, full.places
+    known = [k._replace(modal=k.modal[list(kept)]) for k in full.known]
+    lag_decay_1_s = _first_dropped(full.modes, kept)
+    N, m, rod = len(modes), len(heats), modes.rod
+    sigma_W = np.array([h.initial_sigma_W for h in heats])
+    footprints = [_footprint(full, modes, h, h.ends_fraction) for h in heats]
+    B = np.zeros((N + m, m))
+    B[:N] = np.column_stack([b for b, _ in footprints])
+    B[N:] = np.diag(np.full(m, lag_decay_1_s))
+    C = np.hstack([modal_rows(modes, places), np.column_stack([c for _, c in footprints])])
+    E = np.vstack([np.column_stack([k.modal for k in known]), np.zeros((m, len(known)))])
+    smooth = np.pad(smooth_field_covariance(modes), (0, m))
+    past = past_heat_covariance(modes, B[:N], sigma_W)
+    # a lag starts at its law, but a machine that was just switched on has not settled there yet
+    lags = np.diag(np.concatenate([np.zeros(N), sigma_W**2]))
+    free = [h for h in heats if h.estimated]
+    plant = Plant(
+        layout=Layout(
+            sources=tuple(h.name for h in free),
+            position_m=places.grid_m,
+            sensors=full.sensors,
+            has_error=places.expansion_1_K is not None,
+        ),
+        decay_1_s=np.concatenate([modes.decay_1_s, np.full(m, lag_decay_1_s)]),
+        B=B,
+        E=E,
+        rows=Rows(
+            C=C,
+            F=_known_rows(full, modes, known),
+            sensors=len(full.sensors),
+            grid=len(places.grid_m),
+            restraint=places.restraint,
+        ),
+        moving=_moving_sources(full, modes, lag_decay_1_s, B, nut_places),
+        uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
+        prior_P=full.initial_sigma_K**2 * smooth + np.pad(past, (0, m)) + lags,
+        smooth_P=full.initial_sigma_K**2 * smooth,
+        noise_R_K2=full.noise_K**2,
+        estimated=np.array([h.estimated for h in heats]),
+        random_walk_W2_s=np.array([h.random_walk_W2_s for h in free]),
+        heat_decay_1_s=np.array([h.decay_1_s for h in free]),
+        law_uncertainty=np.array([h.law_uncertainty for h in free]),
+        initial_sigma_W=np.array([h.initial_sigma_W for h in free]),
+        field_noise_Q=full.field_noise_K_sqrt_s**2 * smooth,
+        mode_index=tuple(i + 1 for i in kept),
+        source_names=tuple(h.name for h in heats),
+        known_names=tuple(k.name for k in known),
+        diffusion_rate_1_s=rod.diffusivity_m2_s / rod.length_m**2,
+        coupling=no_coupling(N + m, m, len(known)),
+    )
+    return Reduced(plant, modes, tuple(h.stretch for h in heats), 1.0 / lag_decay_1_s)
+
+
+def _first_dropped(candidates: Modes, kept: Sequence[int]) -> float:
+    """Decay rate of the slowest dropped mode."""
+    dropped = sorted(set(range(len(candidates))) - set(kept))
+    return float(candidates.decay_1_s[dropped[0]])
+
+
+def _footprint(
+    full: FullModel, modes: Modes, heat: Heat, ends_fraction: float
+) -> tuple[FloatArray, FloatArray]:
+    """A heat's modal column (N,) and its lag's output column (R,), averaged over its motion."""
+    b, c = heat.share * modal_input(modes, heat.stretch), heat.share * _lag_row(full, modes, heat.stretch)
+    if ends_fraction == 0.0:
+        return b, c
+    b_ends = [modal_input(modes, s) for s in heat.ends]
+    c_ends = [_lag_row(full, modes, s) for s in heat.ends]
+    ends_b, ends_c = heat.share * (b_ends[0] + b_ends[1]) / 2, heat.share * (c_ends[0] + c_ends[1]) / 2
+    return b + ends_fraction * (ends_b - b), c + ends_fraction * (ends_c - c)
+
+
+def _lag_row(full: FullModel, modes: Modes, stretch: Stretch, rows: FloatArray | None = None) -> FloatArray:
+    """Output column (R,) of a heat's lag: what the kept modes leave of its steady field."""
+    if not full.static_correction:
+        return np.zeros(len(modal_rows(modes, full.places)))
+    steady = partial(source_field, modes.rod, stretch)
+    return remainder_rows(modes, full.places, steady, contributions(modes, stretch), stretch, rows)
+
+
+def _known_rows(full: FullModel, modes: Modes, known: Sequence[KnownInput]) -> FloatArray:
+    """Output columns (R, p) of the known inputs: the dropped modes' share, an offset, a reference."""
+    safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, math.inf)
+
+    def rows_of(k: KnownInput) -> FloatArray:
+        if k.name == REFERENCE:
+            return reference_rows(full.places)
+        rows = remainder_rows(modes, full.places, k.steady, k.modal / safe)
+        if k.name.startswith(OFFSET):
+            rows[full.sensors.index(k.name.removeprefix(OFFSET))] = 1.0
+        return rows
+
+    return np.column_stack([rows_of(k) for k in known])
+
+
+def _moving_sources(
+    full: FullModel, modes: Modes, lag_decay_1_s: float, B: FloatArray, nut_places: int
+) -> tuple[MovingSource, ...]:
+    """Tables of the sources that follow a position channel."""
+    found = []
+    for index, heat in enumerate(full.heats):
+        if heat.nut is None:
+            continue
+        mean_B = B[:, index].copy()
+        mean_B[: len(modes)], mean_C = _footprint(full, modes, heat, 0.0)
+        table = NutTable(
+            mu_1_m=modes.mu_1_m,
+            phase=modes.phase,
+            scale=heat.share * modes.scale,
+            conductance_W_m=modes.rod.conductance_W_m,
+            nut_m=heat.nut.length_m,
+            screw_m=modes.rod.length_m,
+            stroke_m=heat.nut.stroke_m,
+            lag=len(modes) + index,
+            lag_decay_1_s=lag_decay_1_s,
+            table_C=_nut_rows(full, modes, heat.share, heat.nut, nut_places),
+            mean_B=mean_B,
+            mean_C=mean_C,
+        )
+        found.append(MovingSource(index, heat.nut.channel, table, heat.ends_fraction))
+    return tuple(found)
+
+
+def _nut_rows(full: FullModel, modes: Modes, share: float, nut: Nut, nut_places: int) -> FloatArray:
+    """The lag's output column with the nut at evenly spaced places, (P, R)."""
+    L = modes.rod.length_m
+    stretches = [nut_stretch(x, nut.length_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
+    rows = modal_rows(modes, full.places)
+    return share * np.array([_lag_row(full, modes, s, rows) for s in stretches])

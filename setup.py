@@ -1,0 +1,102 @@
+"""Builds the kernels: the files of `observer/kernels` as one extension, which the compiler sees as a whole.
+
+Each file is plain Python that runs as it stands; the header of the same name tells the types (Cython's
+augmenting `.pxd`). They are put one behind the other, without their imports of each other, and Cython does
+the rest. On x86-64 the same C code is compiled twice, for any such processor and for one with AVX2.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from pathlib import Path
+
+from Cython.Build import cythonize
+from Cython.Compiler import Options
+from setuptools import Extension, setup
+
+from build_kernels import prepare
+
+KERNELS = Path("observer/kernels")
+BUILD = Path("build/kernels")
+PARTS = (
+    "codes", "records", "arithmetic", "coupling", "advance", "judging", "learning", "step", "kalman",
+    "allowing", "cruise", "fixed_gain", "smoother", "changes", "discretise", "march", "path", "moving",
+    "drive", "stuck", "evening", "walk", "selftest", "stepwise", "live", "entries",
+)  # fmt: skip
+HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True
+# cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False
+import cython
+from cython.cimports.libc.math import (
+    INFINITY, M_PI, NAN, cos, exp, expm1, floor, fmod, isfinite, isinf, isnan, log, lrint, rint, sin, sqrt
+)
+"""
+HEADER_HEAD = "cimport cython\n"
+# No multiplication and addition in one rounding, nor anything else that changes a bit between processors.
+FLAGS = [
+    "-O3",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fvisibility=hidden",
+    "-g0",
+    "-w",
+]
+LIMITED = [("Py_LIMITED_API", "0x030B0000"), ("NDEBUG", None)]
+
+
+def join(build: Path) -> Path:
+    """Write all parts into one file and one header below `build`; return the file."""
+    names: set[str] = set()
+    code, header = [HEAD], [HEADER_HEAD]
+    for part in PARTS:
+        text = (KERNELS / f"{part}.py").read_text("utf-8")
+        tree = ast.parse(text)
+        lines = text.splitlines(keepends=True)
+        for node in tree.body:
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                lines[node.lineno - 1 : node.end_lineno] = ["\n"] * (node.end_lineno - node.lineno + 1)
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                if node.name in names:
+                    raise SystemExit(f"observer/kernels: two functions are called {node.name}")
+                names.add(node.name)
+        code.append("".join(lines))
+        header.append((KERNELS / f"{part}.pxd").read_text("utf-8"))
+    folder = build / "observer/kernels"
+    folder.mkdir(parents=True, exist_ok=True)
+    for package in (folder, folder.parent):
+        (package / "__init__.py").touch()
+    joined = folder / "core.py"
+    digest = hashlib.sha256("".join(code + header).encode()).hexdigest()
+    code.append(f'MADE_OF = "{digest}"  # tests ask whether these are the files that they have before them\n')
+    for path, text in ((joined, "\n".join(code)), (joined.with_suffix(".pxd"), "\n".join(header))):
+        if not path.exists() or path.read_text("utf-8") != text:
+            path.write_text(text, "utf-8")
+    return joined
+
+
+def extensions() -> list[Extension]:
+    """The kernels for any processor, and for one with AVX2 from the same C code."""
+    machine = prepare()
+    Options.buffer_max_dims = 5  # one more than any array has: views of arrays are handed on by value
+    joined = join(BUILD)
+    options = {"define_macros": LIMITED, "py_limited_api": True}
+    (any_cpu,) = cythonize(
+        [Extension("observer.kernels.core", [str(joined)], extra_compile_args=FLAGS, **options)],
+        include_path=[str(BUILD)],
+    )
+    kinds = [any_cpu]
+    if machine == "x86_64":
+        (KERNELS / "avx2").mkdir(exist_ok=True)
+        kinds.append(
+            Extension(
+                "observer.kernels.avx2.core",
+                any_cpu.sources,
+                extra_compile_args=[*FLAGS, "-mavx2", "-mtune=haswell"],
+                **options,
+            )
+        )
+    return kinds
+
+
+setup(ext_modules=extensions(), options={"bdist_wheel": {"py_limited_api": "cp311"}})

@@ -1,0 +1,97 @@
+"""The kernels that run are those of the files here, whichever way they run, and mean the same codes."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from observer import kernels
+from observer.frames import EstimateQuality, Quality
+from observer.kernels import codes, libm
+from observer.model.learning import Kind
+
+ROOT = Path(__file__).parents[2]
+
+
+def joined(root: Path, build: Path) -> subprocess.CompletedProcess[str]:
+    """What `setup.py` makes of the kernels below `root`, put below `build`."""
+    code = (
+        "import setuptools, pathlib; setuptools.setup = lambda **_: None\n"
+        "import Cython.Build; Cython.Build.cythonize = lambda modules, **_: modules\n"
+        f"import setup; print(setup.join(pathlib.Path({str(build)!r})))"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=root, env=os.environ | {"PYTHONPATH": str(root)},
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+
+
+def copied(folder: Path) -> Path:
+    """The build's own files, in a folder."""
+    for path in [ROOT / "setup.py", ROOT / "build_kernels.py", *(ROOT / "observer/kernels").glob("*.p*")]:
+        target = folder / path.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(path.read_bytes())
+    return folder
+
+
+@pytest.mark.skipif(kernels.WAY == "interpreted", reason="nothing compiled runs")
+def test_what_runs_is_made_of_the_files_here(tmp_path: Path) -> None:
+    done = joined(copied(tmp_path), tmp_path / "build")
+    assert done.returncode == 0, done.stderr
+    made = re.search(r'MADE_OF = "(\w+)"', Path(tmp_path, done.stdout.strip()).read_text(encoding="utf-8"))
+    assert made is not None
+    assert made[1] == sys.modules["observer.kernels.core"].MADE_OF, (
+        "kernels have changed: `make env` builds them"
+    )
+
+
+def test_two_functions_of_one_name_are_refused(tmp_path: Path) -> None:
+    path = copied(tmp_path) / "observer/kernels/path.py"
+    path.write_text(path.read_text(encoding="utf-8") + "\n\ndef gate():\n    pass\n", encoding="utf-8")
+    done = joined(tmp_path, tmp_path / "build")
+    assert done.returncode != 0
+    assert "two functions are called gate" in done.stderr
+
+
+@pytest.mark.parametrize("way", ["any", "interpreted"])
+def test_the_other_ways_run(way: str) -> None:
+    code = "from observer import kernels; print(kernels.WAY, kernels.run_kalman)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {kernels.VARIABLE: way}, capture_output=True,
+        text=True, check=True, timeout=120,
+    )  # fmt: skip
+    assert done.stdout.startswith(way)
+    assert ("cyfunction" in done.stdout) == (way == "any")
+
+
+def test_a_way_that_is_none_is_named() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "import observer.kernels"], env=os.environ | {kernels.VARIABLE: "fast"},
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert "OBSERVER_KERNELS=fast: it is one of any, avx2, interpreted" in done.stderr
+
+
+def test_codes_are_those_of_the_records() -> None:
+    for name in Quality.__members__:
+        assert getattr(codes, name) == Quality[name]
+    for name in EstimateQuality.__members__:
+        assert getattr(codes, f"ESTIMATE_{name}") == EstimateQuality[name]
+    for name in Kind.__members__:
+        assert getattr(codes, name) == Kind[name]
+
+
+def test_functions_answer_as_in_c_where_python_raises() -> None:
+    for value in (libm.sqrt(-1.0), libm.log(-1.0), libm.sin(math.inf), libm.cos(math.inf)):
+        assert math.isnan(value)
+    assert libm.log(0.0) == -math.inf
+    assert libm.exp(1e4) == libm.expm1(1e4) == math.inf
+    assert libm.exp(-1e4) == 0.0
+    assert (libm.lrint(2.0), libm.lrint(16.0)) == (2, 16)
