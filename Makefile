@@ -56,18 +56,14 @@ lint: $(READY)  ## ruff, formatting, types, import contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-# A test that fails beside others is tried once more by itself: what fails twice fails, what passes then is told.
-AGAIN = { test $$? -eq 1 && echo "make $@: what failed is tried once more, by itself" >&2 && \
-	$(BIN)/python -m pytest --last-failed --last-failed-no-failures none -v -p no:randomly -p no:benchmark; }
-
 unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes to pytest
-	$(BIN)/python -m pytest -m "not system and not slow" -n 2 --dist worksteal -p no:benchmark $(ARGS) || $(AGAIN)
+	$(BIN)/python -m pytest -m "not system and not slow" -n 2 --dist worksteal -p no:benchmark $(ARGS)
 
 system: $(READY)  ## tests with real processes, servers and routers, two files at a time; ARGS goes to pytest
-	$(BIN)/python -m pytest -m "system and not slow" -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS) || $(AGAIN)
+	$(BIN)/python -m pytest -m "system and not slow" -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
 
 slow: $(READY) dist  ## the tests that take long, half an hour: whole searches, images, services under load; CI runs them too
-	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS) || $(AGAIN)
+	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
 
 coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to pytest, "tests/model" is a part
 	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark --cov --cov-report= $(ARGS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +19,6 @@ from observer.fit.evidence import (
     gather,
     shown_noise,
 )
-from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, Parameter, fit_effects, fit_null, with_effects
 from observer.fit.parameters import FILM, get, put
 from observer.fit.problem import Marginal, Problem, told_lags
@@ -384,18 +382,3 @@ def test_marginalised_is_less_and_never_more() -> None:
     M = Marginal.of(T)
     assert np.sum(M(r) ** 2) == pytest.approx(r @ np.linalg.solve(np.eye(9) + T @ T.T, r), rel=1e-9)
     np.testing.assert_allclose(M(np.column_stack([r, 2 * r])), np.column_stack([M(r), 2 * M(r)]), atol=1e-12)
-
-
-def test_an_end_in_the_middle_waits_for_no_paths_that_nobody_has_begun() -> None:
-    over, followed = threading.Event(), list[int]()
-
-    def follow(_setting: object, run: int) -> None:
-        if run == 0:
-            raise KeyboardInterrupt
-        followed.append(run)
-        over.wait(0.05)
-
-    with pytest.raises(KeyboardInterrupt):
-        Forward._follow_nuts(SimpleNamespace(runs=range(1000), _inputs=follow), None)  # type: ignore[arg-type]
-    over.set()
-    assert len(followed) < 500
