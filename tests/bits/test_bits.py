@@ -16,8 +16,10 @@ import pytest
 from tests.bits.cases import CASES
 from tests.bits.record import GIVEN, MATRICES, RECORDED, SAMPLES, canonical, library, places, record_of, run
 
-NEAR, NEAR_BY_MATRICES = 1e-12, 1e-9
-"""Relative to the largest of the numbers recorded of an array: elsewhere, and past LAPACK's results."""
+NEAR, NEAR_BY_MATRICES = 1e-12, 1e-6
+"""Relative to the largest of the numbers recorded of an array: elsewhere, and past LAPACK's results, whose
+last bits the placing of a Luenberger observer's poles makes up to 1e8 times as large (seen: 3e-8).
+"""
 
 
 @cache
