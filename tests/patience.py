@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import inspect
 import os
 import time
 from collections.abc import Callable
@@ -89,9 +90,14 @@ def until(what: Callable[[], Any], timeout_s: float = PATIENCE_S, pause_s: float
 
 
 async def eventually(what: Callable[[], Any], timeout_s: float = PATIENCE_S) -> Any:
-    """Do as `until` while the event loop goes on."""
+    """Do as `until` while the event loop goes on; what is asked may be awaited."""
+
+    async def look() -> Any:
+        found = what()
+        return await found if inspect.isawaitable(found) else found
+
     end_s = time.monotonic() + (timeout_s := max(timeout_s, PATIENCE_S))
-    while not (found := what()):
+    while not (found := await look()):
         assert time.monotonic() < end_s, f"not within {timeout_s} s"
         await asyncio.sleep(PAUSE_S)
     return found

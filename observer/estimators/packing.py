@@ -12,7 +12,7 @@ from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.kernels import layout
 from observer.kernels.layout import packed, pad_rows
 from observer.model.coupling import Coupling
-from observer.model.learning import LearningArrays, nothing_learnt
+from observer.model.learning import LearningArrays
 from observer.model.plant import Plant
 from observer.model.rod.supports import fold
 
@@ -153,15 +153,8 @@ def pack_plant(plant: Plant) -> PlantArrays:
         contiguous([s.index for s in plant.moving], np.int64),
         contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),
         plant.coupling,
-        _learning(plant),
+        packed(plant.parameters),
     )
-
-
-def _learning(plant: Plant) -> LearningArrays:
-    """What of the plant is only roughly known, as kernels take it."""
-    if plant.learning is None:
-        return nothing_learnt(len(plant.decay_1_s), plant.rows.sensors)
-    return packed(plant.learning.arrays)  # type: ignore[no-any-return]
 
 
 def states_of(plant: Plant) -> int:

@@ -17,16 +17,13 @@ ESTIMATE_INVALID = 4
 INPUT_LOST = 1
 NUT_LOST = 2
 
-# What a parameter that is learnt belongs to, as `observer.model.learning.Kind`.
-CONVECTION = 0
-CONDUCTIVITY = 1
-HEAT_CAPACITY = 2
+# Kinds of a parameter, as `observer.model.learning.Kind`, which start or are told in their own way.
 AMBIENT = 3
-END = 4
 LAW = 5
 OFFSET = 6
-PLACE = 7
-LAG = 8
+
+STILL = 0.1
+"""Part of a heat's first σ that is left where the machine stands still."""
 
 TICKS_PER_S = 1e6
 """Step lengths are whole numbers of these: epoch seconds in double precision carry no more (2.4e-7 s)."""

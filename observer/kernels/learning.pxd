@@ -1,10 +1,9 @@
-cdef double FOLLOWS_S, _SURE, _STILL
+cdef double FOLLOWS_S, _SURE
 
 cdef void follow(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[:, ::1] C, double[::1] around, double[::1] x, Work work) noexcept nogil
-@cython.locals(colder_K=double)
+@cython.locals(tied=double)
 cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
-cdef inline void drive_of_screw(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t kind, double[::1] x, Work work, double[::1] c) noexcept nogil
-@cython.locals(entry=double)
+@cython.locals(entry=double, lag_s=double, slow=Py_ssize_t)
 cdef void see(PlantArrays p, Inputs u, Py_ssize_t k, double dt_s, double[:, ::1] C, double[::1] around) noexcept nogil
 @cython.locals(degC=double)
 cdef inline double below(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] C, Py_ssize_t i, double[::1] around) noexcept nogil

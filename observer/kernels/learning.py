@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from observer.kernels.advance import add_scaled, advance_diagonal, couple_half, put_laws
 from observer.kernels.arithmetic import squared
-from observer.kernels.codes import AMBIENT, CONDUCTIVITY, CONVECTION, END, LAW, OFFSET, PLACE
+from observer.kernels.codes import AMBIENT, LAW, OFFSET, STILL
 from observer.kernels.judging import add_prior, clear
 from observer.kernels.libm import exp, expm1, sqrt
 
 FOLLOWS_S = 1200.0
 """How slowly `around` follows the estimate."""
 _SURE = 3.0
-_STILL = 0.1  # part of a heat's first σ that is left where the machine stands still
 
 
 def follow(p, t, d, u, k, B, C, around, x, work):
@@ -43,65 +42,43 @@ def follow(p, t, d, u, k, B, C, around, x, work):
 
 
 def drive(p, u, k, B, i, x, work, c):
-    """What parameter i adds to dx/dt at the state x at the start of step k, (n_x,), per unit of it.
-
-    With D the decay, of which ω by the film, and T the ambient: the film ω (1 T − x), conduction
-    E z − D x − ω (1 T − x), the heat capacity −(E z − D x + B q), the ambient its column of E, an end's loss
-    b (T − v x), and a law's scale B_j q_j.
+    """What a unit of parameter i adds to dx/dt at the state x at the start of step k, (n_x,):
+    A x + B q + E z + f (see `observer.model.learning.Change`).
     """
-    kind, of = p.learn.kind[i], p.learn.of[i]
-    n_x, ambient_degC = B.shape[1], u.z_start[k, p.learn.ambient]
-    if kind == AMBIENT:
-        for a in range(n_x):
-            c[a] = p.E[p.learn.ambient, a]
-    elif kind == LAW:
-        source = p.source[of]
+    n_x, source = B.shape[1], p.learn.law[i]
+    if source >= 0:
         for a in range(n_x):
             c[a] = B[source, a] * work.law[source]
-    elif kind == END:
-        colder_K = ambient_degC
-        for a in range(p.modes):
-            colder_K -= p.learn.ends_C[of, a] * x[a]
-        for a in range(p.modes):
-            c[a] = p.learn.ends_B[of, a] * colder_K
-    else:
-        drive_of_screw(p, u, k, B, kind, x, work, c)
-
-
-def drive_of_screw(p, u, k, B, kind, x, work, c):
-    """The same of the film, the conductivity and the heat capacity."""
-    n_x = B.shape[1]
-    for a in range(p.modes):
-        by_film = p.learn.film_1_s * (p.learn.uniform[a] * u.z_start[k, p.learn.ambient] - x[a])
-        if kind == CONVECTION:
-            c[a] = by_film
-        elif kind == CONDUCTIVITY:
-            c[a] = -p.learn.decay_1_s[a] * x[a] - by_film
-            for q in range(len(p.E)):
-                c[a] += p.E[q, a] * u.z_start[k, q]
-        else:
-            c[a] = p.learn.decay_1_s[a] * x[a] - work.driven[a]
-            for j in range(len(p.source)):
-                c[a] -= B[p.source[j], a] * x[n_x + j]
+        return
+    tied = 0.0
+    for a in range(n_x):
+        tied += p.learn.seen[i, a] * x[a]
+    for a in range(n_x):
+        c[a] = p.learn.steady[i, a] + p.learn.rate_1_s[i, a] * x[a] + p.learn.into[i, a] * tied
+    for q in range(p.learn.known.shape[1]):
+        for a in range(n_x):
+            c[a] += p.learn.known[i, q, a] * u.z_start[k, q]
+    if p.learn.heats[i, 0] != 0.0:
+        for j in range(B.shape[0]):
+            for a in range(n_x):
+                c[a] += p.learn.heats[i, a] * B[j, a] * work.law[j]
+        for j in range(len(p.source)):
+            for a in range(n_x):
+                c[a] += p.learn.heats[i, a] * B[p.source[j], a] * x[n_x + j]
 
 
 def see(p, u, k, dt_s, C, around):
-    """Put what offset, place and lag of each sensor do to its reading into its row of C.
+    """Put what a unit of each sensor's parameters does to its reading into its row of C.
 
     `around` goes on with what each sensor would read without a lag and with one of its whole tolerance; a lag
     is told by the difference, so a reading is right with none, with that one, and nearly so in between.
     """
     first, s = len(p.uniform) + len(p.source), len(p.R_K2)
     for q in range(p.learn.machine, len(p.learn.kind)):
-        kind, i = p.learn.kind[q], p.learn.of[q]
-        entry = 0.0
-        if kind == OFFSET:
-            entry = 1.0
-        elif kind == PLACE:
-            for a in range(p.modes):
-                entry += p.learn.slope_C[i, a] * around[a]
-        else:
-            lag_s, slow = p.learn.sigma[q], first + s + i
+        i, lag_s = p.learn.of[q], p.learn.lag_s[q]
+        entry = p.learn.shift_K[q]
+        if lag_s > 0.0:
+            slow = first + s + i
             now_degC = below(p, u, k, C, i, around)
             if dt_s > 0.0:
                 fade = exp(-dt_s / lag_s)
@@ -110,7 +87,9 @@ def see(p, u, k, dt_s, C, around):
                     fade * around[slow] + (mean - fade) * around[first + i] + (1.0 - mean) * now_degC
                 )
             around[first + i] = now_degC
-            entry = (around[slow] - now_degC) / lag_s
+            entry += (around[slow] - now_degC) / lag_s
+        for a in range(p.modes):
+            entry += p.learn.row[q, a] * around[a]
         C[i, first + q] = entry
 
 
@@ -219,7 +198,7 @@ def rest(p, u, k, x, P):
         for b in range(n_x):
             P[a, b] = p.learn.rest_P[a, b]
     for j in range(m_e):
-        P[n_x + j, n_x + j] *= _STILL * _STILL
+        P[n_x + j, n_x + j] *= STILL * STILL
     for q in range(p.learn.machine):
         if p.learn.kind[q] == AMBIENT:
             variance = squared(p.learn.sigma[q])

@@ -63,12 +63,16 @@ cdef class LearningArrays(Record):
     cdef public Py_ssize_t[::1] of
     cdef public double[::1] sigma
     cdef public Py_ssize_t[::1] held
-    cdef public double film_1_s
-    cdef public double[::1] uniform
-    cdef public double[::1] decay_1_s
-    cdef public double[:, ::1] ends_B
-    cdef public double[:, ::1] ends_C
-    cdef public double[:, ::1] slope_C
+    cdef public double[:, ::1] rate_1_s
+    cdef public double[:, ::1] into
+    cdef public double[:, ::1] seen
+    cdef public double[:, ::1] heats
+    cdef public Py_ssize_t[::1] law
+    cdef public double[:, :, ::1] known
+    cdef public double[:, ::1] steady
+    cdef public double[:, ::1] row
+    cdef public double[::1] shift_K
+    cdef public double[::1] lag_s
     cdef public Py_ssize_t ambient
     cdef public Py_ssize_t rests
     cdef public double[:, ::1] rest_P

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,124 +11,134 @@ import numpy as np
 from observer.config import Config
 from observer.model.couple import surface_rate
 from observer.model.extend import padded
-from observer.model.learning import Kind, Learning, LearningArrays
+from observer.model.learning import (
+    REST_K,
+    Change,
+    Kind,
+    Learning,
+    LearningArrays,
+    no_change,
+    stacked,
+)
 from observer.model.plant import Plant
 from observer.model.rod.modes import Modes
 from observer.model.rod.static import Stretch
 from observer.model.rod.truncation import modal_input
-from observer.tables.sections import Sensor
 
 
-class _State(NamedTuple):
-    """One state: how it is told is `value` + `unit` · state."""
+class _Parameter(NamedTuple):
+    """One parameter: how it is told is `value` + `unit` · its state, and `change` is what it does."""
 
     key: str
     kind: Kind
     of: int
     sigma: float
     name: str
+    change: Change
     value: float = 0.0
     unit: float = 1.0
 
 
-_REST_K = 0.1
-"""How far a screw is from one temperature, and that from the air's, after a night."""
-
-
 def with_learning(plant: Plant, config: Config, modes: Modes) -> Plant:
     """Return the plant with what its estimator learns or allows for; as it is where that is nothing."""
-    states = [s for s in (*_of_machine(config, modes), *_of_sensors(config)) if s.sigma > 0.0]
-    if not states:
+    known = [*_of_machine(plant, config, modes), *_of_sensors(plant, config, modes)]
+    known = [p for p in known if p.sigma > 0.0]
+    if not known:
         return plant
-    learnt = [i for i, s in enumerate(states) if s.key in config.estimator.learnt]
-    n_x, N, ends = len(plant.decay_1_s), len(modes), (0.0, modes.rod.length_m)
-    slope_C = np.zeros((plant.rows.sensors, n_x))
-    for i, sensor in enumerate(config.sensor):
-        if sensor.position_m is not None:
-            slope_C[i, :N] = modes.slope(sensor.position_m)
-    share = _REST_K**2 / config.estimator.initial_sigma_K**2
+    learnt = [i for i, p in enumerate(known) if p.key in config.estimator.learnt]
+    n_x = len(plant.decay_1_s)
     arrays = LearningArrays(
-        machine=sum(s.kind <= Kind.LAW for s in states),
-        kind=np.array([s.kind for s in states], np.int64),
-        of=np.array([s.of for s in states], np.int64),
-        sigma=np.array([s.sigma for s in states]),
-        held=np.array([i for i in range(len(states)) if i not in learnt], np.int64),
-        film_1_s=_film_1_s(modes),
-        uniform=padded(plant.uniform[:N], n_x),
-        decay_1_s=padded(plant.decay_1_s[:N], n_x),
-        ends_B=np.array([padded(modal_input(modes, Stretch(x, x)), n_x) for x in ends]),
-        ends_C=np.array([padded(modes.theta(x)[0], n_x) for x in ends]),
-        slope_C=slope_C,
+        machine=sum(p.kind <= Kind.LAW for p in known),
+        kind=np.array([p.kind for p in known], np.int64),
+        of=np.array([p.of for p in known], np.int64),
+        sigma=np.array([p.sigma for p in known]),
+        held=np.array([i for i in range(len(known)) if i not in learnt], np.int64),
+        **stacked([p.change for p in known], n_x, len(plant.known_names)),
         ambient=plant.known.ambient,
         rests=int(plant.known.left_end is None and plant.known.right_end is None),
-        rest_P=share * plant.smooth_P,
+        rest_P=REST_K**2 / config.estimator.initial_sigma_K**2 * plant.smooth_P,
     )
-    told = [states[i] for i in learnt]
+    told = [known[i] for i in learnt]
     learning = Learning(
         arrays,
-        tuple(s.name for s in told),
+        tuple(p.name for p in told),
         np.array(learnt, np.int64),
-        np.array([s.value for s in told]),
-        np.array([s.unit for s in told]),
+        np.array([p.value for p in told]),
+        np.array([p.unit for p in told]),
     )
     return replace(plant, learning=learning, layout=replace(plant.layout, learned=learning.names))
 
 
-def _film_1_s(modes: Modes) -> float:
-    """The rate at which the film alone cools the screw."""
-    return modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2
-
-
-def _of_machine(config: Config, modes: Modes) -> list[_State]:
+def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[_Parameter]:
     """The machine's own: film, material, ambient, ends, and the scale of every law."""
-    known, screw = config.tolerance, config.screw
-    film_W_m2K = _film_1_s(modes) / surface_rate(screw)
+    tolerance, screw = config.tolerance, config.screw
+    n_x, none = len(plant.decay_1_s), no_change(len(plant.decay_1_s), len(plant.known_names))
+    film_1_s, air = modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2, plant.known.ambient
+    own = np.arange(n_x) < len(modes)
+    passive = none._replace(
+        rate_1_s=np.where(own, -plant.decay_1_s, 0.0), known=np.where(own, plant.E.T, 0.0)
+    )
+    film = none._replace(rate_1_s=np.where(own, -film_1_s, 0.0), known=none.known.copy())
+    film.known[air] = np.where(own, film_1_s * plant.uniform, 0.0)
+    conduction = none._replace(rate_1_s=passive.rate_1_s - film.rate_1_s, known=passive.known - film.known)
+    # with more of it, all that warms or cools is slower
+    slower = none._replace(rate_1_s=-passive.rate_1_s, known=-passive.known, heats=np.where(own, -1.0, 0.0))
+    film_W_m2K = film_1_s / surface_rate(screw)
     k, c = screw.conductivity_W_mK, screw.specific_heat_J_kgK
-    film = known.convection if film_W_m2K > 0.0 else 0.0
-    states = [
-        _State("convection", Kind.CONVECTION, 0, film, "surface.convection_W_m2K", film_W_m2K, film_W_m2K),
-        _State("conductivity", Kind.CONDUCTIVITY, 0, known.conductivity, "screw.conductivity_W_mK", k, k),
-        _State(
-            "heat_capacity", Kind.HEAT_CAPACITY, 0, known.heat_capacity, "screw.specific_heat_J_kgK", c, c
-        ),
-        _State("ambient_K", Kind.AMBIENT, 0, known.ambient_K, "ambient.offset_K"),
-    ]
-    for i, (end, side) in enumerate(((modes.rod.left, "left"), (modes.rod.right, "right"))):
+    of_film = tolerance.convection if film_W_m2K > 0.0 else 0.0
+    yield _Parameter(
+        "convection", Kind.CONVECTION, 0, of_film, "surface.convection_W_m2K", film, film_W_m2K, film_W_m2K
+    )
+    yield _Parameter(
+        "conductivity",
+        Kind.CONDUCTIVITY,
+        0,
+        tolerance.conductivity,
+        "screw.conductivity_W_mK",
+        conduction,
+        k,
+        k,
+    )
+    yield _Parameter(
+        "heat_capacity",
+        Kind.HEAT_CAPACITY,
+        0,
+        tolerance.heat_capacity,
+        "screw.specific_heat_J_kgK",
+        slower,
+        c,
+        c,
+    )
+    warmer = none._replace(steady=plant.E[:, air])
+    yield _Parameter("ambient_K", Kind.AMBIENT, 0, tolerance.ambient_K, "ambient.offset_K", warmer)
+    for i, (end, side, x_m) in enumerate(
+        ((modes.rod.left, "left", 0.0), (modes.rod.right, "right", modes.rod.length_m))
+    ):
         if not end.prescribed:
-            name, loss = f"boundary.{side}.loss_W_K", end.biot_1_m * modes.rod.conductance_W_m
-            states.append(_State("end_W_K", Kind.END, i, known.end_W_K, name, loss))
-    sources = [s for s in config.source if s.estimate]
-    for j, source in enumerate(sources):
+            into = padded(modal_input(modes, Stretch(x_m, x_m)), n_x)
+            loss = none._replace(into=-into, seen=padded(modes.theta(x_m)[0], n_x), known=none.known.copy())
+            loss.known[air] = into
+            name, loss_W_K = f"boundary.{side}.loss_W_K", end.biot_1_m * modes.rod.conductance_W_m
+            yield _Parameter("end_W_K", Kind.END, i, tolerance.end_W_K, name, loss, loss_W_K)
+    estimated = np.flatnonzero(plant.estimated).tolist()
+    for j, index in enumerate(estimated):
+        source = config.source[index]
         if source.law is not None and "law" in config.estimator.learnt:
-            name = f"source.{source.name}.scale"
-            states.append(
-                _State("law", Kind.LAW, j, source.law_uncertainty, name, source.scale, source.scale)
-            )
-    return states
+            name, more, scale = f"source.{source.name}.scale", none._replace(law=index), source.scale
+            yield _Parameter("law", Kind.LAW, j, source.law_uncertainty, name, more, scale, scale)
 
 
-def _of_sensors(config: Config) -> list[_State]:
-    """The sensors' own."""
-    known = config.tolerance
-    return [
-        state
-        for i, sensor in enumerate(config.sensor)
-        for state in (
-            _State(
-                "offset_K",
-                Kind.OFFSET,
-                i,
-                known.offset_of_K(sensor.offset_K),
-                f"sensor.{sensor.name}.offset_K",
-            ),
-            _place(i, sensor, config),
-            _State("lag_s", Kind.LAG, i, known.lag_s, f"sensor.{sensor.name}.lag_s"),
-        )
-    ]
-
-
-def _place(i: int, sensor: Sensor, config: Config) -> _State:
-    """Where a sensor sits; one beside the screw has no place there."""
-    sigma_m = config.tolerance.position_m if sensor.position_m is not None else 0.0
-    name = f"sensor.{sensor.name}.position_m"
-    return _State("position_m", Kind.PLACE, i, sigma_m, name, sensor.position_m or 0.0)
+def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[_Parameter]:
+    """The sensors' own: what each reads too much, where it sits, how late it is."""
+    n_x, tolerance = len(plant.decay_1_s), config.tolerance
+    none = no_change(n_x, len(plant.known_names))
+    for i, sensor in enumerate(config.sensor):
+        name, offset_K = f"sensor.{sensor.name}", tolerance.offset_of_K(sensor.offset_K)
+        more = none._replace(shift_K=1.0)
+        yield _Parameter("offset_K", Kind.OFFSET, i, offset_K, f"{name}.offset_K", more)
+        if (place_m := sensor.position_m) is not None:  # one beside the screw has no place there
+            slope = none._replace(row=padded(modes.slope(place_m), n_x))
+            sigma_m = tolerance.position_m
+            yield _Parameter("position_m", Kind.PLACE, i, sigma_m, f"{name}.position_m", slope, place_m)
+        late = none._replace(lag_s=tolerance.lag_s)
+        yield _Parameter("lag_s", Kind.LAG, i, tolerance.lag_s, f"{name}.lag_s", late)

@@ -1,27 +1,30 @@
 """What of a machine is only roughly known, as states beside its heats: learnt while it runs, or allowed for.
 
-Each is a small change θ of the configuration. What it does to the plant is linear in θ,
+Each is a small change θ of the configuration, and what it does is linear in θ:
 
-    dx/dt = … + c(x, z, q) θ,        y_i = … + r_i(x, z) ρ,
+    dx/dt = … + c θ,  c = A x + B q + E z + f,        y_i = … + (C x + d) θ.
 
-with c the drive of a parameter of the machine, and r the row entry of one of a sensor: an offset adds 1, a
-place ∂T/∂x, a lag −∂T/∂t. All wander as first-order Markov processes about nothing, in a day, so that none is
-ever known for good. What is considered only (Schmidt 1966) keeps its value while its covariances are carried.
+Live filters, fixed gains, predictions within tolerances and `check` all take these arrays. All wander as
+first-order Markov processes about nothing, in ten days, so that none is ever known for good. What is
+considered only (Schmidt 1966) keeps its value while its covariances are carried.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import FloatArray
 
-WANDER_S = 86_400.0
-"""In what time a parameter becomes another one, as films, clamps and laws do from day to day."""
+WANDER_S = 10 * 86_400.0
+"""In what time a parameter becomes another one, as films, clamps and laws do."""
+REST_K = 0.3
+"""How far a screw is from one temperature, and that from the air's, after a night."""
 
 
 class Kind(IntEnum):
@@ -38,15 +41,34 @@ class Kind(IntEnum):
     LAG = 8
 
 
+class Change(NamedTuple):
+    """What one unit of a parameter does, on a plant of n_x states with p known inputs.
+
+    To dx/dt: A is `rate_1_s` (n_x,) on the diagonal, and `into` (n_x,) times the row `seen` (n_x,) beside it;
+    B q is `heats` (n_x,) times what all heats do, and what the law of source `law` does, none for -1; E is
+    `known` (p, n_x), and f `steady` (n_x,). To the reading of sensor `of`: the row C, `row` (n_x,), and d,
+    `shift_K`; a lag makes of a reading what it was `lag_s` before.
+    """
+
+    rate_1_s: FloatArray
+    into: FloatArray
+    seen: FloatArray
+    heats: FloatArray
+    law: int
+    known: FloatArray
+    steady: FloatArray
+    row: FloatArray
+    shift_K: float
+    lag_s: float
+
+
 class LearningArrays(NamedTuple):
     """What kernels need of L such states, the t of the machine before those of sensors; no state where L = 0.
 
     `kind` (L,) of each; `of` (L,) which end, estimated heat or sensor it is of; `sigma` (L,) its prior, in
-    the unit of the state: relative to its value, or in K, W/K, m, s; `held` (h,) which are considered only.
-    `film_1_s` is the rate of the base film; `uniform`, `decay_1_s` (n_x,) those of the modes, 0 beyond them;
-    `ends_B`, `ends_C` (2, n_x) the column of 1 W into an end, and the row that reads its temperature;
-    `slope_C` (s, n_x) the rows of ∂T/∂x at the sensors, K/m; `ambient` the column of z;
-    `rest_P` (n_x, n_x), K², how far a screw is from the air's temperature after a night, where `rests` is 1.
+    the unit of the state: relative to its value, or in K, W/K, m, s; `held` (h,) which are considered only;
+    then what each does, as in `Change`, (L, …). `ambient` is the column of z; `rest_P` (n_x, n_x), K², how
+    far a screw is from the air's temperature after a night, where `rests` is 1.
     """
 
     machine: int
@@ -54,15 +76,47 @@ class LearningArrays(NamedTuple):
     of: NDArray[np.int64]
     sigma: FloatArray
     held: NDArray[np.int64]
-    film_1_s: float
-    uniform: FloatArray
-    decay_1_s: FloatArray
-    ends_B: FloatArray
-    ends_C: FloatArray
-    slope_C: FloatArray
+    rate_1_s: FloatArray
+    into: FloatArray
+    seen: FloatArray
+    heats: FloatArray
+    law: NDArray[np.int64]
+    known: FloatArray
+    steady: FloatArray
+    row: FloatArray
+    shift_K: FloatArray
+    lag_s: FloatArray
     ambient: int
     rests: int
     rest_P: FloatArray
+
+    def drives(
+        self, x: FloatArray, B: FloatArray, law_W: FloatArray, heat_W: FloatArray, z: FloatArray
+    ) -> FloatArray:
+        """Return c (n_x, L) at a state x (n_x,), with input columns B (n_x, m), the heats by their laws and
+        as they are (m,), and known inputs z (p,).
+        """
+        tied, driven = self.seen @ x, B @ heat_W
+        c = self.rate_1_s * x + self.into * tied[:, None] + self.heats * driven
+        c += np.einsum("ipa,p->ia", self.known, z) + self.steady
+        by_law = self.law >= 0
+        c[by_law] += (B * law_W).T[self.law[by_law]]
+        return np.asarray(c.T)
+
+    def feedback(self, theta: FloatArray) -> FloatArray:
+        """Return ∂(c θ)/∂x (n_x, n_x) at parameters θ (L,)."""
+        return np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.seen
+
+    def entries(self, x: FloatArray) -> FloatArray:
+        """Return C x + d (L,) at a state; lags are not told by a state alone, and are 0 here."""
+        return np.asarray(self.row @ x + self.shift_K)
+
+
+def of_parameters(arrays: LearningArrays, which: NDArray[np.int64]) -> LearningArrays:
+    """Return the arrays of some parameters (r,) in that order, those of the machine first; all learnt."""
+    own = {name: getattr(arrays, name)[which] for name in ("kind", "of", "sigma", *Change._fields)}
+    machine = int((which < arrays.machine).sum())
+    return arrays._replace(machine=machine, held=np.zeros(0, np.int64), **own)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +140,27 @@ class Learning:
         return dict(zip(self.names, zip(value.tolist(), sigma.tolist(), strict=True), strict=True))
 
 
-def nothing_learnt(n_x: int, sensors: int) -> LearningArrays:
+def no_change(n_x: int, known: int) -> Change:
+    """Return what a parameter does that does nothing."""
+    none = np.zeros(n_x)
+    return Change(none, none, none, none, -1, np.zeros((known, n_x)), none, none, 0.0, 0.0)
+
+
+def stacked(changes: Sequence[Change], n_x: int, known: int) -> dict[str, Any]:
+    """Return what parameters do, by the names of `LearningArrays`."""
+    none = no_change(n_x, known)
+    return {
+        name: np.array([getattr(change, name) for change in changes], np.asarray(own).dtype).reshape(
+            -1, *np.shape(own)
+        )
+        for name, own in none._asdict().items()
+    }
+
+
+def nothing_learnt(n_x: int, known: int) -> LearningArrays:
     """Return the arrays of a plant of which all is taken as the configuration says."""
     none = np.zeros(0, np.int64)
     return LearningArrays(
-        0, none, none, np.zeros(0), none, 0.0, np.zeros(n_x), np.zeros(n_x), np.zeros((2, n_x)),
-        np.zeros((2, n_x)), np.zeros((sensors, n_x)), 0, 0, np.zeros((n_x, n_x)),
+        machine=0, kind=none, of=none, sigma=np.zeros(0), held=none, ambient=0, rests=0,
+        rest_P=np.zeros((n_x, n_x)), **stacked([], n_x, known),
     )  # fmt: skip

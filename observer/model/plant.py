@@ -20,7 +20,7 @@ import numpy as np
 
 from observer.frames import BoolArray, FloatArray, Layout
 from observer.model.coupling import Coupling
-from observer.model.learning import Learning
+from observer.model.learning import Learning, LearningArrays, nothing_learnt
 from observer.model.rod.moving import NutTable
 from observer.model.rod.supports import Restraint, fold
 
@@ -146,6 +146,13 @@ class Plant:
     def learnt(self) -> int:
         """How many states an estimator has for what is only roughly known."""
         return 0 if self.learning is None else len(self.learning.arrays.kind)
+
+    @property
+    def parameters(self) -> LearningArrays:
+        """What is only roughly known, as arrays; of no parameter where that is nothing."""
+        if self.learning is not None:
+            return self.learning.arrays
+        return nothing_learnt(len(self.decay_1_s), len(self.known_names))
 
     @property
     def lag_slice(self) -> slice:

@@ -3,26 +3,28 @@
 No heat is free here: each follows its law, times a scale. The sensors only tell which machine within the
 tolerances this is, θ, so what is left between prediction and sensors is beyond them. An extended Kalman
 filter over [x | θ] (Jazwinski 1970, ch. 8) without noise on x; θ wanders about nothing. What a θ does is that
-of `learning`,
-
-    dx/dt = … + c(x, z, q) θ,        y_i = … + r_i(x) ρ.
+of `learning`, taken at the prediction.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import FloatArray, Inputs
-from observer.model.learning import Kind, nothing_learnt
+from observer.model.learning import (
+    WANDER_S,
+    Kind,
+    LearningArrays,
+    no_change,
+    of_parameters,
+    stacked,
+)
 from observer.model.plant import Plant
 from observer.model.simulate import SimulationState, simulate, start
 
-WANDER_S = 100 * 86_400.0
-"""In what time a machine becomes another one within its tolerances."""
 LAW_FOLLOWS_S = 3600.0
 """In what time the fast part of a law's scale becomes another one: running in, grease that warms."""
 LAW_SHARE = 0.3
@@ -34,8 +36,6 @@ SAME_S = 8 * 3600.0
 FURTHEST = 3.5
 """Nothing is taken to be further off than so many standard deviations."""
 LEAST_FILM = -0.9
-REST_K = 0.3
-"""How far a machine that seems to stand at the air's temperature may be from it."""
 MOST_DEGRADED = 0.1
 """An input that was missing or held for so much of a step leaves that step without a prediction."""
 _SURE = 3.0
@@ -59,25 +59,22 @@ class Gap(NamedTuple):
     rise_K: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class _Theta:
-    """The parameters: `kind`, `of`, `sigma` and how fast they wander, `fade_1_s`, (t,) each."""
-
-    kind: NDArray[np.int64]
-    of: NDArray[np.int64]
-    sigma: FloatArray
-    fade_1_s: FloatArray
-
-    @classmethod
-    def of_plant(cls, plant: Plant) -> _Theta:
-        learn = nothing_learnt(0, 0) if plant.learning is None else plant.learning.arrays
-        own = np.isin(learn.kind, (Kind.LAW, Kind.LAG), invert=True)
-        laws = np.flatnonzero(plant.estimated)
-        kind = np.concatenate([learn.kind[own], np.full(2 * len(laws), Kind.LAW)])
-        sigma = np.concatenate([learn.sigma[own], plant.law_uncertainty, LAW_SHARE * plant.law_uncertainty])
-        fade = np.full(len(sigma), 1.0 / WANDER_S)
-        fade[len(sigma) - len(laws) :] = 1.0 / LAW_FOLLOWS_S
-        return cls(kind, np.concatenate([learn.of[own], laws, laws]), sigma, fade)
+def _parameters(plant: Plant) -> LearningArrays:
+    """What the machine may be within: its own tolerances, then those of its laws, whole and the fast part; a
+    lag is nothing beside steps of a minute.
+    """
+    known, estimated = plant.parameters, np.flatnonzero(plant.estimated)
+    n_x, p = len(plant.decay_1_s), len(plant.known_names)
+    own = np.flatnonzero(np.isin(known.kind, (Kind.LAW, Kind.LAG), invert=True))
+    laws = [no_change(n_x, p)._replace(law=int(index)) for index in estimated] * 2
+    more: dict[str, Any] = stacked(laws, n_x, p) | {
+        "kind": np.full(len(laws), Kind.LAW),
+        "of": np.tile(np.arange(len(estimated)), 2),
+        "sigma": np.concatenate([plant.law_uncertainty, LAW_SHARE * plant.law_uncertainty]),
+    }
+    kept = of_parameters(known, own)
+    together: dict[str, Any] = {name: np.concatenate([getattr(kept, name), more[name]]) for name in more}
+    return kept._replace(**together)
 
 
 class Tolerant:
@@ -85,14 +82,10 @@ class Tolerant:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self._theta = _Theta.of_plant(plant)
+        self._theta = _parameters(plant)
         self._at = {kind: np.flatnonzero(self._theta.kind == kind) for kind in Kind}
-        s = plant.rows.sensors
-        self._learn = (
-            nothing_learnt(len(plant.decay_1_s), s) if plant.learning is None else plant.learning.arrays
-        )
-        rest_K2 = np.einsum("ia,ab,ib->i", plant.rows.C[:s], self._learn.rest_P, plant.rows.C[:s])
-        self._rest = REST_K**2 / max(float(np.max(rest_K2, initial=0.0)), 1e-12)
+        self._fade_1_s = np.full(len(self._theta.kind), 1.0 / WANDER_S)
+        self._fade_1_s[len(self._fade_1_s) - int(plant.estimated.sum()) :] = 1.0 / LAW_FOLLOWS_S
         self._slack = np.eye(len(plant.decay_1_s)) if plant.coupling.active else None
 
     def parameters(self, kind: Kind) -> NDArray[np.int64]:
@@ -118,7 +111,7 @@ class Tolerant:
         P[n_x:, n_x:] = state.P[n_x:, n_x:]
         if self._stands(state, u):
             x = start(plant, air_degC, u.law_W[0]).x
-            P[:n_x, :n_x] = self._rest * self._learn.rest_P
+            P[:n_x, :n_x] = self._theta.rest_P
             of_air = np.flatnonzero(self._theta.kind == Kind.AMBIENT)
             F = np.eye(len(P))
             F[:n_x, n_x + of_air] = plant.uniform[:, None]
@@ -141,7 +134,7 @@ class Tolerant:
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
         air = self.parameters(Kind.AMBIENT)
         seen = np.flatnonzero(u.usable[0])
-        if not self._learn.rests or u.law_W.any() or not len(air) or not len(seen):
+        if not self._theta.rests or u.law_W.any() or not len(air) or not len(seen):
             return False
         offset_K = (
             self._of_sensors(state.x)[:, self.parameters(Kind.OFFSET)]
@@ -150,7 +143,7 @@ class Tolerant:
         offset_K2 = np.zeros(len(offset_K))
         offset_K2[theta.of[self.parameters(Kind.OFFSET)]] = theta.sigma[self.parameters(Kind.OFFSET)] ** 2
         K2 = offset_K2 + P[np.ix_(air, air)].sum() + self._plant.noise_R_K2
-        air_degC = u.z_end[0, self._learn.ambient] + state.theta[air].sum()
+        air_degC = u.z_end[0, self._theta.ambient] + state.theta[air].sum()
         agree = (u.y_degC[0] - offset_K - air_degC) ** 2 <= _SURE**2 * K2
         return int(agree[seen].sum()) >= max(1, len(seen) - (len(seen) > 2))
 
@@ -165,9 +158,9 @@ class Tolerant:
         after, rows = simulate(plant, SimulationState(state.x), u)
         hold = _hold(plant.decay_1_s, dt_s)
         middle = 0.5 * (state.x + after.x)
-        A, c = self._drive(u, middle, state.theta)
+        A, c = theta.feedback(state.theta), self._drives(u, middle)
         x = after.x + hold * (c @ state.theta)
-        fade = np.exp(-dt_s * theta.fade_1_s)
+        fade = np.exp(-dt_s * self._fade_1_s)
         F = np.zeros_like(state.P)
         F[:n_x, :n_x] = self._forward(state.x, after.x, u) + hold[:, None] * A
         F[:n_x, n_x:] = hold[:, None] * c
@@ -204,40 +197,21 @@ class Tolerant:
 
     def _of_sensors(self, x: FloatArray) -> FloatArray:
         """What the parameters of sensors add to readings, (s, t)."""
-        t, s = self._theta, self._plant.rows.sensors
-        rows = np.zeros((s, len(t.kind)))
-        offset, place = self.parameters(Kind.OFFSET), self.parameters(Kind.PLACE)
-        rows[t.of[offset], offset] = 1.0
-        rows[t.of[place], place] = self._learn.slope_C[t.of[place]] @ x
+        t = self._theta
+        rows, own = np.zeros((self._plant.rows.sensors, len(t.kind))), np.flatnonzero(t.kind > Kind.LAW)
+        rows[t.of[own], own] = t.entries(x)[own]
         return rows
 
     def _seen(self, u: Inputs, x: FloatArray) -> FloatArray:
         """The readings' derivatives by [x | θ], (s, n)."""
         return np.hstack([self._C(u)[: self._plant.rows.sensors], self._of_sensors(x)])
 
-    def _drive(self, u: Inputs, x: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """∂(c θ)/∂x (n_x, n_x), and c (n_x, t), at a state; see `kernels.learning.drive`."""
-        plant, learn, n_x, at = self._plant, self._learn, len(x), self._at
-        z, N = 0.5 * (u.z_start[0] + u.z_end[0]), plant.modes
-        B = plant.B.copy()
-        for i, source in enumerate(plant.moving):
+    def _drives(self, u: Inputs, x: FloatArray) -> FloatArray:
+        """What each parameter adds to dx/dt at a state, c (n_x, t)."""
+        B = self._plant.B.copy()
+        for i, source in enumerate(self._plant.moving):
             B[:, source.index] = u.moving_B[0, i]
-        c, rate_1_s = np.zeros((n_x, len(theta))), np.zeros(n_x)
-        film_1_s, decay_1_s = learn.film_1_s, learn.decay_1_s[:N]
-        by_film = film_1_s * (learn.uniform[:N] * z[learn.ambient] - x[:N])
-        passive = (plant.E @ z)[:N] - decay_1_s * x[:N]
-        c[:N, at[Kind.CONVECTION]] = by_film[:, None]
-        c[:N, at[Kind.CONDUCTIVITY]] = (passive - by_film)[:, None]
-        c[:N, at[Kind.HEAT_CAPACITY]] = -(passive + (B @ u.law_W[0])[:N])[:, None]
-        c[:, at[Kind.AMBIENT]] = plant.E[:, [learn.ambient]]
-        rate_1_s[:N] -= theta[at[Kind.CONVECTION]].sum() * film_1_s
-        rate_1_s[:N] -= theta[at[Kind.CONDUCTIVITY]].sum() * (decay_1_s - film_1_s)
-        rate_1_s[:N] += theta[at[Kind.HEAT_CAPACITY]].sum() * decay_1_s
-        ends, laws = at[Kind.END], at[Kind.LAW]
-        into, seen = learn.ends_B[self._theta.of[ends]], learn.ends_C[self._theta.of[ends]]
-        c[:, ends] = into.T * (z[learn.ambient] - seen @ x)
-        c[:, laws] = B[:, self._theta.of[laws]] * u.law_W[0, self._theta.of[laws]]
-        return np.diag(rate_1_s) - (into.T * theta[ends]) @ seen, c
+        return self._theta.drives(x, B, u.law_W[0], u.law_W[0], 0.5 * (u.z_start[0] + u.z_end[0]))
 
     def _forward(self, x: FloatArray, after: FloatArray, u: Inputs) -> FloatArray:
         """The plant's own step, ∂x'/∂x; by differences where states are coupled."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.estimators.design.spread import Spread, known, spread
+from observer.estimators.design.spread import Spread, spread
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.cycle import SPEED_RPM, standard_shift
@@ -54,7 +54,7 @@ def tolerances(config: Config) -> dict[str, Any]:
     if build_plant(config).modes > MOST_MODES:
         config = config.model_copy(update={"model": config.model.model_copy(update={"modes": MOST_MODES})})
     plant = build_plant(config, learns=True)
-    kinds = known(plant).kind
+    kinds = plant.parameters.kind
     cases = [np.ones(len(kinds))]
     cases += [np.where(kinds == key.kind, AS_KNOWN, 1.0) for key in KEYS.values()]
     cases.append(np.where(kinds == Kind.LAW, 1.0, AS_KNOWN))

@@ -9,6 +9,7 @@ import pytest
 from observer.frames import EstimateBlock
 from observer.model import simulate
 from observer.model.build import build_plant
+from observer.model.couple import surface_rate
 from observer.model.discretise import augmented, quantise, step_matrices
 from observer.model.learning import WANDER_S, Kind
 from observer.service.align import frames_of_log
@@ -43,8 +44,11 @@ def drives(plant, B, law_W, z, around):
     x, delta = around[:n_x], around[n_x : n_x + len(plant.heat_decay_1_s)]
     heat_W = law_W.copy()
     heat_W[plant.estimated] += delta
-    modes = np.arange(n_x) < N
-    film = np.where(modes, a.film_1_s * (plant.uniform * z[a.ambient] - x), 0.0)
+    modes, config = np.arange(n_x) < N, config_of()
+    film_1_s = surface_rate(config.screw) * config.surface.convection_W_m2K
+    film = np.where(modes, film_1_s * (plant.uniform * z[a.ambient] - x), 0.0)
+    ends = plant.rows.C[plant.rows.field_slice][[0, -1]] * modes  # what reads the temperature of an end
+    conductance_W_m = config.screw.conductivity_W_mK * np.pi / 4 * config.screw.diameter_m**2
     free = np.where(modes, plant.E @ z - plant.decay_1_s * x, 0.0)
     columns = []
     for kind, of in zip(a.kind[: a.machine], a.of[: a.machine], strict=True):
@@ -55,7 +59,7 @@ def drives(plant, B, law_W, z, around):
                 Kind.CONDUCTIVITY: lambda: free - film,
                 Kind.HEAT_CAPACITY: lambda: -np.where(modes, free + B @ heat_W, 0.0),
                 Kind.AMBIENT: lambda: plant.E[:, a.ambient],
-                Kind.END: lambda of=of: a.ends_B[of] * (z[a.ambient] - a.ends_C[of] @ x),
+                Kind.END: lambda of=of: ends[of] / conductance_W_m * (z[a.ambient] - ends[of] @ x),
                 Kind.LAW: lambda source=source: B[:, source] * law_W[source],
             }[Kind(kind)]()
         )
@@ -72,7 +76,7 @@ def readings(plant, u, k, around, C, dt_s):
         if kind == Kind.OFFSET:
             entries[i, q] = 1.0
         elif kind == Kind.PLACE:
-            entries[i, q] = a.slope_C[i] @ around[:n_x]
+            entries[i, q] = a.row[a.machine + q] @ around[:n_x]
         else:
             lag_s = a.sigma[a.machine + q]
             fade = np.exp(-dt_s / lag_s)

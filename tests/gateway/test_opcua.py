@@ -10,7 +10,7 @@ from asyncua import Client, ua
 from observer.gateway.opcua import NAMESPACE
 from observer.tables.gateway import Opcua
 from tests.gateway.telling import ALARM, HEALTH, told_gateway
-from tests.patience import until
+from tests.patience import eventually, until
 from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
@@ -26,17 +26,12 @@ async def _read(client: Client, *path: str):
 
 
 async def _until_read(client: Client, *path: str, status: int):
-    found = []
 
-    async def is_there() -> bool:
+    async def is_there():
         value = await _read(client, *path)
-        found[:] = [value]
-        return value is not None and value.StatusCode.value == status
+        return value if value is not None and value.StatusCode.value == status else None
 
-    for _ in range(2000):
-        if await is_there():
-            return found[0]
-    raise AssertionError(f"{path} is {found}")
+    return await eventually(is_there)
 
 
 @pytest.mark.parametrize(

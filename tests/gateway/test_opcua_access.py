@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -107,12 +107,12 @@ async def _heat(client: Client):
     """The node of a heat, once the first estimate has come."""
     index = await client.get_namespace_index(NAMESPACE)
     path = [f"{index}:{part}" for part in HEAT]
-    for _ in range(2000):
-        try:
+
+    async def node():
+        with suppress(ua.UaError):
             return await client.nodes.objects.get_child(path)
-        except ua.UaError:
-            continue
-    raise AssertionError
+
+    return await eventually(node)
 
 
 async def _value(client: Client) -> float:

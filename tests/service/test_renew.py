@@ -4,15 +4,7 @@ import threading
 
 from observer.errors import ConfigError
 from observer.service.renew import SETTLED_S, Renewals
-
-
-def _until(condition) -> None:
-    ended = threading.Event()
-    for _ in range(2000):
-        if condition():
-            return
-        ended.wait(0.005)
-    raise AssertionError("waited in vain")
+from tests.patience import until
 
 
 def test_a_clock_is_believed_once_it_has_settled():
@@ -37,7 +29,7 @@ def test_a_configuration_that_was_read_is_due_once():
     renewals = Renewals(lambda: "prepared")
     renewals.reload()
     found = []
-    _until(lambda: found.append(renewals.due(0.0, 0.0)) or found[-1] is not None)
+    until(lambda: found.append(renewals.due(0.0, 0.0)) or found[-1] is not None)
     assert found[-1].prepared == "prepared"
     assert not found[-1].new_time
     assert renewals.due(0.0, 0.0) is None
@@ -60,10 +52,10 @@ def test_a_configuration_that_is_refused_changes_nothing_and_is_told():
     assert renewals.notices() == ()
     for words in ("screw.length_m: is missing", "a defect"):
         renewals.reload()
-        _until(lambda words=words: any(words in notice for notice in renewals.notices()))
+        until(lambda words=words: any(words in notice for notice in renewals.notices()))
         assert renewals.due(0.0, 0.0) is None
     renewals.reload()
-    _until(lambda: renewals.due(0.0, 0.0) is not None)
+    until(lambda: renewals.due(0.0, 0.0) is not None)
     assert renewals.notices() == ()
 
 
@@ -79,7 +71,7 @@ def test_asked_while_it_reads_it_reads_once_more():
     for _ in range(5):
         renewals.reload()
     go.set()
-    _until(lambda: (renewal := renewals.due(0.0, 0.0)) is not None and renewal.prepared == 2)
+    until(lambda: (renewal := renewals.due(0.0, 0.0)) is not None and renewal.prepared == 2)
     assert len(count) == 2
 
 

@@ -73,11 +73,13 @@ def test_after_a_crash_the_last_checkpoint_has_to_do(tmp_path):
             until(lambda: len(seen.estimates) > enough, 60.0)
             daemon.process.kill()
             daemon.process.wait(10)
+            before = seen.estimates[-1]
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
             after = _good(seen)
             assert daemon.stop() < 2.0
     assert "warm start" in daemon.said()
-    assert (after["heat_sigma_W"] < 7.5).all()  # of 15 W and 8 W that are all a cold start knows
+    # the checkpoint is up to a second older than the crash, and a cold start knows 100 W
+    assert (after["heat_sigma_W"] < 1.5 * before["heat_sigma_W"]).all()
 
 
 @pytest.mark.parametrize("content", [b"", b"no checkpoint at all", bytes(100_000)])

@@ -9,7 +9,7 @@ field that the shift makes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,10 +21,11 @@ from observer.estimators.design.bandwidth import bandwidth, design
 from observer.estimators.design.gains import Refusal
 from observer.estimators.design.riccati import steady_kalman
 from observer.frames import FloatArray
+from observer.kernels.codes import STILL
 from observer.model.cycle import Stage
 from observer.model.discretise import step_matrices
 from observer.model.generator import augmented_step, generator
-from observer.model.learning import WANDER_S, Kind, LearningArrays, nothing_learnt
+from observer.model.learning import WANDER_S, Kind, LearningArrays
 from observer.model.plant import Plant
 from observer.model.rod.moving import columns_at
 from observer.model.rod.ripple import PHASES, ripple
@@ -41,7 +42,6 @@ MOST_WORK = 3e9
 """States cubed times steps times cases: a second or two."""
 _TOO_MUCH_WORK = 4.0 * MOST_WORK
 _LONGEST = 16.0  # a step in the plant's shortest time, beyond which its exponential is made of halves
-_STILL = 0.1  # part of a heat's first σ that is left where the machine stands still, as in the filter
 
 
 class Spread(NamedTuple):
@@ -73,20 +73,13 @@ def spread(
     The plant is one that knows its tolerances (`build_plant` with `learns`). None where the settings have no
     gain, or where there are so many states that it would take long.
     """
-    a = known(plant)
+    a = plant.parameters
     dt_s = _step_s(plant, sum(stage.duration_s for stage in shift), len(cases))
     if dt_s is None:
         return None
     coarse = replace(plant, noise_R_K2=plant.noise_R_K2 * settings.period_s / dt_s)
     K = _fixed_gain(coarse, settings, dt_s)
     return None if isinstance(K, Refusal) else _over(coarse, a, shift, cases * a.sigma, K, dt_s)
-
-
-def known(plant: Plant) -> LearningArrays:
-    """Return the arrays of what a plant knows only roughly, of no states where that is nothing."""
-    if plant.learning is not None:
-        return plant.learning.arrays
-    return nothing_learnt(len(plant.decay_1_s), plant.rows.sensors)
 
 
 def _step_s(plant: Plant, duration_s: float, cases: int) -> float | None:
@@ -140,7 +133,8 @@ def _over(
         passing = _passing(plant, a, stage, first + L) if K is None else np.zeros((1, *H.shape))
         noise_R = np.tile(plant.noise_R_K2 * len(passing), len(passing))
         for _ in range(round(stage.duration_s / dt_s)):
-            F[:n_x, first : first + a.machine] = step.hold @ _drives(plant, a, stage, x)
+            drives = a.drives(x, plant.B, stage.law_W, stage.heat_W, stage.z)
+            F[:n_x, first : first + a.machine] = step.hold @ drives[:, : a.machine]
             x = step.A[:n_x, :n_x] @ x + step.hold @ step.driven
             last = _see(plant, a, stage, x, last, dt_s, H)
             rows = (H + passing).reshape(-1, first + L)
@@ -179,7 +173,7 @@ def _start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, 
     P = np.zeros((len(sigma), first + len(a.kind), first + len(a.kind)))
     rest = at_rest and a.rests == 1 and {Kind.AMBIENT, Kind.OFFSET} <= set(a.kind) and not stage.law_W.any()
     P[:, :n_x, :n_x] = a.rest_P if rest else plant.prior_P
-    still = _STILL if rest else 1.0
+    still = STILL if rest else 1.0
     P[:, range(n_x, first), range(n_x, first)] = (still * plant.initial_sigma_W) ** 2
     own = range(first, first + len(a.kind))
     P[:, own, own] = sigma**2
@@ -208,25 +202,6 @@ def _step(plant: Plant, stage: Stage, dt_s: float) -> _Step:
     return _Step(A, Q, hold, driven + np.where(modes, stage.loss_1_s * stage.drawn_degC * plant.uniform, 0.0))
 
 
-def _drives(plant: Plant, a: LearningArrays, stage: Stage, x: FloatArray) -> FloatArray:
-    """What each parameter of the machine adds to dx/dt at the state x, (n_x, t), per unit of it."""
-    air_degC, modes = stage.z[a.ambient], np.arange(len(x)) < plant.modes
-    film = np.where(modes, a.film_1_s * (plant.uniform * air_degC - x), 0.0)
-    free = np.where(modes, plant.E @ stage.z - a.decay_1_s * x, 0.0)
-    heated = np.where(modes, plant.B @ stage.heat_W, 0.0)
-    estimated = np.flatnonzero(plant.estimated)
-    found: dict[int, Callable[[int], FloatArray]] = {
-        int(Kind.CONVECTION): lambda _: film,
-        int(Kind.CONDUCTIVITY): lambda _: free - film,
-        int(Kind.HEAT_CAPACITY): lambda _: -free - heated,
-        int(Kind.AMBIENT): lambda _: plant.E[:, a.ambient],
-        int(Kind.END): lambda of: a.ends_B[of] * (air_degC - a.ends_C[of] @ x),
-        int(Kind.LAW): lambda of: plant.B[:, estimated[of]] * stage.law_W[estimated[of]],
-    }
-    parameters = zip(a.kind[: a.machine].tolist(), a.of[: a.machine].tolist(), strict=True)
-    return np.array([found[kind](of) for kind, of in parameters]).reshape(-1, len(x)).T
-
-
 def _see(
     plant: Plant, a: LearningArrays, stage: Stage, x: FloatArray, last: FloatArray, dt_s: float, H: FloatArray
 ) -> FloatArray:
@@ -236,14 +211,13 @@ def _see(
     s, first = plant.rows.sensors, H.shape[1] - len(a.kind)
     now = plant.rows.C[:s] @ x + plant.rows.F[:s] @ stage.z
     slow = now.copy()
-    offset, place, lag = (np.flatnonzero(a.kind == kind) for kind in (Kind.OFFSET, Kind.PLACE, Kind.LAG))
-    H[a.of[offset], first + offset] = 1.0
-    H[a.of[place], first + place] = a.slope_C[a.of[place]] @ x
-    i, lag_s = a.of[lag], a.sigma[lag]
+    own, lag = np.arange(a.machine, len(a.kind)), np.flatnonzero(a.lag_s)
+    H[a.of[own], first + own] = a.entries(x)[own]
+    i, lag_s = a.of[lag], a.lag_s[lag]
     fade = np.exp(-dt_s / lag_s)
     mean = lag_s / dt_s * (1.0 - fade)
     slow[i] = fade * last[1, i] + (mean - fade) * last[0, i] + (1.0 - mean) * now[i]
-    H[i, first + lag] = (slow[i] - now[i]) / lag_s
+    H[i, first + lag] += (slow[i] - now[i]) / lag_s
     return np.array([now, slow])
 
 
@@ -253,12 +227,12 @@ def _passing(plant: Plant, a: LearningArrays, stage: Stage, n: int) -> FloatArra
     """
     n_x, estimated, s = len(plant.decay_1_s), np.flatnonzero(plant.estimated).tolist(), plant.rows.sensors
     first, N = n_x + len(estimated), plant.modes
-    rows, lag_s = np.zeros((PHASES, s, n)), np.zeros(s)
-    lag_s[a.of[a.kind == Kind.LAG]] = a.sigma[a.kind == Kind.LAG]
+    rows, lag_s, slope_C = np.zeros((PHASES, s, n)), np.zeros(s), np.zeros((s, N))
+    lag_s[a.of[a.kind == Kind.LAG]] = a.lag_s[a.kind == Kind.LAG]
+    slope_C[a.of[a.kind == Kind.PLACE]] = a.row[a.kind == Kind.PLACE, :N]
     for nut, sweep in zip(plant.moving, stage.sweeps, strict=True):
         if sweep is None or sweep.speed_m_s == 0.0 or nut.index not in estimated:
             continue
-        slope_C = a.slope_C[:, :N]
         own = ripple(nut.table, sweep, plant.decay_1_s[:N], plant.rows.C[:s, :N], slope_C, lag_s)
         rows[:, :, n_x + estimated.index(nut.index)] = own.seen
         for q, (kind, of) in enumerate(zip(a.kind, a.of, strict=True)):
