@@ -5,7 +5,7 @@ Each is a small change θ of the configuration, and what it does is linear in θ
     dx/dt = … + c θ,  c = A x + B q + E z + f,        y_i = … + (C x + d) θ.
 
 Live filters, fixed gains, predictions within tolerances and `check` all take these arrays. All wander as
-first-order Markov processes about nothing, in ten days, so that none is ever known for good. What is
+first-order Markov processes about nothing, in a day, so that none is ever known for good. What is
 considered only (Schmidt 1966) keeps its value while its covariances are carried.
 """
 
@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from observer.frames import FloatArray
 
-WANDER_S = 10 * 86_400.0
-"""In what time a parameter becomes another one, as films, clamps and laws do."""
-REST_K = 0.3
+WANDER_S = 86_400.0
+"""In what time a parameter becomes another one, as films, clamps and laws do from day to day."""
+REST_K = 0.1
 """How far a screw is from one temperature, and that from the air's, after a night."""
 
 

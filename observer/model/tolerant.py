@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from observer.frames import FloatArray, Inputs
 from observer.model.learning import (
-    WANDER_S,
     Kind,
     LearningArrays,
     no_change,
@@ -25,6 +24,10 @@ from observer.model.learning import (
 from observer.model.plant import Plant
 from observer.model.simulate import SimulationState, simulate, start
 
+STAYS_S = 100 * 86_400.0
+"""For how long a machine stays the one it is within its tolerances. A filter forgets in a day, so that it is
+never too sure; here what appears overnight would then be taken for another machine within them.
+"""
 LAW_FOLLOWS_S = 3600.0
 """In what time the fast part of a law's scale becomes another one: running in, grease that warms."""
 LAW_SHARE = 0.3
@@ -84,7 +87,7 @@ class Tolerant:
         self._plant = plant
         self._theta = _parameters(plant)
         self._at = {kind: np.flatnonzero(self._theta.kind == kind) for kind in Kind}
-        self._fade_1_s = np.full(len(self._theta.kind), 1.0 / WANDER_S)
+        self._fade_1_s = np.full(len(self._theta.kind), 1.0 / STAYS_S)
         self._fade_1_s[len(self._fade_1_s) - int(plant.estimated.sum()) :] = 1.0 / LAW_FOLLOWS_S
         self._slack = np.eye(len(plant.decay_1_s)) if plant.coupling.active else None
 

@@ -25,7 +25,7 @@ from tests.discovery.cases import RIG
 TABLE = read_toml(RIG / "config.toml")
 AFTER = 5000
 """Steps of the rig's log, after which the heats are known to some 2 W of 14 to 42."""
-OFTEN_K = 0.35
+OFTEN_K = 0.3
 """How far two models may be apart in the field at one moment: a third of the largest σ here."""
 
 
