@@ -103,6 +103,11 @@ class Coupling(NamedTuple):
     fades: Fades
 
     @property
+    def lasting(self) -> bool:
+        """Whether anything couples the states for good, and not by the moment."""
+        return len(self.films.rate_1_s) + len(self.links.source) + len(self.lags.state) > 0
+
+    @property
     def states(self) -> int:
         """How many states the couplings add to the plant."""
         return self.nodes + len(self.lags.state)

@@ -53,8 +53,8 @@ def settled_inputs(plant: Plant) -> FloatArray:
 
 
 def design_step(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
-    """Return transition and noise (n, n) of [x | δ] for a design: with nodes and their links in place."""
-    return augmented_step(plant, step.dt_s) if plant.coupling.nodes else augmented(plant, step)
+    """Return transition and noise (n, n) of [x | δ] for a design: with what couples states for good."""
+    return augmented_step(plant, step.dt_s) if plant.coupling.lasting else augmented(plant, step)
 
 
 def augmented_step(plant: Plant, dt_s: float) -> tuple[FloatArray, FloatArray]:

@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from observer.effects.base import EffectTable
-from observer.effects.terms import Body, Lag, Radiation, SpeedLoss, StretchFilm
+from observer.effects.terms import Radiation, SpeedLoss, StretchFilm
 from observer.errors import ConfigError
-from observer.estimators import refuse_what_it_cannot_follow
 from observer.estimators.design.report import DesignReport, design_report
 from observer.installation import Installation
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
@@ -40,8 +38,6 @@ def findings(config: Installation) -> dict[str, Any]:
             f"model.modes = {config.model.modes}: an estimator is designed for {MOST_DESIGNED} modes at "
             "most; give fewer, or leave modes out"
         )
-    refuse_what_it_cannot_follow(build_plant(config), config.estimator)
-    asked, config = config, _without_states(config)
     plant = build_plant(config)
     design = design_report(plant, config.estimator)
     reached = sorted(design.poles_reached_1_s.tolist(), key=lambda p: (-p.real, p.imag))
@@ -70,10 +66,9 @@ def findings(config: Installation) -> dict[str, Any]:
         "nodes": _nodes(config),
         **tolerances(config),
         "warnings": [
-            *doubts(asked),
+            *doubts(config),
             *design.warnings,
             *_model_warnings(config, design),
-            *_state_warnings(asked),
         ],
     }
 
@@ -101,25 +96,6 @@ def _path_limit_rpm(config: Installation, source: Source) -> float:
     sample_s = config.estimator.period_s
     sample_s = config.sample_s.get(source.position_channel or "", sample_s)
     return 60.0 * (high_m - low_m) / ((source.lead_m or 1.0) * SAMPLES_PER_TRAVERSE * sample_s)
-
-
-def _adds_states(effect: EffectTable, config: Installation) -> bool:
-    return any(isinstance(term, Body | Lag) for term in effect.terms(config))
-
-
-def _without_states(config: Installation) -> Installation:
-    """The configuration without the effects that add states: designs know modes, lags and heats only."""
-    rest = tuple(e for e in config.effect if not _adds_states(e, config))
-    return config.model_copy(update={"effect": rest})
-
-
-def _state_warnings(config: Installation) -> list[str]:
-    kinds = dict.fromkeys(e.kind for e in config.effect if _adds_states(e, config))
-    return [
-        f'poles, gains and observability are those of the plant without the effect "{kind}", whose state '
-        "the Kalman filter follows; judge it by a replay"
-        for kind in kinds
-    ]
 
 
 def _model_warnings(config: Installation, design: DesignReport) -> list[str]:

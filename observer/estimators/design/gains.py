@@ -19,7 +19,8 @@ from scipy.optimize import linear_sum_assignment
 
 from observer.estimators.design.kim import gains_on_chain, gains_on_eigenvectors, kim_poles
 from observer.frames import BoolArray, FloatArray
-from observer.model.discretise import StepMatrices
+from observer.model.diagonal import diagonal
+from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import design_step
 from observer.model.plant import Plant
 
@@ -87,11 +88,12 @@ def everything(plant: Plant) -> BoolArray:
 
 
 def slow_pair(plant: Plant, step: StepMatrices, bandwidth_1_s: float) -> SlowPair:
-    """Split off the modes slower than the bandwidth, with the heats; lags always stay."""
+    """Split off the modes slower than the bandwidth, with the heats; the sources' lags always stay."""
     Ad, _ = design_step(plant, step)
     n_x = len(plant.decay_1_s)
     heats = np.arange(n_x, len(Ad))
-    mode = np.arange(n_x) < plant.modes
+    mode = np.ones(n_x, dtype=np.bool_)
+    mode[plant.lag_slice] = False
     slow = np.flatnonzero(mode & (plant.decay_1_s < bandwidth_1_s))
     fast = np.setdiff1d(np.arange(n_x), slow)
     V = Ad[np.ix_(fast, heats)] / (step.heat_decay - step.decay[fast, None])
@@ -133,6 +135,9 @@ def design_bandwidth(
 
     Source: Kautsky, Nichols and Van Dooren (1985); Tits and Yang (1996), as `scipy.signal.place_poles`.
     """
+    whole = diagonal(plant)
+    if whole.plant is not plant:
+        plant, step = whole.plant, step_matrices(whole.plant, step.dt_s)
     pair = slow_pair(plant, step, bandwidth_1_s)
     if not determinable(pair, present):
         return refusal(plant, present, "they cannot tell the heats apart from each other and from the field")
@@ -142,9 +147,11 @@ def design_bandwidth(
     except (ValueError, np.linalg.LinAlgError):
         return refusal(plant, present, "no gain places the poles")
     gain = _finish(plant, step, pair, K_slow, present, poles)
-    if isinstance(gain, LuenbergerGain) and not gain.pole_error <= POLE_TOLERANCE:
+    if isinstance(gain, Refusal):
+        return gain
+    if not gain.pole_error <= POLE_TOLERANCE:
         return refusal(plant, present, f"the poles reached are {gain.pole_error:.0%} off")
-    return gain
+    return gain._replace(K=whole.back(gain.K))
 
 
 def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> LuenbergerGain | Refusal:
@@ -153,6 +160,8 @@ def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> Luenberg
         return refusal(plant, present, "Kim's rule is for one sensor and one estimated heat")
     if not present[0]:
         return refusal(plant, present, "without the sensor there is nothing to correct by")
+    if plant.coupling.lasting:
+        return refusal(plant, present, "Kim's rule is for a screw by itself")
     pair = slow_pair(plant, step, np.inf)
     poles = kim_poles(plant.decay_1_s[: plant.modes], plant.diffusion_rate_1_s)
     return _finish(plant, step, pair, _single_output(pair, np.exp(poles * step.dt_s)), present, poles)

@@ -1,0 +1,91 @@
+"""Fixed gains where bodies, films and sensors that lag couple the states."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from observer.estimators import build_estimator
+from observer.estimators.design.gains import (
+    Refusal,
+    closed_loop,
+    design_bandwidth,
+    design_kim,
+    everything,
+    pole_error,
+    poles_of,
+)
+from observer.model.diagonal import APART, diagonal, own_modes
+from observer.model.discretise import step_matrices
+from observer.model.generator import generator
+from observer.tables.estimator import EstimatorSettings
+from tests.bits.cases import COUPLINGS, coupled
+from tests.estimators.test_specification import assert_same
+from tests.learning.cover import judged
+from tests.learning.housings import HOUSED_CONFIG, draw_housed
+from tests.learning.machines import config_of, day
+
+LASTING = ["films", "body_at_an_end", "body_at_the_nut", "lags", "everything"]
+BANDWIDTH_1_S = 0.004
+SEED = 55_000
+
+
+@pytest.mark.parametrize("effects", LASTING)
+def test_own_modes_are_those_of_the_generator(effects):
+    plant, _ = coupled(COUPLINGS[effects], 1)
+    V, rate_1_s = own_modes(plant)
+    A = generator(plant)
+    rebuilt = V @ np.diag(-rate_1_s) @ np.linalg.inv(V)
+    alike = len(plant.source_names) + len(plant.coupling.lags.state)
+    np.testing.assert_allclose(rebuilt, A, rtol=0, atol=1.01 * APART * alike * np.abs(A).max())
+    slow = np.sort(-np.linalg.eigvals(A).real)[:4]
+    np.testing.assert_allclose(np.sort(rate_1_s)[:4], slow, rtol=1e-2)
+    np.testing.assert_array_equal(np.diag(V), 1.0)
+
+
+def test_a_plant_of_which_nothing_couples_the_states_is_its_own():
+    plant, _ = coupled(COUPLINGS["speed_loss"], 1)
+    assert diagonal(plant).plant is plant
+
+
+@pytest.mark.parametrize("effects", LASTING)
+def test_poles_are_placed_where_bodies_are_tied(effects):
+    """On the whole coupled step, of which the design has taken out the field's own modes."""
+    plant, _ = coupled(COUPLINGS[effects], 1)
+    step = step_matrices(plant, 2.0)
+    gain = design_bandwidth(plant, step, everything(plant), BANDWIDTH_1_S)
+    assert not isinstance(gain, Refusal), gain
+    reached = poles_of(closed_loop(plant, step, gain.K), step.dt_s)
+    assert pole_error(gain.poles_requested_1_s, reached[: len(gain.poles_requested_1_s)]) < 0.01
+
+
+def test_kims_rule_is_for_a_screw_by_itself():
+    plant, _ = coupled(COUPLINGS["body_at_an_end"], 1)
+    rows = np.ones(1, dtype=bool)
+    found = design_kim(plant, step_matrices(plant, 2.0), rows)
+    assert isinstance(found, Refusal)
+
+
+@pytest.mark.parametrize("effects", LASTING)
+@pytest.mark.parametrize(
+    "how", [{"kind": "luenberger", "bandwidth_1_s": BANDWIDTH_1_S}, {"engine": "constant"}]
+)
+def test_the_observer_takes_the_specified_steps(effects, how):
+    plant, u = coupled(COUPLINGS[effects], 12)
+    u.dt_s[1:], u.usable[:], u.quality[:] = 2.0, True, 0
+    u.y_degC[0], u.y_degC[1:] = 20.0, np.nan_to_num(u.y_degC[1:], nan=20.0)
+    estimator = build_estimator(plant, EstimatorSettings(period_s=2.0, gate_sigma=1e9, **how))
+    gain = estimator._bank.gains.K[0] if how.get("kind") == "luenberger" else None
+    assert_same(plant, u, estimator, gain=gain)
+
+
+@pytest.mark.parametrize("kind", ['kind = "luenberger"', 'engine = "constant"'])
+def test_heats_of_machines_with_housings_are_covered(kind):
+    """Machines of the independent truth, off within their tolerances; sensors on housings and nut only."""
+    for number in range(2):
+        machine = draw_housed(SEED + number, number, 0.0)
+        one = day(machine, SEED + number, number, "abc"[number], warm=number == 1)
+        found = judged(config_of(f"{HOUSED_CONFIG}[estimator]\n{kind}\n"), one)
+        for quantity, (_, covered, sigma) in found.items():
+            assert covered > 0.9, (number, quantity)
+            assert sigma < {"heats": 6.0, "nut": 9.0, "field": 1.5, "error": 8.0}[quantity]
