@@ -41,7 +41,9 @@ class Told(NamedTuple):
 def told(plant: Plant, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock) -> Told | None:
     """What is known after a step with these inputs and this estimate, None where that is nothing."""
     heats, lags = plant.layout.sources, plant.source_names
-    value = np.concatenate([estimate.field_degC[-1], estimate.heat_W[-1], state.x_hat[plant.lag_slice]])
+    value = np.concatenate(
+        [estimate.field_degC[-1], estimate.heat_W[-1], plant.lag_rows @ state.x_hat[: len(plant.decay_1_s)]]
+    )
     if not (state.started and np.isfinite(value).all() and np.isfinite(state.P).all()):
         return None
     H = _rows(plant, inputs, estimate.law_W[-1], heats, lags)
@@ -94,7 +96,7 @@ def _rows(
             kind, of = plant.learning.arrays.kind, plant.learning.arrays.of
             H[row, own + np.flatnonzero((kind == Kind.LAW) & (of == j))] = law_W[j]
     for row, name in enumerate(lags, len(C) + len(heats)):
-        H[row, plant.modes + plant.source_names.index(name)] = 1.0
+        H[row, :n_x] = plant.lag_rows[plant.source_names.index(name)]
     return H
 
 

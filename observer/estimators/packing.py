@@ -26,9 +26,10 @@ class PlantArrays(NamedTuple):
     """A plant for the kernels; input columns are stored as rows, which the inner loops walk.
 
     `B` (m, n_x), `E` (p, n_x); `C` (s, n_x), `F` (s, p) the sensors' rows, and as padded columns those that
-    are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `prior_P` (n_x, n_x),
-    `initial_W2`, `law_uncertainty` (m_e,); `source` (m_e,) the source of each estimated heat; `moving` (M,)
-    the source of each moving column and `moving_heat` (M,) its estimated heat, -1 if it is not estimated.
+    are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `lags` (m, n_x) each
+    source's lag at 1 W, `prior_P` (n_x, n_x), `initial_W2`, `law_uncertainty` (m_e,); `source` (m_e,) the
+    source of each estimated heat; `moving` (M,) the source of each moving column and `moving_heat` (M,) its
+    estimated heat, -1 if it is not estimated.
     """
 
     modes: int
@@ -40,6 +41,7 @@ class PlantArrays(NamedTuple):
     rows_F: FloatArray
     R_K2: FloatArray
     uniform: FloatArray
+    lags: FloatArray
     prior_P: FloatArray
     initial_W2: FloatArray
     law_uncertainty: FloatArray
@@ -66,7 +68,8 @@ class Running(NamedTuple):
 class Work(NamedTuple):
     """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
     at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
-    coupling began from, `none` (n_x, 0), `sweep` as in `advance`, and the arrays of one step. `C` has the
+    coupling began from, `none` (n_x, 0), `link` (2, n_x) of a link, `sweep` as in `advance`, `plain` and
+    `plain_B` a state and the columns where parameters are described, and the arrays of one step. `C` has the
     columns of all states where something is learnt, and of the plant's where not.
     """
 
@@ -82,6 +85,7 @@ class Work(NamedTuple):
     was: FloatArray
     before: FloatArray
     none: FloatArray
+    link: FloatArray
     sweep: FloatArray
     G: FloatArray
     H: FloatArray
@@ -101,6 +105,8 @@ class Work(NamedTuple):
     suspect: FloatArray
     A: FloatArray
     before_around: FloatArray
+    plain: FloatArray
+    plain_B: FloatArray
     kept: FloatArray
 
 
@@ -146,6 +152,7 @@ def pack_plant(plant: Plant) -> PlantArrays:
         pad_rows(plant.rows.F[s:].T, reported),
         contiguous(plant.noise_R_K2),
         contiguous(plant.uniform),
+        contiguous(plant.lags),
         contiguous(0.5 * (plant.prior_P + plant.prior_P.T)),
         contiguous(plant.initial_sigma_W**2),
         contiguous(plant.law_uncertainty),
@@ -218,6 +225,7 @@ def scratch(arrays: PlantArrays) -> Work:
         was=np.zeros((n, width)),
         before=np.zeros((2, n_x)),
         none=np.zeros((n_x, 0)),
+        link=np.zeros((2, n_x)),
         sweep=np.zeros((0, 0, 0, 0)),
         G=np.zeros((columns, width)),
         H=np.zeros((columns, width)),
@@ -237,6 +245,8 @@ def scratch(arrays: PlantArrays) -> Work:
         suspect=np.zeros(s),
         A=np.zeros((n, width)),
         before_around=np.zeros(n_x + m_e),
+        plain=np.zeros(n_x + m_e),
+        plain_B=np.zeros_like(arrays.B),
         kept=np.zeros((len(learn.held), len(learn.held) + 1)),
     )
 

@@ -151,6 +151,17 @@ def _half(
     if plant.coupling.active:
         M, b = np.empty((n_x, n_x)), np.empty(n_x)
         rows = np.ascontiguousarray(B.T)
-        coupled(plant.coupling, u.loss_1_s[k], u.loss_degC[k], z, rows, 0.5 * u.dt_s[k], x, M, b)
+        coupled(
+            plant.coupling,
+            u.loss_1_s[k],
+            u.loss_degC[k],
+            z,
+            rows,
+            0.5 * u.dt_s[k],
+            x,
+            M,
+            b,
+            np.empty((2, n_x)),
+        )
         T[:n_x, :n_x], shift[:n_x] = M, b
     return T, shift

@@ -174,12 +174,13 @@ class Forward:
 
     def _with_tables(self, plant: Plant) -> Plant:
         """The plant with the first one's tables: what the dropped modes add goes with 1/kA, not the film."""
-        lagging = ~plant.rows.C[:, : plant.modes].any(axis=1)
         moving = []
         for m, first in zip(plant.moving, self._tables, strict=True):
             ratio = first.conductance_W_m / m.table.conductance_W_m
             table_C, mean_C = first.table_C * ratio, first.mean_C * ratio
-            table_C[:, lagging], mean_C[lagging] = 0.0, 0.0
+            own = m.table  # what is the same wherever the nut is, as of sensors that lag, stays as it is
+            same = (own.table_C == own.mean_C).all(axis=0)
+            table_C[:, same], mean_C[same] = own.mean_C[same], own.mean_C[same]
             moving.append(m.with_table(table_C=table_C, mean_C=mean_C))
         return replace(plant, moving=tuple(moving))
 
@@ -261,10 +262,8 @@ class Setting(NamedTuple):
 def _told(plant: Plant) -> Plant:
     """The plant without what it holds of the sweeps of nuts that move, since these are known."""
     c = plant.coupling
-    kept = ~np.isin(c.spreads.source, [m.index for m in plant.moving])
-    s = c.spreads._replace(
-        source=c.spreads.source[kept], rate_1_s=c.spreads.rate_1_s[kept], shape=c.spreads.shape[kept]
-    )
+    s, none = c.spreads, np.zeros(0, dtype=np.int64)
+    s = s._replace(source=none, rate_1_s=s.rate_1_s[:0], row=s.row[:0], into=s.into[:0])
     return replace(plant, coupling=c._replace(spreads=s))
 
 

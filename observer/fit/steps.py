@@ -155,6 +155,8 @@ class SteppedRun:
                 ends_B = self._columns(plant, i, at_ends=True)[0]
                 B[:, i, : plant.modes] += source.ends_fraction * (ends_B - B[:, i, : plant.modes])
                 C[:, i] += source.ends_fraction * (self._lag_rows(source, i, at_ends=True) - C[:, i])
+            if len(source.table.turn):
+                B[:, i] = B[:, i] @ source.table.turn.T
         unread = np.zeros((T, 0))
         return Inputs(
             time_s=self._ends_s,
@@ -182,7 +184,7 @@ class SteppedRun:
         out = np.zeros((len(inputs), len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
             early_s = self._columns(plant, i)[1] * (1 - source.ends_fraction)
-            out += inputs.law_W[:, source.index, None] * (early_s @ plant.rows.C[:, : plant.modes].T)
+            out += inputs.law_W[:, source.index, None] * (plant.of_screw(early_s) @ plant.rows.C.T)
         return out
 
     def sweep(self, plant: Plant) -> FloatArray | None:

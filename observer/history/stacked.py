@@ -203,8 +203,7 @@ def start_mean(plant: Plant, inputs: Inputs, usable: BoolArray) -> FloatArray:
     A screw of one temperature, the median of the usable sensors (s,), its lags at rest under their laws.
     """
     s = plant.rows.sensors
-    x = np.zeros(len(plant.decay_1_s))
-    x[plant.lag_slice] = inputs.law_W[0]
+    x = inputs.law_W[0] @ plant.lags
     C = plant.rows.C[:s]
     y = inputs.y_degC[0] - plant.rows.F[:s] @ inputs.z_end[0]
     seen = C @ plant.uniform

@@ -99,7 +99,7 @@ def couple_half(p, u, k, z, B, x, half, work):
     if half == 1:
         for i in range(known - 1, -1, -1):
             swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, -1)
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, work.none, x)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, work.none, x, work.link)
     if half == 0:
         for i in range(known):
             swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, 1)
@@ -112,11 +112,11 @@ def couple_covariance(p, u, k, z, B, half, P, work):
     """
     n, n_x = P.shape[0], work.before.shape[1]
     rows, was = P[:n_x], work.before[half]
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift, work.link)
     for a in range(n):
         for b in range(a):
             P[a, b], P[b, a] = P[b, a], P[a, b]
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift, work.link)
     for a in range(n):
         for b in range(a):
             P[b, a] = P[a, b]

@@ -57,6 +57,7 @@ def allow(a, t, d, u, k):
             before[0],
             S[:n_x],
             a.work.shift,
+            a.work.link,
         )
     for b in range(n_x):
         for r in range(S.shape[1]):
@@ -82,6 +83,7 @@ def allow(a, t, d, u, k):
             before[1],
             S[:n_x],
             a.work.shift,
+            a.work.link,
         )
 
 

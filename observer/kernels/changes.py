@@ -76,7 +76,7 @@ def step_changes(p, t, d, B, X):
 def couple_changes(p, u, k, z, x, X, work):
     """What half a coupling, taken at the state x, does to every column."""
     half_s, n_x = 0.5 * u.dt_s[k], work.B.shape[1]
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, X[:n_x], work.shift)
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, X[:n_x], work.shift, work.link)
 
 
 def changes_backward(p, t, u, step, tape, work, R, told, heat):
@@ -119,7 +119,7 @@ def couple_changes_back(p, u, k, z, x, R, work):
     """R ← Tᵀ R for the states, column by column, T what half a coupling does at the state x."""
     M, was = work.couple, work.half
     n_x, half_s = M.shape[0], 0.5 * u.dt_s[k]
-    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, M, work.shift)
+    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, M, work.shift, work.link)
     for q in range(R.shape[1]):
         for i in range(n_x):
             was[i] = R[i, q]

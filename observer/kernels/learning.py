@@ -30,15 +30,40 @@ def follow(p, t, d, u, k, B, C, around, x, work):
     for a in range(n_x + m_e):
         before[a] = around[a]
     advance_learning(p, t, d, u, k, B, around, 0, work)
+    if len(p.learn.V) > 0:
+        bring(p, B, before, work)
     for i in range(machine):
         row = m_e + i
         for a in range(work.G.shape[1]):
             work.G[row, a] = 0.0
-        drive(p, u, k, B, i, before, work, work.G[row])
+        if len(p.learn.V) > 0:
+            drive(p, u, k, work.plain_B, i, work.plain, work, work.shift)
+            multiply(p.learn.inverse, work.shift, work.G[row])
+        else:
+            drive(p, u, k, B, i, before, work, work.G[row])
         for a in range(n_x):
             work.G[row, a] *= t.hold[d, a]
             around[a] += work.G[row, a] * x[n_x + row]
     see(p, u, k, u.dt_s[k], C, around)
+
+
+def bring(p, B, before, work):
+    """Take columns and a state of [ξ | δ] to the states x = V ξ in which parameters are described."""
+    n_x = B.shape[1]
+    for j in range(B.shape[0]):
+        multiply(p.learn.V, B[j], work.plain_B[j])
+    multiply(p.learn.V, before, work.plain)
+    for j in range(len(p.source)):
+        work.plain[n_x + j] = before[n_x + j]
+
+
+def multiply(V, x, y):
+    """y = V x over the columns of V (n_x, n_x)."""
+    for a in range(V.shape[0]):
+        total = 0.0
+        for b in range(V.shape[1]):
+            total += V[a, b] * x[b]
+        y[a] = total
 
 
 def drive(p, u, k, B, i, x, work, c):
@@ -88,7 +113,7 @@ def see(p, u, k, dt_s, C, around):
                 )
             around[first + i] = now_degC
             entry += (around[slow] - now_degC) / lag_s
-        for a in range(p.modes):
+        for a in range(len(p.uniform)):
             entry += p.learn.row[q, a] * around[a]
         C[i, first + q] = entry
 

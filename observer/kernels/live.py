@@ -37,5 +37,5 @@ def average_on(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
         desk.scalars, desk.weight_s, desk.B, desk.C, desk.sum_B, desk.sum_C, dt_s, sample_s, sample_m, offset,
         driven_m_s, desk.out_B, desk.out_C, nut.mu_1_m, nut.phase, nut.scale, nut.conductance_W_m, nut.nut_m,
         nut.screw_m, nut.stroke_m, nut.lag, nut.lag_decay_1_s, nut.table_C, nut.mean_B, nut.mean_C,
-        desk.step_B, desk.step_C,
+        nut.turn, desk.step_B, desk.step_C,
     )  # fmt: skip

@@ -9,7 +9,8 @@ from observer.kernels.path import MEMORY_S, on_the_way, take_sample
 
 def average_columns(
     scalars, weight_s, B, C, sum_B, sum_C, dt_s, sample_s, sample_m, offset, driven_m_s, out_B, out_C,
-    mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C, mean_B, mean_C, step_B, step_C,
+    mu, phase, scale, kA, nut_m, screw_m, stroke_m, lag, lag_decay, table_C, mean_B, mean_C, turn, step_B,
+    step_C,
 ):  # fmt: skip
     """Advance the averaged columns B, C through K steps; `scalars` are those of `PathState`, in its order;
     `step_B`, `step_C` are scratch.
@@ -64,6 +65,10 @@ def average_columns(
         B[lag] = lag_decay
         for n in range(len(B)):
             out_B[k, n] = B[n]
+            if len(turn) > 0:
+                out_B[k, n] = 0.0
+                for i in range(len(B)):
+                    out_B[k, n] += turn[n, i] * B[i]
         for r in range(len(C)):
             out_C[k, r] = C[r]
 

@@ -2,12 +2,6 @@ cdef class Record:
     pass
 
 
-cdef class Films(Record):
-    cdef public double[::1] rate_1_s
-    cdef public double[:, ::1] shape
-    cdef public double[::1] ambient
-
-
 cdef class Links(Record):
     cdef public Py_ssize_t[::1] source
     cdef public double[::1] conductance_W_K
@@ -18,16 +12,10 @@ cdef class Links(Record):
 cdef class Spreads(Record):
     cdef public Py_ssize_t[::1] source
     cdef public double[::1] rate_1_s
-    cdef public double[:, ::1] shape
+    cdef public double[:, ::1] row
+    cdef public double[:, ::1] into
     cdef public double[::1] swept
     cdef public double[::1] at_rest
-
-
-cdef class SensorLags(Record):
-    cdef public Py_ssize_t[::1] state
-    cdef public double[::1] rate_1_s
-    cdef public double[:, ::1] C
-    cdef public double[:, ::1] F
 
 
 cdef class Fades(Record):
@@ -39,8 +27,6 @@ cdef class Coupling(Record):
     cdef public bint active
     cdef public Py_ssize_t ambient
     cdef public Py_ssize_t modes
-    cdef public Py_ssize_t screw
-    cdef public Py_ssize_t nodes
     cdef public double conductance_W_m
     cdef public double[::1] place_gain
     cdef public double[:, ::1] under_C
@@ -50,10 +36,11 @@ cdef class Coupling(Record):
     cdef public double square
     cdef public double radiation
     cdef public double zero_degC_K
-    cdef public Films films
+    cdef public double[:, ::1] metric
+    cdef public double[:, ::1] beside
+    cdef public double[:, ::1] beside_into
     cdef public Links links
     cdef public Spreads spreads
-    cdef public SensorLags lags
     cdef public Fades fades
 
 
@@ -76,6 +63,8 @@ cdef class LearningArrays(Record):
     cdef public Py_ssize_t ambient
     cdef public Py_ssize_t rests
     cdef public double[:, ::1] rest_P
+    cdef public double[:, ::1] V
+    cdef public double[:, ::1] inverse
 
 
 cdef class AdvancePlant(Record):
@@ -94,6 +83,7 @@ cdef class PlantArrays(AdvancePlant):
     cdef public double[:, ::1] rows_F
     cdef public double[::1] R_K2
     cdef public double[::1] uniform
+    cdef public double[:, ::1] lags
     cdef public double[:, ::1] prior_P
     cdef public double[::1] initial_W2
     cdef public double[::1] law_uncertainty
@@ -120,10 +110,13 @@ cdef class AdvanceWork(Record):
     cdef public double[::1] driven
     cdef public double[:, ::1] before
     cdef public double[:, ::1] none
+    cdef public double[:, ::1] link
     cdef public double[:, :, :, ::1] sweep
 
 
 cdef class Work(AdvanceWork):
+    cdef public double[::1] plain
+    cdef public double[:, ::1] plain_B
     cdef public double[:, ::1] B
     cdef public double[:, ::1] C
     cdef public double[:, ::1] rows
@@ -391,6 +384,7 @@ cdef class NutTable(Record):
     cdef public double[:, ::1] table_C
     cdef public double[::1] mean_B
     cdef public double[::1] mean_C
+    cdef public double[:, ::1] turn
 
 
 cdef class NutDesk(Record):

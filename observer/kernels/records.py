@@ -18,20 +18,12 @@ class Record:
             setattr(self, name, value)
 
 
-class Films(Record):
-    """Films."""
-
-
 class Links(Record):
     """Links."""
 
 
 class Spreads(Record):
     """Spreads."""
-
-
-class SensorLags(Record):
-    """Sensor lags."""
 
 
 class Fades(Record):

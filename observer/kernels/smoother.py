@@ -168,7 +168,7 @@ def couple_back(p, u, k, z, B, x, r, N, work):
     """Take r and N back through half a coupling: r ← Tᵀ r, N ← Tᵀ N T with T = [[M, 0], [0, I]]."""
     M, was = work.couple, work.was
     n_x, n = M.shape[0], N.shape[0]
-    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], x, M, work.shift)
+    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], x, M, work.shift, work.link)
     for a in range(n_x):
         work.shift[a] = r[a]
         r[a] = 0.0

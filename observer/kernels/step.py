@@ -166,7 +166,8 @@ def start(p, C, u, k, usable, x, P, levels):
     for a in range(len(x)):
         x[a] = 0.0
     for j in range(u.law_W.shape[1]):
-        x[p.modes + j] = u.law_W[k, j]
+        for a in range(n_x):
+            x[a] += u.law_W[k, j] * p.lags[j, a]
     count = 0
     for i in range(len(usable)):
         if usable[i]:

@@ -12,6 +12,7 @@ from observer.config import Config
 from observer.effects.terms import COUPLING_TERMS, Offset, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
+from observer.model.basis import diagonalised
 from observer.model.couple import with_coupling
 from observer.model.learn import with_learning
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
@@ -42,11 +43,13 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
     machine = realise(config)
     full = full_model(machine.config, machine.terms)
     reduced = reduce(full, keep_modes(machine.config, full.modes), nut_places)
-    plant, modes = reduced.plant, reduced.modes
+    plant, modes, constant = reduced.plant, reduced.modes, None
     if machine.config.node or any(isinstance(t, COUPLING_TERMS) for t in machine.terms):
         sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
-        plant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W)
-    return with_learning(plant, machine.config, modes) if learns else plant
+        plant, constant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W)
+    if learns:
+        plant = with_learning(plant, machine.config, modes)
+    return plant if constant is None else diagonalised(plant, constant)
 
 
 def full_model(config: Config, terms: Sequence[Term]) -> FullModel:

@@ -1,4 +1,8 @@
-"""Extend a plant by what couples its states: nodes and lagging sensors get states of their own."""
+"""Extend a plant by what couples its states: nodes and lagging sensors get states of their own.
+
+What lasts (links at fixed places, films along stretches, sensors that lag) becomes part of the generator
+(`basis`); what goes with the moment is taken step by step (`coupling`).
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.effects.terms import Fade, Lag, Radiation, StretchFilm, Term
+from observer.effects.terms import Fade, Lag, Radiation, SpeedLoss, StretchFilm, Term
 from observer.frames import FloatArray
 from observer.kernels.layout import packed
-from observer.model.coupling import Fades, Films, Links, SensorLags, no_coupling
+from observer.model.basis import Constant
+from observer.model.coupling import Fades, Links, no_coupling
 from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
 from observer.model.network.attach import Attached, attached, past_covariance
 from observer.model.network.network import NodeModes, node_modes
-from observer.model.network.sweep import spreads
+from observer.model.network.sweep import shapes_of_strokes, spreads
 from observer.model.plant import LEFT, RIGHT, Plant
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch
@@ -30,14 +35,12 @@ from observer.model.rod.truncation import contributions
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description, Screw
 
-NEGLIGIBLE = 1e-9
-"""Rate of a film's shape against the largest, below which it is left out."""
-
 
 def with_coupling(
     plant: Plant, modes: Modes, machine: Description, terms: Sequence[Term], sigma_W: FloatArray
-) -> Plant:
-    """Return the plant with the nodes beside it and the couplings of `terms`; other kinds are passed over.
+) -> tuple[Plant, Constant]:
+    """Return the plant with the nodes beside it and what couples it by the moment, and what lasts of `terms`;
+    other kinds are passed over.
 
     New states come after the lags of the sources: the amplitudes of the nodes' own modes (a node that
     touches the screw only is its own, in °C), then one per lagging sensor, in °C. `sigma_W` (m,) is how large
@@ -53,27 +56,38 @@ def with_coupling(
     plant = reading_nodes(plant, machine, beside, own, screw)
     plant, lags = _with_lags(plant, terms)
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
+    moving = [s.index for s in plant.moving]
+    seen = wide(places, n_x)
+    constant = _sum(
+        _films(plant, modes, terms, surface_rate(machine.screw)),
+        *(
+            _link(plant, G, seen[source], under_F[source], *_passed(plant, own, gain, screw, node, source))
+            for node, source, G in beside.ties
+            if source not in moving
+        ),
+        _strokes(plant, modes, machine, beside, moving),
+        lags,
+    )
+    links = _links(plant, beside, own, gain, screw, moving)
     emissivity = sum(t.emissivity for t in terms if isinstance(t, Radiation))
+    fades = _fades(plant, terms)
+    by_moment = len(links.source) > 0 or emissivity > 0.0 or fades.per_K.any()
     coupling = no_coupling(n_x, m, p, plant.modes)._replace(
-        active=1,
+        active=int(by_moment or any(isinstance(t, SpeedLoss) for t in terms)),
         ambient=plant.known.ambient,
         conductance_W_m=modes.rod.conductance_W_m,
+        place_gain=gain,
         under_C=wide(under_C, n_x),
         under_F=under_F,
         uniform=padded(plant.uniform[: plant.modes], n_x),
         mean=padded(_mean(modes, screw), n_x),
         square=modes.rod.diffusivity_m2_s / modes.rod.length_m,
         radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
-        screw=screw,
-        nodes=len(beside.names),
-        place_gain=gain,
-        films=_films(modes, terms, surface_rate(machine.screw)),
-        links=_links(beside, own, screw, n_x),
-        spreads=spreads(modes, machine, beside),
-        lags=lags,
-        fades=_fades(plant, terms),
+        links=links,
+        spreads=spreads(modes, machine, beside, moving),
+        fades=fades,
     )
-    return replace(plant, coupling=packed(coupling))
+    return replace(plant, coupling=packed(coupling)), constant
 
 
 def _watched(plant: Plant, beside: Attached, terms: Sequence[Term]) -> set[int]:
@@ -88,28 +102,86 @@ def _place_gain(machine: Description) -> FloatArray:
     return np.where(share > 0, 1.0 / np.where(share > 0, share, 1.0), 0.0)
 
 
-def _links(beside: Attached, own: NodeModes, screw: int, n_x: int) -> Links:
-    """The links between nodes and the screw."""
-    tied = [node for node, _, _ in beside.ties]
-    before = np.zeros((len(tied), screw))
-    return Links(
-        source=np.array([source for _, source, _ in beside.ties], dtype=np.int64),
-        conductance_W_K=np.array([G for _, _, G in beside.ties]),
-        C=wide(np.hstack([before, own.shape[tied]]), n_x),
-        B=wide(np.hstack([before, own.input[:, tied].T]), n_x),
+def _sum(*parts: Constant) -> Constant:
+    """All that lasts, together."""
+    return Constant(
+        np.sum([c.A for c in parts], axis=0),
+        np.sum([c.E for c in parts], axis=0),
+        tuple(state for c in parts for state in c.follow),
     )
 
 
-def _with_lags(plant: Plant, terms: Sequence[Term]) -> tuple[Plant, SensorLags]:
+def _nothing(plant: Plant) -> Constant:
+    n_x = len(plant.decay_1_s)
+    return Constant(np.zeros((n_x, n_x)), np.zeros((n_x, len(plant.known_names))))
+
+
+def _passed(
+    plant: Plant, own: NodeModes, gain: FloatArray, screw: int, node: int, source: int
+) -> tuple[FloatArray, FloatArray]:
+    """The row (n_x,) that reads a node, and what 1 J that it passes to the screw at a source does, (n_x,)."""
+    n_x, nodes = len(plant.decay_1_s), slice(screw, screw + len(own.shape))
+    row, passed = np.zeros(n_x), np.zeros(n_x)
+    row[nodes], passed[nodes] = own.shape[node], -own.input[:, node]
+    passed[:screw] = gain[source] * plant.B[:screw, source]
+    return row, passed
+
+
+def _link(
+    plant: Plant, G_W_K: float, seen: FloatArray, seen_F: FloatArray, row: FloatArray, passed: FloatArray
+) -> Constant:
+    """A link at a fixed place, of which the temperature is `seen` (n_x,) of the states and `seen_F` (p,) of
+    the known inputs: the node gives G (T_node − T) to the screw.
+    """
+    none = _nothing(plant)
+    return Constant(
+        none.A + G_W_K * np.multiply.outer(passed, row - seen),
+        none.E - G_W_K * np.multiply.outer(passed, seen_F),
+    )
+
+
+def _links(
+    plant: Plant, beside: Attached, own: NodeModes, gain: FloatArray, screw: int, moving: Sequence[int]
+) -> Links:
+    """The links between nodes and nuts that move."""
+    ties = [tie for tie in beside.ties if tie[1] in moving]
+    C, B = np.zeros((len(ties), len(plant.decay_1_s))), np.zeros((len(ties), len(plant.decay_1_s)))
+    for i, (node, source, _) in enumerate(ties):
+        C[i], passed = _passed(plant, own, gain, screw, node, source)
+        B[i] = gain[source] * plant.B[:, source] - passed
+    return Links(
+        source=np.array([source for _, source, _ in ties], dtype=np.int64),
+        conductance_W_K=np.array([G for _, _, G in ties]),
+        C=C,
+        B=B,
+    )
+
+
+def _strokes(
+    plant: Plant, modes: Modes, machine: Description, beside: Attached, moving: Sequence[int]
+) -> Constant:
+    """What nuts of which nobody knows the place exchange with their nodes on top of the mean."""
+    none, N = _nothing(plant), plant.modes
+    for shapes in shapes_of_strokes(modes, machine, beside):
+        if shapes.source not in moving:
+            none.A[:N, :N] -= (shapes.shape.T * shapes.rate_1_s) @ shapes.shape
+    return none
+
+
+def _with_lags(plant: Plant, terms: Sequence[Term]) -> tuple[Plant, Constant]:
     """The plant with a state for each lagging sensor, and what these follow."""
     lags = [t for t in terms if isinstance(t, Lag) and t.time_constant_s > 0]
     sensors = [plant.layout.sensors.index(t.sensor) for t in lags]
     lag_C, lag_F = plant.rows.C[sensors], np.where(plant.known.offset, 0.0, plant.rows.F[sensors])
     states = lag_states(lag_C, len(plant.source_names), len(plant.known_names))
     plant = lagging(extended(plant, states), sensors)
-    n_x = len(plant.decay_1_s)
-    rate_1_s = np.array([1 / t.time_constant_s for t in lags])
-    return plant, SensorLags(np.arange(n_x - len(lags), n_x), rate_1_s, wide(lag_C, n_x), lag_F)
+    n_x, constant = len(plant.decay_1_s), _nothing(plant)
+    follow = range(n_x - len(lags), n_x)
+    for state, lag, C, F in zip(follow, lags, lag_C, lag_F, strict=True):
+        constant.A[state, : len(C)] = C / lag.time_constant_s
+        constant.A[state, state] = -1.0 / lag.time_constant_s
+        constant.E[state] = F / lag.time_constant_s
+    return plant, constant._replace(follow=tuple(follow))
 
 
 def _fades(plant: Plant, terms: Sequence[Term]) -> Fades:
@@ -174,24 +246,15 @@ def _inside(modes: Modes, own: Stretch, kinks: Sequence[Stretch]) -> tuple[Float
     return nodes, weights / own.width_m
 
 
-def _films(modes: Modes, terms: Sequence[Term], rate: float) -> Films:
-    """The films along stretches.
-
-    The rates are the eigenvalues of Σ extra P/(ρcA) · (1/α) ∫ θ_i θ_j dx over the stretches.
-    """
-    films = [t for t in terms if isinstance(t, StretchFilm)]
-    N = len(modes)
-    if not films:
-        return Films(np.zeros(0), np.zeros((0, N)), np.zeros(0))
-    matrix, ambient = np.zeros((N, N)), np.zeros(N)
-    for film in films:
+def _films(plant: Plant, modes: Modes, terms: Sequence[Term], rate: float) -> Constant:
+    """The films along stretches: Σ extra P/(ρcA) · (1/α) ∫ θ_i θ_j dx over the stretches."""
+    none, N, air = _nothing(plant), plant.modes, plant.known.ambient
+    for film in (t for t in terms if isinstance(t, StretchFilm)):
         nodes, weights = quadrature(modes.rod.length_m, [film.from_m, film.to_m])
         inside = (nodes >= film.from_m) & (nodes <= film.to_m)
         theta = modes.theta(nodes[inside])
         scale = film.extra_W_m2K * rate / modes.rod.diffusivity_m2_s
         weighed = theta * (scale * weights[inside])[:, None]
-        matrix += weighed.T @ theta
-        ambient += weighed.sum(axis=0)
-    rates, shapes = np.linalg.eigh(matrix)
-    felt = np.abs(rates) > NEGLIGIBLE * np.abs(rates).max()
-    return Films(rates[felt], shapes[:, felt].T, ambient)
+        none.A[:N, :N] -= weighed.T @ theta
+        none.E[:N, air] += weighed.sum(axis=0)
+    return none

@@ -57,6 +57,8 @@ def with_learning(plant: Plant, config: Config, modes: Modes) -> Plant:
         ambient=plant.known.ambient,
         rests=int(plant.known.left_end is None and plant.known.right_end is None),
         rest_P=REST_K**2 / config.estimator.initial_sigma_K**2 * plant.smooth_P,
+        V=np.zeros((0, 0)),
+        inverse=np.zeros((0, 0)),
     )
     told = [known[i] for i in learnt]
     learning = Learning(

@@ -68,7 +68,9 @@ class LearningArrays(NamedTuple):
     `kind` (L,) of each; `of` (L,) which end, estimated heat or sensor it is of; `sigma` (L,) its prior, in
     the unit of the state: relative to its value, or in K, W/K, m, s; `held` (h,) which are considered only;
     then what each does, as in `Change`, (L, …). `ambient` is the column of z; `rest_P` (n_x, n_x), K², how
-    far a screw is from the air's temperature after a night, where `rests` is 1.
+    far a screw is from the air's temperature after a night, where `rests` is 1. What those of the
+    machine do is described on the states x = `V` ξ of a plant in another basis, with `inverse`; both are
+    empty where ξ is x.
     """
 
     machine: int
@@ -89,6 +91,8 @@ class LearningArrays(NamedTuple):
     ambient: int
     rests: int
     rest_P: FloatArray
+    V: FloatArray
+    inverse: FloatArray
 
     def drives(
         self, x: FloatArray, B: FloatArray, law_W: FloatArray, heat_W: FloatArray, z: FloatArray
@@ -96,16 +100,20 @@ class LearningArrays(NamedTuple):
         """Return c (n_x, L) at a state x (n_x,), with input columns B (n_x, m), the heats by their laws and
         as they are (m,), and known inputs z (p,).
         """
+        turned = len(self.V) > 0
+        if turned:
+            x, B = self.V @ x, self.V @ B
         tied, driven = self.seen @ x, B @ heat_W
         c = self.rate_1_s * x + self.into * tied[:, None] + self.heats * driven
         c += np.einsum("ipa,p->ia", self.known, z) + self.steady
         by_law = self.law >= 0
         c[by_law] += (B * law_W).T[self.law[by_law]]
-        return np.asarray(c.T)
+        return np.asarray(self.inverse @ c.T if turned else c.T)
 
     def feedback(self, theta: FloatArray) -> FloatArray:
         """Return ∂(c θ)/∂x (n_x, n_x) at parameters θ (L,)."""
-        return np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.seen
+        A = np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.seen
+        return self.inverse @ A @ self.V if len(self.V) else A
 
     def entries(self, x: FloatArray) -> FloatArray:
         """Return C x + d (L,) at a state; lags are not told by a state alone, and are 0 here."""
@@ -162,5 +170,5 @@ def nothing_learnt(n_x: int, known: int) -> LearningArrays:
     none = np.zeros(0, np.int64)
     return LearningArrays(
         machine=0, kind=none, of=none, sigma=np.zeros(0), held=none, ambient=0, rests=0,
-        rest_P=np.zeros((n_x, n_x)), **stacked([], n_x, known),
+        rest_P=np.zeros((n_x, n_x)), V=np.zeros((0, 0)), inverse=np.zeros((0, 0)), **stacked([], n_x, known),
     )  # fmt: skip

@@ -49,6 +49,16 @@ class KnownColumns(NamedTuple):
         return cls(at[AMBIENT], at.get(LEFT), at.get(RIGHT), at.get(REFERENCE), offset)
 
 
+class Basis(NamedTuple):
+    """The states ξ of a plant in its own modes: x = `V` ξ, ξ = `inverse` x, both (n_x, n_x), with x its
+    modes, lags, nodes and lagging sensors, which by themselves decay at `decay_1_s` (n_x,).
+    """
+
+    V: FloatArray
+    inverse: FloatArray
+    decay_1_s: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
 class Rows:
     """Output rows: `C` (R, n_x) and `F` (R, p); temperatures in °C, errors in µm.
@@ -114,9 +124,11 @@ class Plant:
     `initial_sigma_W` (m_e,) the estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random
     walk, and a step of law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
     noise on the field. `mode_index` (N,) are the numbers of the modes kept, counted from 1;
-    `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time;
-    `coupling` is what couples the states to each other beyond the diagonal, and `learning` what is only
-    roughly known, None where all is taken as the configuration says.
+    `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time, and `dropped_rate_1_s` that of the
+    slowest mode that was dropped;
+    `coupling` is what couples the states to each other by the moment, `learning` what is only roughly known,
+    None where all is taken as the configuration says, and `basis` whose own modes the states are, None where
+    they are the screw's and each lag and node by itself.
     """
 
     layout: Layout
@@ -139,8 +151,34 @@ class Plant:
     source_names: tuple[str, ...]
     known_names: tuple[str, ...]
     diffusion_rate_1_s: float
+    dropped_rate_1_s: float
     coupling: Coupling
     learning: Learning | None = None
+    basis: Basis | None = None
+
+    def of_screw(self, columns: FloatArray) -> FloatArray:
+        """Return modal columns (…, N) of the screw as states (…, n_x)."""
+        if self.basis is None:
+            wide = [(0, 0)] * (columns.ndim - 1) + [(0, len(self.decay_1_s) - self.modes)]
+            return np.pad(columns, wide)
+        return np.asarray(columns @ self.basis.inverse[:, : self.modes].T)
+
+    @property
+    def by_itself(self) -> bool:
+        """Whether nothing couples the states for good: there is the screw alone."""
+        return self.basis is None and not len(self.coupling.links.source)
+
+    @property
+    def lags(self) -> FloatArray:
+        """What each source's lag at 1 W is of the states, (m, n_x)."""
+        every = np.eye(len(self.decay_1_s)) if self.basis is None else self.basis.inverse
+        return every[:, self.lag_slice].T
+
+    @property
+    def lag_rows(self) -> FloatArray:
+        """The rows (m, n_x) that read the sources' lags."""
+        every = np.eye(len(self.decay_1_s)) if self.basis is None else self.basis.V
+        return every[self.lag_slice]
 
     @property
     def learnt(self) -> int:

@@ -159,6 +159,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         source_names=tuple(h.name for h in heats),
         known_names=tuple(k.name for k in known),
         diffusion_rate_1_s=rod.diffusivity_m2_s / rod.length_m**2,
+        dropped_rate_1_s=lag_decay_1_s,
         coupling=no_coupling(N + m, m, len(known)),
     )
     return Reduced(plant, modes, tuple(h.stretch for h in heats), 1.0 / lag_decay_1_s)

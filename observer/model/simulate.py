@@ -18,10 +18,6 @@ _CHUNK = 1024
 """Steps worked on at a time: few enough that they stay in the cache."""
 _REGISTER = 8
 """States are padded with zeros to whole vector registers: the step takes half the time for it."""
-STIFF = 0.35
-"""How far a body and the place it touches may come together in one step …"""
-MOST_PARTS = 64
-"""… and into how many parts at most a step is divided for that."""
 
 
 class AdvancePlant(NamedTuple):
@@ -58,13 +54,15 @@ class AdvanceWork(NamedTuple):
     driven: FloatArray
     before: FloatArray
     none: FloatArray
+    link: FloatArray
     sweep: FloatArray
 
     @classmethod
     def of(cls, p: AdvancePlant, n_x: int, sweep: FloatArray) -> AdvanceWork:
         """Scratch for a plant of n_x states."""
         m, width = p.B.shape
-        return cls(np.zeros(m), np.zeros(width), np.zeros((2, n_x)), np.zeros((n_x, 0)), sweep)
+        halves, none = np.zeros((2, 2, n_x)), np.zeros((n_x, 0))
+        return cls(np.zeros(m), np.zeros(width), halves[0], none, halves[1], sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +74,7 @@ class SimulationState:
 
 def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> SimulationState:
     """Return the state of a screw at one temperature, its lags settled at the heats (m,) of the moment."""
-    x = plant.uniform * temperature_degC
-    x[plant.lag_slice] = law_W
-    return SimulationState(x)
+    return SimulationState(plant.uniform * temperature_degC + law_W @ plant.lags)
 
 
 def start_from_sensors(
@@ -110,52 +106,12 @@ def simulate(
 ) -> tuple[SimulationState, FloatArray]:
     """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
 
-    Exact for heats constant and known inputs linear over each step; where states are coupled, of second
-    order in the step (see `coupling`), which is divided where a body at a fixed place is tied to the screw so
-    tightly that they would meet within it. `sweep` (K, M, e, N) are shapes of which the squares
-    add up to the covariance of each moving source's input column over the step, where that is known.
+    Exact for heats constant and known inputs linear over each step; what couples states by the moment is of
+    second order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of the screw of which the
+    squares add up to the covariance of each moving source's input column over the step, where that is known.
     """
-    sweep = np.zeros((len(inputs), 0, 0, 0)) if sweep is None else sweep
-    parts = _parts(plant, inputs.dt_s)
-    if (parts > 1).any():
-        state, rows = _simulate(plant, state, _divided(inputs, parts), np.repeat(sweep, parts, axis=0))
-        return state, rows[np.cumsum(parts) - 1]
-    return _simulate(plant, state, inputs, sweep)
-
-
-def _parts(plant: Plant, dt_s: FloatArray) -> NDArray[np.int64]:
-    """Into how many parts each step is to be divided, (K,)."""
-    c, rate_1_s = plant.coupling, 0.0
-    moving = [s.index for s in plant.moving]
-    for source, G, C, B in zip(
-        c.links.source.tolist(), c.links.conductance_W_K.tolist(), c.links.C, c.links.B, strict=True
-    ):
-        if source not in moving:  # under a nut that moves, the places take turns
-            passed = c.place_gain[source] * plant.B[:, source]
-            seen = c.under_C[source].copy()
-            seen[: c.modes] += c.conductance_W_m * passed[: c.modes]
-            compliance_K_J = float(seen[: c.screw] @ passed[: c.screw] + C @ B)
-            rate_1_s = max(rate_1_s, min(G * compliance_K_J, float(plant.decay_1_s[: c.screw].max())))
-    return np.clip(np.ceil(rate_1_s * dt_s / STIFF), 1, MOST_PARTS).astype(np.int64)
-
-
-def _divided(inputs: Inputs, parts: NDArray[np.int64]) -> Inputs:
-    """The same steps, each in so many equal parts (K,), its known inputs going evenly from end to end."""
-    fine = inputs._make(np.repeat(column, parts, axis=0) for column in inputs)
-    first = np.repeat(np.cumsum(parts) - parts, parts)
-    share = ((np.arange(len(first)) - first + 1.0) / np.repeat(parts, parts))[:, None]
-    before = share - 1.0 / np.repeat(parts, parts)[:, None]
-    return fine._replace(
-        dt_s=fine.dt_s / np.repeat(parts, parts),
-        z_start=fine.z_start + before * (fine.z_end - fine.z_start),
-        z_end=fine.z_start + share * (fine.z_end - fine.z_start),
-    )
-
-
-def _simulate(
-    plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray
-) -> tuple[SimulationState, FloatArray]:
     K, p = len(inputs), _plant_arrays(plant)
+    sweep = np.zeros((K, 0, 0, 0)) if sweep is None else plant.of_screw(sweep)
     x = pad_rows(state.x, p.B.shape[1])
     plant_record, table = record(p), record(AdvanceTable.empty(p.B.shape[1]))
     seen = np.ascontiguousarray(np.hstack([plant.rows.C, plant.rows.F]).T)

@@ -31,7 +31,11 @@ def state_space(plant: Plant) -> control.StateSpace:
         np.hstack([plant.B, plant.E]),
         rows.C,
         np.hstack([np.zeros((len(rows.C), len(plant.source_names))), rows.F]),
-        states=[f"mode {n}" for n in plant.mode_index] + [f"lag {name}" for name in plant.source_names],
+        states=[
+            *(f"mode {n}" for n in plant.mode_index),
+            *(f"lag {name}" for name in plant.source_names),
+            *(f"beside {n}" for n in range(1, len(plant.decay_1_s) - plant.lag_slice.stop + 1)),
+        ],
         inputs=[*plant.source_names, *plant.known_names],
         outputs=[f"row {r}" for r in range(len(rows.C))],
     )

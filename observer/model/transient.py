@@ -43,7 +43,9 @@ def _step_response(plant: Plant, source: int, times_s: tuple[float, ...]) -> Flo
         law_jump_W=np.zeros((K, m)),
         z_start=np.zeros((K, p)),
         z_end=np.zeros((K, p)),
-        moving_B=np.array([[x.table.mean_B for x in plant.moving]] * K).reshape(K, M, len(plant.decay_1_s)),
+        moving_B=np.array([[plant.B[:, x.index] for x in plant.moving]] * K).reshape(
+            K, M, len(plant.decay_1_s)
+        ),
         moving_C=np.array([[x.table.mean_C for x in plant.moving]] * K).reshape(K, M, len(plant.rows.C)),
         degraded=np.zeros(K, dtype=bool),
         loss_1_s=np.zeros(K),

@@ -47,7 +47,7 @@ def findings(config: Installation) -> dict[str, Any]:
         "mode_numbers": list(plant.mode_index),
         "criterion": "given" if config.model.modes is not None else config.model.criterion,
         "steady_part_left_out": _left_out(config, plant),
-        "dropped_modes_settle_s": 1.0 / float(plant.decay_1_s[plant.modes]),
+        "dropped_modes_settle_s": 1.0 / plant.dropped_rate_1_s,
         "transient_error_K_W": dict(zip((f"{t:g} s" for t in TRANSIENT_S), errors.tolist(), strict=True)),
         "estimator": design.kind,
         "bandwidth_1_s": design.bandwidth_1_s,
@@ -110,9 +110,10 @@ def _model_warnings(config: Installation, design: DesignReport) -> list[str]:
     beside, period_s = attached(there, ()), there.estimator.period_s
     warnings += [
         f"node {beside.names[node]} and the screw meet within {beside.network.capacity_J_K[node] / G:.2g} s, "
-        f"faster than the period of {period_s:g} s: the step is not exact there; join it with a neighbour"
-        for node, _, G in beside.ties
-        if beside.network.capacity_J_K[node] < G * period_s
+        f"faster than the period of {period_s:g} s: the step is not exact under a nut that moves; join it "
+        "with a neighbour"
+        for node, source, G in beside.ties
+        if there.source[source].position_channel and beside.network.capacity_J_K[node] < G * period_s
     ]
     for source in there.source:
         if source.shape == "nut" and source.position_channel is None:

@@ -121,6 +121,7 @@ def rod(
         source_names=names,
         known_names=("ambient",),
         diffusion_rate_1_s=ALPHA_M2_S / LENGTH_M**2,
+        dropped_rate_1_s=1.0,
         coupling=no_coupling(modes + m, m, 1),
     )
 

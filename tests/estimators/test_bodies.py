@@ -15,9 +15,7 @@ from observer.estimators.design.gains import (
     pole_error,
     poles_of,
 )
-from observer.model.diagonal import APART, diagonal, own_modes
 from observer.model.discretise import step_matrices
-from observer.model.generator import generator
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.cases import COUPLINGS, coupled
 from tests.estimators.test_specification import assert_same
@@ -28,24 +26,6 @@ from tests.learning.machines import config_of, day
 LASTING = ["films", "body_at_an_end", "body_at_the_nut", "lags", "everything"]
 BANDWIDTH_1_S = 0.004
 SEED = 55_000
-
-
-@pytest.mark.parametrize("effects", LASTING)
-def test_own_modes_are_those_of_the_generator(effects):
-    plant, _ = coupled(COUPLINGS[effects], 1)
-    V, rate_1_s = own_modes(plant)
-    A = generator(plant)
-    rebuilt = V @ np.diag(-rate_1_s) @ np.linalg.inv(V)
-    alike = len(plant.source_names) + len(plant.coupling.lags.state)
-    np.testing.assert_allclose(rebuilt, A, rtol=0, atol=1.01 * APART * alike * np.abs(A).max())
-    slow = np.sort(-np.linalg.eigvals(A).real)[:4]
-    np.testing.assert_allclose(np.sort(rate_1_s)[:4], slow, rtol=1e-2)
-    np.testing.assert_array_equal(np.diag(V), 1.0)
-
-
-def test_a_plant_of_which_nothing_couples_the_states_is_its_own():
-    plant, _ = coupled(COUPLINGS["speed_loss"], 1)
-    assert diagonal(plant).plant is plant
 
 
 @pytest.mark.parametrize("effects", LASTING)

@@ -53,7 +53,9 @@ def assert_same(plant, u, estimator, gain=None):
     np.testing.assert_allclose(
         last.P / np.outer(scale, scale), belief.P / np.outer(scale, scale), rtol=0, atol=1e-9
     )
-    np.testing.assert_allclose(block.heat_W, heats, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        block.heat_W / plant.initial_sigma_W, heats / plant.initial_sigma_W, rtol=0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("moving", [False, True])

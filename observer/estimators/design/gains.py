@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from observer.estimators.design.kim import gains_on_chain, gains_on_eigenvectors, kim_poles
 from observer.frames import BoolArray, FloatArray
-from observer.model.diagonal import diagonal
+from observer.model.basis import frozen
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import design_step
 from observer.model.plant import Plant
@@ -135,9 +135,10 @@ def design_bandwidth(
 
     Source: Kautsky, Nichols and Van Dooren (1985); Tits and Yang (1996), as `scipy.signal.place_poles`.
     """
-    whole = diagonal(plant)
-    if whole.plant is not plant:
-        plant, step = whole.plant, step_matrices(whole.plant, step.dt_s)
+    n_x, V = len(plant.decay_1_s), None
+    if len(plant.coupling.links.source):
+        plant, V = frozen(plant)
+        step = step_matrices(plant, step.dt_s)
     pair = slow_pair(plant, step, bandwidth_1_s)
     if not determinable(pair, present):
         return refusal(plant, present, "they cannot tell the heats apart from each other and from the field")
@@ -151,7 +152,7 @@ def design_bandwidth(
         return gain
     if not gain.pole_error <= POLE_TOLERANCE:
         return refusal(plant, present, f"the poles reached are {gain.pole_error:.0%} off")
-    return gain._replace(K=whole.back(gain.K))
+    return gain if V is None else gain._replace(K=np.vstack([V @ gain.K[:n_x], gain.K[n_x:]]))
 
 
 def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> LuenbergerGain | Refusal:
@@ -160,7 +161,7 @@ def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> Luenberg
         return refusal(plant, present, "Kim's rule is for one sensor and one estimated heat")
     if not present[0]:
         return refusal(plant, present, "without the sensor there is nothing to correct by")
-    if plant.coupling.lasting:
+    if not plant.by_itself:
         return refusal(plant, present, "Kim's rule is for a screw by itself")
     pair = slow_pair(plant, step, np.inf)
     poles = kim_poles(plant.decay_1_s[: plant.modes], plant.diffusion_rate_1_s)

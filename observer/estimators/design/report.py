@@ -85,7 +85,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
 
 def _rates(plant: Plant) -> FloatArray:
     """The plant's own eigenvalues, 1/s; links are as passive as the screw, so that they are real."""
-    if not plant.coupling.lasting:
+    if not len(plant.coupling.links.source):
         return -plant.decay_1_s
     return np.asarray(np.linalg.eigvals(generator(plant)).real)
 

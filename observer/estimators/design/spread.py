@@ -24,7 +24,7 @@ from observer.frames import FloatArray
 from observer.kernels.codes import STILL
 from observer.model.cycle import Stage
 from observer.model.discretise import step_matrices
-from observer.model.generator import augmented_step, generator
+from observer.model.generator import augmented_step, generator, on_the_screw
 from observer.model.learning import WANDER_S, Kind, LearningArrays
 from observer.model.plant import Plant
 from observer.model.rod.moving import columns_at
@@ -152,9 +152,7 @@ def _over(
 
 def _settled(plant: Plant, stage: Stage) -> FloatArray:
     """The screw at the air's temperature, its lags settled at their laws."""
-    x = np.array(plant.uniform * stage.z[plant.known.ambient])
-    x[plant.lag_slice] = stage.heat_W
-    return x
+    return np.asarray(plant.uniform * stage.z[plant.known.ambient] + stage.heat_W @ plant.lags)
 
 
 def _standing(plant: Plant, stage: Stage) -> Plant:
@@ -186,20 +184,20 @@ def _start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, 
 
 def _step(plant: Plant, stage: Stage, dt_s: float) -> _Step:
     """The step within a stage: of a short enough part, and then twice as long again and again."""
-    n_x, modes = len(plant.decay_1_s), np.arange(len(plant.decay_1_s)) < plant.modes
-    lossy = replace(plant, decay_1_s=plant.decay_1_s + np.where(modes, stage.loss_1_s, 0.0))
-    A_1_s = generator(lossy)
+    n_x = len(plant.decay_1_s)
+    A_1_s = generator(plant, stage.loss_1_s)
     fastest_1_s = max(float(np.abs(A_1_s).sum(axis=1).max()), 1e-12)
     halves = max(0, int(np.ceil(np.log2(fastest_1_s * dt_s / _LONGEST))))
     part_s = dt_s / 2**halves
-    A, Q = augmented_step(lossy, part_s)
+    A, Q = augmented_step(plant, part_s, stage.loss_1_s)
     hold = expm(np.block([[A_1_s, np.eye(n_x)], [np.zeros((n_x, 2 * n_x))]]) * part_s)[:n_x, n_x:]
     for _ in range(halves):
         Q = A @ Q @ A.T + Q
         hold = hold + A[:n_x, :n_x] @ hold
         A = A @ A
     driven = plant.B @ stage.heat_W + plant.E @ stage.z
-    return _Step(A, Q, hold, driven + np.where(modes, stage.loss_1_s * stage.drawn_degC * plant.uniform, 0.0))
+    drawn_K_s = stage.loss_1_s * stage.drawn_degC
+    return _Step(A, Q, hold, driven + drawn_K_s * (on_the_screw(plant) @ plant.uniform))
 
 
 def _see(
@@ -229,11 +227,14 @@ def _passing(plant: Plant, a: LearningArrays, stage: Stage, n: int) -> FloatArra
     first, N = n_x + len(estimated), plant.modes
     rows, lag_s, slope_C = np.zeros((PHASES, s, n)), np.zeros(s), np.zeros((s, N))
     lag_s[a.of[a.kind == Kind.LAG]] = a.lag_s[a.kind == Kind.LAG]
-    slope_C[a.of[a.kind == Kind.PLACE]] = a.row[a.kind == Kind.PLACE, :N]
+    decay_1_s, C, slopes = plant.decay_1_s, plant.rows.C[:s], a.row
+    if plant.basis is not None:
+        decay_1_s, C, slopes = plant.basis.decay_1_s, C @ plant.basis.inverse, slopes @ plant.basis.inverse
+    slope_C[a.of[a.kind == Kind.PLACE]] = slopes[a.kind == Kind.PLACE, :N]
     for nut, sweep in zip(plant.moving, stage.sweeps, strict=True):
         if sweep is None or sweep.speed_m_s == 0.0 or nut.index not in estimated:
             continue
-        own = ripple(nut.table, sweep, plant.decay_1_s[:N], plant.rows.C[:s, :N], slope_C, lag_s)
+        own = ripple(nut.table, sweep, decay_1_s[:N], C[:, :N], slope_C, lag_s)
         rows[:, :, n_x + estimated.index(nut.index)] = own.seen
         for q, (kind, of) in enumerate(zip(a.kind, a.of, strict=True)):
             if kind == Kind.LAW and estimated[of] == nut.index:

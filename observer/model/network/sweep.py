@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
 import numpy as np
 
+from observer.frames import FloatArray
 from observer.model.coupling import Spreads
 from observer.model.network.attach import Attached
 from observer.model.rod.modes import Modes
@@ -19,15 +23,24 @@ NO_SWEEP = 0.05
 STANDING_PLACES = 9
 
 
-def spreads(modes: Modes, machine: Description, beside: Attached) -> Spreads:
-    """Return what nuts that sweep exchange with their nodes on top of the exchange at the mean temperature.
+class Shapes(NamedTuple):
+    """How what a sweeping nut, the `source`, exchanges with its nodes fades: orthonormal shapes `shape`
+    (e, N) at the rates `rate_1_s` (e,), and the squared size `swept` of its column over the whole stroke.
+    """
+
+    source: int
+    rate_1_s: FloatArray
+    shape: FloatArray
+    swept: float
+
+
+def shapes_of_strokes(modes: Modes, machine: Description, beside: Attached) -> Iterator[Shapes]:
+    """Yield what nuts that sweep exchange with their nodes on top of the exchange at the mean temperature.
 
     Each place under the nut exchanges by itself (Li 2022, eq. 45): over a stroke swept evenly, w = 1/stroke,
     the modes lose G/(kA) ∫ w θ_i θ_j dx, of which the mean temperature carries G/(kA) ∫ w θ_i dx ∫ w θ_j dx.
     """
-    m, kA = len(machine.source), modes.rod.conductance_W_m
-    sources, rates, shapes = [], [np.zeros(0)], [np.zeros((0, len(modes)))]
-    swept, at_rest = np.zeros(m), np.ones(m)
+    kA = modes.rod.conductance_W_m
     for j, source in enumerate(machine.source):
         G = sum(tie for _, place, tie in beside.ties if place == j)
         if source.shape != "nut" or G == 0.0:
@@ -40,12 +53,26 @@ def spreads(modes: Modes, machine: Description, beside: Attached) -> Spreads:
         mean = weights @ theta
         own, shape = np.linalg.eigh((theta * weights[:, None]).T @ theta - np.multiply.outer(mean, mean))
         felt = own > SMALL * own.max()
-        sources += [j] * int(felt.sum())
-        rates.append(G / kA * own[felt])
-        shapes.append(shape[:, felt].T)
-        swept[j], at_rest[j] = float(mean @ mean) / kA**2, _at_rest(modes, source, stroke)
+        yield Shapes(j, G / kA * own[felt], shape[:, felt].T, float(mean @ mean) / kA**2)
+
+
+def spreads(modes: Modes, machine: Description, beside: Attached, moving: Sequence[int]) -> Spreads:
+    """Return the shapes of the sources that are `moving`."""
+    m = len(machine.source)
+    swept, at_rest = np.zeros(m), np.ones(m)
+    found = [s for s in shapes_of_strokes(modes, machine, beside) if s.source in moving]
+    for s in found:
+        source = machine.source[s.source]
+        swept[s.source] = s.swept
+        at_rest[s.source] = _at_rest(modes, source, mean_stretch(source, machine.screw))
+    shape = np.vstack([np.zeros((0, len(modes))), *(s.shape for s in found)])
     return Spreads(
-        np.array(sources, dtype=np.int64), np.concatenate(rates), np.vstack(shapes), swept, at_rest
+        np.array([s.source for s in found for _ in s.rate_1_s], dtype=np.int64),
+        np.concatenate([np.zeros(0), *(s.rate_1_s for s in found)]),
+        shape,
+        shape,
+        swept,
+        at_rest,
     )
 
 

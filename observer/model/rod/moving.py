@@ -10,7 +10,7 @@ ten seconds of which nothing is known the nut counts as spread over its stroke.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -30,7 +30,8 @@ class NutTable:
 
     Shapes: `mu_1_m`, `phase`, `scale` (N,) of the kept modes; `table_C` (P, R), the output column of the
     source's lag with the nut at P evenly spaced centres from 0 to `screw_m`; `mean_B` (n_x,), `mean_C` (R,)
-    the columns of the nut spread over its stroke, used before the first position is known.
+    the columns of the nut spread over its stroke, used before the first position is known. Input columns are
+    those of the states x, which `turn` (n_x, n_x) takes to the plant's own, ξ; it is empty where these are x.
     """
 
     mu_1_m: FloatArray
@@ -45,6 +46,7 @@ class NutTable:
     table_C: FloatArray
     mean_B: FloatArray
     mean_C: FloatArray
+    turn: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def _asdict(self) -> dict[str, Any]:
         """Return the fields as kernels take them."""
@@ -53,7 +55,9 @@ class NutTable:
     def of_lag(self) -> NutTable:
         """The table of the lag's output column alone, for a plant without modes."""
         none = np.zeros(0)
-        return replace(self, mu_1_m=none, phase=none, scale=none, lag=0, mean_B=np.zeros(1))
+        return replace(
+            self, mu_1_m=none, phase=none, scale=none, lag=0, mean_B=np.zeros(1), turn=np.zeros((0, 0))
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +119,9 @@ class Averaging:
         rest = PathState(float(own.scalars[0]), own.scalars[1:].copy())
         B, C, sum_B, sum_C = [array.copy() for array in own[2:6]]
         after = NutState(rest, float(own.weight_s[0]), B, C, sum_B, sum_C)
-        return (after, B[None], C[None]) if len(dt_s) == 1 else (after, own.out_B, own.out_C)
+        if len(dt_s) == 1:
+            return after, own.out_B.copy(), C[None]
+        return after, own.out_B, own.out_C
 
 
 def columns(
@@ -138,7 +144,7 @@ def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, 
             B, C, 1.0 / len(places_m), place_m, table.mu_1_m, table.phase, table.scale,
             table.conductance_W_m, table.nut_m, table.screw_m, table.table_C,
         )  # fmt: skip
-    return B, C
+    return (table.turn @ B if len(table.turn) else B), C
 
 
 PathRegime = Literal["path", "points", "undetermined"]

@@ -36,9 +36,10 @@ def columns(
     """
     state, ends_m = reversals(state, path, table.stroke_m)
     B, C = np.empty((len(dt_s), len(table.mean_B))), np.empty((len(dt_s), len(table.mean_C)))
+    spread = (table.turn @ table.mean_B if len(table.turn) else table.mean_B), table.mean_C
     new = np.flatnonzero(np.append(True, np.any(ends_m[1:] != ends_m[:-1], axis=1)))
     for begin, end in itertools.pairwise([*new.tolist(), len(dt_s)]):
         known = np.isfinite(ends_m[begin]).all()
-        own = moving.columns_at(table, ends_m[begin].tolist()) if known else (table.mean_B, table.mean_C)
+        own = moving.columns_at(table, ends_m[begin].tolist()) if known else spread
         B[begin:end], C[begin:end] = own
     return state, B, C
