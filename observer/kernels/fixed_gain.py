@@ -195,7 +195,10 @@ def observe(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first,
             return k, key, _STARTED if started else _PREDICTED
         if released:
             add_prior(p, P, 1.0)
-        if reopen(p, C, u.dt_s[k], usable, accepted, nu, state.refused_s, state.opened_K, P) or released:
+        reopened = reopen(
+            p, C, u.dt_s[k], usable, accepted, nu, state.suspect, state.refused_s, state.opened_K, P
+        )
+        if reopened or released:
             compare(p, u, k, state, work)
         if correcting and (optimal or started or released):
             drastic = is_drastic(p, work)

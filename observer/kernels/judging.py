@@ -92,12 +92,13 @@ def hold_back(nu, usable, accepted, suspect, refused_s, opened_K):
             suspect[i] = 1.0
 
 
-def reopen(p, C, dt_s, usable, accepted, nu, refused_s, opened_K, P):
+def reopen(p, C, dt_s, usable, accepted, nu, suspect, refused_s, opened_K, P):
     """Count for how long each sensor has been refused; return whether P was opened for one of them.
 
     A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
-    After 20 s, and then every minute, P gets the share of its prior that would let the refused sensor be
-    right, and the others say first what they make of it. One that is broken is refused again.
+    After 20 s and three samples, and then every minute, P gets the share of its prior that would let the
+    refused sensor be right, and the others say first what they make of it. One that is broken is refused
+    again.
     """
     share = 0.0
     for i in range(len(usable)):
@@ -109,7 +110,7 @@ def reopen(p, C, dt_s, usable, accepted, nu, refused_s, opened_K, P):
             refused_s[i] += dt_s
             if floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
                 opened_K[i] = INFINITY  # due with its next sample
-            if usable[i] and isinf(opened_K[i]):
+            if usable[i] and isinf(opened_K[i]) and suspect[i] >= RELEASE_AFTER_STEPS:
                 share = max(share, _share_of_prior(p, C, i, nu[i]))
                 opened_K[i] = nu[i]
     if share == 0.0:
@@ -126,8 +127,9 @@ def judge_sensors(p, u, k, gate_sigma, state, work):
     else:
         hold_back(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
     reopened = reopen(
-        p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.refused_s, state.opened_K, state.P
-    )
+        p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.suspect, state.refused_s,
+        state.opened_K, state.P,
+    )  # fmt: skip
     return reopened or opened
 
 

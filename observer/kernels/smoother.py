@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from observer.kernels.advance import add_scaled, move_columns
 from observer.kernels.coupling import coupled
-from observer.kernels.judging import add_prior, find_usable, gate
-from observer.kernels.kalman import SKIPPED, STEPPED, start_or_predict
+from observer.kernels.kalman import SKIPPED, STEPPED, judge_and_correct, start_or_predict
 from observer.kernels.libm import sqrt
-from observer.kernels.step import compare, correct, is_drastic, mirror, project
+from observer.kernels.step import compare, is_drastic, mirror, project
 
 
 def filter_with_tape(p, t, u, step, state, gate_sigma, work, tape):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `tape`.
 
-    The steps are those of `run_kalman`, in the same order; a step that cannot be computed is skipped.
+    The steps are those of `kalman.filter_steps`: the same sensors correct, and P grows where it does there. A
+    step that cannot be computed is skipped.
     """
     for k in range(len(step)):
         tape.kind[k] = start_or_predict(p, t, step[k], u, k, state, work)
@@ -21,14 +21,8 @@ def filter_with_tape(p, t, u, step, state, gate_sigma, work, tape):
             continue
         for a in range(work.B.shape[1]):
             tape.coupled[k, 0, a], tape.coupled[k, 1, a] = work.before[0, a], work.before[1, a]
-        if find_usable(u, k, work.usable) > 0:
-            compare(p, u, k, state, work)
-            # No sensor is opened to again: of rows 20 s apart one refused sample would do, and cost more than
-            # it is worth (1.4 instead of 1.2 W in Lathe's case of far sensors).
-            if gate(work.nu, work.S_nu, work.usable, state.suspect, gate_sigma, work.accepted):
-                add_prior(p, state.P, 1.0)
-                compare(p, u, k, state, work)
-            correct(p, state, work)
+        compare(p, u, k, state, work)
+        judge_and_correct(p, u, k, gate_sigma, state, work)
         write_tape(p, work.C, work.accepted, state.x, state.P, k, work, tape)
 
 

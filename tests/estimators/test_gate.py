@@ -79,6 +79,21 @@ def test_release_forgets_enough_to_follow_a_step_of_heat():
     assert (block.quality[-100:] == EstimateQuality.GOOD).all()
 
 
+@pytest.mark.parametrize(("kind", "engine"), ENGINES)
+def test_a_single_outlier_of_rows_far_apart_does_not_open_the_state(kind, engine):
+    """Half a minute between rows: what one sample says is not tried before it has been said three times."""
+    plant = rod()
+    settings = EstimatorSettings(kind=kind, engine=engine, bandwidth_1_s=0.005)
+    estimator, opened = build_estimator(plant, settings), []
+    for count in (1, 2, 3):
+        u = quiet(plant)
+        u.dt_s[1:] = 30.0
+        u.y_degC[100 : 100 + count, 1] += 20.0
+        state, _ = estimator.run(estimator.initial(), u.part(0, 100 + count))
+        opened.append(bool(np.isfinite(state.opened_K[1]) and state.opened_K[1] != 0.0))
+    assert opened == [False, False, True]
+
+
 def test_a_slow_sensor_is_neither_degraded_nor_stale_between_its_samples():
     plant = rod()
     u = quiet(plant)

@@ -8,7 +8,7 @@ from observer.history import smoother
 from observer.history.identify import heat_history
 from observer.history.options import MethodOptions
 from observer.history.smoother import smooth_heats
-from observer.kernels.codes import NUT_LOST
+from observer.kernels.codes import NUT_LOST, REJECTED
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
@@ -39,19 +39,51 @@ def test_equals_the_dense_posterior(moving, estimated, heat_rate):
     np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=1e-8 * np.nanmax(np.abs(residual)))
 
 
-@pytest.mark.parametrize("lost", [False, True])
-def test_at_its_end_a_history_is_what_the_filter_knows(lost):
-    """Nothing comes after the last step: the smoother takes the filter's, also where the nut is lost."""
-    plant, steps = rod(moving=(1,)), 400
-    u = inputs(plant, steps=steps, nut_m=nut_path(steps), missing=0.0)
-    if lost:
-        u.degraded[steps - 60 :] = NUT_LOST
-    settings = EstimatorSettings(gate_sigma=4.0)
+def a_sensor_that_jumps(u):
+    """Refused from step 100 on, and again after each time that it is tried."""
+    u.y_degC[100:, 1] += 40.0
+
+
+def a_sensor_that_comes_back(u):
+    """Refused for a minute, so that P has been opened for it, and then right again."""
+    u.y_degC[100:220, 1] += 40.0
+
+
+def sensors_that_all_jump(u):
+    """The model is the surprised one, not they."""
+    u.y_degC[100:] += 40.0
+
+
+def an_outage(u):
+    """Nothing is measured or known for a minute, in the middle and at the end again."""
+    for away in (slice(100, 220), slice(380, 390)):
+        u.usable[away] = False
+        u.z_end[away] = np.nan
+
+
+def a_lost_nut(u):
+    """Nobody knows where it is, up to the end of the log."""
+    u.degraded[-60:] = NUT_LOST
+
+
+@pytest.mark.parametrize("steps", [150, 230, 290, 400])
+@pytest.mark.parametrize(
+    "trouble",
+    [a_sensor_that_jumps, a_sensor_that_comes_back, sensors_that_all_jump, an_outage, a_lost_nut],
+)
+def test_at_its_end_a_history_is_what_the_filter_knows(trouble, steps):
+    """Nothing comes after the last step: refused, held back or let in, the same sensors have corrected."""
+    plant = rod(moving=(1,))
+    u = inputs(plant, steps=400, nut_m=nut_path(400), missing=0.0)
+    trouble(u)
+    u, settings = u.part(0, steps), EstimatorSettings(gate_sigma=4.0)
     estimator = build_estimator(plant, settings)
     _, block = estimator.run(estimator.initial(), u)
     history = smooth_heats(plant, settings, [u])
     np.testing.assert_allclose(history.heat_W[-1], block.heat_W[-1], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(history.heat_sigma_W[-1], block.heat_sigma_W[-1], rtol=1e-9)
+    refused = block.sensor_quality == REJECTED
+    np.testing.assert_array_equal(np.isnan(history.residual_K), refused | ~np.isfinite(block.innovation_K))
 
 
 def coupled_machine(**effect):
