@@ -176,7 +176,7 @@ def identify(
     `suffix` is that of the heats' file; `picture` says whether there is to be one. `accept` is handed to
     `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
-    from observer.fit.changes import changes_within
+    from observer.history.changes import changes_within
     from observer.history.identify import heat_history
     from observer.report.heat_history import write_heat_history
     from observer.service.identify import inputs_of, write_history
@@ -193,7 +193,7 @@ def identify(
     progress(options.method)
     try:
         history = heat_history(
-            machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, frames)
+            machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, blocks)
         )
     except UserError as error:
         raise LogError(f"{log_path}: {error}") from None

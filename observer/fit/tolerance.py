@@ -19,7 +19,6 @@ from observer.effects.terms import (
     AmbientShift,
     End,
     EndConductance,
-    Film,
     Lag,
     LawFactor,
     Offset,
@@ -27,10 +26,8 @@ from observer.effects.terms import (
     Term,
 )
 from observer.frames import FloatArray
-from observer.model.realise import realise
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Screw, Sensor
-from observer.tables.tolerance import Learnable
 
 Kind = Literal["whole", "place", "lag", "run"]
 
@@ -88,27 +85,6 @@ def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, 
     for source in config.source:
         if source.law in SPEED_LAWS and source.law_uncertainty > 0.0:
             yield _with(config, LawFactor(source.name, Settling(source.law_uncertainty))), "whole"
-
-
-def heat_tolerances(config: Config) -> Iterator[tuple[Config, Learnable]]:
-    """Yield the configuration changed by one standard deviation of a tolerance that is none of heats, and its
-    key; places and lags of all sensors at once. Nothing where it is 0.
-
-    For a log whose heats are sought, by what is configured of all else.
-    """
-    film_W_m2K = config.tolerance.convection * realise(config).config.surface.convection_W_m2K
-    for key, changed in _materials(config).items():
-        yield changed, key
-    if film_W_m2K > 0.0:
-        yield _with(config, Film(film_W_m2K)), "convection"
-    for changed in _ends(config):
-        yield changed, "end_W_K"
-    for changed in _air(config):
-        yield changed, "ambient_K"
-    for changed in _places(config):
-        yield changed, "position_m"
-    for changed in _lags(config):
-        yield changed, "lag_s"
 
 
 def left_of_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:

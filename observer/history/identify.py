@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from observer.frames import FloatArray, Inputs
+from observer.history.changes import Changes
 from observer.history.conjugate_gradient import Convolution, descend
 from observer.history.history import HeatHistory
 from observer.history.options import MethodOptions
@@ -18,7 +19,7 @@ from observer.history.spread import spread
 from observer.history.stacked import Prior, StackedProblem, stacked_problem, stationary
 from observer.history.stepwise import stepwise_heats
 from observer.history.tikhonov import NormalEquations, normal_equations, solve
-from observer.history.within import Change, Within, most_probable, with_readings
+from observer.history.within import less, most_probable
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -32,7 +33,7 @@ def heat_history(
     settings: EstimatorSettings,
     blocks: Sequence[Inputs],
     options: MethodOptions,
-    tolerances: Callable[[FloatArray], Sequence[Change]] | None = None,
+    tolerances: Callable[[FloatArray], Changes] | None = None,
 ) -> HeatHistory:
     """Return the heats over a whole log, given as consecutive blocks of inputs.
 
@@ -43,13 +44,17 @@ def heat_history(
     cannot take this log.
     """
     options.check()
-    found = None if tolerances is None else _within(plant, settings, blocks, tolerances)
-    if found is None:
-        history = _by_method(plant, settings, blocks, options)
-    else:
-        history = _by_method(plant, settings, with_readings(blocks, -found.sensor_K), options)
+    first = None if tolerances is None else smooth_heats(plant, settings, blocks)
+    changes = None if tolerances is None or first is None else tolerances(first.heat_W)
+    if changes is not None and len(changes.learnt):
+        found = most_probable(plant, settings, blocks, changes)
+        history = _by_method(plant, settings, less(blocks, found.sensor_K), options)
         sigma_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
         history = replace(history, heat_sigma_W=sigma_W)
+    elif first is not None and options.method == "smoother":
+        history = first
+    else:
+        history = _by_method(plant, settings, blocks, options)
     return replace(history, warnings=(*history.warnings, *_that_cool(plant, blocks, history)))
 
 
@@ -67,20 +72,6 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
                 "near it, the ambient or the film is not as configured, or the model lacks an effect; try "
                 "`observer calibrate`, then `observer discover`"
             )
-
-
-def _within(
-    plant: Plant,
-    settings: EstimatorSettings,
-    blocks: Sequence[Inputs],
-    tolerances: Callable[[FloatArray], Sequence[Change]],
-) -> Within | None:
-    """What the tolerances come to, None where there are none."""
-    first = smooth_heats(plant, settings, blocks)
-    changes = tolerances(first.heat_W)
-    if not changes:
-        return None
-    return most_probable(plant, settings, blocks, np.isfinite(first.residual_K), changes)
 
 
 def _by_method(

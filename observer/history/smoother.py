@@ -45,12 +45,12 @@ def smooth_changes(
     """Return what the smoother makes of changes D (K, s, c) of what sensors read, K, beside the log itself.
 
     Σ being the covariance of all readings, that is Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), and the changes of the
-    heats (K, m_e, c), W. Changes of readings that are not used must be 0. Gains and covariances are those of
-    the log, so one pass does for all.
+    heats (K, m_e, c), W. Readings that the gate refused say nothing. Gains and covariances are those of the
+    log, so one pass does for all.
     """
     passes = _ChangedPasses(plant.sensors_only(), settings, changes_K)
     [heat] = passes.run(blocks)
-    return passes.told, heat
+    return passes.information, heat
 
 
 class _Segment(NamedTuple):
@@ -144,10 +144,17 @@ class _ChangedPasses(_Passes):
 
     def __init__(self, plant: Plant, settings: EstimatorSettings, changes_K: FloatArray) -> None:
         super().__init__(plant, settings)
-        self._changes_K, count = changes_K, changes_K.shape[2]
-        self._columns = padded_width(1 + count, _REGISTER)
-        self._X, self._adjoints = np.zeros((2, len(self._state.x), self._columns))
-        self.told = np.zeros((count, 1 + count))
+        (_, s, count), K = changes_K.shape, _STEPS_IN_SEGMENT
+        self._changes_K, self._own = changes_K, slice(1, 1 + count)
+        columns = padded_width(1 + count, _REGISTER)
+        self._X, self._adjoints = np.zeros((2, len(self._state.x), columns))
+        self._moved, self._heat = np.zeros((K, s, columns)), np.zeros((K, len(self._arrays.source), columns))
+        self._information = np.zeros((count, columns))
+
+    @property
+    def information(self) -> FloatArray:
+        """Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), when the way back is done."""
+        return self._information[:, : self._own.stop]
 
     def _remembered(self) -> tuple[FloatArray | IntArray, ...]:
         return *super()._remembered(), self._X.copy()
@@ -159,18 +166,18 @@ class _ChangedPasses(_Passes):
     def _filter(self, segment: _Segment) -> None:
         super()._filter(segment)
         D = self._changes_K[segment.rows]
-        K, s, count = D.shape
-        self._moved = np.zeros((K, s, self._columns))
-        self._moved[:, :, 1 : 1 + count] = D
-        self._heat = np.full((K, len(self._arrays.source), self._columns), np.nan)
+        self._moved[:] = 0.0
+        self._moved[: len(D), :, self._own] = D
+        self._heat[:] = np.nan
         run_changes_forward(*self._over(segment), self._X, self._moved, self._heat)
 
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
-        """What Σ⁻¹ makes of the readings goes into `told`; the changes of the heats (K, m_e, c)."""
-        run_changes_backward(*self._over(segment), self._adjoints, self._moved, self._heat)
+        """The changes of the heats (K, m_e, c)."""
         D = self._changes_K[segment.rows]
-        self.told += np.einsum("ksc,ksd->cd", D, self._moved[:, :, : self.told.shape[1]], optimize=True)
-        return (self._heat[:, :, 1 : self.told.shape[1]],)
+        run_changes_backward(
+            *self._over(segment), self._adjoints, self._moved, self._heat, D, self._information
+        )
+        return (self._heat[: len(D), :, self._own].copy(),)
 
     def _over(self, segment: _Segment) -> tuple[Any, ...]:
         u = record(segment.u)

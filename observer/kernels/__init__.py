@@ -80,6 +80,7 @@ run_kalman = _entries["run_kalman"]
 run_fixed_gain = _entries["run_fixed_gain"]
 run_forward = _entries["run_forward"]
 run_backward = _entries["run_backward"]
+run_tolerances = _entries["run_tolerances"]
 run_changes_forward = _entries["run_changes_forward"]
 run_changes_backward = _entries["run_changes_backward"]
 march = _entries["march"]
@@ -98,5 +99,5 @@ __all__ = [
     "DONE", "WAY", "add_columns", "average_on", "compare_ways", "discretise", "drive_on",
     "find_heats_stepwise", "follow_path", "march", "number_steps", "record", "run_backward",
     "run_changes_backward", "run_changes_forward", "run_fixed_gain", "run_forward", "run_kalman",
-    "run_selftest", "walk_on",
+    "run_selftest", "run_tolerances", "walk_on",
 ]  # fmt: skip

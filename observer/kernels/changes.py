@@ -9,30 +9,68 @@ from __future__ import annotations
 import cython  # type: ignore[import-untyped]
 
 from observer.kernels.advance import move_columns
+from observer.kernels.allowing import allow, allow_for_readings, begin_allowing
 from observer.kernels.coupling import couple, coupled
+from observer.kernels.judging import step_is_finite
 from observer.kernels.kalman import SKIPPED, STEPPED
+from observer.kernels.learning import advance_learning, below
 
 
-def run_changes_forward(p, t, u, step, tape, work, X, told, heat):
+def run_tolerances(a, t, u, step, x, begins, D, expected):
+    """Fill D (K, s, ≥ L) with what one standard deviation of each tolerance does to the sensors, and
+    `expected` (K, s) with what they would read without any, °C.
+
+    The field is an open loop's along the heats of `u`, from the state `x` where it `begins`; a step that
+    cannot be computed leaves it as it is.
+    """
+    with cython.nogil:
+        tolerances_forward(a, t, u, step, x, begins, D, expected)
+
+
+def run_changes_forward(p, t, u, step, tape, work, X, moved, heat):
     """Take the changes X (n, c) of the state over the K steps on the tape.
 
-    `told` (K, s, c) are the changes of the readings, and then those of the innovations, each given the
+    `moved` (K, s, c) are the changes of the readings, and then those of the innovations, each given the
     sensors before it; `heat` (K, m_e, c) is filled with those of the heats. Where the filter began, nothing
     has changed: the level it began from is what the log says.
     """
     with cython.nogil:
-        changes_forward(p, t, u, step, tape, work, X, told, heat)
+        changes_forward(p, t, u, step, tape, work, X, moved, heat)
 
 
-def run_changes_backward(p, t, u, step, tape, work, R, told, heat):
-    """Take the adjoint R (n, c) back over the tape; `told` is then Σ⁻¹ times the readings about their mean,
-    and `heat` smoothed.
+def run_changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information):
+    """Take the adjoint R (n, c) back over the tape; `moved` is then Σ⁻¹ times the readings about their mean,
+    and `heat` smoothed. Dᵀ times the former is added to `information` (d, c), with D (K, s, d).
     """
     with cython.nogil:
-        changes_backward(p, t, u, step, tape, work, R, told, heat)
+        changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information)
 
 
-def changes_forward(p, t, u, step, tape, work, X, told, heat):
+def tolerances_forward(a, t, u, step, x, begins, D, expected):
+    """What is allowed for beside a gain of nothing; the tolerances of sensors say it by their rows alone."""
+    machine, L = a.plant.learn.machine, len(a.plant.learn.kind)
+    first = len(a.plant.uniform) + len(a.plant.source)
+    for k in range(len(step)):
+        if not step_is_finite(u, k):
+            continue
+        if begins and k == 0:
+            begin_allowing(a, u, k, x)
+        else:
+            a.taken[0] = 0
+            allow(a, t, step[k], u, k)
+            if L == 0:  # then nothing follows the field
+                advance_learning(a.plant, t, step[k], u, k, a.work.B, a.around, 0, a.work)
+        allow_for_readings(a, a.e)
+        for i in range(D.shape[1]):
+            expected[k, i] = below(a.plant, u, k, a.work.C, i, a.around)
+            for q in range(machine):
+                D[k, i, q] = a.nu[i, q]
+        for q in range(machine, L):
+            own = a.plant.learn.of[q]
+            D[k, own, q] = a.work.C[own, first + q] * a.plant.learn.sigma[q]
+
+
+def changes_forward(p, t, u, step, tape, work, X, moved, heat):
     """The filter's arithmetic, in the order of `advance.advance` and of the tape's corrections."""
     B, C, n_x, n, count = work.B, work.C, work.B.shape[1], X.shape[0], X.shape[1]
     for k in range(len(step)):
@@ -48,10 +86,13 @@ def changes_forward(p, t, u, step, tape, work, X, told, heat):
         for i in range(len(p.R_K2)):
             if tape.weight[k, i] > 0.0:
                 for a in range(n_x):
-                    add_row(told[k, i], -C[i, a], X[a])
+                    add_row(moved[k, i], -C[i, a], X[a])
                 for a in range(n):
-                    add_row(X[a], tape.gain[k, i, a], told[k, i])
-                told[k, i, 0] = tape.innovation[k, i]
+                    add_row(X[a], tape.gain[k, i, a], moved[k, i])
+                moved[k, i, 0] = tape.innovation[k, i]
+            else:  # what is not used says nothing
+                for q in range(count):
+                    moved[k, i, q] = 0.0
         for j in range(len(p.source)):
             for q in range(count):
                 heat[k, j, q] = X[n_x + j, q]
@@ -79,7 +120,7 @@ def couple_changes(p, u, k, z, x, X, work):
     couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, X[:n_x], work.shift, work.link)
 
 
-def changes_backward(p, t, u, step, tape, work, R, told, heat):
+def changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information):
     """The way of `smoother.smooth_back` for every column of r, without N."""
     B, C, n_x, n, count = work.B, work.C, work.B.shape[1], R.shape[0], R.shape[1]
     for k in range(len(step) - 1, -1, -1):
@@ -93,11 +134,14 @@ def changes_backward(p, t, u, step, tape, work, R, told, heat):
             if tape.weight[k, i] > 0.0:
                 weight = tape.weight[k, i]
                 for q in range(count):
-                    told[k, i, q] *= weight
+                    moved[k, i, q] *= weight
                 for a in range(n):
-                    add_row(told[k, i], -tape.gain[k, i, a], R[a])
+                    add_row(moved[k, i], -tape.gain[k, i, a], R[a])
                 for a in range(n_x):
-                    add_row(R[a], C[i, a], told[k, i])
+                    add_row(R[a], C[i, a], moved[k, i])
+                for q in range(D.shape[2]):
+                    if D[k, i, q] != 0.0:
+                        add_row(information[q], D[k, i, q], moved[k, i])
         if tape.kind[k] == STEPPED:
             if p.coupling.active:
                 couple_changes_back(p, u, k, u.z_end[k], tape.coupled[k, 1], R, work)

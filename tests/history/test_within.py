@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 
-from observer.fit.changes import changes_within
+from observer.effects.base import Unnamed
+from observer.effects.terms import AmbientShift
+from observer.frames import Inputs
+from observer.history.changes import Changes, changes_within
 from observer.history.identify import heat_history
 from observer.history.options import MethodOptions
 from observer.history.smoother import smooth_heats
 from observer.history.stacked import Prior, stacked_problem
 from observer.history.tikhonov import _dense
-from observer.history.within import Change, most_probable, with_readings
+from observer.history.within import less, most_probable
+from observer.model.simulate import simulate, start_from_sensors
 from observer.service.align import frames_of_log
 from observer.service.identify import inputs_of
 from observer.service.machine import Machine
@@ -24,10 +28,11 @@ OPEN_GATE = EstimatorSettings(gate_sigma=1e9)
 
 
 def drifts(K, s):
-    """Three slow changes of the sensors, nothing at first: the start's level is what the sensors say."""
+    """Three slow changes of the sensors (K, s, 3), nothing at first: the start's level is what they say."""
     t = np.linspace(0.0, 1.0, K)[:, None]
     ramp = t * np.eye(s)[0]
-    return [0.4 * ramp, 0.3 * np.sin(3.0 * t) * np.ones(s), 0.5 * t**2 * np.linspace(-1.0, 1.0, s)]
+    every = [0.4 * ramp, 0.3 * np.sin(3.0 * t) * np.ones(s), 0.5 * t**2 * np.linspace(-1.0, 1.0, s)]
+    return np.stack(every, axis=2)
 
 
 @pytest.mark.parametrize(
@@ -38,12 +43,12 @@ def test_heats_and_their_variance_are_those_of_the_dense_equations(learnt):
     The error's variance holds whatever the estimate makes of what it does not learn.
     """
     plant, u, _ = logged(steps=90)
-    changes = [Change(d, is_learnt) for d, is_learnt in zip(drifts(90, 4), learnt, strict=True)]
+    changes = Changes(drifts(90, 4), np.array(learnt))
     problem, _ = stacked_problem(plant, [u])
     prior = Prior.of(plant, DT_S, 1)
     z, n = problem.whiten(problem.rise_K).ravel(), problem.steps * problem.heats
     H = problem.whiten(_dense(problem, prior)).reshape(len(z), n)
-    X = problem.whiten(np.stack([c.sensor_K for c in changes], axis=2)).reshape(len(z), 3)
+    X = problem.whiten(changes.sensor_K).reshape(len(z), 3)
     both = np.hstack([H, X])
     g = np.linalg.solve(both.T @ both + np.eye(n + 3), both.T)[n:] * np.array(learnt)[:, None]
     K = np.linalg.solve(H.T @ H + np.eye(n), H.T) @ (np.eye(len(z)) - X @ g)
@@ -53,8 +58,8 @@ def test_heats_and_their_variance_are_those_of_the_dense_equations(learnt):
     heat_W = prior.heats((K @ z).reshape(problem.steps, problem.heats))
 
     same_plant, same_u = held(plant, u, prior)
-    found = most_probable(same_plant, OPEN_GATE, [same_u], problem.weight_1_K > 0.0, changes)
-    history = smooth_heats(same_plant, OPEN_GATE, with_readings([same_u], -found.sensor_K))
+    found = most_probable(same_plant, OPEN_GATE, [same_u], changes)
+    history = smooth_heats(same_plant, OPEN_GATE, less([same_u], found.sensor_K))
     ours_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
     np.testing.assert_allclose(history.heat_W[1:], heat_W, rtol=0, atol=1e-6 * np.abs(heat_W).max())
     np.testing.assert_allclose(ours_W[1:], sigma_W, rtol=1e-5)
@@ -66,11 +71,14 @@ def test_every_method_takes_learnt_off_the_readings_and_the_rest_into_sigma(meth
     plant, u, _ = logged(steps=90)
     options = MethodOptions(method)
     plain = heat_history(plant, OPEN_GATE, [u], options)
-    same = heat_history(plant, OPEN_GATE, [u], options, lambda _heat_W: [])
+    same = heat_history(
+        plant, OPEN_GATE, [u], options, lambda _heat_W: Changes(drifts(90, 4)[:, :, :0], np.zeros(0, bool))
+    )
     np.testing.assert_array_equal(same.heat_W, plain.heat_W)
     np.testing.assert_array_equal(same.heat_sigma_W, plain.heat_sigma_W)
+    ramp = np.ascontiguousarray(drifts(90, 4)[:, :, :1])
     known, learnt = (
-        heat_history(plant, OPEN_GATE, [u], options, lambda _heat_W, by=by: [Change(drifts(90, 4)[0], by)])
+        heat_history(plant, OPEN_GATE, [u], options, lambda _heat_W, by=by: Changes(ramp, np.array([by])))
         for by in (False, True)
     )
     np.testing.assert_array_equal(known.heat_W, plain.heat_W)
@@ -96,27 +104,87 @@ def test_with_all_tolerances_at_0_the_result_is_that_of_the_smoother_alone():
 
 
 def test_each_tolerance_is_a_change_of_its_own_sensors_and_learnt_by_its_key():
-    """Rows without a heat or an input take those before; a sensor beside the screw has no place there."""
+    """Rows without a heat or an input change nothing; a sensor beside the screw has no place there."""
     one = of_morning(0)
-    config = config_of(CONFIG, '\n[estimator]\nlearn = ["conductivity", "lag_s"]\n')
-    plan = Machine.of(config).plan
+    config = config_of(CONFIG, '\n[estimator]\nlearn = ["conductivity", "lag_s", "law"]\n')
+    machine = Machine.of(config)
     one.air_degC[300:310] = np.nan
-    frames = list(frames_of_log(log_of(one), plan))
+    blocks = inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive)
     heat_W = one.heat_W.copy()
     heat_W[:5], heat_W[400:410] = np.nan, np.nan
-    every = changes_within(config, frames, heat_W)
-    # material, film, ends and air of all sensors; place, lag, gain and offset of each of five
-    assert len(every) == 2 + 1 + 2 + 1 + 4 * 5
-    assert sum(change.learnt for change in every) == 1 + 5
-    assert all(np.isfinite(change.sensor_K).all() for change in every)
-    assert [np.count_nonzero(change.sensor_K.any(axis=0)) for change in every] == [5] * 6 + [1] * 20
-    offsets = [c.sensor_K for c in every[-9::2]]
-    np.testing.assert_array_equal([c.max() for c in offsets], [0.3] * 5)
+    D, learnt = changes_within(config, blocks, heat_W)
+    # film, material, air and ends of all sensors; offset, place and lag, then gain, of each of five
+    assert learnt.tolist() == [False, True, *[False] * 4, *[False, False, True] * 5, *[False] * 5]
+    assert np.isfinite(D).all()
+    assert np.count_nonzero(D.any(axis=0), axis=0).tolist() == [5] * 6 + [1] * 20
+    np.testing.assert_array_equal(D[10:, :, 6:21:3].max(axis=(0, 1)), [0.3] * 5)
+    assert not D[:5].any(), "nothing is known yet"
     # what lags reads later by 4 s: while a sensor warms evenly that is 4 s of its slope
-    lag_K = next(c.sensor_K for c in every[11:] if c.learnt)
     warming = np.gradient(np.convolve(one.sensor_degC[:, 0], np.ones(60) / 60.0, "same"))
-    assert lag_K[900:1100, 0].mean() == pytest.approx(-4.0 * warming[900:1100].mean(), rel=0.2)
-    assert changes_within(config, frames, np.full_like(heat_W, np.nan)) == []
+    assert D[900:1100, 0, 8].mean() == pytest.approx(-4.0 * warming[900:1100].mean(), rel=0.2)
+    assert not len(changes_within(config, blocks, np.full_like(heat_W, np.nan)).learnt)
+
+
+def predicted(config, one):
+    """What sensors would read along the true heats from the start that their first values tell, and the air,
+    by the open loop of a configuration.
+    """
+    machine = Machine.of(config)
+    u = Inputs.joined(inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive))
+    plant, u = machine.plant.sensors_only(), u.sensors_only(machine.plant.rows.sensors)
+    u.law_W[:] = one.heat_W
+    start = start_from_sensors(plant, u.y_degC[0], plant.noise_R_K2, u.law_W[0], u.z_end[0])
+    return simulate(plant, start, u.part(1))[1], u.z_end[1:, [plant.known.ambient]]
+
+
+def test_changes_are_those_of_other_configurations_along_the_same_heats():
+    """A hundredth of each tolerance up and down, beside the description that the filter learns by."""
+    one, config = of_morning(1), config_of()
+    machine = Machine.of(config)
+    blocks = inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive)
+    D, _ = changes_within(config, blocks, one.heat_W)
+    known, screw = config.tolerance, config.screw
+
+    def by(change):
+        up, down = (predicted(config.model_copy(update=change(part)), one)[0] for part in (0.01, -0.01))
+        return (up - down) / 0.02
+
+    def film(part):
+        more = config.surface.convection_W_m2K * (1.0 + part * known.convection)
+        return {"surface": config.surface.model_copy(update={"convection_W_m2K": more})}
+
+    def conductivity(part):
+        more = screw.conductivity_W_mK * (1.0 + part * known.conductivity)
+        return {"screw": screw.model_copy(update={"conductivity_W_mK": more})}
+
+    def capacity(part):
+        more = screw.specific_heat_J_kgK * (1.0 + part * known.heat_capacity)
+        return {"screw": screw.model_copy(update={"specific_heat_J_kgK": more})}
+
+    def air(part):
+        return {"effect": (Unnamed((AmbientShift(0.0, part * known.ambient_K),)),)}
+
+    # what the dropped modes hold goes with conductivity at once, and is not in the description
+    near = {film: 0.01, conductivity: 0.15, capacity: 0.02, air: 0.01}
+    for column, (change, part) in enumerate(near.items()):
+        expected_K = by(change)
+        largest_K = np.abs(expected_K).max()
+        assert largest_K > 0.02
+        np.testing.assert_allclose(D[1:, :, column], expected_K, rtol=0, atol=part * largest_K)
+    reading_degC, air_degC = predicted(config, one)
+    ours_K = np.diagonal(D[1:, :, -5:], axis1=1, axis2=2)
+    np.testing.assert_allclose(ours_K, known.gain * (air_degC - reading_degC), rtol=0, atol=1e-3)
+
+
+def test_a_gain_alone_is_taken_along_the_same_field():
+    """With every other tolerance at 0 there is nothing that the filter learns by."""
+    one, config = of_morning(1), config_of()
+    alone = config_of(CONFIG, KNOWN.replace("gain = 0.0", f"gain = {config.tolerance.gain}"))
+    machine = Machine.of(config)
+    blocks = inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive)
+    every, gains = (changes_within(c, blocks, one.heat_W).sensor_K for c in (config, alone))
+    assert gains.shape[2] == 5
+    np.testing.assert_allclose(gains, every[:, :, -5:], rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow

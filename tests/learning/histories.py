@@ -12,8 +12,8 @@ import numpy as np
 from rich.console import Console
 
 from observer.config import Config
-from observer.fit.changes import changes_within
 from observer.frames import FloatArray
+from observer.history.changes import changes_within
 from observer.history.history import HeatHistory
 from observer.history.identify import heat_history
 from observer.history.options import MethodOptions
@@ -35,9 +35,8 @@ MARKS = ("<!-- the campaign's table, written by make identify-campaign -->", "<!
 def identified(config: Config, day_: Day, method: MethodOptions | None = None) -> HeatHistory:
     """What `identify` finds of a day."""
     machine = Machine.of(config)
-    frames = list(frames_of_log(log_of(day_), machine.plan))
-    blocks = inputs_of(frames, machine.drive)
-    within = partial(changes_within, config, frames)
+    blocks = inputs_of(frames_of_log(log_of(day_), machine.plan), machine.drive)
+    within = partial(changes_within, config, blocks)
     return heat_history(machine.plant, config.estimator, blocks, method or MethodOptions(), within)
 
 

@@ -1,0 +1,112 @@
+"""What the tolerances of a configuration do to the sensors over a log whose heats are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators import packing
+from observer.estimators.fixed_gain_records import Allowed
+from observer.estimators.steps import StepCache, chunks
+from observer.frames import BoolArray, FloatArray, Inputs
+from observer.kernels import record, run_tolerances
+from observer.model.build import build_plant
+from observer.model.learning import Kind, of_parameters
+from observer.model.plant import Plant
+from observer.model.simulate import start_from_sensors
+
+
+class Changes(NamedTuple):
+    """What one standard deviation of each of c tolerances does to the sensors: `sensor_K` (K, s, c), K; and
+    which of them are `learnt` (c,), the others being considered only.
+    """
+
+    sensor_K: FloatArray
+    learnt: BoolArray
+
+
+def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray) -> Changes:
+    """Return what tolerances do over consecutive blocks of K steps together, as the plant has them.
+
+    `heat_W` (K, m_e) are the estimated heats, NaN where they are not known: the change is taken along them,
+    since a film's goes with how warm the screw was. At the start nothing has changed: it is what the sensors
+    say. Learnt is what `[estimator] learn` names; a sensor's gain never is.
+    """
+    plant, learnt = _roughly_known(config)
+    known = np.flatnonzero(np.isfinite(heat_W).any(axis=1))
+    gain, L, s = config.tolerance.gain, len(learnt), plant.rows.sensors
+    D = np.zeros((len(heat_W), s, L + (s if gain > 0.0 else 0)))
+    if not (len(known) and D.size):
+        return Changes(D[:, :, :0], np.zeros(0, dtype=np.bool_))
+    along, done, start, own = _Along(plant), 0, int(known[0]), np.arange(s)
+    for block in blocks:
+        rows = slice(max(done, start), done + len(block))
+        u = block.sensors_only(s).part(rows.start - done)
+        done += len(block)
+        if len(u):
+            law_W = u.law_W.copy()
+            law_W[:, plant.estimated] = heat_W[rows]
+            expected_degC = along(u._replace(law_W=law_W), D[rows])
+            if gain > 0.0:
+                air_degC = u.z_end[:, plant.known.ambient, None]
+                D[rows, own, L + own] = np.nan_to_num(gain * (air_degC - expected_degC))
+    return Changes(D, np.concatenate([learnt, np.zeros(D.shape[2] - L, dtype=np.bool_)]))
+
+
+def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
+    """The plant with its tolerances but those of heats, which are sought, and which of them are learnt."""
+    by_kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
+    lean = config.model_copy(update={"estimator": by_kalman})
+    plant = build_plant(lean, nut_places=2, learns=True).sensors_only()  # the inputs have the nut's columns
+    if plant.learning is None:
+        return plant, np.zeros(0, dtype=np.bool_)
+    fades, every = plant.coupling.fades, plant.learning.arrays
+    sought = fades._replace(per_K=np.where(plant.estimated, 0.0, fades.per_K))  # found as they are
+    which = np.flatnonzero(every.kind != Kind.LAW)
+    learning = replace(plant.learning, arrays=of_parameters(every, which))
+    plant = replace(plant, coupling=plant.coupling._replace(fades=sought), learning=learning)
+    return plant, np.isin(which, every.held, invert=True)
+
+
+class _Along:
+    """The way over a log: a field, and what one standard deviation of each parameter has done to it."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant, self._steps, self._begins = plant, StepCache(plant), True
+        arrays = packing.pack_plant(plant)
+        n, s, L = packing.states_of(plant), plant.rows.sensors, len(arrays.learn.kind)
+        of_machine = max(arrays.learn.machine, 1)
+        self._x = np.zeros(n)
+        self._allowed = record(
+            Allowed(
+                arrays,
+                packing.scratch(arrays),
+                around=np.zeros(n - L + 2 * s),
+                S=np.zeros((n - L, of_machine)),
+                nothing=np.zeros(n),
+                nu=np.zeros((s, of_machine)),
+                variance=np.zeros(s),
+                e=np.zeros(s),
+                taken=np.zeros(1, np.int64),
+            )
+        )
+
+    def __call__(self, u: Inputs, D: FloatArray) -> FloatArray:
+        """Fill D (K, s, …) for the steps of a block, the first of which begins where the sensors are; return
+        what they would read with no parameter changed, (K, s), °C.
+        """
+        if self._begins:
+            seen = np.where(u.usable[0], u.y_degC[0], np.nan)
+            field = start_from_sensors(self._plant, seen, self._plant.noise_R_K2, u.law_W[0], u.z_end[0]).x
+            self._x[: len(field)] = field
+        expected_degC = np.full(u.y_degC.shape, np.nan)
+        for part, _, table, chunk, step in chunks(self._steps, u):
+            run_tolerances(
+                self._allowed, table, record(chunk), step, self._x, self._begins, D[part], expected_degC[part]
+            )
+            self._begins = False
+        return expected_degC
