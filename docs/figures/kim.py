@@ -7,6 +7,7 @@ sensor at b_T = 0.43 L. It is dimensionless: L = α = kA = 1, so times are τ = 
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,20 +15,23 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from observer import installation
-from observer.estimators import build_estimator
-from observer.estimators.design.kim import kim_gains, kim_gains_printed, kim_poles
-from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
-from observer.model import simulate
-from observer.model.build import build_plant
-from observer.model.law import heat_law
-from observer.model.plant import Plant
-from observer.model.rod.modes import Modes, solve_modes
-from observer.model.rod.screw import End, Rod
-from observer.model.rod.static import Stretch, source_field
-from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input
-
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parents[1]))
+
+from observer import installation  # noqa: E402
+from observer.estimators import build_estimator  # noqa: E402
+from observer.estimators.design.kim import kim_poles  # noqa: E402
+from observer.frames import EstimateBlock, FloatArray, Inputs, Quality  # noqa: E402
+from observer.model import simulate  # noqa: E402
+from observer.model.build import build_plant  # noqa: E402
+from observer.model.law import heat_law  # noqa: E402
+from observer.model.plant import Plant  # noqa: E402
+from observer.model.rod.modes import Modes, solve_modes  # noqa: E402
+from observer.model.rod.screw import End, Rod  # noqa: E402
+from observer.model.rod.static import Stretch, source_field  # noqa: E402
+from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input  # noqa: E402
+from tests.reference.printed import kim_gains, kim_gains_printed  # noqa: E402
+
 BETA = 0.9995
 SOURCE, SENSOR = 0.1, 0.43
 ROD = Rod(1.0, 1.0, 1.0, 0.0, End(math.inf), End(math.inf))

@@ -15,7 +15,9 @@ from observer.model.rod.modes import solve_modes
 from observer.model.rod.screw import rod_of
 from observer.model.rod.static import Stretch
 from observer.model.simulate import SimulationState, simulate
-from observer.model.state_space import kim_form, state_space
+from observer.model.state_space import state_space
+from tests.model.test_generator import machine
+from tests.reference.printed import kim_form
 
 DT_S = 5.0
 STEPS = 200
@@ -110,3 +112,26 @@ def test_kims_lifted_form_gives_the_same_temperatures(film_W_m2K: float, right: 
         x = step @ x + hold @ (form.B * 20.0 - form.D @ z)
         z[[0, 2]] = left[k + 1], right_degC[k + 1]
         np.testing.assert_allclose(form.C @ x + form.E @ z, rows[k, :2], atol=1e-8)
+
+
+def test_python_control_marches_nodes_films_and_lagging_sensors_too() -> None:
+    """A heat of 20 W from rest, in air at 0 °C: ten minutes of the coupled machine of `test_generator`."""
+    plant = build_plant(machine())
+    system, dt_s, steps = state_space(plant), 1.0, 600
+    n_x, p, s = len(plant.decay_1_s), len(plant.known_names), plant.rows.sensors
+    z, none = np.zeros((steps, p)), np.zeros((steps, 0))
+    inputs = Inputs(
+        time_s=dt_s * np.arange(1.0, steps + 1), dt_s=np.full(steps, dt_s), y_degC=np.zeros((steps, s)),
+        usable=np.zeros((steps, s), dtype=bool), quality=np.zeros((steps, s), dtype=np.int8),
+        law_W=np.full((steps, len(plant.source_names)), 20.0),
+        law_jump_W=np.zeros((steps, len(plant.source_names))), z_start=z, z_end=z,
+        moving_B=none.reshape(steps, 0, 1), moving_C=none.reshape(steps, 0, 1),
+        degraded=np.zeros(steps, dtype=bool), loss_1_s=np.zeros(steps), loss_degC=np.zeros(steps),
+    )  # fmt: skip
+    rows = simulate(plant, SimulationState(np.zeros(n_x)), inputs)[1]
+    u = np.zeros((len(system.input_labels), steps + 1))
+    u[: len(plant.source_names)] = 20.0
+    response = control.forced_response(system, np.arange(steps + 1) * dt_s, u)
+    # the product takes couplings by turns with the rest, of second order in the step
+    np.testing.assert_allclose(response.outputs[:, 1:].T, rows, atol=1e-3 * np.abs(rows).max())
+    assert system.nstates == n_x

@@ -1,5 +1,4 @@
-"""Kim's gains for one sensor and one heat: the modified Bass-Gura formula, its closed form, and the pole
-rule.
+"""Kim's gains for one sensor and one heat: the pole rule, and the gains in closed form.
 
 The augmented pair is dη/dt = -Λη + B u, du/dt = 0, y = C η; the observer's error obeys [[A - L C, B], [-k C,
 0]].
@@ -20,40 +19,6 @@ def kim_poles(decay_1_s: FloatArray, diffusion_rate_1_s: float) -> FloatArray:
     """
     fastest = 3.0 * float(np.max(decay_1_s)) / diffusion_rate_1_s
     return np.asarray(-(fastest + np.arange(len(decay_1_s) + 1)) * diffusion_rate_1_s)
-
-
-def kim_gains_printed(
-    decay: FloatArray, B: FloatArray, C: FloatArray, poles: FloatArray
-) -> tuple[FloatArray, float]:
-    """Return L (N,) and k by the formula as printed.
-
-    [L; k] = [[J'M_o, 0; 0] | (0, J'M_o B)]⁻¹ (ā - a), with M_o the observability matrix, J the Toeplitz
-    matrix (26) of the plant's characteristic polynomial, a and ā the coefficients of s a(s) and of the wanted
-    polynomial below s^{N+1}. The matrix is very ill-conditioned already for seven modes; `kim_gains` is the
-    same without it. Source: Kim, equations (25) and (26).
-    """
-    N = len(decay)
-    plant = np.poly(-decay)
-    J = np.zeros((N, N))
-    for row in range(N):
-        J[row, row:] = plant[: N - row]
-    M_o = C * (-decay) ** np.arange(N)[:, None]
-    W = J.T @ M_o
-    matrix = np.zeros((N + 1, N + 1))
-    matrix[:N, :N] = W
-    matrix[1:, N] = W @ B
-    gains = np.linalg.solve(matrix, np.poly(poles)[1:] - np.append(plant[1:], 0.0))
-    return gains[:N], float(gains[N])
-
-
-def kim_gains(decay: FloatArray, B: FloatArray, C: FloatArray, poles: FloatArray) -> tuple[FloatArray, float]:
-    """Return L (N,) and k by the closed form on the eigenvectors of the augmented matrix.
-
-    These are the unit vectors for -Λ_i and [B/Λ; 1] for the integrator. Needs distinct Λ, none of them 0.
-    """
-    integrator = B / decay
-    g = gains_on_eigenvectors(np.append(-decay, 0.0), np.append(C, C @ integrator), poles)
-    return g[:-1] + integrator * g[-1], float(g[-1])
 
 
 def gains_on_eigenvectors(eigenvalues: FloatArray, c: FloatArray, poles: FloatArray) -> FloatArray:

@@ -1,7 +1,6 @@
 """A network of nodes by itself: C dT/dt = −K T + g T_amb + q.
 
-Li 2022, eq. 8, as matrices. At rest (Yu et al. 2024, eq. 49), by Crank and Nicolson (Li, eqs. 12 to 19),
-and in its own modes, which is how a plant takes it in.
+Li 2022, eq. 8, as matrices, and in its own modes, which is how a plant takes it in.
 """
 
 from __future__ import annotations
@@ -25,14 +24,6 @@ class Network(NamedTuple):
     capacity_J_K: FloatArray
     conductance_W_K: FloatArray
     ambient_W_K: FloatArray
-
-
-class Transition(NamedTuple):
-    """T⁺ = `E` q + `C` T + `D` T_amb over a step, q and T_amb its means; shapes (n, n), (n, n), (n,)."""
-
-    C: FloatArray
-    D: FloatArray
-    E: FloatArray
 
 
 class NodeModes(NamedTuple):
@@ -66,27 +57,6 @@ def assemble(
         K[i, i] += G
         g[i] += G
     return Network(np.array(capacity_J_K, dtype=float), K, g)
-
-
-def steady(network: Network, heat_W: FloatArray, ambient_degC: float) -> FloatArray:
-    """Return the temperatures (n,) at rest under heats (n,): K T = g T_amb + q (Yu et al. 2024, eq. 49).
-
-    Raises `numpy.linalg.LinAlgError` where a node has no way to the ambient.
-    """
-    return np.asarray(
-        np.linalg.solve(network.conductance_W_K, network.ambient_W_K * ambient_degC + heat_W), dtype=float
-    )
-
-
-def crank_nicolson(network: Network, dt_s: float) -> Transition:
-    """Return one step by Crank and Nicolson: A T⁺ = B T + Δt (g T_amb + q), A, B = C ± Δt K/2.
-
-    Of second order, and stable for any step; nodes that are fast against it swing. Source: Li 2022, eqs. 14
-    to 19.
-    """
-    capacity, half = np.diag(network.capacity_J_K), 0.5 * dt_s * network.conductance_W_K
-    E = np.asarray(dt_s * np.linalg.inv(capacity + half), dtype=float)
-    return Transition(C=E @ (capacity - half) / dt_s, D=E @ network.ambient_W_K, E=E)
 
 
 def node_modes(network: Network) -> NodeModes:
