@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from observer.estimators.design.bandwidth import bandwidth, design
 from observer.estimators.design.gains import Refusal
 from observer.estimators.fixed_gain import FixedGainEstimator
@@ -25,7 +23,7 @@ class LuenbergerEstimator(FixedGainEstimator):
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         """Find the bandwidth, and the gain for all sensors; raises `UserError` where there is none."""
         self._rule = settings.pole_rule
-        self._bandwidth_1_s = bandwidth(plant, settings) if self._rule == "bandwidth" else np.inf
+        self._bandwidth_1_s = bandwidth(plant, settings)
         super().__init__(plant, settings)
 
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:

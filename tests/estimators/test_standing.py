@@ -6,9 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from observer.estimators.design.bandwidth import bandwidth, design
+from observer.estimators.design.bandwidth import bandwidth, design, standing_growth_1_s
 from observer.estimators.design.gains import LuenbergerGain, Refusal, design_bandwidth, everything
-from observer.estimators.design.standing import standing_growth_1_s
 from observer.model.discretise import augmented, step_matrices
 from observer.model.rod.moving import columns_at
 from observer.service.machine import Machine

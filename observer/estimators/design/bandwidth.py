@@ -1,17 +1,24 @@
-"""Which gain a Luenberger observer has: by the configured rule, and the bandwidth where none is given."""
+"""Which gain a Luenberger observer has: by the configured rule, and the bandwidth where none is given; and
+whether it holds while a nut stands still.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
+from scipy.linalg import eigvals
 
 from observer.errors import UserError
 from observer.estimators.design import gains
-from observer.estimators.design.gains import LuenbergerGain, Refusal
+from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop
+from observer.estimators.design.kim import design_kim
 from observer.estimators.design.riccati import steady_covariance
-from observer.estimators.design.standing import standing_growth_1_s
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.plant import Plant
+from observer.model.rod.moving import columns_at
 from observer.tables.estimator import EstimatorSettings
 
 _SLOWEST_1_S = 1e-5
@@ -22,6 +29,7 @@ _WORSE = 10.0
 _NOISE_AT_MOST = 1.0
 # Without a sensor, errors may grow e-fold in no less than 17 minutes while a nut stands.
 _GROWTH_AT_MOST_1_S = 1e-3
+_PLACES = 13
 
 
 def design(
@@ -31,7 +39,7 @@ def design(
     one for sensors that are left over that would run away while a nut stands still.
     """
     if rule == "kim":
-        return gains.design_kim(plant, step, present)
+        return design_kim(plant, step, present)
     gain = gains.design_bandwidth(plant, step, present, bandwidth_1_s)
     if isinstance(gain, LuenbergerGain) and not noise_share(plant, gain, present) <= _NOISE_AT_MOST:
         return gains.refusal(
@@ -53,12 +61,14 @@ def noise_share(plant: Plant, gain: LuenbergerGain, present: BoolArray) -> float
 
 
 def bandwidth(plant: Plant, settings: EstimatorSettings) -> float:
-    """Return the configured bandwidth, 1/s, or the default.
+    """Return the configured bandwidth, 1/s, or the default; under Kim's rule none holds, and it is infinite.
 
     The default is the one, of four per decade, at which the heats' steady σ (random walk, sensor noise and
     the observer's own lag together) is smallest against their initial_sigma_W; no faster than a half per
     period. Raises `UserError` where none serves.
     """
+    if settings.pole_rule == "kim":
+        return float("inf")
     if settings.bandwidth_1_s is not None:
         return float(settings.bandwidth_1_s)
     step = step_matrices(plant, settings.period_s)
@@ -88,3 +98,29 @@ def _steady_heat_sigma(plant: Plant, step: StepMatrices, K: FloatArray) -> float
         return float("inf")
     variance_W2 = np.diag(steady.P)[len(plant.decay_1_s) :]
     return float(np.sqrt(np.max(variance_W2 / plant.initial_sigma_W**2)))
+
+
+def standing(plant: Plant, places_m: Mapping[int, float]) -> Plant:
+    """Return the plant with the columns of nuts, by their source's number, that stand at places; the others
+    stay spread over their strokes.
+    """
+    B, C = plant.B.copy(), plant.rows.C.copy()
+    for nut in (m for m in plant.moving if m.index in places_m):
+        B[:, nut.index], C[:, plant.modes + nut.index] = columns_at(nut.table, [places_m[nut.index]])
+    return replace(plant, B=B, rows=replace(plant.rows, C=C))
+
+
+def standing_growth_1_s(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
+    """Return the fastest growth, 1/s, of the estimate's error with one nut standing at any place of its
+    screw; negative where it decays at each, and without nuts -inf.
+
+    Neither what the machine is nor what it does enters this: error's own motion is e⁺ = (I - K C) Ad e with
+    the model's C and Ad, of the place. The others are spread over their strokes.
+    """
+    fastest = 0.0
+    for nut in plant.moving:
+        half_m = 0.5 * nut.table.nut_m
+        for place_m in np.linspace(half_m, nut.table.screw_m - half_m, _PLACES):
+            here = standing(plant, {nut.index: float(place_m)})
+            fastest = max(fastest, float(np.abs(eigvals(closed_loop(here, step, K))).max()))
+    return float(np.log(fastest) / step.dt_s) if fastest > 0.0 else -np.inf

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvals, solve_discrete_lyapunov
 from scipy.optimize import linear_sum_assignment
 
-from observer.estimators.design.kim import gains_on_chain, gains_on_eigenvectors, kim_poles
 from observer.frames import BoolArray, FloatArray
 from observer.model.basis import frozen
 from observer.model.discretise import StepMatrices, step_matrices
@@ -147,25 +146,12 @@ def design_bandwidth(
         K_slow = _place(pair, plant, present, np.exp(poles * step.dt_s))
     except (ValueError, np.linalg.LinAlgError):
         return refusal(plant, present, "no gain places the poles")
-    gain = _finish(plant, step, pair, K_slow, present, poles)
+    gain = finish(plant, step, pair, K_slow, present, poles)
     if isinstance(gain, Refusal):
         return gain
     if not gain.pole_error <= POLE_TOLERANCE:
         return refusal(plant, present, f"the poles reached are {gain.pole_error:.0%} off")
     return gain if V is None else gain._replace(K=np.vstack([V @ gain.K[:n_x], gain.K[n_x:]]))
-
-
-def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> LuenbergerGain | Refusal:
-    """Place all modes and the heat by Kim's rule (27), for one sensor and one heat; lags stay."""
-    if len(present) != 1 or plant.estimated.sum() != 1:
-        return refusal(plant, present, "Kim's rule is for one sensor and one estimated heat")
-    if not present[0]:
-        return refusal(plant, present, "without the sensor there is nothing to correct by")
-    if not plant.by_itself:
-        return refusal(plant, present, "Kim's rule is for a screw by itself")
-    pair = slow_pair(plant, step, np.inf)
-    poles = kim_poles(plant.decay_1_s[: plant.modes], plant.diffusion_rate_1_s)
-    return _finish(plant, step, pair, _single_output(pair, np.exp(poles * step.dt_s)), present, poles)
 
 
 def determinable(pair: SlowPair, present: BoolArray) -> bool:
@@ -247,29 +233,7 @@ def _place(pair: SlowPair, plant: Plant, present: BoolArray, z: FloatArray) -> F
     return np.asarray(pair.scale[:, None] * placed.gain_matrix.T / sigma_K)
 
 
-def _single_output(pair: SlowPair, z: FloatArray) -> FloatArray:
-    """Gain (n_s, 1) for one sensor and one heat by the closed form, in the eigenvectors of A."""
-    N = len(pair.slow)
-    e, gamma, G = np.diag(pair.A)[:N], float(pair.A[N, N]), pair.A[:N, N]
-    c = pair.C[0, :N]
-    chained = np.flatnonzero(e == gamma)
-    order = np.concatenate([chained, np.setdiff1d(np.arange(N), chained)])
-    free = order[len(chained) :]
-    v = np.zeros(N)
-    v[free] = G[free] / (gamma - e[free])
-    if len(chained) == 0:
-        c_heat = pair.C[0, N] + c @ v
-        g = gains_on_eigenvectors(np.append(e, gamma), np.append(c * e, c_heat * gamma), z)
-        modes, heat = g[:N], float(g[N])
-    else:
-        first = int(chained[0])
-        c_heat = (pair.C[0, N] + c @ v) * gamma + c[first] * G[first]
-        modes = np.empty(N)
-        modes[order], heat = gains_on_chain(e[order], c[order] * e[order], float(G[first]), c_heat, z)
-    return np.append(modes + v * heat, heat)[:, None]
-
-
-def _finish(
+def finish(
     plant: Plant,
     step: StepMatrices,
     pair: SlowPair,
@@ -277,6 +241,9 @@ def _finish(
     present: BoolArray,
     poles: FloatArray,
 ) -> LuenbergerGain | Refusal:
+    """Return the gain of the slow pair, (n_s, present sensors), as one of the plant's own states, with the
+    poles it reaches beside those that were asked for.
+    """
     if not np.isfinite(K_slow).all():
         return refusal(plant, present, "a mode of the model has a node at the sensor")
     K = lift(pair, K_slow, present)

@@ -8,7 +8,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.frames import FloatArray
+from observer.estimators.design.gains import LuenbergerGain, Refusal, SlowPair, finish, refusal, slow_pair
+from observer.frames import BoolArray, FloatArray
+from observer.model.discretise import StepMatrices
+from observer.model.plant import Plant
+
+
+def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> LuenbergerGain | Refusal:
+    """Place all modes and the heat by Kim's rule (27), for one sensor and one heat; lags stay."""
+    if len(present) != 1 or plant.estimated.sum() != 1:
+        return refusal(plant, present, "Kim's rule is for one sensor and one estimated heat")
+    if not present[0]:
+        return refusal(plant, present, "without the sensor there is nothing to correct by")
+    if not plant.by_itself:
+        return refusal(plant, present, "Kim's rule is for a screw by itself")
+    pair = slow_pair(plant, step, np.inf)
+    poles = kim_poles(plant.decay_1_s[: plant.modes], plant.diffusion_rate_1_s)
+    return finish(plant, step, pair, _single_output(pair, np.exp(poles * step.dt_s)), present, poles)
 
 
 def kim_poles(decay_1_s: FloatArray, diffusion_rate_1_s: float) -> FloatArray:
@@ -19,6 +35,28 @@ def kim_poles(decay_1_s: FloatArray, diffusion_rate_1_s: float) -> FloatArray:
     """
     fastest = 3.0 * float(np.max(decay_1_s)) / diffusion_rate_1_s
     return np.asarray(-(fastest + np.arange(len(decay_1_s) + 1)) * diffusion_rate_1_s)
+
+
+def _single_output(pair: SlowPair, z: FloatArray) -> FloatArray:
+    """Gain (n_s, 1) for one sensor and one heat by the closed form, in the eigenvectors of A."""
+    N = len(pair.slow)
+    e, gamma, G = np.diag(pair.A)[:N], float(pair.A[N, N]), pair.A[:N, N]
+    c = pair.C[0, :N]
+    chained = np.flatnonzero(e == gamma)
+    order = np.concatenate([chained, np.setdiff1d(np.arange(N), chained)])
+    free = order[len(chained) :]
+    v = np.zeros(N)
+    v[free] = G[free] / (gamma - e[free])
+    if len(chained) == 0:
+        c_heat = pair.C[0, N] + c @ v
+        g = gains_on_eigenvectors(np.append(e, gamma), np.append(c * e, c_heat * gamma), z)
+        modes, heat = g[:N], float(g[N])
+    else:
+        first = int(chained[0])
+        c_heat = (pair.C[0, N] + c @ v) * gamma + c[first] * G[first]
+        modes = np.empty(N)
+        modes[order], heat = gains_on_chain(e[order], c[order] * e[order], float(G[first]), c_heat, z)
+    return np.append(modes + v * heat, heat)[:, None]
 
 
 def gains_on_eigenvectors(eigenvalues: FloatArray, c: FloatArray, poles: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from observer.estimators.design import gains
-from observer.estimators.design.bandwidth import bandwidth, design
+from observer.estimators.design.bandwidth import bandwidth, design, standing
 from observer.estimators.design.gains import Refusal
 from observer.estimators.design.riccati import steady_kalman
 from observer.frames import FloatArray
@@ -27,7 +27,6 @@ from observer.model.discretise import step_matrices
 from observer.model.generator import augmented_step, generator, on_the_screw
 from observer.model.learning import WANDER_S, Kind, LearningArrays
 from observer.model.plant import Plant
-from observer.model.rod.moving import columns_at
 from observer.model.rod.ripple import PHASES, ripple
 from observer.model.rod.supports import fold
 from observer.tables.estimator import EstimatorSettings
@@ -96,10 +95,7 @@ def _fixed_gain(plant: Plant, settings: EstimatorSettings, dt_s: float) -> Float
     """The gain (n, s) of an observer that has one for all steps, None for a Kalman filter."""
     step, present = step_matrices(plant, dt_s), gains.everything(plant)
     if settings.kind == "luenberger":
-        wide = settings.pole_rule == "bandwidth"
-        gain = design(
-            plant, step, present, settings.pole_rule, bandwidth(plant, settings) if wide else np.inf
-        )
+        gain = design(plant, step, present, settings.pole_rule, bandwidth(plant, settings))
         return gain if isinstance(gain, Refusal) else gain.K
     return steady_kalman(plant, step, present) if settings.engine == "constant" else None
 
@@ -123,7 +119,7 @@ def _over(
     Q[:, range(first, first + L), range(first, first + L)] = sigma**2 * (1.0 - fade**2)
     nowhere = plant
     for stage in shift:
-        plant = _standing(nowhere, stage)
+        plant = standing(nowhere, _standing_m(nowhere, stage))
         H[:, :n_x] = plant.rows.C[:s]
         step = _step(plant, stage, dt_s)
         F[:first, :first], Q[:, :first, :first] = step.A, step.Q
@@ -155,13 +151,10 @@ def _settled(plant: Plant, stage: Stage) -> FloatArray:
     return np.asarray(plant.uniform * stage.z[plant.known.ambient] + stage.heat_W @ plant.lags)
 
 
-def _standing(plant: Plant, stage: Stage) -> Plant:
-    """The plant with the columns of the nuts that stand where they do; the others are spread over strokes."""
-    B, C = plant.B.copy(), plant.rows.C.copy()
-    for nut, sweep in zip(plant.moving, stage.sweeps, strict=True):
-        if sweep is not None and sweep.speed_m_s == 0.0:
-            B[:, nut.index], C[:, plant.modes + nut.index] = columns_at(nut.table, [sweep.middle_m])
-    return replace(plant, B=B, rows=replace(plant.rows, C=C))
+def _standing_m(plant: Plant, stage: Stage) -> dict[int, float]:
+    """Where nuts stand, by their source's number; the others are spread over their strokes."""
+    nuts = zip(plant.moving, stage.sweeps, strict=True)
+    return {nut.index: sweep.middle_m for nut, sweep in nuts if sweep is not None and sweep.speed_m_s == 0.0}
 
 
 def _start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, at_rest: bool) -> FloatArray:
