@@ -12,7 +12,7 @@ from observer.errors import UserError
 from observer.estimators.design.observability import plant_responses, smallest_singular_value
 from observer.estimators.design.placement import rank_sensor_sites
 from observer.estimators.design.report import design_report
-from observer.fit.likelihood import fit_process_noise, innovations_log_likelihood
+from observer.fit.process_noise import fit_process_noise, innovations_log_likelihood
 from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices

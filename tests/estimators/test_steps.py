@@ -7,7 +7,7 @@ import pytest
 
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.specification import Belief, Columns, correct, predict, transition
-from observer.fit.likelihood import innovations_log_likelihood
+from observer.fit.process_noise import innovations_log_likelihood
 from observer.frames import EstimateQuality, Quality
 from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import at, lively, small

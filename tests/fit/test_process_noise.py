@@ -4,8 +4,7 @@ import numpy as np
 
 from observer.estimators.kalman import KalmanEstimator
 from observer.fit.calibrate import calibrate
-from observer.fit.likelihood import innovations_log_likelihood
-from observer.fit.process_noise import FIELD, MOST_ROWS, fit_noise, liveliest
+from observer.fit.process_noise import FIELD, MOST_ROWS, fit_noise, innovations_log_likelihood, liveliest
 from observer.fit.runs import joined
 from observer.frames import EstimateQuality
 from observer.installation import parse
