@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,15 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
+from observer.effects.terms import Body
 from observer.fit.kept import Kept
 from observer.fit.runs import Run, mean_over
 from observer.fit.steps import SteppedRun, driving
-from observer.fit.strengths import unit_laws
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.plant import Plant
+from observer.model.realise import terms_of
 from observer.model.simulate import simulate, start_from_sensors
-from observer.tables.sections import Source
+from observer.tables.sections import Source, owner
 
 GAP_S, GAP_ROWS, MOST_GAPS = 30.0, 2.5, 12
 """A gap lasts longer than both; of several the longest count."""
@@ -288,3 +290,31 @@ def _stretches(config: Config) -> list[Source]:
         Source(name=f"stretch-{i + 1}", shape="band", from_m=a, to_m=b, heat_W=0.0)
         for i, (a, b) in enumerate(itertools.pairwise(edges_m))
     ]
+
+
+def unit_laws(config: Config) -> tuple[Config, FloatArray]:
+    """Return the configuration with heat laws of strength 1, and the strengths (m,) it had."""
+    divided = {t.source for t in terms_of(config) if isinstance(t, Body) and t.heated > 0.0}
+    sources = [s.model_copy(update=dict.fromkeys(_linear_in(s, divided), 1.0)) for s in config.source]
+    strength = [_strength(source, config, divided) for source in config.source]
+    return config.model_copy(update={"source": tuple(sources)}), np.array(strength)
+
+
+def _linear_in(source: Source, divided: Collection[str]) -> tuple[str, ...]:
+    """The parameters that only multiply a source's law; of `divided` ones the share does more than that."""
+    share = () if source.name in divided else ("share",)
+    if source.torque_Nm is not None and source.nut_torque_Nm is None:
+        return ("scale", *share, "torque_Nm")
+    if source.law in ("torque_Nm", "bearing", "nut_friction"):
+        return ("scale", *share)
+    if source.heat_W_rpm is not None:
+        return ("scale", "heat_W_rpm")
+    return ("scale", "heat_ratio") if source.law == "heat_of" else ("scale",)
+
+
+def _strength(source: Source, config: Config, divided: Collection[str]) -> float:
+    """What the law of strength 1 is to be multiplied by."""
+    if source.law == "heat_of":
+        other = _strength(owner(source, config.source), config, divided)
+        return source.scale / (source.heat_ratio or 1.0) * other
+    return math.prod(float(getattr(source, key)) for key in _linear_in(source, divided))

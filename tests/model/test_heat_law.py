@@ -15,7 +15,7 @@ from observer.errors import ConfigError
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.fit.calibrate import calibrate
-from observer.fit.strengths import unit_laws
+from observer.fit.forward import unit_laws
 from observer.frames import FloatArray
 from observer.installation import load, parse
 from observer.model.build import build_plant
