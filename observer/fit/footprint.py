@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from observer.fit.runs import Run, mean_over
 from observer.frames import FloatArray
-from observer.model.rod import moving, turning
+from observer.model.rod import moving
 from observer.model.rod.moving import NutTable
 from observer.model.rod.static import Stretch
 
@@ -78,7 +78,7 @@ def footprint(
     """
     frames, step_1_m = run.frames, np.pi / (table.screw_m * PER_MODE)
     waves, path = _wave_table(table, highest, step_1_m, stroke), frames.path[channel]
-    rows = turning.from_unknown(waves, frames.dt_s, path, at_ends=at_ends)[0][:, :-1]
+    rows = moving.from_unknown(waves, frames.dt_s, path, at_ends=at_ends)[0][:, :-1]
     count = np.diff([*first, len(frames)])
     number = np.repeat(np.arange(len(first)), count)
     begin_s = np.append(frames.time_s[0], frames.time_s[first[1:] - 1])[number]
@@ -131,5 +131,5 @@ def presence(
     even = np.mean([np.interp(anywhere, np.arange(PLACES), row) for row in share], axis=1)
     at_once = 1e9
     table = replace(table.of_lag(), lag_decay_1_s=at_once, table_C=share, mean_C=even)
-    rows = turning.from_unknown(table, run.frames.dt_s, run.frames.path[channel])[1]
+    rows = moving.from_unknown(table, run.frames.dt_s, run.frames.path[channel])[1]
     return mean_over(rows, run.frames.dt_s, first)

@@ -21,7 +21,7 @@ from observer.frames import FloatArray, Inputs
 from observer.model.drive import Drive, Driving
 from observer.model.plant import MovingSource, Plant
 from observer.model.realise import realise
-from observer.model.rod import turning
+from observer.model.rod import moving
 from observer.model.rod.sources import mean_stretch
 from observer.tables.laws import HeatLaw
 from observer.tables.sections import Source
@@ -257,7 +257,7 @@ class SteppedRun:
 
         def averaged() -> FloatArray:
             path = frames.path[source.channel]
-            rows = turning.from_unknown(table, frames.dt_s, path, at_ends=at_ends)[1]
+            rows = moving.from_unknown(table, frames.dt_s, path, at_ends=at_ends)[1]
             return mean_over(rows, frames.dt_s, self.ticks.first)
 
         key = (i, at_ends, table.table_C.tobytes() + table.mean_C.tobytes())

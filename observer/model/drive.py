@@ -25,7 +25,7 @@ from observer.model.couple import surface_rate
 from observer.model.law import Law, heat_law
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
-from observer.model.rod import moving, turning
+from observer.model.rod import moving
 from observer.model.rod.path import PathState
 from observer.tables.sections import law_channels
 
@@ -226,7 +226,7 @@ class Drive:
             path = frames.path[source.channel]
             nut, own_B, own_C = self._averaging(i, len(frames)).columns(state.nuts[i], frames.dt_s, path)
             if source.ends_fraction:
-                turns[i], ends_B, ends_C = turning.columns(source.table, turns[i], frames.dt_s, path)
+                turns[i], ends_B, ends_C = moving.columns_at_ends(source.table, turns[i], frames.dt_s, path)
                 own_B = own_B + source.ends_fraction * (ends_B - own_B)
                 own_C = own_C + source.ends_fraction * (ends_C - own_C)
             nuts.append(nut)

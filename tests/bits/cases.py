@@ -28,7 +28,7 @@ from observer.history.stacked import StackedProblem
 from observer.history.stepwise import stepwise_heats
 from observer.model.discretise import step_matrices
 from observer.model.drive import Drive
-from observer.model.rod import moving, turning
+from observer.model.rod import moving
 from observer.model.rod.path import PathState, reversals
 from observer.model.simulate import simulate, start
 from observer.model.tolerant import Tolerant
@@ -825,7 +825,7 @@ def nut_columns_where_it_turns():
     _, plant = _nut()
     table = plant.moving[0].table
     path = path_of(*next(iter(_runs()))[1:])
-    _, B, C = turning.columns(table, PathState(), np.full(len(path.offset) - 1, 0.06), path)
+    _, B, C = moving.columns_at_ends(table, PathState(), np.full(len(path.offset) - 1, 0.06), path)
     return {"given": given(table), "B": B, "C": C}
 
 

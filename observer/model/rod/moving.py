@@ -9,6 +9,7 @@ ten seconds of which nothing is known the nut counts as spread over its stroke.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
@@ -19,7 +20,7 @@ from observer.frames import FloatArray, NutPath
 from observer.kernels import add_columns, average_on, record
 from observer.kernels.layout import packed
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
-from observer.model.rod.path import PathState
+from observer.model.rod.path import PathState, reversals
 
 TABLE_POINTS = 129
 
@@ -145,6 +146,38 @@ def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, 
             table.conductance_W_m, table.nut_m, table.screw_m, table.table_C,
         )  # fmt: skip
     return (table.turn @ B if len(table.turn) else B), C
+
+
+def columns_at_ends(
+    table: NutTable, state: PathState, dt_s: FloatArray, path: NutPath
+) -> tuple[PathState, FloatArray, FloatArray]:
+    """Have the nut stand at both ends of the stroke that it really makes for equal times.
+
+    The stroke of the configuration is the longest; a machine may run over part of it.
+
+    Returns the state after the last step, the input columns (K, n_x) and the output columns of the source's
+    lag (K, R); those of the nut spread over its stroke while the ends are not known.
+    """
+    state, ends_m = reversals(state, path, table.stroke_m)
+    B, C = np.empty((len(dt_s), len(table.mean_B))), np.empty((len(dt_s), len(table.mean_C)))
+    spread = (table.turn @ table.mean_B if len(table.turn) else table.mean_B), table.mean_C
+    new = np.flatnonzero(np.append(True, np.any(ends_m[1:] != ends_m[:-1], axis=1)))
+    for begin, end in itertools.pairwise([*new.tolist(), len(dt_s)]):
+        known = np.isfinite(ends_m[begin]).all()
+        own = columns_at(table, ends_m[begin].tolist()) if known else spread
+        B[begin:end], C[begin:end] = own
+    return state, B, C
+
+
+def from_unknown(
+    table: NutTable, dt_s: FloatArray, path: NutPath, *, at_ends: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return the columns (K, n_x), (K, R) of a nut of which nothing is known before: averaged along its path,
+    or, `at_ends`, as `columns_at_ends` gives them.
+    """
+    if at_ends:
+        return columns_at_ends(table, PathState(), dt_s, path)[1:]
+    return columns(table, start(table), dt_s, path)[1:]
 
 
 PathRegime = Literal["path", "points", "undetermined"]
