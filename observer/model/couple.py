@@ -17,8 +17,7 @@ from observer.kernels.layout import packed
 from observer.model.basis import Constant
 from observer.model.coupling import Fades, Links, no_coupling
 from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
-from observer.model.network.attach import Attached, attached, past_covariance
-from observer.model.network.network import NodeModes, node_modes
+from observer.model.network.network import Attached, NodeModes, attached, node_modes, past_covariance
 from observer.model.network.sweep import shapes_of_strokes, spreads
 from observer.model.plant import LEFT, RIGHT, Plant
 from observer.model.rod.modes import Modes

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.model.network.attach import Attached
-from observer.model.network.network import NodeModes
+from observer.model.network.network import Attached, NodeModes
 from observer.model.plant import Plant
 from observer.tables.sections import Description
 

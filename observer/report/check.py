@@ -13,7 +13,7 @@ from observer.installation import Installation
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from observer.model.build import build_plant
 from observer.model.generator import settled_rows
-from observer.model.network.attach import attached
+from observer.model.network.network import attached
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.modes import solve_modes

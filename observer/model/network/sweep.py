@@ -9,7 +9,7 @@ import numpy as np
 
 from observer.frames import FloatArray
 from observer.model.coupling import Spreads
-from observer.model.network.attach import Attached
+from observer.model.network.network import Attached
 from observer.model.rod.modes import Modes
 from observer.model.rod.sources import mean_stretch, nut_stretch
 from observer.model.rod.static import Stretch, quadrature_within
