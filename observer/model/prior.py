@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.model.rod.modes import Modes
+from observer.model.rod.modes import Modes, held_s
 from observer.model.rod.static import NODES, quadrature
 
 SMOOTHNESS = 0.25
@@ -55,4 +55,4 @@ def gathered_s(decay_1_s: FloatArray, length_m: float, diffusivity_m2_s: float) 
     decay = decay_1_s[:, None]
     for share in PAST:
         t = share * length_m**2 / diffusivity_m2_s
-        yield np.where(decay > 0, -np.expm1(-decay * t) / np.where(decay > 0, decay, 1.0), t)
+        yield held_s(decay, t)

@@ -22,6 +22,7 @@ from observer.model.learning import (
     stacked,
 )
 from observer.model.plant import Plant
+from observer.model.rod.modes import held_s
 from observer.model.simulate import SimulationState, simulate, start
 
 STAYS_S = 100 * 86_400.0
@@ -159,7 +160,7 @@ class Tolerant:
         dt_s, n_x = float(u.dt_s[0]), len(state.x)
         before = self._rows(u, state.x, u.z_start[0])
         after, rows = simulate(plant, SimulationState(state.x), u)
-        hold = _hold(plant.decay_1_s, dt_s)
+        hold = held_s(plant.decay_1_s, dt_s)
         middle = 0.5 * (state.x + after.x)
         A, c = theta.feedback(state.theta), self._drives(u, middle)
         x = after.x + hold * (c @ state.theta)
@@ -236,13 +237,6 @@ class Tolerant:
         least = np.where(self._theta.kind == Kind.CONVECTION, np.maximum(-edge, LEAST_FILM), -edge)
         theta = np.clip(state.theta + step[n_x:], least, edge)
         return TolerantState(state.x + step[:n_x], theta, 0.5 * (P + P.T))
-
-
-def _hold(decay_1_s: FloatArray, dt_s: float) -> FloatArray:
-    """The response to an input of 1 held over a step, s."""
-    return np.where(
-        decay_1_s > 0.0, -np.expm1(-decay_1_s * dt_s) / np.where(decay_1_s > 0.0, decay_1_s, 1.0), dt_s
-    )
 
 
 def gathered(blocks: list[Inputs]) -> Inputs:

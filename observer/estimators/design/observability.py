@@ -7,6 +7,7 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.model.generator import settled_inputs, settled_rows
 from observer.model.plant import Plant
+from observer.model.rod.modes import held_s
 
 # Modes that decay faster than this many times the slowest leave no trace a sensor could tell from noise.
 _SLOW = 16.0
@@ -36,9 +37,9 @@ def responses(
     weights = (half[:, None] * w / horizon_s).ravel()
     t = times.ravel()[:, None]
     decayed = np.exp(-t * decay_1_s)
-    safe = np.where(decay_1_s > 0, decay_1_s, 1.0)
-    held = np.where(decay_1_s > 0, -np.expm1(-t * decay_1_s) / safe, t)
-    seen = np.concatenate([C[:, None, :] * decayed, np.einsum("rn,tn,nj->rtj", C, held, B)], axis=2)
+    seen = np.concatenate(
+        [C[:, None, :] * decayed, np.einsum("rn,tn,nj->rtj", C, held_s(decay_1_s, t), B)], axis=2
+    )
     return np.asarray(seen * scale * np.sqrt(weights)[:, None])
 
 

@@ -67,6 +67,12 @@ def solve_modes(rod: Rod, count: int) -> Modes:
     return Modes(rod, mu, phase, np.sqrt(alpha / norm2), alpha * (mu**2 + rod.fin_1_m**2))
 
 
+def held_s(decay_1_s: FloatArray, time_s: FloatArray | float) -> FloatArray:
+    """Return what an input of 1 leaves of modes after it was held for a time: (1 − e^{−Λ t})/Λ, or t."""
+    safe = np.where(decay_1_s > 0, decay_1_s, 1.0)
+    return np.where(decay_1_s > 0, -np.expm1(-decay_1_s * time_s) / safe, time_s)
+
+
 def _wave_numbers(rod: Rod, n: FloatArray) -> FloatArray:
     """μ_n: closed form where both ends are prescribed or insulated, else one bracketed root per interval."""
     plain = all(end.prescribed or end.insulated for end in (rod.left, rod.right))
