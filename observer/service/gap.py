@@ -32,7 +32,7 @@ LIMIT, LIMIT_OFF = 1.3, 1.0
 """How much more than allowed a sensor's gap must be to be told, and how little to be told no more."""
 BREAK_S = 300.0
 """After so long without an input the prediction begins again where the sensors say."""
-REST_K = 1.0
+HARDLY_WARM_K = 1.0
 """A machine that does not work and is hardly warmer than the air is at rest, and tells of sensors only."""
 WORKS = 0.02
 """Part of the most heat of any law from which on the machine works."""
@@ -173,7 +173,7 @@ class GapWatch:
             state = _gathered(
                 _resolved(state, _DWELL if state.stood_s < DWELL_S else _COOL), phase, new, dt_s
             )
-        elif float(np.max(np.abs(gap.rise_K))) < REST_K:
+        elif float(np.max(np.abs(gap.rise_K))) < HARDLY_WARM_K:
             state = _gathered(_resolved(state, _COOL), _REST, new, dt_s)
         else:
             state = replace(state, waiting=state.waiting + new, stood_s=state.stood_s + dt_s)
