@@ -83,7 +83,7 @@ def drive(p, u, k, B, i, x, work, c):
     for q in range(p.learn.known.shape[1]):
         for a in range(n_x):
             c[a] += p.learn.known[i, q, a] * u.z_start[k, q]
-    if p.learn.heats[i, 0] != 0.0:
+    if p.learn.heated[i] != 0:
         for j in range(B.shape[0]):
             for a in range(n_x):
                 c[a] += p.learn.heats[i, a] * B[j, a] * work.law[j]

@@ -60,6 +60,7 @@ cdef class LearningArrays(Record):
     cdef public double[:, ::1] row
     cdef public double[::1] shift_K
     cdef public double[::1] lag_s
+    cdef public Py_ssize_t[::1] heated
     cdef public Py_ssize_t ambient
     cdef public Py_ssize_t rests
     cdef public double[:, ::1] rest_P

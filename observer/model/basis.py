@@ -67,9 +67,8 @@ def turned(plant: Plant, V: FloatArray, decay_1_s: FloatArray) -> Plant:
 
     learning = plant.learning
     if learning is not None:
-        a = learning.arrays
-        arrays = a._replace(V=V, inverse=inverse, row=a.row @ V, rest_P=both(a.rest_P))
-        learning = replace(learning, arrays=arrays)
+        arrays = learning.arrays.seen_from(V, inverse)
+        learning = replace(learning, arrays=arrays._replace(rest_P=both(arrays.rest_P)))
     rows = replace(plant.rows, C=plant.rows.C @ V)
     # what a row sees of a moving nut's lag beside the lag itself stays as the nut moves
     moving = []

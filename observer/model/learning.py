@@ -11,15 +11,16 @@ considered only (Schmidt 1966) keeps its value while its covariances are carried
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import FloatArray
+from observer.tables.tolerance import Learnable
 
 WANDER_S = 86_400.0
 """In what time a parameter becomes another one, as films, clamps and laws do from day to day."""
@@ -28,7 +29,7 @@ REST_K = 0.1
 
 
 class Kind(IntEnum):
-    """What a state is of: the machine (up to `LAW`), or one of its sensors."""
+    """What a state is of: the machine (up to `LAW`), or one of its sensors; in the order of `Learnable`."""
 
     CONVECTION = 0
     CONDUCTIVITY = 1
@@ -39,6 +40,11 @@ class Kind(IntEnum):
     OFFSET = 6
     PLACE = 7
     LAG = 8
+
+    @property
+    def key(self) -> str:
+        """What `[tolerance]` and `[estimator] learn` call it."""
+        return str(get_args(Learnable)[self])
 
 
 class Change(NamedTuple):
@@ -62,15 +68,29 @@ class Change(NamedTuple):
     lag_s: float
 
 
+class Parameter(NamedTuple):
+    """One parameter: its `kind`, and of which end, estimated heat or sensor it is; `sigma` its prior, in the
+    unit of its state: relative to its value, or in K, W/K, m, s; what a unit of it does; and, where it is
+    learnt, what it is called, and the `value` and `unit` in which it is told: value + unit · state.
+    """
+
+    kind: Kind
+    of: int
+    sigma: float
+    change: Change
+    name: str = ""
+    value: float = 0.0
+    unit: float = 1.0
+
+
 class LearningArrays(NamedTuple):
     """What kernels need of L such states, the t of the machine before those of sensors; no state where L = 0.
 
-    `kind` (L,) of each; `of` (L,) which end, estimated heat or sensor it is of; `sigma` (L,) its prior, in
-    the unit of the state: relative to its value, or in K, W/K, m, s; `held` (h,) which are considered only;
-    then what each does, as in `Change`, (L, …). `ambient` is the column of z; `rest_P` (n_x, n_x), K², how
-    far a screw is from the air's temperature after a night, where `rests` is 1. What those of the
-    machine do is described on the states x = `V` ξ of a plant in another basis, with `inverse`; both are
-    empty where ξ is x.
+    `kind`, `of`, `sigma` (L,) as in `Parameter`; `held` (h,) which are considered only; then what each does,
+    as in `Change`, (L, …), and `heated` (L,), whether it has a part in what heats do. `ambient` is the column
+    of z; `rest_P` (n_x, n_x), K², how far a screw is from the air's temperature after a night, where `rests`
+    is 1. What those of the machine do is described on the states x = `V` ξ of a plant in another basis, with
+    `inverse`; both are empty where ξ is x.
     """
 
     machine: int
@@ -88,6 +108,7 @@ class LearningArrays(NamedTuple):
     row: FloatArray
     shift_K: FloatArray
     lag_s: FloatArray
+    heated: NDArray[np.int64]
     ambient: int
     rests: int
     rest_P: FloatArray
@@ -115,16 +136,31 @@ class LearningArrays(NamedTuple):
         A = np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.seen
         return self.inverse @ A @ self.V if len(self.V) else A
 
+    def seen_from(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
+        """Return the same for the states ξ, x = V ξ (n_x, n_x), of a plant that has others than these."""
+        return self._replace(V=V, inverse=inverse, row=self.row @ V)
+
     def entries(self, x: FloatArray) -> FloatArray:
         """Return C x + d (L,) at a state; lags are not told by a state alone, and are 0 here."""
         return np.asarray(self.row @ x + self.shift_K)
 
 
+_EACH = ("kind", "of", "sigma", "heated", *Change._fields)
+
+
 def of_parameters(arrays: LearningArrays, which: NDArray[np.int64]) -> LearningArrays:
     """Return the arrays of some parameters (r,) in that order, those of the machine first; all learnt."""
-    own = {name: getattr(arrays, name)[which] for name in ("kind", "of", "sigma", *Change._fields)}
+    own = {name: getattr(arrays, name)[which] for name in _EACH}
     machine = int((which < arrays.machine).sum())
     return arrays._replace(machine=machine, held=np.zeros(0, np.int64), **own)
+
+
+def joined(arrays: LearningArrays, more: LearningArrays) -> LearningArrays:
+    """Return the arrays with more parameters behind them."""
+    each: dict[str, Any] = {
+        name: np.concatenate([getattr(arrays, name), getattr(more, name)]) for name in _EACH
+    }
+    return arrays._replace(**each)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,21 +190,45 @@ def no_change(n_x: int, known: int) -> Change:
     return Change(none, none, none, none, -1, np.zeros((known, n_x)), none, none, 0.0, 0.0)
 
 
-def stacked(changes: Sequence[Change], n_x: int, known: int) -> dict[str, Any]:
-    """Return what parameters do, by the names of `LearningArrays`."""
+def learning_of(
+    parameters: Sequence[Parameter],
+    learnt: Collection[str],
+    n_x: int,
+    known: int,
+    *,
+    ambient: int = 0,
+    rest_P: FloatArray | None = None,
+) -> Learning:
+    """Return the states of parameters, of a plant of n_x states with so many known inputs, of which those are
+    `learnt` whose kind's key is among these; `rest_P` as in `LearningArrays`, None where no screw rests.
+    """
+    parameters = sorted(parameters, key=lambda p: p.kind > Kind.LAW)
     none = no_change(n_x, known)
-    return {
-        name: np.array([getattr(change, name) for change in changes], np.asarray(own).dtype).reshape(
+    change: dict[str, Any] = {
+        name: np.array([getattr(p.change, name) for p in parameters], np.asarray(own).dtype).reshape(
             -1, *np.shape(own)
         )
         for name, own in none._asdict().items()
     }
-
-
-def nothing_learnt(n_x: int, known: int) -> LearningArrays:
-    """Return the arrays of a plant of which all is taken as the configuration says."""
-    none = np.zeros(0, np.int64)
-    return LearningArrays(
-        machine=0, kind=none, of=none, sigma=np.zeros(0), held=none, ambient=0, rests=0,
-        rest_P=np.zeros((n_x, n_x)), V=np.zeros((0, 0)), inverse=np.zeros((0, 0)), **stacked([], n_x, known),
-    )  # fmt: skip
+    told = [i for i, p in enumerate(parameters) if p.kind.key in learnt]
+    arrays = LearningArrays(
+        machine=sum(p.kind <= Kind.LAW for p in parameters),
+        kind=np.array([p.kind for p in parameters], np.int64),
+        of=np.array([p.of for p in parameters], np.int64),
+        sigma=np.array([p.sigma for p in parameters], np.float64),
+        held=np.array([i for i in range(len(parameters)) if i not in told], np.int64),
+        **change,
+        heated=change["heats"].any(axis=1).astype(np.int64),
+        ambient=ambient,
+        rests=int(rest_P is not None),
+        rest_P=np.zeros((n_x, n_x)) if rest_P is None else rest_P,
+        V=np.zeros((0, 0)),
+        inverse=np.zeros((0, 0)),
+    )
+    return Learning(
+        arrays,
+        tuple(parameters[i].name for i in told),
+        np.array(told, np.int64),
+        np.array([parameters[i].value for i in told]),
+        np.array([parameters[i].unit for i in told]),
+    )

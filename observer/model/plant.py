@@ -20,7 +20,7 @@ import numpy as np
 
 from observer.frames import BoolArray, FloatArray, Layout
 from observer.model.coupling import Coupling
-from observer.model.learning import Learning, LearningArrays, nothing_learnt
+from observer.model.learning import Learning, LearningArrays, learning_of
 from observer.model.rod.moving import NutTable
 from observer.model.rod.supports import Restraint, fold
 
@@ -190,7 +190,7 @@ class Plant:
         """What is only roughly known, as arrays; of no parameter where that is nothing."""
         if self.learning is not None:
             return self.learning.arrays
-        return nothing_learnt(len(self.decay_1_s), len(self.known_names))
+        return learning_of((), (), len(self.decay_1_s), len(self.known_names)).arrays
 
     @property
     def lag_slice(self) -> slice:

@@ -8,7 +8,7 @@ of `learning`, taken at the prediction.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,11 @@ from observer.frames import FloatArray, Inputs
 from observer.model.learning import (
     Kind,
     LearningArrays,
+    Parameter,
+    joined,
+    learning_of,
     no_change,
     of_parameters,
-    stacked,
 )
 from observer.model.plant import Plant
 from observer.model.rod.modes import held_s
@@ -70,15 +72,12 @@ def _parameters(plant: Plant) -> LearningArrays:
     known, estimated = plant.parameters, np.flatnonzero(plant.estimated)
     n_x, p = len(plant.decay_1_s), len(plant.known_names)
     own = np.flatnonzero(np.isin(known.kind, (Kind.LAW, Kind.LAG), invert=True))
-    laws = [no_change(n_x, p)._replace(law=int(index)) for index in estimated] * 2
-    more: dict[str, Any] = stacked(laws, n_x, p) | {
-        "kind": np.full(len(laws), Kind.LAW),
-        "of": np.tile(np.arange(len(estimated)), 2),
-        "sigma": np.concatenate([plant.law_uncertainty, LAW_SHARE * plant.law_uncertainty]),
-    }
-    kept = of_parameters(known, own)
-    together: dict[str, Any] = {name: np.concatenate([getattr(kept, name), more[name]]) for name in more}
-    return kept._replace(**together)
+    laws = [
+        Parameter(Kind.LAW, j, share * sigma, no_change(n_x, p)._replace(law=int(index)))
+        for share in (1.0, LAW_SHARE)
+        for j, (index, sigma) in enumerate(zip(estimated, plant.law_uncertainty, strict=True))
+    ]
+    return joined(of_parameters(known, own), learning_of(laws, (), n_x, p).arrays)
 
 
 class Tolerant:

@@ -7,18 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.effects.terms import COUPLING_TERMS
 from observer.model.basis import APART, diagonalised, frozen
-from observer.model.build import build_plant, full_model, keep_modes
-from observer.model.couple import with_coupling
+from observer.model.build import build_plant
 from observer.model.generator import generator, on_the_screw
 from observer.model.learn import with_learning
-from observer.model.realise import realise
-from observer.model.reduce import reduce
 from observer.model.rod.moving import columns_at
 from observer.model.simulate import start
 from tests.bits.cases import COUPLINGS, EVERY
 from tests.bits.made import described
+from tests.model.unturned import unturned
 
 LASTING = ["films", "body_at_an_end", "lags", "everything"]
 
@@ -26,14 +23,9 @@ LASTING = ["films", "body_at_an_end", "lags", "everything"]
 def before_and_after(effects, *, learns=False, moving=True):
     """The plant as it is put together, what lasts of its couplings, and the plant in its own modes."""
     config, _ = described(3, 3, 3, moving=moving, effect=COUPLINGS[effects], estimator={"learn": EVERY})
-    machine = realise(config)
-    assert any(isinstance(t, COUPLING_TERMS) for t in machine.terms)
-    full = full_model(machine.config, machine.terms)
-    reduced = reduce(full, keep_modes(machine.config, full.modes))
-    sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
-    plant, constant = with_coupling(reduced.plant, reduced.modes, machine.config, machine.terms, sigma_W)
+    plant, constant, modes = unturned(config)
     if learns:
-        plant = with_learning(plant, machine.config, reduced.modes)
+        plant = with_learning(plant, config, modes)
     return plant, constant, diagonalised(plant, constant)
 
 
