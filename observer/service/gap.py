@@ -2,9 +2,9 @@
 
 Beside the estimator, which corrects its heats until they agree with the sensors, a prediction runs whose
 heats follow the laws; it may only be off as far as `[tolerance]` and the laws' `law_uncertainty` allow (see
-`observer.model.tolerant`). What is left then, and what may be left, is gathered by sensor and phase of the
-machine's work. While it is more than may be, nothing more is learnt of the machine: what has appeared stays
-to be seen.
+`observer.estimators.tolerant`). What is left then, and what may be left, is gathered by sensor and phase of
+the machine's work. While it is more than may be, nothing more is learnt of the machine: what has appeared
+stays to be seen.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from observer.estimators.tolerant import Gap, Tolerant, TolerantState, gathered
 from observer.frames import FloatArray, Inputs
 from observer.model.phases import DWELL_S, FAST, PHASES
-from observer.model.tolerant import Gap, Tolerant, TolerantState, gathered
 
 STEP_S = 60.0
 """Inputs are gathered so long for a step of the prediction."""

@@ -9,11 +9,11 @@ from observer.config import Config
 from observer.estimators import build_estimator
 from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import SelfTest
+from observer.estimators.tolerant import Tolerant
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.realise import realise
-from observer.model.tolerant import Tolerant
 from observer.service.align import AlignPlan
 from observer.service.gap import GapWatch
 from observer.service.pipeline import Pipeline

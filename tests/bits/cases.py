@@ -22,6 +22,7 @@ from observer.estimators.design.riccati import steady_covariance
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.luenberger import LuenbergerEstimator
 from observer.estimators.selftest import SelfTest
+from observer.estimators.tolerant import Tolerant
 from observer.frames import EstimateBlock, FrameBlock, Inputs, NutPath, Quality, Reading
 from observer.history.smoother import smooth_heats
 from observer.history.stacked import StackedProblem
@@ -31,7 +32,6 @@ from observer.model.drive import Drive
 from observer.model.rod import moving
 from observer.model.rod.path import PathState, reversals
 from observer.model.simulate import simulate, start
-from observer.model.tolerant import Tolerant
 from observer.service.align import Aligner, AlignPlan, Position
 from observer.service.plausibility import Kind, Limits
 from observer.tables.estimator import EstimatorSettings

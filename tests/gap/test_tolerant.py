@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from observer.config import Config
+from observer.estimators.tolerant import Tolerant, TolerantState, gathered
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.learning import Kind
 from observer.model.simulate import simulate, start
-from observer.model.tolerant import Tolerant, TolerantState, gathered
 from observer.service.align import AlignPlan, frames_of_log
 from tests.learning.cover import log_of
 from tests.learning.machines import AS_CONFIGURED, CONFIG, config_of, day, draw

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.estimators.specification import Belief, columns_in_place, correct
 from observer.frames import FloatArray, Inputs
 from observer.model.learning import (
     Kind,
@@ -126,7 +127,7 @@ class Tolerant:
             largest_K2 = float(np.max(np.einsum("ia,ab,ib->i", C, plant.prior_P, C)))
             P[:n_x, :n_x] = max(1.0, spread_K**2 / largest_K2) * plant.prior_P
         state = TolerantState(x, state.theta, P)
-        rows = self._C(u) @ x + plant.rows.F @ u.z_end[0]
+        rows = columns_in_place(plant, u, 0)[1] @ x + plant.rows.F @ u.z_end[0]
         gap_K = self._gap(u, rows, rows, x, state.theta)
         return self._learnt(state, self._seen(u, x), gap_K, plant.noise_R_K2 + MODEL_K**2)
 
@@ -157,7 +158,7 @@ class Tolerant:
         """
         plant, theta = self._plant, self._theta
         dt_s, n_x = float(u.dt_s[0]), len(state.x)
-        before = self._rows(u, state.x, u.z_start[0])
+        before = columns_in_place(plant, u, 0)[1] @ state.x + plant.rows.F @ u.z_start[0]
         after, rows = simulate(plant, SimulationState(state.x), u)
         hold = held_s(plant.decay_1_s, dt_s)
         middle = 0.5 * (state.x + after.x)
@@ -168,28 +169,16 @@ class Tolerant:
         F[:n_x, :n_x] = self._forward(state.x, after.x, u) + hold[:, None] * A
         F[:n_x, n_x:] = hold[:, None] * c
         F[n_x:, n_x:] = np.diag(fade)
-        P = F @ state.P @ F.T
-        at = np.arange(n_x, len(P))
-        P[at, at] += theta.sigma**2 * (1 - fade**2)
-        now = TolerantState(x, fade * state.theta, P)
+        Q = np.diag(np.concatenate([np.zeros(n_x), theta.sigma**2 * (1 - fade**2)]))
+        now = TolerantState(x, fade * state.theta, F @ state.P @ F.T + Q)
         H = self._seen(u, x)
         shift = rows[0] + plant.rows.C @ (x - after.x)
         gap_K = self._gap(u, before, shift, x, now.theta)
         rise_K = shift[: plant.rows.sensors] - u.z_end[0, plant.known.ambient]
         R = plant.noise_R_K2 + MODEL_K**2 + (MODEL_SHARE * rise_K) ** 2
-        allowed_K = np.sqrt(np.einsum("ia,ab,ib->i", H, P, H) + R)
+        allowed_K = np.sqrt(np.einsum("ia,ab,ib->i", H, now.P, H) + R)
         gap = Gap(gap_K, allowed_K, rise_K)
         return (self._learnt(now, H, gap_K, R * max(1.0, SAME_S / dt_s)) if learn else now), gap
-
-    def _rows(self, u: Inputs, x: FloatArray, z: FloatArray) -> FloatArray:
-        """All output rows at a state."""
-        return self._C(u) @ x + self._plant.rows.F @ z
-
-    def _C(self, u: Inputs) -> FloatArray:
-        C = self._plant.rows.C.copy()
-        for i, source in enumerate(self._plant.moving):
-            C[:, self._plant.modes + source.index] = u.moving_C[0, i]
-        return C
 
     def _gap(
         self, u: Inputs, before: FloatArray, after: FloatArray, x: FloatArray, theta: FloatArray
@@ -207,13 +196,12 @@ class Tolerant:
 
     def _seen(self, u: Inputs, x: FloatArray) -> FloatArray:
         """The readings' derivatives by [x | θ], (s, n)."""
-        return np.hstack([self._C(u)[: self._plant.rows.sensors], self._of_sensors(x)])
+        C = columns_in_place(self._plant, u, 0)[1]
+        return np.hstack([C[: self._plant.rows.sensors], self._of_sensors(x)])
 
     def _drives(self, u: Inputs, x: FloatArray) -> FloatArray:
         """What each parameter adds to dx/dt at a state, c (n_x, t)."""
-        B = self._plant.B.copy()
-        for i, source in enumerate(self._plant.moving):
-            B[:, source.index] = u.moving_B[0, i]
+        B = columns_in_place(self._plant, u, 0)[0]
         return self._theta.drives(x, B, u.law_W[0], u.law_W[0], 0.5 * (u.z_start[0] + u.z_end[0]))
 
     def _forward(self, x: FloatArray, after: FloatArray, u: Inputs) -> FloatArray:
@@ -229,10 +217,8 @@ class Tolerant:
         if not len(seen):
             return state
         H, n_x = H[seen], len(state.x)
-        K = np.linalg.solve(H @ state.P @ H.T + np.diag(R[seen]), H @ state.P).T
-        keep = np.eye(len(state.P)) - K @ H
-        P = keep @ state.P @ keep.T + (K * R[seen]) @ K.T
-        step, edge = K @ gap_K[seen], FURTHEST * self._theta.sigma
+        (step, P), *_ = correct(Belief(np.zeros(len(state.P)), state.P), H, gap_K[seen], np.diag(R[seen]))
+        edge = FURTHEST * self._theta.sigma
         least = np.where(self._theta.kind == Kind.CONVECTION, np.maximum(-edge, LEAST_FILM), -edge)
         theta = np.clip(state.theta + step[n_x:], least, edge)
         return TolerantState(state.x + step[:n_x], theta, 0.5 * (P + P.T))
