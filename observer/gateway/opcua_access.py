@@ -8,6 +8,7 @@ endpoints, as clients put them before they encrypt, but nobody logs in that way,
 
 from __future__ import annotations
 
+import asyncio
 import stat
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
 from observer.errors import ConfigError
+from observer.gateway.opcua_space import fill
 from observer.gateway.users import Users, read_users
 from observer.tables.gateway import Opcua
 
@@ -134,6 +136,10 @@ class _Guarded(InternalServer):
     def __init__(self, readers: _Readers) -> None:
         super().__init__(user_manager=readers)
         self._readers = readers
+
+    async def load_standard_address_space(self, _shelf_file: Path | None = None) -> None:
+        """Make of what OPC UA itself defines what is used here."""
+        await asyncio.to_thread(fill, self.node_mgt_service)
 
     def lookup_external_session(self, _auth_token: ua.NodeId) -> InternalSession | None:
         """None: a session belongs to the connection that made it."""

@@ -166,7 +166,7 @@ def test_fine_bins_are_given_up_for_those_that_are_wanted(day):
 def test_looking_back_does_not_make_the_process_large(day):
     """Nothing large is imported for it, and what is read is not kept."""
     script = (
-        "import sys\nfrom pathlib import Path\nimport observer.gateway.__main__, observer.page.outlet\n"
+        "import sys\nfrom pathlib import Path\nimport observer.gateway.process, observer.page.outlet\n"
         "from observer.page.digest import Digests\nfrom observer.page.history import history, recordings\n"
         f"files, digests = recordings(Path({str(day)!r}), 'lathe-z'), Digests()\n"
         f"while history(files, 1000.0, {1000.0 + 1.5 * DAY_S}, 800, digests)['read'] < 1.0: pass\n"

@@ -1,4 +1,4 @@
-"""What a daemon and `observer --help` do not load."""
+"""What a daemon, its gateway and `observer --help` do not load."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from observer.tables.gateway import Metrics, Opcua, Page
+from tests.gateway.telling import told_gateway
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 
@@ -55,6 +57,18 @@ def test_a_daemon_at_work_has_loaded_only_what_it_needs(tmp_path):
             loaded = _loaded(daemon.said())
     assert {"numpy", "pymodbus", "can", "zenoh"} <= loaded
     assert not loaded & NEEDLESS
+
+
+def test_a_gateway_has_loaded_only_what_it_needs(monkeypatch, capfd):
+    monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")
+    page, metrics, opcua = (f"127.0.0.1:{free_port()}" for _ in range(3))
+    outlets = {"page": Page(listen=page), "metrics": Metrics(listen=metrics)}
+    with told_gateway(opcua=Opcua(listen=f"opc.tcp://{opcua}"), **outlets) as teller:
+        assert [teller.said()["reason"] for _ in range(3)] == [None] * 3
+    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("import time:")]
+    loaded = {line.rpartition("|")[2].strip() for line in lines}
+    assert {"numpy", "starlette.applications", "prometheus_client", "asyncua.ua"} <= loaded
+    assert not loaded & (NEEDLESS - {"rich"} | {"rich.traceback"})  # that it was looked for is listed too
 
 
 def test_help_loads_neither_mathematics_nor_wires():
