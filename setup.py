@@ -22,7 +22,7 @@ BUILD = Path("build/kernels")
 PARTS = (
     "codes", "records", "arithmetic", "coupling", "advance", "judging", "learning", "step", "kalman",
     "allowing", "cruise", "fixed_gain", "smoother", "changes", "discretise", "march", "path", "moving",
-    "drive", "stuck", "evening", "walk", "selftest", "stepwise", "live", "entries",
+    "drive", "stuck", "evening", "walk", "selftest", "stepwise", "live", "cells", "entries",
 )  # fmt: skip
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True
 # cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False

@@ -44,7 +44,9 @@ def _choose() -> str:
 def _load(way: str) -> tuple[Any, Any]:
     """Return where the entries and where the records are."""
     if way == "interpreted":
-        modules = ("entries", "changes", "discretise", "moving", "path", "selftest", "stepwise", "live")
+        modules = (
+            "entries", "changes", "discretise", "moving", "path", "selftest", "stepwise", "live", "cells",
+        )  # fmt: skip
         entries: dict[str, Any] = {}
         for name in modules:
             entries |= vars(importlib.import_module(f"{__name__}.{name}"))
@@ -94,10 +96,11 @@ walk_on = _entries["walk_on"]
 compare_ways = _entries["compare_ways"]
 run_selftest = _entries["run_selftest"]
 find_heats_stepwise = _entries["find_heats_stepwise"]
+read_rows = _entries["read_rows"]
 
 __all__ = [
     "DONE", "WAY", "add_columns", "average_on", "compare_ways", "discretise", "drive_on",
-    "find_heats_stepwise", "follow_path", "march", "number_steps", "record", "run_backward",
-    "run_changes_backward", "run_changes_forward", "run_fixed_gain", "run_forward", "run_kalman",
-    "run_selftest", "run_tolerances", "walk_on",
+    "find_heats_stepwise", "follow_path", "march", "number_steps", "read_rows", "record",
+    "run_backward", "run_changes_backward", "run_changes_forward", "run_fixed_gain", "run_forward",
+    "run_kalman", "run_selftest", "run_tolerances", "walk_on",
 ]  # fmt: skip

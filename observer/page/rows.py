@@ -7,19 +7,16 @@ a file nor a span's decides how much memory is used.
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.files.logs import EMPTY_CELLS, FLAGS, LATE, STEP, TIME
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from observer.files.logs import FLAGS, LATE, STEP, TIME
+from observer.kernels import read_rows
 
 _BLOCK_BYTES = 1 << 19
 _LINE_BYTES = 1 << 16
@@ -49,37 +46,19 @@ def channels_of(columns: list[str]) -> list[str]:
 
 
 def blocks(path: Path, columns: list[str], begin: int) -> Iterator[Block]:
-    """The rows from a place in the file on; damaged blocks are left out. Raises `OSError`."""
-    from pyarrow import ArrowInvalid  # noqa: PLC0415  # it takes a third of a second, and not all look back
-    from pyarrow import csv as pa_csv  # noqa: PLC0415
-
-    names = channels_of(columns)
-    parse = pa_csv.ParseOptions(invalid_row_handler=lambda _: "skip")
-    read = pa_csv.ReadOptions(column_names=columns, use_threads=False)
-    convert = pa_csv.ConvertOptions(
-        column_types=dict.fromkeys([TIME, *names], "float64"),
-        include_columns=[TIME, *names],
-        null_values=EMPTY_CELLS,
-        strings_can_be_null=True,
-    )
+    """The rows from a place in the file on; damaged ones are left out. Raises `OSError`."""
+    wanted = [TIME, *channels_of(columns)]
+    place = np.array([wanted.index(name) if name in wanted else -1 for name in columns], np.intp)
     with path.open("rb") as file:
         file.seek(begin)
         end, rest = begin, b""
         while data := file.read(_BLOCK_BYTES):
             rows, newline, rest = (rest + data).rpartition(b"\n")
             end += len(rows) + len(newline)
-            if not rows:
-                continue
-            try:
-                table = pa_csv.read_csv(
-                    io.BytesIO(rows), parse_options=parse, read_options=read, convert_options=convert
-                )
-            except ArrowInvalid:
-                continue  # `observer replay` says where
-            if table.num_rows:
-                values = [_numbers(table.column(name)) for name in names]
-                stacked = np.column_stack(values) if values else np.empty((table.num_rows, 0))
-                yield Block(_numbers(table.column(TIME)), stacked, end)
+            table = np.empty((rows.count(b"\n") + 1, len(wanted)))
+            count = read_rows(rows + newline, place, table)
+            if count:
+                yield Block(table[:count, 0], table[:count, 1:], end)
 
 
 def offset(path: Path, begin: int, time_s: float) -> int:
@@ -120,23 +99,6 @@ def extremes(
         keys, least, most = keys[order], least[order], most[order]
     first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
     return keys[first], np.fmin.reduceat(least, first), np.fmax.reduceat(most, first)
-
-
-def _numbers(column: pa.ChunkedArray) -> NDArray[np.float64]:
-    """A column of float64 with NaN where it is empty, by Arrow's columnar format: a bitmap, and the values.
-
-    Arrow's own `to_numpy` imports pandas, which takes 50 MB.
-    """
-    chunks = []
-    for chunk in column.chunks:
-        bitmap, data = chunk.buffers()
-        here = slice(chunk.offset, chunk.offset + len(chunk))
-        values = np.frombuffer(data, dtype=np.float64)[here]
-        if bitmap is not None:
-            known = np.unpackbits(np.frombuffer(bitmap, dtype=np.uint8), bitorder="little")[here]
-            values = np.where(known == 1, values, np.nan)
-        chunks.append(values)
-    return np.concatenate(chunks)
 
 
 def _time(line: bytes) -> float | None:

@@ -50,6 +50,7 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/tolerance.py": PARTS,
     "observer/kernels/cruise.py": SETTLED,
     "observer/kernels/discretise.py": _at("tests/model/test_discretise.py", BITS),
+    "observer/kernels/cells.py": _at("tests/page/test_rows.py"),
     "observer/kernels/evening.py": _at("tests/service/test_evening.py", BITS),
     "observer/kernels/fixed_gain.py": SETTLED,
     "observer/kernels/judging.py": KALMAN,
