@@ -39,6 +39,6 @@ USER 10001:10001
 VOLUME ["/var/lib/observer"]
 EXPOSE 7447
 STOPSIGNAL SIGTERM
-HEALTHCHECK --interval=10s --timeout=5s --start-period=20s CMD ["observer", "health"]
+HEALTHCHECK --interval=10s --timeout=5s CMD ["observer", "health"]
 ENTRYPOINT ["observer"]
 CMD ["run", "--config", "/config/observer.files.toml"]

@@ -102,7 +102,7 @@ discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; A
 rods-campaign: $(READY)  ## search heated rods for what is hidden in them, or go on
 	$(BIN)/python -m tests.rods.trial
 
-alarms-campaign: $(READY)  ## how often alarms of heats are false on simulated months, and how early wear is told
+alarms-campaign: $(READY)  ## how often alarms of heats are false on simulated months, and how early wear is reported
 	$(BIN)/python -m tests.alarms.trial $(ARGS)
 
 alarms-observed: $(READY)  ## every alarm of rough machines by the real observer, over simulated weeks; or go on
@@ -129,7 +129,7 @@ container-check: $(READY)  ## the Dockerfile's steps without a container engine,
 operations-check: $(READY) dist  ## docs/operations.md carried out on a Debian of its own, as root; fetches 150 MB
 	$(BIN)/python -m pytest tests/packaging/test_operations.py -s -p no:benchmark $(ARGS)
 
-format: $(READY)  ## format the code and mend what ruff can mend
+format: $(READY)  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format $(CODE)
 	$(BIN)/ruff check --fix $(CODE)
 

@@ -19,7 +19,7 @@ import sysconfig
 from pathlib import Path
 
 from setuptools import build_meta
-from setuptools.build_meta import *  # noqa: F403  what is not told below is setuptools' own
+from setuptools.build_meta import *  # noqa: F403  what is not defined below is setuptools' own
 
 
 def prepare() -> str:
@@ -73,8 +73,8 @@ def _compiler() -> str | None:
     zig = f"{shlex.quote(sys.executable)} -m ziglang cc"
     if target := _target():
         return f"{zig} -target {target}"
-    if told := os.environ.get("CC"):
-        return told
+    if named := os.environ.get("CC"):
+        return named
     own = shlex.split(sysconfig.get_config_var("CC") or "")[:1]
     found = next((name for name in (*own, "cc", "gcc", "clang") if shutil.which(name)), None)
     if found is not None:

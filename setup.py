@@ -1,6 +1,6 @@
 """Builds the kernels: the files of `observer/kernels` as one extension, which the compiler sees as a whole.
 
-Each file is plain Python that runs as it stands; the header of the same name tells the types (Cython's
+Each file is plain Python that runs as it stands; the header of the same name gives the types (Cython's
 augmenting `.pxd`). They are put one behind the other, without their imports of each other, and Cython does
 the rest. On x86-64 the same C code is compiled twice, for any such processor and for one with AVX2.
 """
