@@ -104,11 +104,9 @@ class Forward:
         """
         if not any(len(gaps_of(run)) for run in self.runs):
             return []
-        stretches = _stretches(config)
-        setting = self._setting(config.model_copy(update={"source": (*config.source, *stretches)}))
-        stretch = np.isin(setting.plant.source_names, [s.name for s in stretches])
-        here = self._every(setting)
-        changes = []
+        setting, bands = self._with_stretches(config)
+        here, changes = self._every(setting), list[list[FloatArray]]()
+        stretch = np.isin(np.arange(len(setting.plant.source_names)), [j for j, _ in bands])
         for i, run in enumerate(self.runs):
             law_W, length_s = self._inputs(setting, run).law_W, run.ticks.length_s
             usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
@@ -122,9 +120,7 @@ class Forward:
                     for j in np.flatnonzero(sources).tolist():
                         more_W = np.zeros_like(law_W)
                         more_W[at, j] = share * usual_W[j]
-                        change = [np.zeros_like(h) for h in here]
-                        change[i] = self._predict(setting, run, more_W) - here[i]
-                        changes.append(change)
+                        changes.append(self._with_more(setting, i, more_W, here))
         return changes
 
     def fields(self, config: Config, positions_m: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
@@ -152,17 +148,27 @@ class Forward:
         """
         if not any(run.coarse for run in self.runs):
             return []
-        stretches, changes = _stretches(config), list[list[FloatArray]]()
-        setting = self._setting(config.model_copy(update={"source": (*config.source, *stretches)}))
-        here = self._every(setting)
-        bands = [(setting.plant.source_names.index(s.name), s) for s in stretches]
+        setting, bands = self._with_stretches(config)
+        here, changes = self._every(setting), list[list[FloatArray]]()
         for i, run in enumerate(self.runs):
             if run.coarse:
-                for more_W in _untold(run, setting.plant, self._inputs(setting, run).law_W, bands):
-                    change = [np.zeros_like(h) for h in here]
-                    change[i] = self._predict(setting, run, more_W) - here[i]
-                    changes.append(change)
+                untold = _untold(run, setting.plant, self._inputs(setting, run).law_W, bands)
+                changes += [self._with_more(setting, i, more_W, here) for more_W in untold]
         return changes
+
+    def _with_stretches(self, config: Config) -> tuple[Setting, list[tuple[int, Source]]]:
+        """The setting with a source on each stretch of the screw, and these with their numbers among all."""
+        stretches = _stretches(config)
+        setting = self._setting(config.model_copy(update={"source": (*config.source, *stretches)}))
+        return setting, [(setting.plant.source_names.index(s.name), s) for s in stretches]
+
+    def _with_more(
+        self, setting: Setting, i: int, more_W: FloatArray, here: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        """The change (b, s) of each prediction with heats (T, m) beside those of run i."""
+        change = [np.zeros_like(h) for h in here]
+        change[i] = self._predict(setting, self.runs[i], more_W) - here[i]
+        return change
 
     def airs(self, config: Config) -> list[FloatArray]:
         """The air of each run as every sensor's mean (b, s) has it, °C."""

@@ -44,17 +44,20 @@ def keep_by_ratio(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
 
 
 def keep_by_tail(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
-    """The smallest N with s_N/s_∞ ≥ β, where s_∞² = ∫ Ψ²/α dx of the steady field in closed form."""
-    x, w = quadrature(modes.rod.length_m, (stretch.a_m, stretch.b_m))
-    s2_all = float(np.sum(w * source_field(modes.rod, stretch, x) ** 2) / modes.rod.diffusivity_m2_s)
+    """The smallest N with s_N/s_∞ ≥ β."""
     s2 = np.cumsum(contributions(modes, stretch) ** 2)
     # the quadrature's own rounding stands in for the last digits of the tail
-    enough = np.flatnonzero(s2 >= (beta**2 - 1e-13) * s2_all)
+    enough = np.flatnonzero(s2 >= (beta**2 - 1e-13) * _whole_square(modes, stretch))
     return list(range(int(enough[0]) + 1 if len(enough) else len(modes)))
 
 
 def tail_left(modes: Modes, kept: int, stretch: Stretch) -> float:
     """1 − s_N/s_∞: the part of a source's steady field that the first `kept` modes leave out."""
+    s2 = np.sum(contributions(modes, stretch)[:kept] ** 2)
+    return 1.0 - float(np.sqrt(min(s2 / _whole_square(modes, stretch), 1.0)))
+
+
+def _whole_square(modes: Modes, stretch: Stretch) -> float:
+    """s_∞² = ∫ Ψ²/α dx of a source's steady field in closed form."""
     x, w = quadrature(modes.rod.length_m, (stretch.a_m, stretch.b_m))
-    s2_all = float(np.sum(w * source_field(modes.rod, stretch, x) ** 2) / modes.rod.diffusivity_m2_s)
-    return 1.0 - float(np.sqrt(min(np.sum(contributions(modes, stretch)[:kept] ** 2) / s2_all, 1.0)))
+    return float(np.sum(w * source_field(modes.rod, stretch, x) ** 2) / modes.rod.diffusivity_m2_s)
