@@ -21,9 +21,10 @@ from build_kernels import prepare
 KERNELS = Path("observer/kernels")
 BUILD = Path("build/kernels")
 PARTS = (
-    "codes", "records", "arithmetic", "coupling", "advance", "judging", "learning", "step", "kalman",
-    "allowing", "cruise", "fixed_gain", "smoother", "changes", "discretise", "march", "path", "moving",
-    "drive", "stuck", "evening", "walk", "selftest", "stepwise", "live", "cells", "entries",
+    "codes", "records", "tick_records", "arithmetic", "coupling", "advance", "judging", "learning", "step",
+    "kalman", "allowing", "cruise", "fixed_gain", "smoother", "changes", "discretise", "march", "path",
+    "moving", "drive", "stuck", "evening", "walk", "selftest", "stepwise", "message", "live", "cells",
+    "entries",
 )  # fmt: skip
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True
 # cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False
@@ -31,6 +32,52 @@ import cython
 from cython.cimports.libc.math import (
     INFINITY, M_PI, NAN, cos, exp, expm1, floor, fmod, isfinite, isinf, isnan, log, lrint, rint, sin, sqrt
 )
+from cython.cimports.cpython.bytes import PyBytes_AsString, PyBytes_FromStringAndSize
+from cython.cimports.libc.string import memcpy
+
+
+@cython.cfunc
+def bytes_of(octets: cython.uchar[::1], count: cython.Py_ssize_t):
+    return PyBytes_FromStringAndSize(cython.cast(cython.p_char, cython.address(octets[0])), count)
+
+
+@cython.cfunc
+def take_bytes(octets: cython.uchar[::1], data: bytes):
+    memcpy(cython.address(octets[0]), PyBytes_AsString(data), octets.shape[0])
+
+
+@cython.cfunc
+@cython.nogil
+@cython.exceptval(check=False)
+def float_at(data: cython.p_const_char, at: cython.Py_ssize_t) -> cython.double:
+    value: cython.double
+    memcpy(cython.address(value), data + at, 8)
+    return value
+
+
+@cython.cfunc
+@cython.nogil
+@cython.exceptval(check=False)
+def octet_at(data: cython.p_const_char, at: cython.Py_ssize_t) -> cython.Py_ssize_t:
+    return data[at]
+
+
+@cython.cfunc
+@cython.nogil
+@cython.exceptval(check=False)
+def put_float32(octets: cython.uchar[::1], at: cython.Py_ssize_t, value: cython.double) -> cython.void:
+    short: cython.float = cython.cast(cython.float, value)
+    memcpy(cython.address(octets[at]), cython.address(short), 4)
+
+
+@cython.cfunc
+@cython.nogil
+@cython.exceptval(check=False)
+def put_float64(octets: cython.uchar[::1], at: cython.Py_ssize_t, value: cython.double) -> cython.void:
+    i: cython.Py_ssize_t
+    octet: cython.p_uchar = cython.cast(cython.p_uchar, cython.address(value))
+    for i in range(8):
+        octets[at + i] = octet[7 - i]
 """
 HEADER_HEAD = "cimport cython\n"
 # No multiplication and addition in one rounding, nor anything else that changes a bit between processors.

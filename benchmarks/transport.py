@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import socket
 import statistics
 import subprocess
@@ -39,7 +40,9 @@ def results() -> list[Result]:
     """8 modes and 3 heats, 4 sensors, 200 points: p50 and p99, median of the runs."""
     p50: dict[str, list[float]] = {"estimate": [], "bare": []}
     p99: dict[str, list[float]] = {"estimate": [], "bare": []}
-    for _ in range(RUNS):
+    for _ in range(3 * RUNS):
+        if len(p50["bare"]) == RUNS:
+            break
         for kind, latency_s in one_run().items():
             p50[kind].append(float(np.quantile(latency_s, 0.5)))
             p99[kind].append(float(np.quantile(latency_s, 0.99)))
@@ -53,7 +56,7 @@ def results() -> list[Result]:
 
 
 def one_run() -> dict[str, list[float]]:
-    """Latencies in seconds of both kinds, sent in turn in one stream."""
+    """Latencies in seconds of both kinds, sent in turn in one stream; none where a message was dropped."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = [sys.executable, "-m", "benchmarks.subscriber", endpoint, PREFIX]
     with zenoh.open(session_config("router", (), (endpoint,))) as session:
@@ -68,6 +71,8 @@ def one_run() -> dict[str, list[float]]:
             arrivals = json.loads(process.communicate(timeout=30)[0])
         finally:
             process.kill()
+    if any(len(arrivals[kind]) != len(sent[kind]) for kind in sent):
+        return {}
     return {
         kind: [(b - a) * 1e-9 for a, b in zip(sent[kind][WARM_UP:], arrivals[kind][WARM_UP:], strict=True)]
         for kind in sent
@@ -81,7 +86,7 @@ def _send(session: zenoh.Session) -> dict[str, list[int]]:
         kind: session.declare_publisher(f"{PREFIX}/{kind}", congestion_control=drop, express=True)
         for kind in ("estimate", "bare")
     }
-    estimate, readings = _path(), _readings(2 * MESSAGES)
+    (estimate, settle), readings = _path(), _readings(2 * MESSAGES)
     payload = b""
     sent: dict[str, list[int]] = {kind: [] for kind in publishers}
     due_s = time.monotonic()
@@ -93,6 +98,9 @@ def _send(session: zenoh.Session) -> dict[str, list[int]]:
         if kind == "estimate":
             payload = estimate(readings[i])
         publishers[kind].put(payload)
+        if kind == "estimate":
+            os.sched_yield()  # as the publisher does
+            settle()
     return sent
 
 
@@ -109,8 +117,8 @@ def _readings(count: int) -> list[Reading]:
     ]
 
 
-def _path() -> Callable[[Reading], bytes]:
-    """What the service does with a sample: align, drive, estimate, encode."""
+def _path() -> tuple[Callable[[Reading], bytes], Callable[[], object]]:
+    """What the service does with a sample, from aligning to encoding; and what it does once that is sent."""
     config = axis_config()
     plant = build_plant(config)
     aligner = Aligner(AlignPlan.of(config))
@@ -124,7 +132,7 @@ def _path() -> Callable[[Reading], bytes]:
         return encoder.cbor(block, 0, next(sequence))
 
     step(Reading(-PERIOD_S, _readings(1)[0].values))
-    return step
+    return step, lambda: pipeline.inputs
 
 
 def axis_config() -> Config:

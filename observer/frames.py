@@ -11,7 +11,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,8 +82,38 @@ class Reading:
     late_s: float = 0.0
 
 
+class _Cut:
+    """A block that may be given its columns in one piece, as `kept`: each is cut out when it is asked for.
+
+    That is how they lie, which has a method `column(data, name)`, and the data.
+    """
+
+    __slots__ = ("kept",)
+    kept: tuple[Any, bytes]
+
+    @classmethod
+    def of(cls, how: Any, data: bytes) -> Self:
+        """Return the block whose columns these data are."""
+        block = _new(cls)
+        _keep(block, (how, data))
+        return block
+
+    if not TYPE_CHECKING:  # only the columns are found so
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in type(self).__dataclass_fields__:
+                raise AttributeError(f"{type(self).__name__} has no {name}", name=name, obj=self)
+            how, data = self.kept
+            column = how.column(data, name)
+            object.__setattr__(self, name, column)
+            return column
+
+
+_new, _keep = object.__new__, _Cut.kept.__set__  # type: ignore[attr-defined, misc]
+
+
 @dataclass(frozen=True, slots=True)
-class FrameBlock:
+class FrameBlock(_Cut):
     """K frames: every channel's latest value and quality at each tick of the estimator.
 
     Shapes: `time_s`, `dt_s` (K,); `values`, `fresh`, `quality`, `age_s` (K, c) in the order of `channels`.
@@ -186,7 +216,7 @@ class Layout:
 
 
 @dataclass(frozen=True, slots=True)
-class EstimateBlock:
+class EstimateBlock(_Cut):
     """K estimates.
 
     Shapes, with m_e estimated sources, g grid points, s sensors: `heat_W`, `heat_sigma_W` (K, m_e);

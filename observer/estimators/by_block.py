@@ -11,40 +11,20 @@ from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk, StepCache, chunks
 from observer.frames import EstimateBlock, Inputs, Layout
 from observer.kernels import record
+from observer.kernels.layout import Bundle
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 
 class Scratch:
-    """What kernels change on the way, as records that live as long as the estimator; one for each thread.
+    """What kernels change on the way, as records that live as long as the estimator."""
 
-    `inputs` and `results` are those of a single step, which the live service takes again and again.
-    """
-
-    inputs: Inputs | None = None
-    inputs_record: Any
-
-    def __init__(self, plant: Plant, arrays: packing.PlantArrays) -> None:
+    def __init__(self, arrays: packing.PlantArrays, initial: EstimatorState) -> None:
         """Allocate it for a plant."""
+        self.bundle = Bundle.of(packing.thaw(initial)._asdict())
+        self.running = packing.Running._make(self.bundle[name] for name in packing.Running._fields)
         self.work = packing.scratch(arrays)
-        self.running = packing.thaw(packing.initial_state(plant))
-        self.results = packing.empty_results(plant, 1)
         self.work_record, self.running_record = record(self.work), record(self.running)
-        self.results_record = record(self.results)
-
-    def take(self, state: EstimatorState) -> None:
-        """Copy a state into the arrays that change."""
-        packing.thaw_into(self.running, state)
-
-    def put(self, inputs: Inputs) -> Inputs:
-        """Copy the inputs of a single step to where the kernels read them."""
-        if self.inputs is None:
-            self.inputs = Inputs._make(array.copy() for array in inputs.packed())
-            self.inputs_record = record(self.inputs)
-        own: Any
-        for own, given in zip(self.inputs, inputs, strict=True):
-            own[...] = given
-        return self.inputs
 
 
 class BlockEstimator(ABC):
@@ -52,10 +32,10 @@ class BlockEstimator(ABC):
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         """Bring the plant into the kernels' form, once."""
-        self._plant = plant
-        self._gate_sigma = float(settings.gate_sigma)
+        self.plant = self._plant = plant
+        self.gate_sigma = float(settings.gate_sigma)
         self._arrays = packing.pack_plant(plant)
-        self._plant_record = record(self._arrays)
+        self.plant_record = record(self._arrays)
         self._steps = StepCache(plant)
         self._own = threading.local()
 
@@ -71,26 +51,26 @@ class BlockEstimator(ABC):
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         """Take K steps; a run of K is, to the last bit, K runs of one."""
         if not hasattr(self._own, "scratch"):
-            self._own.scratch = self._scratch()
+            self._own.scratch = self.scratch()
         scratch: Scratch = self._own.scratch
-        scratch.take(state)
-        if len(inputs) == 1:
-            chunk = self._steps.single(scratch.put(inputs))
-            self._take(chunk, scratch.inputs_record, scratch, scratch.results, scratch.results_record)
-            results = packing.Results._make([array.copy() for array in scratch.results])
-        else:
-            results = packing.empty_results(self._plant, len(inputs))
-            for chunk in chunks(self._steps, inputs):
-                out = packing.cut(results, chunk.part)
-                self._take(chunk, record(chunk.inputs), scratch, out, record(out))
+        packing.thaw_into(scratch.running, state)
+        results = packing.empty_results(self._plant, len(inputs))
+        for chunk in chunks(self._steps, inputs):
+            out = packing.cut(results, chunk.part)
+            self.take(chunk, record(chunk.inputs), scratch, out, record(out))
         time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
         return packing.freeze(scratch.running, time_s), packing.to_block(self._plant, inputs.time_s, results)
 
-    def _scratch(self) -> Scratch:
-        return Scratch(self._plant, self._arrays)
+    def scratch(self) -> Scratch:
+        """Allocate what kernels change on the way; each thread has its own."""
+        return Scratch(self._arrays, self.initial())
+
+    def single(self, inputs: Inputs, length_s: float) -> Chunk:
+        """Return a single step of some length, packed, as a chunk."""
+        return self._steps.single(inputs, length_s)
 
     @abstractmethod
-    def _take(self, chunk: Chunk, inputs: Any, scratch: Any, out: packing.Results, results: Any) -> None:
+    def take(self, chunk: Chunk, inputs: Any, scratch: Any, out: packing.Results, results: Any) -> None:
         """Take a chunk's steps: change the state, fill in the results; what else is in the scratch is stale.
 
         `inputs` are the chunk's, and `results` are `out`, as kernels take them.

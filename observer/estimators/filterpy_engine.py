@@ -22,7 +22,8 @@ from observer.kernels import step as steps
 class FilterpyEstimator(BlockEstimator):
     """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections, Joseph form, the same rules."""
 
-    def _take(self, chunk: Chunk, _inputs: Any, scratch: Scratch, out: Results, _results: Any) -> None:
+    def take(self, chunk: Chunk, _inputs: Any, scratch: Scratch, out: Results, _results: Any) -> None:
+        """Take a chunk's steps by filterpy."""
         from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (slow to import)
 
         n = len(scratch.running.x)
@@ -66,7 +67,7 @@ class FilterpyEstimator(BlockEstimator):
         judging.write_innovations(work.nu, work.S_nu, work.usable, k, out)
         work.accepted[:] = False
         if work.usable.any():
-            judging.judge_sensors(p, u, k, self._gate_sigma, state, work)
+            judging.judge_sensors(p, u, k, self.gate_sigma, state, work)
         if work.accepted.any():
             good = work.accepted
             H = np.zeros((s, n))

@@ -135,19 +135,18 @@ class FixedGainEstimator(BlockEstimator):
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
         """The gain K (n, s) for a step and the sensors `present` (s,)."""
 
-    def _scratch(self) -> Scratch:
-        return FixedGainScratch(self._plant, self._arrays, self._roughly, self.initial())
+    def scratch(self) -> Scratch:
+        """Return what kernels change on the way, with what is allowed for."""
+        return FixedGainScratch(self._arrays, self._roughly, self.initial())
 
-    def _take(
-        self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any
-    ) -> None:
+    def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
         rungs = record(self._bank.rungs(chunk.lengths_s))
         first, resumed, key = 0, 0, 0
         while key != DONE:
             first, key, resumed = run_fixed_gain(
-                self._plant_record, chunk.table, rungs, inputs, chunk.step, scratch.running_record,
-                self._gate_sigma, self.optimal, self._bank.table, results, first, resumed,
+                self.plant_record, chunk.table, rungs, inputs, chunk.step, scratch.running_record,
+                self.gate_sigma, self.optimal, self._bank.table, results, first, resumed,
                 scratch.work_record, scratch.columns, scratch.allowed,
             )  # fmt: skip
             if key != DONE:
@@ -157,13 +156,9 @@ class FixedGainEstimator(BlockEstimator):
 class FixedGainScratch(Scratch):
     """The same with the steady step's columns, and what is allowed for, on the memory of the state."""
 
-    def __init__(
-        self, plant: Plant, arrays: PlantArrays, roughly: PlantArrays, initial: EstimatorState
-    ) -> None:
+    def __init__(self, arrays: PlantArrays, roughly: PlantArrays, initial: EstimatorState) -> None:
         """Allocate it; `roughly` is the plant with what is only roughly known of it."""
-        super().__init__(plant, arrays)
-        self.running = packing.thaw(initial)
-        self.running_record = record(self.running)
+        super().__init__(arrays, initial)
         n, s, L = len(self.running.x), len(self.running.suspect), len(roughly.learn.kind)
         first = n + 2 * s if L else 0
         around, S = self.running.around[:first], self.running.around[first:].reshape(n, L)

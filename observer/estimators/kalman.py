@@ -17,8 +17,9 @@ class KalmanEstimator(BlockEstimator):
     the gate. Source: Kalman (1960).
     """
 
-    def _take(self, chunk: Chunk, inputs: Any, scratch: Scratch, _out: Results, results: Any) -> None:
+    def take(self, chunk: Chunk, inputs: Any, scratch: Scratch, _out: Results, results: Any) -> None:
+        """Take a chunk's steps by the compiled filter."""
         run_kalman(
-            self._plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self._gate_sigma,
+            self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
             results, scratch.work_record,
         )  # fmt: skip

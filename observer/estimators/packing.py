@@ -296,10 +296,7 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
     """Give the results their names."""
     g = plant.rows.grid
     error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
-    learned, learned_sigma = results.learned, results.learned_sigma
-    if (known := plant.learning) is not None:
-        learned = known.value + known.unit * learned[:, known.states]
-        learned_sigma = known.unit * learned_sigma[:, known.states]
+    learned, learned_sigma = learned_of(plant, results)
     return EstimateBlock(
         time_s=time_s,
         heat_W=results.heat,
@@ -316,3 +313,11 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
         learned=learned,
         learned_sigma=learned_sigma,
     )
+
+
+def learned_of(plant: Plant, results: Results) -> tuple[FloatArray, FloatArray]:
+    """What has been learnt (K, l) and its σ, in the units of its names."""
+    learned, sigma, known = results.learned, results.learned_sigma, plant.learning
+    if known is None:
+        return learned, sigma
+    return known.value + known.unit * learned[:, known.states], known.unit * sigma[:, known.states]

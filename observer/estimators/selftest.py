@@ -9,7 +9,6 @@ one way. What fails lowers the quality of the estimate, and says why; it clears 
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -98,20 +97,6 @@ class Tested(NamedTuple):
     motion: FloatArray
 
 
-class _Desk:
-    """Steps, and a copy of a state to be changed, with the kernel's records of both."""
-
-    def __init__(self, seen: Tested, state: SelfTestState) -> None:
-        self.seen = packed(seen)
-        self.state = SelfTestState._make(array.copy() for array in state)
-        self.seen_record, self.state_record, self.scores = record(self.seen), record(self.state), np.empty(3)
-
-    def take(self, seen: Tested, state: SelfTestState) -> None:
-        """Copy other steps, as many, and another state to the same place."""
-        for own, given in zip((*self.seen, *self.state), (*seen, *state), strict=True):
-            own[...] = given
-
-
 class SelfTest:
     """The self-test of one plant; holds no state of its own."""
 
@@ -119,14 +104,13 @@ class SelfTest:
         """Fix what is tested; `with_law` are the sources that have a law."""
         has_law = np.array([name in with_law for name in plant.layout.sources], dtype=np.bool_)
         trust = Trust(plant.initial_sigma_W, np.where(has_law, plant.law_uncertainty, np.nan))
-        self._trust_record = record(packed(trust))
+        self.trust_record = record(packed(trust))
         self._sensors, self._sources = plant.layout.sensors, plant.layout.sources
-        self._nuts = {s.channel: s.table.stroke_m for s in plant.moving}
-        self._own = threading.local()
+        self.strokes_m = {s.channel: s.table.stroke_m for s in plant.moving}
 
     def initial(self) -> SelfTestState:
         """Return the state before the first step."""
-        s, m_e, M = len(self._sensors), len(self._sources), len(self._nuts)
+        s, m_e, M = len(self._sensors), len(self._sources), len(self.strokes_m)
         tests = OF_SENSOR * s + OF_HEAT * m_e + 1 + M
         return SelfTestState(
             sensor=np.zeros((s, 2, 4)),
@@ -150,8 +134,8 @@ class SelfTest:
         Return the state, the ratios (K, M), and the inputs, degraded where the two disagree.
         """
         state = state._replace(motion=state.motion.copy())
-        motion, degraded = np.empty((len(inputs), len(self._nuts))), inputs.degraded.copy()
-        for i, (channel, stroke_m) in enumerate(self._nuts.items()):
+        motion, degraded = np.empty((len(inputs), len(self.strokes_m))), inputs.degraded.copy()
+        for i, (channel, stroke_m) in enumerate(self.strokes_m.items()):
             compare_ways(*frames.path[channel], stroke_m, state.motion[i], motion[:, i], degraded)
         return state, motion, inputs._replace(degraded=degraded)
 
@@ -167,19 +151,9 @@ class SelfTest:
             block.time_s, inputs.dt_s, inputs.quality, block.sensor_quality, block.innovation_K,
             block.innovation_sigma_K, block.heat_W, block.heat_sigma_W, block.law_W, motion,
         )  # fmt: skip
-        desk = self._desk(seen, state)
-        run_selftest(desk.seen_record, self._trust_record, desk.state_record, quality, desk.scores)
-        return SelfTestState._make([array.copy() for array in desk.state]), replace(block, quality=quality)
-
-    def _desk(self, seen: Tested, state: SelfTestState) -> _Desk:
-        """Where the kernel finds K steps and a state; for a single step it is used again."""
-        if len(seen.time_s) != 1:
-            return _Desk(seen, state)
-        if not hasattr(self._own, "desk"):
-            self._own.desk = _Desk(Tested._make(array.copy() for array in packed(seen)), state)
-        desk: _Desk = self._own.desk
-        desk.take(seen, state)
-        return desk
+        state = SelfTestState._make(array.copy() for array in state)
+        run_selftest(record(packed(seen)), self.trust_record, record(state), quality, np.empty(3))
+        return state, replace(block, quality=quality)
 
     def findings(self, state: SelfTestState) -> tuple[Finding, ...]:
         """What fails now."""
@@ -209,4 +183,4 @@ class SelfTest:
         if test < OF_HEAT * m_e:
             return Fault(OF_SENSOR + test % OF_HEAT), self._sources[test // OF_HEAT]
         test -= OF_HEAT * m_e
-        return (Fault.ALL_OFF_LAW, "") if test == 0 else (Fault.MOTION, list(self._nuts)[test - 1])
+        return (Fault.ALL_OFF_LAW, "") if test == 0 else (Fault.MOTION, list(self.strokes_m)[test - 1])

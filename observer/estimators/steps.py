@@ -67,9 +67,9 @@ class StepCache:
             self._last = (lengths_s, record(self._stacked(lengths_s)))
         return self._last[1]
 
-    def single(self, inputs: Inputs) -> Chunk:
+    def single(self, inputs: Inputs, length_s: float) -> Chunk:
         """Return a single step, packed, as a chunk: there is nothing to number."""
-        lengths_s = [float(quantise(inputs.dt_s[0]))]
+        lengths_s = [length_s]
         return Chunk(_ALL, lengths_s, self.table(lengths_s), inputs, _FIRST)
 
     def _stacked(self, lengths_s: list[float]) -> StepTable:
@@ -126,7 +126,7 @@ def chunks(cache: StepCache, inputs: Inputs) -> Iterator[Chunk]:
     """Cut a block into chunks; `step` (K,) is where each step's length is in its table."""
     inputs = inputs.packed()
     if len(inputs) == 1:
-        yield cache.single(inputs)
+        yield cache.single(inputs, float(quantise(inputs.dt_s[0])))
         return
     start, step, lengths = 0, np.empty(len(inputs), dtype=np.int64), np.empty(_STEPS_IN_TABLE)
     while start < len(inputs):

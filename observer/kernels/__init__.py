@@ -45,12 +45,14 @@ def _load(way: str) -> tuple[Any, Any]:
     """Return where the entries and where the records are."""
     if way == "interpreted":
         modules = (
-            "entries", "changes", "discretise", "moving", "path", "selftest", "stepwise", "live", "cells",
+            "entries", "changes", "discretise", "moving", "path", "selftest", "stepwise", "message", "live",
+            "cells",
         )  # fmt: skip
         entries: dict[str, Any] = {}
         for name in modules:
             entries |= vars(importlib.import_module(f"{__name__}.{name}"))
-        return entries, vars(importlib.import_module(f"{__name__}.records"))
+        records = (importlib.import_module(f"{__name__}.{name}") for name in ("records", "tick_records"))
+        return entries, {name: kind for module in records for name, kind in vars(module).items()}
     if way == "avx2":
         __path__.insert(0, str(Path(__path__[0]) / "avx2"))
     try:
@@ -73,7 +75,7 @@ _entries, _records = _load(WAY)
 def record(fields: Any) -> Any:
     """Return the kernels' record on the same memory as a NamedTuple, by whose name it goes."""
     values = {
-        key: record(value) if isinstance(value, tuple) else value for key, value in fields._asdict().items()
+        key: record(value) if hasattr(value, "_asdict") else value for key, value in fields._asdict().items()
     }
     return _records[type(fields).__name__](**values)
 
@@ -92,15 +94,19 @@ follow_path = _entries["follow_path"]
 average_on = _entries["average_on"]
 add_columns = _entries["add_columns"]
 drive_on = _entries["drive_on"]
+put_reading = _entries["put_reading"]
+tick_on = _entries["tick_on"]
 walk_on = _entries["walk_on"]
+step_frame = _entries["step_frame"]
+encode = _entries["encode"]
 compare_ways = _entries["compare_ways"]
 run_selftest = _entries["run_selftest"]
 find_heats_stepwise = _entries["find_heats_stepwise"]
 read_rows = _entries["read_rows"]
 
 __all__ = [
-    "DONE", "WAY", "add_columns", "average_on", "compare_ways", "discretise", "drive_on",
-    "find_heats_stepwise", "follow_path", "march", "number_steps", "read_rows", "record",
+    "DONE", "WAY", "add_columns", "average_on", "compare_ways", "discretise", "drive_on", "encode",
+    "find_heats_stepwise", "follow_path", "march", "number_steps", "put_reading", "read_rows", "record",
     "run_backward", "run_changes_backward", "run_changes_forward", "run_fixed_gain", "run_forward",
-    "run_kalman", "run_selftest", "run_tolerances", "walk_on",
+    "run_kalman", "run_selftest", "run_tolerances", "step_frame", "tick_on", "walk_on",
 ]  # fmt: skip

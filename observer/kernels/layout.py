@@ -1,7 +1,8 @@
-"""How arrays lie in memory for the kernels: rows of whole vector registers."""
+"""How arrays lie in memory for the kernels: rows of whole vector registers, and many arrays in one piece."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -27,3 +28,49 @@ def packed(record: Any) -> Any:
     if isinstance(record, np.ndarray):
         return np.require(record, requirements=("C", "W"))
     return type(record)(*map(packed, record)) if isinstance(record, tuple) else record
+
+
+class Fields:
+    """How arrays lie one behind the other in one piece of memory; cuts them out of bytes, for good."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        """Take a type with a field for each array."""
+        self.dtype = dtype
+
+    def column(self, data: bytes, name: str) -> Any:
+        """Return one array."""
+        return np.ndarray((), self.dtype, data)[name]
+
+    def columns(self, data: bytes, names: tuple[str, ...]) -> list[Any]:
+        """Return some of them."""
+        whole = np.ndarray((), self.dtype, data)
+        return [whole[name] for name in names]
+
+
+class Bundle:
+    """Arrays by name that lie one behind the other, so that all of them are copied at once, as `octets`."""
+
+    def __init__(self, fields: Fields) -> None:
+        """Allocate it."""
+        self.fields, self.octets = fields, np.zeros(fields.dtype.itemsize, np.uint8)
+        self._whole = np.ndarray((), fields.dtype, self.octets)
+
+    @classmethod
+    def of(cls, like: Mapping[str, Any]) -> Bundle:
+        """Take arrays of these names, shapes and types, with what they hold."""
+        own = cls(Fields(np.dtype([(n, a.dtype, a.shape) for n, a in like.items()], align=True)))
+        for name, array in like.items():
+            own[name][...] = array
+        return own
+
+    def __getitem__(self, name: str) -> Any:
+        return self._whole[name]
+
+    def put_back(self, data: bytes) -> None:
+        """Hold again what the octets were."""
+        self.octets[:] = np.frombuffer(data, np.uint8)
+
+    def over(self, name: str, shape: tuple[int, ...]) -> Array:
+        """Return one array of floats over that one and those behind it."""
+        fields: Any = self.fields.dtype.fields
+        return np.ndarray(shape, float, self.octets, fields[name][1])

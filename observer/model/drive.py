@@ -8,22 +8,22 @@ silently.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
-from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, QualityArray
+from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
 from observer.kernels import drive_on, record
+from observer.kernels.codes import NO_PRODUCT
 from observer.kernels.layout import packed
 from observer.model.couple import surface_rate
-from observer.model.law import Law, heat_law
-from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
+from observer.model.law import Law, Product, heat_law
+from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
 from observer.model.rod.path import PathState
@@ -71,9 +71,10 @@ class Drive:
             [t.factor for t in machine.terms if isinstance(t, LawFactor) and t.source == name]
             for name in plant.source_names
         ]
-        self._losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
+        self.losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
         self._surface_rate = surface_rate(config.screw)
         self._sensor_channels = [s.channel for s in config.sensor]
+        self._every = range(len(config.source))
         self._laws: list[tuple[tuple[str, ...], Law]] = [
             (law_channels(s, config.source), heat_law(s, config.source, config.screw.length_m))
             for s in config.source
@@ -98,10 +99,10 @@ class Drive:
         self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
         needed = [c for read, _ in self._laws for c in read]
         needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
-        needed += [loss.speed_channel for loss in self._losses]
+        needed += [loss.speed_channel for loss in self.losses]
         self._needed = [c for c in dict.fromkeys(needed) if c is not None]
         self._channels: tuple[str, ...] | None = None  # of the last frames, and where they hold what is read
-        self._own = threading.local()
+        self.read: Any = None
 
     def initial(self) -> DriveState:
         """Return the state before the first frame."""
@@ -123,7 +124,7 @@ class Drive:
         inputs = Inputs(
             frames.time_s, frames.dt_s, told.y_degC, told.usable, told.sensor_quality, told.law_W,
             told.jump_W, told.z_start, told.z_end, moving_B, moving_C, told.degraded,
-            *self._loss(frames, told.z_end[:, self._known.ambient]),
+            *self.loss(frames.values, told.z_end[:, self._known.ambient]),
         )  # fmt: skip
         last_s = float(frames.time_s[-1])
         return DriveState(told.law[-1], told.known[-1], nuts, turns, begin_s, last_s, running_s), inputs
@@ -131,39 +132,30 @@ class Drive:
     def open_loop(self, frames: FrameBlock) -> Driving:
         """Return what drives a plant through a log from its first frame on, but for where nuts are."""
         told, _, _ = self._told(self.initial(), frames)
-        losses = self._loss(frames, told.z_end[:, self._known.ambient])
+        losses = self.loss(frames.values, told.z_end[:, self._known.ambient])
         return Driving(told.law_W, told.jump_W, told.z_start, told.z_end, *losses)
 
     def _told(self, state: DriveState, frames: FrameBlock) -> tuple[DriveDesk, float, FloatArray]:
         """What drives the plant in K steps and what sensors say, the first frame's time, and how long each
         law has run.
         """
-        if frames.channels is not self._channels:
-            self._channels, self._read = frames.channels, record(self._places(frames.channels))
-        own, sizes = self._own, (len(self._sensor_channels), len(self._laws), len(state.z))
-        if len(frames) != 1:
-            desk = _desk(frames, *sizes)
-            desk_record = record(desk)
-        elif not hasattr(own, "desk") or own.desk.values.shape != frames.values.shape:
-            desk = own.desk = DriveDesk._make(array.copy() for array in _desk(frames, *sizes))
-            desk_record = own.record = record(desk)
-        else:
-            desk, desk_record = own.desk, own.record
-            desk.time_s[:], desk.values[:] = frames.time_s, frames.values
-            desk.fresh[:], desk.quality[:] = frames.fresh, frames.quality
-        desk.law_before_W[:], desk.z_before[:] = state.law_W, state.z
-        running_s = self._law(desk.law, frames, state)
+        self.look_at(frames.channels)
+        desk = _desk(frames, state, len(self._sensor_channels))
+        running_s = self.heats(desk.law, frames.values, frames.dt_s, state.running_s, self._every)
         begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
-        drive_on(self._read, desk_record, begin_s, state.last_s)
-        if len(frames) == 1:
-            desk = DriveDesk._make([*desk[:6], *[array.copy() for array in desk[6:]]])
+        drive_on(self.read, record(desk), begin_s, state.last_s)
         return desk, begin_s, running_s
+
+    def look_at(self, channels: tuple[str, ...]) -> None:
+        """Find where frames of these channels hold what is read."""
+        if channels is not self._channels:
+            self._channels, self.read = channels, record(self._places(channels))
 
     def _places(self, channels: tuple[str, ...]) -> ColumnsRead:
         """Where frames of these channels hold what is read."""
         at: dict[str | None, int] = {name: i for i, name in enumerate(channels)}
         self._law_columns = [[at[c] for c in read] for read, _ in self._laws]
-        self._loss_columns = [at[loss.speed_channel] for loss in self._losses]
+        self._loss_columns = [at[loss.speed_channel] for loss in self.losses]
 
         def columns(names: Sequence[str]) -> NDArray[np.int64]:
             return np.array([at[name] for name in names], np.int64)
@@ -179,16 +171,22 @@ class Drive:
             -1 if self._known.reference is None else self._known.reference,
         )
 
-    def _law(self, law: FloatArray, frames: FrameBlock, state: DriveState) -> FloatArray:
-        """Fill in each source's heat by law at each tick, (K, m), W, NaN while not known; return for how long
+    def heats(
+        self,
+        law: FloatArray,
+        values: FloatArray,
+        dt_s: FloatArray,
+        running_s: FloatArray,
+        which: Sequence[int],
+    ) -> FloatArray:
+        """Fill in the heats by some laws at each tick, (K, m), W, NaN while not known; return for how long
         each has run.
         """
-        running_s = state.running_s
-        for j, (columns, (_, heat_W)) in enumerate(zip(self._law_columns, self._laws, strict=True)):
-            read = [frames.values[:, i] for i in columns] or [np.zeros(len(frames))]
-            law[:, j] = heat_W(*read)
+        for j in which:
+            read = [values[:, i] for i in self._law_columns[j]] or [np.zeros(len(values))]
+            law[:, j] = self._laws[j][1](*read)
             if factors := self._factors[j]:
-                ran = np.where(np.nan_to_num(read[0]) != 0.0, frames.dt_s, 0.0)
+                ran = np.where(np.nan_to_num(read[0]) != 0.0, dt_s, 0.0)
                 ran_s = np.cumsum(np.concatenate([running_s[j : j + 1], ran]))[1:]
                 running_s = running_s.copy()
                 running_s[j] = ran_s[-1]
@@ -196,25 +194,33 @@ class Drive:
                     law[:, j] *= factor(read[0], ran_s)
         return running_s
 
-    def _loss(self, frames: FrameBlock, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def products(self) -> tuple[Products, list[int]]:
+        """The laws that are products, for the channels looked at, and which are none or change with time."""
+        found = [
+            law if isinstance(law, Product) and not factors else Product(NO_PRODUCT, ())
+            for (_, law), factors in zip(self._laws, self._factors, strict=True)
+        ]
+        width = max((len(law.factors) for law in found), default=0)
+        products = Products(
+            np.array([law.base for law in found], np.int64),
+            np.array([columns[0] if columns else 0 for columns in self._law_columns], np.int64),
+            np.array([[*law.factors, *(width - len(law.factors)) * [1.0]] for law in found]).reshape(
+                -1, width
+            ),
+        )
+        return products, [j for j, law in enumerate(found) if law.base == NO_PRODUCT]
+
+    def loss(self, values: FloatArray, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C."""
-        rate, drawn = np.zeros(len(frames)), np.zeros(len(frames))
-        if not self._losses:
+        rate, drawn = np.zeros(len(values)), np.zeros(len(values))
+        if not self.losses:
             return rate, drawn
-        for loss, column in zip(self._losses, self._loss_columns, strict=True):
-            speed_rpm = np.nan_to_num(frames.values[:, column])
+        for loss, column in zip(self.losses, self._loss_columns, strict=True):
+            speed_rpm = np.nan_to_num(values[:, column])
             own = self._surface_rate * loss.film_W_m2K(speed_rpm)
             rate += own
             drawn += own * (ambient_degC if loss.temperature_degC is None else loss.temperature_degC)
         return rate, np.where(rate > 0.0, drawn / np.where(rate > 0.0, rate, 1.0), 0.0)
-
-    def _averaging(self, nut: int, steps: int) -> moving.Averaging:
-        """What the averaging of a nut's columns works on; for a single step it is kept."""
-        if steps != 1:
-            return moving.Averaging(self._plant.moving[nut].table, steps)
-        if not hasattr(self._own, "nuts"):
-            self._own.nuts = [moving.Averaging(s.table, 1) for s in self._plant.moving]
-        return self._own.nuts[nut]  # type: ignore[no-any-return]
 
     def _nuts(
         self, state: DriveState, frames: FrameBlock
@@ -224,11 +230,9 @@ class Drive:
         B, C, nuts, turns = [], [], [], list(state.turns)
         for i, source in enumerate(plant.moving):
             path = frames.path[source.channel]
-            nut, own_B, own_C = self._averaging(i, len(frames)).columns(state.nuts[i], frames.dt_s, path)
+            nut, own_B, own_C = moving.columns(source.table, state.nuts[i], frames.dt_s, path)
             if source.ends_fraction:
-                turns[i], ends_B, ends_C = moving.columns_at_ends(source.table, turns[i], frames.dt_s, path)
-                own_B = own_B + source.ends_fraction * (ends_B - own_B)
-                own_C = own_C + source.ends_fraction * (ends_C - own_C)
+                turns[i], own_B, own_C = turned(source, turns[i], frames.dt_s, path, own_B, own_C)
             nuts.append(nut)
             B.append(own_B)
             C.append(own_C)
@@ -279,13 +283,29 @@ class DriveDesk(NamedTuple):
     degraded: NDArray[np.int8]
 
 
-def _desk(frames: FrameBlock, s: int, m: int, p: int) -> DriveDesk:
-    """The desk of some frames, on their memory."""
-    k = len(frames)
-    given = (packed(a) for a in (frames.time_s, frames.values, frames.fresh, frames.quality))
-    numbers = (np.empty(size) for size in (m, p, (k, m), *3 * [(k, p)], *2 * [(k, m)], (k, s)))
+def _desk(frames: FrameBlock, state: DriveState, s: int) -> DriveDesk:
+    """The desk of some frames and a state, on their memory."""
+    k, m, p = len(frames), len(state.law_W), len(state.z)
+    read = (frames.time_s, frames.values, frames.fresh, frames.quality, state.law_W, state.z)
+    numbers = (np.empty((k, width)) for width in (m, p, p, p, m, m, s))
     flags = np.empty((k, s), np.bool_), np.empty((k, s), np.int8), np.empty(k, np.int8)
-    return DriveDesk._make([*given, *numbers, *flags])
+    return DriveDesk._make([*map(packed, read), *numbers, *flags])
+
+
+class Products(NamedTuple):
+    """Laws that are products (see `law.Product`): `base`, `column` (m,), `factors` (m, f), filled up by 1."""
+
+    base: NDArray[np.int64]
+    column: NDArray[np.int64]
+    factors: FloatArray
+
+
+def turned(
+    source: MovingSource, turn: PathState, dt_s: FloatArray, path: NutPath, B: FloatArray, C: FloatArray
+) -> tuple[PathState, FloatArray, FloatArray]:
+    """The averaged columns of a nut, but for the part of its heat that enters where it turns."""
+    turn, ends_B, ends_C = moving.columns_at_ends(source.table, turn, dt_s, path)
+    return turn, B + source.ends_fraction * (ends_B - B), C + source.ends_fraction * (ends_C - C)
 
 
 def _stacked(columns: list[FloatArray], steps: int, width: int) -> FloatArray:

@@ -3,16 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from observer.frames import FloatArray
+from observer.kernels.codes import OF_CHANNEL, OF_NOTHING, OF_SPEED
 from observer.physics import friction
+from observer.physics.constants import RAD_S_PER_RPM
 from observer.tables.laws import SPEED_LAWS, BearingFriction
 from observer.tables.sections import Source, owner
 
 Law = Callable[..., FloatArray]
 """Heat in W from the law's channels, one array (k,) each, in the order of `law_channels`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Product:
+    """A law that is a product of factors and, by `base`, the size of its channel (a speed), the channel, or
+    nothing else.
+    """
+
+    base: int
+    factors: tuple[float, ...]
+
+    def __call__(self, channel: FloatArray) -> FloatArray:
+        """Heat in W (k,); kernels multiply in the same order."""
+        heat_W = np.abs(channel) if self.base == OF_SPEED else channel
+        if self.base == OF_NOTHING:
+            heat_W = np.ones_like(channel)
+        for factor in self.factors:
+            heat_W = factor * heat_W
+        return heat_W
+
+    def times(self, factor: float) -> Product:
+        """The law with one more factor."""
+        return Product(self.base, (*self.factors, factor))
 
 
 def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
@@ -28,14 +54,21 @@ def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
     if source.law == "heat_of":
         other = heat_law(owner(source, sources), sources, screw_m)
         part = source.scale / (source.heat_ratio or 1.0)
-        return lambda *channels: part * other(*channels)
+        return _times(other, part)
     if source.law == "power_channel":
-        return lambda power_W: source.scale * power_W
+        return Product(OF_CHANNEL, (source.scale,))
     if source.law not in SPEED_LAWS:
-        heat_W, stops = source.scale * (source.heat_W or 0.0), source.drive_channel is not None
-        return lambda drive: np.where(drive != 0.0, heat_W, 0.0) if stops else np.full_like(drive, heat_W)
+        heat_W = source.scale * (source.heat_W or 0.0)
+        if source.drive_channel is None:
+            return Product(OF_NOTHING, (heat_W,))
+        return lambda drive: np.where(drive != 0.0, heat_W, 0.0)
     factor, of_speed = _factor(source, screw_m), _of_speed(source)
-    return of_speed if factor == 1.0 else lambda *channels: factor * of_speed(*channels)
+    return of_speed if factor == 1.0 else _times(of_speed, factor)
+
+
+def _times(law: Law, factor: float) -> Law:
+    """A law times a factor."""
+    return law.times(factor) if isinstance(law, Product) else lambda *channels: factor * law(*channels)
 
 
 def _factor(source: Source, screw_m: float) -> float:
@@ -53,11 +86,10 @@ def _of_speed(source: Source) -> Law:
     if source.bearing is not None:
         return _bearing(source.bearing)
     if source.heat_W_rpm is not None:
-        W_rpm = source.heat_W_rpm
-        return lambda speed_rpm: np.asarray(W_rpm * np.abs(speed_rpm))
+        return Product(OF_SPEED, (source.heat_W_rpm,))
     torque_Nm = _nut_torque_Nm(source)
     if source.nut_speed_channel is None:
-        return lambda speed_rpm: friction.friction_heat_W(torque_Nm, speed_rpm)
+        return Product(OF_SPEED, (RAD_S_PER_RPM, torque_Nm))  # `friction_heat_W`
     if source.nut_torque_Nm is None:
         return lambda speed_rpm, nut_rpm: friction.relative_heat_W(torque_Nm, speed_rpm, nut_rpm)
     own_Nm = source.nut_torque_Nm

@@ -9,15 +9,16 @@ from __future__ import annotations
 import io
 import json
 import math
-import struct
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cbor2
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout, Quality
+from observer.kernels import encode, record
+from observer.kernels.layout import Bundle, Fields
 
 if TYPE_CHECKING:
     from observer.config import Config
@@ -29,10 +30,7 @@ _FLOAT32_LE = 85
 _DIGITS = 6
 _QUALITY = [quality.label for quality in EstimateQuality]
 _CHANNEL_QUALITY = [quality.label for quality in Quality]
-_QUALITY_CBOR = [cbor2.dumps(label) for label in _QUALITY]
-_SENSOR_QUALITY_CBOR = [cbor2.dumps(quality.label) for quality in Quality]
-_SEQUENCE = cbor2.dumps("sequence")
-_FLOAT64, _FLOAT64_MARK = struct.Struct(">Bd"), 0xFB
+_FLOAT64_MARK = b"\xfb"
 _WHO_MAY: Any = {
     "publish": {"tls", "login", "access"}, "page": True, "metrics": True, "mqtt": True, "opcua": True
 }  # fmt: skip
@@ -42,6 +40,30 @@ _ARRAYS = (
     "innovation_K", "innovation_sigma_K",
 )  # fmt: skip
 _ENTRIES = len(_ARRAYS) + 8
+
+
+class Message(NamedTuple):
+    """What the kernel takes (see `kernels.message.encode`): where it writes, what is the same in all messages
+    with the `ends` of its pieces, and where in an estimate's memory arrays begin, of how many numbers each.
+    """
+
+    out: NDArray[np.uint8]
+    pieces: NDArray[np.uint8]
+    ends: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    qualities: int
+    sensors: int
+    time_at: int
+    quality_at: int
+    sensors_at: int
+
+
+def _kept(block: EstimateBlock, k: int) -> tuple[Fields, bytes]:
+    """One step of a block in one piece."""
+    names = (*_ARRAYS, "time_s", "quality", "sensor_quality")
+    bundle = Bundle.of({name: np.asarray(getattr(block, name)[k]) for name in names})
+    return bundle.fields, bundle.octets.tobytes()
 
 
 def _typed(array: FloatArray) -> cbor2.CBORTag:
@@ -83,30 +105,45 @@ class EstimateEncoder:
             "field_degC": _pair("position_m", _typed(layout.position_m)),
             "innovation_K": _pair("sensors", sensors),
         }
-        widths = dict(zip(_ARRAYS, (m, m, m, g, g, error, error, s, s), strict=True))
-        self._arrays, at = bytearray(), {}
-        for name, width in widths.items():
-            self._arrays += before.get(name, b"") + _head(name, 4 * width)
-            at[name] = len(self._arrays)
-            self._arrays += bytes(4 * width)
-        self._numbers = [
-            (name, np.ndarray(widths[name], "<f4", self._arrays, begin)) for name, begin in at.items()
+        self._widths = dict(zip(_ARRAYS, (m, m, m, g, g, error, error, s, s), strict=True))
+        self._pieces = [
+            cbor2.dumps(dict.fromkeys(range(_ENTRIES)))[:1] + cbor2.dumps("time_s") + _FLOAT64_MARK,
+            cbor2.dumps("sequence"),
+            _pair("instance", instance) + cbor2.dumps("quality"),
+            *map(cbor2.dumps, _QUALITY),
+            *(before.get(name, b"") + _head(name, 4 * n) for name, n in self._widths.items()),
+            cbor2.dumps("sensor_quality") + _array_head(s),
+            *map(cbor2.dumps, _CHANNEL_QUALITY),
         ]
-        self._begin = cbor2.dumps(dict.fromkeys(range(_ENTRIES)))[:1] + cbor2.dumps("time_s")
-        self._middle = _pair("instance", instance) + cbor2.dumps("quality")
-        self._end = cbor2.dumps("sensor_quality") + _array_head(s)
+        self._sensors = s
+        self._fields: Any = None  # of the last estimate, and how the kernel makes a message of it
+        self._message: Any = None
 
     def cbor(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """Everything a step returns; `decode_estimate` is its inverse up to float32."""
-        parts = [
-            self._begin, _FLOAT64.pack(_FLOAT64_MARK, block.time_s[k]), _SEQUENCE, cbor2.dumps(sequence),
-            self._middle, _QUALITY_CBOR[block.quality[k]],
-        ]  # fmt: skip
-        for name, numbers in self._numbers:
-            numbers[:] = getattr(block, name)[k]
-        parts += self._arrays, self._end
-        parts += [_SENSOR_QUALITY_CBOR[q] for q in block.sensor_quality[k].tolist()]
-        return b"".join(parts)
+        try:
+            fields, data = block.kept
+        except AttributeError:
+            fields, data = _kept(block, k)
+        if fields is not self._fields:
+            self._fields, self._message = fields, record(self._message_of(fields.dtype.fields))
+        message: bytes = encode(self._message, data, sequence)
+        return message
+
+    def _message_of(self, fields: Any) -> Message:
+        """How a message is made of an estimate with these fields in memory."""
+        sizes = [len(piece) for piece in self._pieces]
+        room = sum(sizes) + 32 * (2 + self._sensors) + 4 * sum(self._widths.values())
+        return Message(
+            np.zeros(room, np.uint8),
+            np.frombuffer(b"".join(self._pieces), np.uint8).copy(),
+            np.cumsum([0, *sizes]),
+            np.array([fields[name][1] for name in _ARRAYS]),
+            np.array(list(self._widths.values())),
+            len(_QUALITY),
+            self._sensors,
+            *(fields[name][1] for name in ("time_s", "quality", "sensor_quality")),
+        )
 
     def heat(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `heat` document."""

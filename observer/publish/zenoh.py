@@ -7,6 +7,7 @@ Publishers drop rather than wait (`CongestionControl.DROP`): a slow subscriber m
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -132,6 +133,7 @@ class ZenohPublisher:
         estimate = self._encoder.cbor(block, 0, sequence)
         self._answers.estimates.append(estimate)
         self._put("estimate", estimate)
+        os.sched_yield()  # so that it is sent before the rest is encoded, where cores are few
         self._put("heat", self._encoder.heat(block, 0, sequence))
         slot = math.floor(block.time_s[0] * self._settings.field_rate_Hz)
         if slot != self._field_slot:

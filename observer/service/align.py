@@ -10,7 +10,7 @@ it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from urllib.parse import unquote
 
@@ -112,7 +112,6 @@ class Aligner:
 
     def __init__(self, plan: AlignPlan, last_tick_s: float = math.nan) -> None:
         self._plan = plan
-        self._column = {name: j for j, name in enumerate(plan.channels)}
         self._walk = Walk(plan.channels, plan.expected(), last_tick_s)
         self._faults: dict[str, str] = {}
         self._last_s = -math.inf
@@ -133,8 +132,24 @@ class Aligner:
 
     def ingest(self, reading: Reading) -> Reading:
         """Take a reading; returns it as it is used, and is to be recorded: in a row later than all before."""
+        row_s = time_s = reading.time_s
+        if time_s <= self._last_s:
+            row_s = math.nextafter(self._last_s, math.inf)
+        self._last_s = row_s
+        late_s = row_s - time_s if row_s - time_s >= LATE_S else 0.0
+        values, faults = reading.values, reading.faults
+        if faults or self._faults:
+            values, faults = self._with_faults(reading)
+        if not self._walk.take(row_s, late_s, values, faults):
+            values = {name: float(values[name]) for name in self._plan.channels if name in values}
+        elif row_s == time_s and values is reading.values:
+            return reading
+        return Reading(row_s, values, faults, late_s)
+
+    def _with_faults(self, reading: Reading) -> tuple[Mapping[str, float], dict[str, str]]:
+        """The values and faults of a reading, the faults that channels show now being noted."""
         values, faults = {}, {}
-        for name in self._column:
+        for name in self._plan.channels:
             if name not in reading.values and name not in reading.faults:
                 continue
             values[name] = float(reading.values.get(name, math.nan))
@@ -144,25 +159,14 @@ class Aligner:
                 values[name] = math.nan
             elif fault is not None:
                 faults[name] = self._faults[name] = fault or "unknown"
-        row_s = self._later(reading.time_s)
-        late_s = row_s - reading.time_s
-        late_s = late_s if late_s >= LATE_S else 0.0
-        row, rows = self._walk.waiting.add(row_s, late_s), self._walk.waiting.rows
-        for name, value in values.items():
-            j = self._column[name]
-            rows.values[row, j], rows.present[row, j], rows.faulted[row, j] = value, True, name in faults
-        return Reading(row_s, values, faults, late_s)
+        return values, faults
 
     def tick(self, time_s: float) -> FrameBlock:
         """The frame of all readings up to now; a block of one."""
-        row = self._walk.waiting.add(self._later(time_s))
-        self._walk.waiting.rows.step[row] = True
-        return self._walk.tick()
-
-    def _later(self, time_s: float) -> float:
-        """This time, or the smallest one after the last, so that rows are in the order of time."""
-        self._last_s = time_s if time_s > self._last_s else math.nextafter(self._last_s, math.inf)
-        return self._last_s
+        if time_s <= self._last_s:
+            time_s = math.nextafter(self._last_s, math.inf)
+        self._last_s = time_s
+        return self._walk.tick(time_s)
 
 
 def frames_of_log(

@@ -194,7 +194,7 @@ class _Cycles:
 
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._snapshot = start = service.start
+        start = service.start
         self.wires = Wires(service.drivers, service.clock.now, self._take)
         self._aligner = Aligner(service.plan, math.nan if start is None else start.tick_s)
         self._pipeline = Pipeline(service.drive, service.estimator, service.self_test, service.gap)
@@ -224,7 +224,11 @@ class _Cycles:
 
     def snapshot(self) -> Snapshot | None:
         """Where the pipeline stands after its last step, None while the estimator knows nothing yet."""
-        snapshot, compensator = self._snapshot, self._service.compensator
+        snapshot, compensator, gap = self._service.start, self._service.compensator, self._service.gap
+        if self._last is not None:
+            states = self._pipeline.snapshot()
+            known = None if gap is None else gap.state
+            snapshot = Snapshot(float(self._last.frame.time_s[0]), *states, gap=known)
         if snapshot is None or not snapshot.estimator.started:
             return None
         return snapshot if compensator is None else replace(snapshot, compensation=compensator.held)
@@ -276,13 +280,13 @@ class _Cycles:
         self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
         self._commands.before_step(self._service.publisher.commands(), time_s)
         frame = self._aligner.tick(time_s)
+        changed = self._estimate_of(frame)  # first: what nobody waits for comes after
         if self._service.trial is not None:
             self._service.trial.see(frame)
         if self._service.recorder is not None:
             self._service.recorder.tick(float(frame.time_s[0]))
-        changed = self._frame is None or bool((frame.quality != self._frame.quality).any())
+        changed |= self._frame is None or bool((frame.quality != self._frame.quality).any())
         self._frame = frame
-        changed |= self._estimate_of(frame)
         self._commands.after_step(time_s)
         now_s = self._service.clock.now()
         if changed or now_s - self._looked_s >= _LOOK_S:
@@ -318,11 +322,8 @@ class _Cycles:
         if self._service.alarms is not None:
             air_degC = float(self._pipeline.inputs.z_end[0, self._service.air])
             self._service.alarms.see(estimate, frame, air_degC)
-        gap = self._service.gap
-        known = None if gap is None else gap.state
-        self._snapshot = Snapshot(float(frame.time_s[0]), *self._pipeline.snapshot(), gap=known)
         if self._service.forecaster is not None:
-            self._service.forecaster.step(self._pipeline.inputs, estimate, self._snapshot.estimator)
+            self._service.forecaster.step(self._pipeline.inputs, estimate, self._pipeline.snapshot()[1])
         if self._service.keeper is not None:
             self._service.keeper.step(self.snapshot, self._service.clock.now())
         self._ping()

@@ -7,15 +7,15 @@ not stuck. Everything it needs of the past stands in `Memory`, so a walk over pa
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality, QualityArray
-from observer.kernels import record, walk_on
-from observer.kernels.layout import packed
+from observer.kernels import put_reading, record, tick_on, walk_on
+from observer.kernels.layout import Bundle, Fields, packed
 from observer.kernels.stuck import _LAST, _SEEN
 
 IntArray = NDArray[np.int64]
@@ -128,42 +128,47 @@ class Frames(NamedTuple):
 
 def _empty_frames(ticks: int, c: int, paths: int, rows: int) -> Frames:
     return Frames(
-        np.empty(ticks), np.empty(ticks), np.empty((ticks, c)), np.empty((ticks, c), np.bool_),
-        np.empty((ticks, c), np.int8), np.empty((ticks, c)), np.empty((paths, 3, rows)),
+        np.zeros(ticks), np.zeros(ticks), np.zeros((ticks, c)), np.zeros((ticks, c), np.bool_),
+        np.zeros((ticks, c), np.int8), np.zeros((ticks, c)), np.zeros((paths, 3, rows)),
         np.zeros((paths, ticks + 1), np.int64), np.zeros(paths, np.int64), np.zeros(c, np.bool_),
     )  # fmt: skip
 
 
-class Waiting:
-    """Rows as they come, up to a tick, and the frame that they make: arrays that are used again."""
+class OfFrame(Fields):
+    """How a frame of one tick lies in memory, and of which channels and paths it is."""
 
-    def __init__(self, c: int, paths: int, most: int = 16) -> None:
-        """Have room for as many rows at first."""
-        self._sizes, self.count = (c, paths), 0
-        self.rows = Rows(
-            np.empty(most), np.empty(most), np.zeros(most, np.bool_), np.empty((most, c)),
-            np.zeros((most, c), np.bool_), np.empty((most, c), np.bool_),
-        )  # fmt: skip
-        self.frames = _empty_frames(1, c, paths, most)
-        self.rows_record, self.frames_record = record(self.rows), record(self.frames)
+    def __init__(self, dtype: np.dtype[Any], channels: tuple[str, ...], paths: tuple[str, ...]) -> None:
+        """Take what all frames of a walk are of."""
+        super().__init__(dtype)
+        self.channels, self.paths = channels, paths
 
-    def add(self, time_s: float, late_s: float = 0.0) -> int:
-        """Begin a row; returns its number."""
-        row = self.count
-        if row == len(self.rows.time_s):
-            before = self.rows
-            self.__init__(*self._sizes, 2 * row)  # type: ignore[misc]
-            for own, given in zip(self.rows, before, strict=True):
-                own[:row] = given
-        self.rows.time_s[row], self.rows.late_s[row] = time_s, late_s
-        self.count = row + 1
-        return row
+    def column(self, data: bytes, name: str) -> Any:
+        """Return a column of `FrameBlock`."""
+        if name == "channels":
+            return self.channels
+        if name != "path":
+            return super().column(data, name)
+        return _paths(self.paths, *self.columns(data, ("samples", "offset")))
 
-    def clear(self) -> None:
-        """Have no rows; of what is not present nothing is read."""
-        self.rows.step[self.count - 1] = False
-        self.rows.present[: self.count] = False
-        self.count = 0
+
+def _paths(names: tuple[str, ...], samples: FloatArray, offset: IntArray) -> dict[str, NutPath]:
+    path = {}
+    for p, name in enumerate(names):
+        at_s, at_m, driven_m_s = samples[p, :, : offset[p, -1]]
+        path[name] = NutPath(at_s, at_m, offset[p], driven_m_s)
+    return path
+
+
+class LiveWalk(NamedTuple):
+    """What the kernel takes at a reading and at a tick: `waiting` counts rows; `octets` are the frame's."""
+
+    names: tuple[str, ...]
+    rows: Rows
+    waiting: int
+    plan: Expected
+    memory: Memory
+    frames: Frames
+    octets: NDArray[np.uint8]
 
 
 class Walk:
@@ -171,34 +176,69 @@ class Walk:
 
     def __init__(self, channels: tuple[str, ...], plan: Expected, last_tick_s: float = math.nan) -> None:
         """Begin before the first row; `last_tick_s` is the last tick before a warm start."""
-        plan = packed(plan)
-        self._channels, self._paths = channels, [channels[column] for column in plan.position]
+        self._plan = plan = packed(plan)
+        self._channels, self._paths = channels, tuple(channels[column] for column in plan.position)
         self.memory = nothing_yet(plan, last_tick_s)
         self._plan_record, self._memory_record = record(plan), record(self.memory)
-        self.waiting = Waiting(len(channels), len(self._paths))
+        self._have_room(16)
+
+    def _have_room(self, most: int) -> None:
+        """Have room for so many rows that wait for a tick."""
+        c = len(self._channels)
+        self._rows = Rows(
+            np.empty(most), np.empty(most), np.zeros(most, np.bool_), np.empty((most, c)),
+            np.zeros((most, c), np.bool_), np.empty((most, c), np.bool_),
+        )  # fmt: skip
+        frames = _empty_frames(1, c, len(self._paths), most)
+        scratch: dict[str, Any] = {"end": frames.end, "counts": frames.counts}
+        names = [name for name in Frames._fields if name not in scratch]
+        bundle = Bundle.of({name: getattr(frames, name) for name in names})
+        own: dict[str, Any] = {name: bundle[name] for name in names}
+        self._of = OfFrame(bundle.fields.dtype, self._channels, self._paths)
+        self._live = record(
+            LiveWalk(
+                self._channels,
+                self._rows,
+                0,
+                self._plan,
+                self.memory,
+                Frames(**own, **scratch),
+                bundle.octets,
+            )
+        )
+
+    def _widen(self) -> None:
+        """Have room for twice as many rows."""
+        before, count = self._rows, self._live.waiting
+        self._have_room(2 * count)
+        for own, given in zip(self._rows, before, strict=True):
+            own[:count] = given
+        self._live.waiting = count
 
     def on(self, rows: Rows) -> FrameBlock:
         """Go on over these rows; return the frames at the ticks among them."""
         ticks, n = int(np.count_nonzero(rows.step)), len(rows.time_s)
         frames = _empty_frames(ticks, len(self._channels), len(self._paths), n)
         walk_on(record(packed(rows)), n, self._plan_record, self._memory_record, record(frames))
-        return self._block(frames[:6], frames.samples, frames.offset)
+        path = _paths(self._paths, frames.samples, frames.offset)
+        return FrameBlock(self._channels, *frames[:6], path)
 
-    def tick(self) -> FrameBlock:
-        """Go on over the rows that wait, the last of which is a tick; return its frame."""
-        waiting = self.waiting
-        walk_on(
-            waiting.rows_record, waiting.count, self._plan_record, self._memory_record, waiting.frames_record
-        )
-        waiting.clear()
-        own = waiting.frames
-        columns = [array.copy() for array in own[:6]]
-        return self._block(columns, own.samples, own.offset.copy())
+    def take(
+        self, time_s: float, late_s: float, values: Mapping[str, float], faulted: Collection[str]
+    ) -> bool:
+        """Have a reading wait for the next tick; say whether all of it are floats of known channels."""
+        taken: int = put_reading(self._live, time_s, late_s, values)
+        if taken < 0:
+            self._widen()
+            return self.take(time_s, late_s, values, faulted)
+        for name in faulted:
+            self._rows.faulted[self._live.waiting - 1, self._channels.index(name)] = True
+        return taken == len(values)
 
-    def _block(self, columns: Sequence[Any], samples: FloatArray, offset: IntArray) -> FrameBlock:
-        path = {}
-        for p, name in enumerate(self._paths):
-            at_s, at_m, driven_m_s = samples[p, :, : offset[p, -1]].copy()
-            path[name] = NutPath(at_s, at_m, offset[p], driven_m_s)
-        time_s, dt_s, values, fresh, quality, age_s = columns
-        return FrameBlock(self._channels, time_s, dt_s, values, fresh, quality, age_s, path)
+    def tick(self, time_s: float) -> FrameBlock:
+        """Go on over the rows that wait, and a tick behind them; return its frame."""
+        data = tick_on(self._live, time_s)
+        if data is None:
+            self._widen()
+            return self.tick(time_s)
+        return FrameBlock.of(self._of, data)

@@ -98,31 +98,19 @@ class NutDesk(NamedTuple):
     step_C: FloatArray
 
 
-class Averaging:
-    """What the averaging of a nut's columns over K steps works on; that of one step may be used again."""
+def arrays_of(state: NutState) -> dict[str, FloatArray]:
+    """Return a state as the first arrays of a desk."""
+    weight_s = np.array([state.weight_s])
+    return {
+        "scalars": state.path.scalars, "weight_s": weight_s, "B": state.B, "C": state.C, "sum_B": state.sum_B,
+        "sum_C": state.sum_C,
+    }  # fmt: skip
 
-    def __init__(self, table: NutTable, steps: int) -> None:
-        B, C, rest = len(table.mean_B), len(table.mean_C), PathState().scalars
-        shapes = [len(rest), 1, B, C, B, C, (steps, B), (steps, C), B, C]
-        self._arrays = NutDesk._make(map(np.empty, shapes))
-        self._record = record(self._arrays)
-        self._table = record(table)
 
-    def columns(
-        self, state: NutState, dt_s: FloatArray, path: NutPath
-    ) -> tuple[NutState, FloatArray, FloatArray]:
-        """Return what `columns` does."""
-        own = self._arrays
-        own.scalars[0], own.scalars[1:] = state.path.time_s, state.path.rest
-        own.weight_s[0] = state.weight_s
-        own.B[:], own.C[:], own.sum_B[:], own.sum_C[:] = state.B, state.C, state.sum_B, state.sum_C
-        average_on(self._table, self._record, dt_s, *path)
-        rest = PathState(float(own.scalars[0]), own.scalars[1:].copy())
-        B, C, sum_B, sum_C = [array.copy() for array in own[2:6]]
-        after = NutState(rest, float(own.weight_s[0]), B, C, sum_B, sum_C)
-        if len(dt_s) == 1:
-            return after, own.out_B.copy(), C[None]
-        return after, own.out_B, own.out_C
+def state_of(desk: NutDesk) -> NutState:
+    """Return the state that a desk holds, as copies."""
+    rest = PathState(float(desk.scalars[0]), desk.scalars[1:].copy())
+    return NutState(rest, float(desk.weight_s[0]), *[array.copy() for array in desk[2:6]])
 
 
 def columns(
@@ -133,7 +121,13 @@ def columns(
     Returns the state after the last step, the input columns (K, n_x) and the output columns of the source's
     lag (K, R).
     """
-    return Averaging(table, len(dt_s)).columns(state, dt_s, path)
+    k, B, C = len(dt_s), len(state.B), len(state.C)
+    own = {name: array.copy() for name, array in arrays_of(state).items()}
+    desk = NutDesk(
+        **own, out_B=np.empty((k, B)), out_C=np.empty((k, C)), step_B=np.empty(B), step_C=np.empty(C)
+    )
+    average_on(record(table), record(desk), dt_s, *path)
+    return state_of(desk), desk.out_B, desk.out_C
 
 
 def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:

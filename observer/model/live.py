@@ -1,0 +1,190 @@
+"""A drive that takes one frame after the other, on memory that lives as long as it does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer.frames import FloatArray, Inputs, NutPath
+from observer.kernels import record
+from observer.kernels.layout import Bundle, Fields
+from observer.model.drive import Drive, DriveDesk, DriveState, Products, turned
+from observer.model.plant import MovingSource, Plant
+from observer.model.rod import moving
+from observer.model.rod.moving import NutDesk
+from observer.model.rod.path import PathState
+
+
+class PathSamples(NamedTuple):
+    """The samples of a position in a frame, as in `NutPath`; of those behind the last nothing is read."""
+
+    time_s: FloatArray
+    position_m: FloatArray
+    offset: Any
+    driven_m_s: FloatArray
+
+
+class Frame:
+    """The memory of one frame (see `service.walk.Frames`), with a record of each position's samples."""
+
+    def __init__(self, fields: Fields, channels: tuple[str, ...], positions: Sequence[str]) -> None:
+        """Allocate it for frames that lie so."""
+        self.bundle, self.channels = Bundle(fields), channels
+        samples, offset = self.bundle["samples"], self.bundle["offset"]
+        self._samples, self._offset = (
+            dict(zip(positions, samples, strict=True)),
+            dict(zip(positions, offset, strict=True)),
+        )
+        self.paths = {
+            name: record(PathSamples(own[0], own[1], self._offset[name], own[2]))
+            for name, own in self._samples.items()
+        }
+
+    def path(self, channel: str) -> NutPath:
+        """The samples of a position."""
+        offset = self._offset[channel]
+        time_s, position_m, driven_m_s = self._samples[channel][:, : offset[-1]]
+        return NutPath(time_s, position_m, offset, driven_m_s)
+
+
+class LiveNut(NamedTuple):
+    """A nut's table, its desk and its samples, as records."""
+
+    table: Any
+    desk: Any
+    path: Any
+
+
+class DriveTick(NamedTuple):
+    """What the kernel takes: `octets` are the frame's; `before` and `after` do what only Python can."""
+
+    octets: Any
+    read: Any
+    laws: Products
+    desk: DriveDesk
+    dt_s: FloatArray
+    moment: FloatArray
+    nuts: tuple[Any, ...]
+    inputs: Any
+    before: Callable[[], None] | None
+    after: Callable[[], None] | None
+
+
+class LiveDrive:
+    """Turns frames into inputs by the same kernels as `Drive.run`; `inputs` are those of the last frame.
+
+    `record` is what `kernels.step_frame` takes.
+    """
+
+    def __init__(self, drive: Drive, plant: Plant, frame: Frame) -> None:
+        """Allocate it for the frames of one memory."""
+        self._drive, self._plant, self._frame = drive, plant, frame
+        drive.look_at(frame.channels)
+        laws, self._others = drive.products()
+        state = drive.initial()
+        self._turns = state.turns
+        self._bundle = Bundle.of(_arrays(state))
+        self._inputs = Bundle.of(_inputs_of(plant, len(state.law_W), len(state.z)))
+        self.inputs = Inputs._make(self._inputs[name] for name in Inputs._fields)
+        self.inputs_record = record(self.inputs)
+        self._law, own, given, u = np.empty((1, len(state.law_W))), self._bundle, frame.bundle, self.inputs
+        desk = DriveDesk(
+            given["time_s"], given["values"], given["fresh"], given["quality"], own["law_W"], own["z"],
+            self._law, np.empty((1, len(state.z))), u.z_start, u.z_end, u.law_W, u.law_jump_W, u.y_degC,
+            u.usable, u.quality, u.degraded,
+        )  # fmt: skip
+        self._nuts = [self._nut(i, source) for i, source in enumerate(plant.moving)]
+        nuts = tuple(
+            record(LiveNut(record(source.table), record(nut), frame.paths[source.channel]))
+            for source, nut in zip(plant.moving, self._nuts, strict=True)
+        )
+        after = bool(drive.losses) or any(source.ends_fraction for source in plant.moving)
+        self.record = record(
+            DriveTick(
+                given.octets, drive.read, laws, desk, given["dt_s"], own["moment"], nuts, self.inputs_record,
+                self._put_heats if self._others else None, self._put_rest if after else None,
+            )
+        )  # fmt: skip
+
+    def _nut(self, i: int, source: MovingSource) -> NutDesk:
+        B, C = len(source.table.mean_B), len(source.table.mean_C)
+        own = {name: self._bundle[f"{name}{i}"] for name in NutDesk._fields[:6]}
+        out_B, out_C = self.inputs.moving_B[:, i], self.inputs.moving_C[:, i]
+        return NutDesk(**own, out_B=out_B, out_C=out_C, step_B=np.empty(B), step_C=np.empty(C))
+
+    def _put_heats(self) -> None:
+        """Fill in the heats by laws that are no products."""
+        own, frame = self._bundle, self._frame.bundle
+        own["running_s"][:] = self._drive.heats(
+            self._law, frame["values"], frame["dt_s"], own["running_s"], self._others
+        )
+
+    def _put_rest(self) -> None:
+        """Fill in losses, and what enters where nuts turn."""
+        if self._drive.losses:
+            u, values = self.inputs, self._frame.bundle["values"]
+            u.loss_1_s[:], u.loss_degC[:] = self._drive.loss(values, u.z_end[:, self._plant.known.ambient])
+        for i, source in enumerate(self._plant.moving):
+            if source.ends_fraction:
+                self._turn(i, source)
+
+    def _turn(self, i: int, source: MovingSource) -> None:
+        """Have part of a nut's heat enter where it turns."""
+        B, C = self._nuts[i].out_B, self._nuts[i].out_C
+        turn, B[:], C[:] = turned(
+            source, self._turns[i], self._frame.bundle["dt_s"], self._frame.path(source.channel), B, C
+        )
+        self._turns = (*self._turns[:i], turn, *self._turns[i + 1 :])
+
+    def keep_inputs(self) -> Inputs:
+        """Return the inputs of the last frame, for good."""
+        data = self._inputs.octets.tobytes()
+        return Inputs._make(self._inputs.fields.columns(data, Inputs._fields))
+
+    def keep(self) -> tuple[bytes, tuple[PathState, ...]]:
+        """Return where it stands, to be put back."""
+        return self._bundle.octets.tobytes(), self._turns
+
+    def put_back(self, kept: tuple[bytes, tuple[PathState, ...]]) -> None:
+        """Stand where it stood."""
+        self._bundle.put_back(kept[0])
+        self._turns = kept[1]
+
+    @property
+    def state(self) -> DriveState:
+        """Where it stands."""
+        own = self._bundle
+        begin_s, last_s = own["moment"].tolist()
+        nuts = tuple(map(moving.state_of, self._nuts))
+        return DriveState(
+            own["law_W"].copy(), own["z"].copy(), nuts, self._turns, begin_s, last_s, own["running_s"].copy()
+        )
+
+    def take(self, state: DriveState) -> None:
+        """Stand at a state."""
+        for name, array in _arrays(state).items():
+            self._bundle[name][...] = array
+        self._turns = state.turns
+
+
+def _arrays(state: DriveState) -> dict[str, FloatArray]:
+    """A state's arrays by name."""
+    moment = np.array([state.begin_s, state.last_s])
+    own = {"law_W": state.law_W, "z": state.z, "moment": moment, "running_s": state.running_s}
+    for i, nut in enumerate(state.nuts):
+        own |= {f"{name}{i}": array for name, array in moving.arrays_of(nut).items()}
+    return own
+
+
+def _inputs_of(plant: Plant, m: int, p: int) -> dict[str, Any]:
+    """The inputs of one step, nothing in them."""
+    s, moving_ = plant.rows.sensors, len(plant.moving)
+    one, laws, known = np.zeros(1), np.zeros((1, m)), np.zeros((1, p))
+    columns = (
+        one, one, np.zeros((1, s)), np.zeros((1, s), np.bool_), np.zeros((1, s), np.int8), laws, laws, known,
+        known, np.zeros((1, moving_, len(plant.decay_1_s))), np.zeros((1, moving_, len(plant.rows.C))),
+        np.zeros(1, np.int8), one, one,
+    )  # fmt: skip
+    return dict(zip(Inputs._fields, columns, strict=True))
