@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,26 +23,17 @@ WORTH_A_WORD = 0.05
 CONFIGURED, ALL = "as configured", "all"
 
 
-class _Key(NamedTuple):
-    """What a tolerance is of, and how it is made smaller."""
-
-    kind: Kind
-    remedy: str
-
-
 KEYS = {
-    "conductivity": _Key(Kind.CONDUCTIVITY, "take it from the maker's certificate of the screw's steel"),
-    "heat_capacity": _Key(Kind.HEAT_CAPACITY, "take it from the maker's certificate of the screw's steel"),
-    "convection": _Key(Kind.CONVECTION, "let `observer calibrate` fit the film to a log with a cooling"),
-    "ambient_K": _Key(
-        Kind.AMBIENT, "put a thermometer, compared with the sensors, into the air at the screw"
-    ),
-    "end_W_K": _Key(Kind.END, "say in [boundary] what the ends lose, as a log of a cooling tells"),
-    "position_m": _Key(Kind.PLACE, "measure where the sensors sit"),
-    "offset_K": _Key(Kind.OFFSET, "compare the sensors in a bath, or on the machine after a night at rest"),
-    "lag_s": _Key(Kind.LAG, "set the sensors into the metal with paste, or measure how late they are"),
+    "conductivity": "take it from the maker's certificate of the screw's steel",
+    "heat_capacity": "take it from the maker's certificate of the screw's steel",
+    "convection": "let `observer calibrate` fit the film to a log with a cooling",
+    "ambient_K": "put a thermometer, compared with the sensors, into the air at the screw",
+    "end_W_K": "say in [boundary] what the ends lose, as a log of a cooling tells",
+    "position_m": "measure where the sensors sit",
+    "offset_K": "compare the sensors in a bath, or on the machine after a night at rest",
+    "lag_s": "set the sensors into the metal with paste, or measure how late they are",
 }
-"""The keys of `[tolerance]`."""
+"""The keys of `[tolerance]`, and how each is made smaller."""
 
 
 def tolerances(config: Config) -> dict[str, Any]:
@@ -54,10 +45,10 @@ def tolerances(config: Config) -> dict[str, Any]:
     if build_plant(config).modes > MOST_MODES:
         config = config.model_copy(update={"model": config.model.model_copy(update={"modes": MOST_MODES})})
     plant = build_plant(config, learns=True)
-    kinds = plant.parameters.kind
-    cases = [np.ones(len(kinds))]
-    cases += [np.where(kinds == key.kind, AS_KNOWN, 1.0) for key in KEYS.values()]
-    cases.append(np.where(kinds == Kind.LAW, 1.0, AS_KNOWN))
+    keys = np.array([Kind(kind).key for kind in plant.parameters.kind], np.str_)
+    cases = [np.ones(len(keys))]
+    cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in KEYS]
+    cases.append(np.where(keys == Kind.LAW.key, 1.0, AS_KNOWN))
     found = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
     if found is None:
         return {"tolerances": [], "improve_first": {}}
@@ -104,7 +95,7 @@ def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
             named.setdefault(best["key"], []).append(f"σ of {_SAID[quantity]} -{best['fall']:.0%}")
     if not named:
         return "no single tolerance costs much"
-    return "; ".join(f"{key} ({', '.join(falls)}): {KEYS[key].remedy}" for key, falls in named.items())
+    return "; ".join(f"{key} ({', '.join(falls)}): {KEYS[key]}" for key, falls in named.items())
 
 
 SHIFT_SAID = f"σ below: means over two hours at {SPEED_RPM:g} rpm and an hour at rest, from ten minutes on"
