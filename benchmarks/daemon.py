@@ -1,4 +1,4 @@
-"""The daemon as a process: processor, memory, and the time from its start to the first estimate."""
+"""The daemon as a process: processor, memory also with its gateway, and the time to its first estimate."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ RAW_PER_K, RAW_PER_M = 100, 10_000
 STARTS = 5
 FILL_S = 110.0
 """Until it keeps as many estimates as it ever will, 1000 for those who ask for the last ones."""
+SETTLED_S = 30.0
+"""For so long the gateway may take until it serves all that is asked for."""
 HOUR_S = 3600.0
 START_S = 60.0
 """For so long a daemon may take until its first estimate."""
@@ -44,6 +46,7 @@ def results(seconds: float = 30.0) -> list[Result]:
         try:
             start_s = statistics.median(_start_once(place) for _ in range(STARTS))
             load, resident_MB, growth_MB = _load(place, seconds)
+            together_MB = _together_MB(place)
         except RuntimeError as error:
             return [Result("daemon and start", f"not measured: {error}")]
     size = f"{SENSORS} sensors, {MODES} modes, {POINTS} points"
@@ -59,6 +62,7 @@ def results(seconds: float = 30.0) -> list[Result]:
         Result(f"daemon at 10 Hz, {size}", f"{load:.1%} of a core", goal="≤ 5 %", met=load <= 0.05),
         _at_most("  resident", resident_MB, 200, "MB"),
         growth,
+        _at_most("  resident, with the gateway of page, Prometheus and OPC UA", together_MB, 200, "MB"),
     ]
 
 
@@ -102,12 +106,29 @@ def _load(place: _Place, seconds: float) -> tuple[float, float, float]:
         return share, _resident_MB(pid), _resident_MB(pid) - resident_MB
 
 
+def _together_MB(place: _Place) -> float:
+    """Resident MB of daemon and gateway, the pages that they share counted once."""
+    page, metrics, opcua = (f"127.0.0.1:{free_port()}" for _ in range(3))
+    outlets = (
+        f'[page]\nlisten = "{page}"\n[metrics]\nlisten = "{metrics}"\n[opcua]\nlisten = "opc.tcp://{opcua}"\n'
+    )
+    with _daemon(place, outlets) as (pid, _):
+        time.sleep(SETTLED_S)
+        children = [
+            int(child)
+            for thread in Path(f"/proc/{pid}/task").iterdir()
+            for child in (thread / "children").read_text().split()
+        ]
+        found = [_private_and_shared_MB(process) for process in (pid, *children)]
+        return sum(private for private, _ in found) + max(shared for _, shared in found)
+
+
 @contextmanager
-def _daemon(place: _Place) -> Iterator[tuple[int, float]]:
+def _daemon(place: _Place, outlets: str = "") -> Iterator[tuple[int, float]]:
     """A daemon that has published its first heat, and how long that took."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = place.folder / "config.toml"
-    config.write_text(_config_text(place.port, endpoint))
+    config.write_text(_config_text(place.port, endpoint) + outlets)
     with zenoh.open(session_config("router", (), (endpoint,))) as session:
         heat = session.declare_subscriber("ballscrew/**/heat", zenoh.handlers.RingChannel(1))
         command = [sys.executable, "-m", "observer", "run", "--config", str(config)]
@@ -141,6 +162,16 @@ def _cpu_s(pid: int) -> float:
 def _resident_MB(pid: int) -> float:
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _private_and_shared_MB(pid: int) -> tuple[float, float]:
+    """Resident memory that a process has by itself, and that others have too."""
+    lines = (line.split() for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:])
+    kB = {name: int(size) for name, size, *_ in lines}
+    private, shared = (
+        1.024e-3 * (kB[f"{whose}_Clean:"] + kB[f"{whose}_Dirty:"]) for whose in ("Private", "Shared")
+    )
+    return private, shared
 
 
 @contextmanager
