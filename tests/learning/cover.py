@@ -34,6 +34,7 @@ def estimates(config: Config, day: Day) -> EstimateBlock:
     """What the observer of a configuration estimates over a day."""
     machine = Machine.of(config, learns=True)
     pipeline = machine.pipeline(machine.estimator())
+    pipeline.gap = None  # it watches beside, for as long again, without a word in an estimate
     blocks = [pipeline.step(frames) for frames in frames_of_log(log_of(day), machine.plan)]
     fields = EstimateBlock.__dataclass_fields__
     return EstimateBlock(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in fields})
