@@ -49,14 +49,14 @@ class Footprint(NamedTuple):
         return self.waves @ weights, self.early_s @ weights
 
 
-def swept(table: NutTable, present: FloatArray) -> FloatArray:
-    """Shapes (T, PLACES, N) of which the squares add up to the covariance of a nut's column over a tick, of
-    which it spends the shares `present` (T, PLACES) at places from end to end.
+def swept(table: NutTable, present: FloatArray, out: FloatArray) -> None:
+    """Fill `out` (T, PLACES, N) with shapes of which the squares add up to the covariance of a nut's column
+    over a tick, of which it spends the shares `present` (T, PLACES) at places from end to end.
     """
     places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
     columns = np.array([moving.columns_at(table, [x])[0][: len(table.mu_1_m)] for x in places_m])
-    apart = columns - (present @ columns)[:, None]
-    return np.asarray(np.sqrt(present)[:, :, None] * apart)
+    np.subtract(columns, (present @ columns)[:, None], out=out)
+    out *= np.sqrt(present)[:, :, None]
 
 
 def footprint(

@@ -22,6 +22,7 @@ from observer.model.drive import Drive, Driving
 from observer.model.plant import MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
+from observer.model.rod.moving import NutTable
 from observer.model.rod.sources import mean_stretch
 from observer.tables.laws import HeatLaw
 from observer.tables.sections import Source
@@ -124,6 +125,7 @@ class SteppedRun:
         self._rows_kept, self._driven = Kept[Inputs](MOST_ROWS_KEPT), Kept[Driving](MOST_KEPT)
         self._footprints, self._presences = Kept[Footprint](MOST_KEPT), Kept[FloatArray](MOST_KEPT)
         self._of_modes = Kept[tuple[FloatArray, FloatArray]](MOST_KEPT)
+        self._sweeps = Kept[FloatArray](MOST_KEPT)
         self._lags = Kept[FloatArray](MOST_KEPT)
         sources = realise(config).config.source
         self._strokes = [mean_stretch(sources[m.index], config.screw) for m in plant.moving]
@@ -192,13 +194,18 @@ class SteppedRun:
         the ticks; nothing where no nut has a body, and row by row, for within one a nut hardly moves.
         """
         bodies = set(plant.coupling.links.source.tolist())
-        if self._by_row or not bodies & {m.index for m in plant.moving}:
+        on = tuple(i for i, m in enumerate(plant.moving) if m.index in bodies)
+        if self._by_row or not on:
             return None
-        out = np.zeros((len(self.ticks.first), len(plant.moving), PLACES, plant.modes))
-        for i, source in enumerate(plant.moving):
-            if source.index in bodies:
-                out[:, i] = swept(source.table, self._present(source, i))
-        return out
+
+        def shapes() -> FloatArray:
+            out = np.zeros((len(self.ticks.first), len(plant.moving), PLACES, plant.modes))
+            for i in on:
+                swept(plant.moving[i].table, self._present(plant.moving[i], i), out[:, i])
+            return out
+
+        key = (on, *(_shape_of(plant.moving[i].table) for i in on))
+        return self._sweeps.get(key, shapes)
 
     def _rows(self, config: Config, plant: Plant) -> Inputs:
         drive = Drive(config, plant)
@@ -247,8 +254,7 @@ class SteppedRun:
     def _columns(self, plant: Plant, i: int, *, at_ends: bool = False) -> tuple[FloatArray, FloatArray]:
         """The nut's input columns (T, N), and how much earlier than evenly (T, N) they came."""
         table = plant.moving[i].table
-        shape = (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m))
-        key = (i, at_ends, b"".join(a.tobytes() for a in shape))
+        key = (i, at_ends, _shape_of(table))
         return self._of_modes.get(key, lambda: self._footprint(plant, i, at_ends=at_ends).of_modes(table))
 
     def _lag_rows(self, source: MovingSource, i: int, *, at_ends: bool = False) -> FloatArray:
@@ -262,6 +268,12 @@ class SteppedRun:
 
         key = (i, at_ends, table.table_C.tobytes() + table.mean_C.tobytes())
         return self._lags.get(key, averaged)
+
+
+def _shape_of(table: NutTable) -> bytes:
+    """What of a nut's table its input columns depend on, as a key."""
+    shape = (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m))
+    return b"".join(a.tobytes() for a in shape)
 
 
 def driving(config: Config) -> str:

@@ -76,7 +76,8 @@ def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
     run = SteppedRun(the_run(), config, plant)
     source = plant.moving[0]
     present, table = run._present(source, 0), source.table
-    shapes = swept(table, present)
+    shapes = np.empty((*present.shape, plant.modes))
+    swept(table, present, shapes)
     columns = np.array(
         [moving.columns_at(table, [x])[0][: plant.modes] for x in np.linspace(0.0, table.screw_m, PLACES)]
     )
