@@ -37,7 +37,7 @@ def results() -> list[Result]:
             shown(taken["ours"]),
             f"solve_banded, 500 cells {shown(taken['peer'])}",
             taken["peer"] / taken["ours"],
-            at_least=300,
+            at_least=400,
         ),
         Result(
             "  largest error from 60 s on",

@@ -3,6 +3,7 @@ cdef inline void move_columns(AdvancePlant p, Inputs u, Py_ssize_t k, double[:, 
 cdef inline void advance(AdvancePlant p, AdvanceTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, AdvanceWork work) noexcept nogil
 cdef inline void put_laws(AdvancePlant p, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, double[::1] law) noexcept nogil
 cdef inline void advance_diagonal(AdvancePlant p, AdvanceTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, AdvanceWork work) noexcept nogil
+cdef inline void ramp_up(AdvancePlant p, AdvanceTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[::1] x) noexcept nogil
 cdef void couple_half(AdvancePlant p, Inputs u, Py_ssize_t k, double[::1] z, double[:, ::1] B, double[::1] x, Py_ssize_t half, AdvanceWork work) noexcept nogil
 @cython.locals(rows=double[:, ::1], was=double[::1])
 cdef void couple_covariance(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] z, double[:, ::1] B, Py_ssize_t half, double[:, ::1] P, Work work) noexcept nogil

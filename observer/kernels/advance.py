@@ -78,16 +78,21 @@ def advance_diagonal(p, t, d, u, k, B, x, work):
     add_scaled(work.driven, p.E, u.z_start[k], p.E.shape[0])
     for a in range(n_x):
         x[a] = t.decay[d, a] * x[a] + t.hold[d, a] * work.driven[a]
-    for q in range(p.E.shape[0]):
-        rise = u.z_end[k, q] - u.z_start[k, q]
-        if rise != 0.0:
-            for a in range(n_x):
-                x[a] += t.ramp[d, a] * p.E[q, a] * rise
+    ramp_up(p, t, d, u, k, x)
     for j in range(len(p.source)):
         delta, index = x[n_x + j], p.source[j]
         for a in range(n_x):
             x[a] += B[index, a] * t.couple[d, j, a] * delta
         x[n_x + j] = t.heat_decay[d, j] * delta
+
+
+def ramp_up(p, t, d, u, k, x):
+    """What the known inputs' rises over step k do to the states: x += ramp∘(E (z_end - z_start))."""
+    for q in range(p.E.shape[0]):
+        rise = u.z_end[k, q] - u.z_start[k, q]
+        if rise != 0.0:
+            for a in range(p.E.shape[1]):
+                x[a] += t.ramp[d, a] * p.E[q, a] * rise
 
 
 def couple_half(p, u, k, z, B, x, half, work):

@@ -39,7 +39,7 @@ def run_backward(p, t, u, step, tape, adjoint, work, out):
         smooth_back(p, t, u, step, tape, adjoint, work, out)
 
 
-def march(p, t, decay, u, B, C, work, x, states):
+def march(p, t, decay, u, B, C, work, x, states, first):
     """Run the open loop (see `march.march_steps`)."""
     with cython.nogil:
-        march_steps(p, t, decay, u, B, C, work, x, states)
+        march_steps(p, t, decay, u, B, C, work, x, states, first)

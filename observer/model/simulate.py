@@ -14,7 +14,7 @@ from observer.kernels.layout import pad_rows, padded_width
 from observer.model.coupling import Coupling
 from observer.model.plant import Plant
 
-_CHUNK = 1024
+_CHUNK = 512
 """Steps worked on at a time: few enough that they stay in the cache."""
 _REGISTER = 8
 """States are padded with zeros to whole vector registers: the step takes half the time for it."""
@@ -120,10 +120,11 @@ def simulate(
     u, decay_1_s = inputs.packed(), contiguous(plant.decay_1_s)
     rows, states = np.empty((K, seen.shape[1])), np.empty((min(K, _CHUNK), len(seen)))
     B, C = p.B.copy(), np.zeros((0, p.B.shape[1]))
+    inputs_record, work = record(u), record(AdvanceWork.of(p, len(state.x), sweep))
     for begin in range(0, K, _CHUNK):
         part = slice(begin, begin + _CHUNK)
-        here, work = states[: len(u.dt_s[part])], record(AdvanceWork.of(p, len(state.x), sweep[part]))
-        march(plant_record, table, decay_1_s, record(u.part(begin, begin + _CHUNK)), B, C, work, x, here)
+        here = states[: K - begin]
+        march(plant_record, table, decay_1_s, inputs_record, B, C, work, x, here, begin)
         np.matmul(here, seen, out=rows[part])
         for i, source in enumerate(plant.moving):
             rows[part] += here[:, plant.modes + source.index, None] * inputs.moving_C[part, i]
