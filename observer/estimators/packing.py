@@ -20,6 +20,7 @@ IntArray = NDArray[np.int64]
 # Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows
 # of 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
 _REGISTER, _CROWDED = 16, 64
+_TOGETHER = 4  # columns and sensors that the kernels take at a time
 
 
 class PlantArrays(NamedTuple):
@@ -70,7 +71,9 @@ class Work(NamedTuple):
     at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
     coupling began from, `none` (n_x, 0), `link` (2, n_x) of a link, `sweep` as in `advance`, `plain` and
     `plain_B` a state and the columns where parameters are described, and the arrays of one step. `C` has the
-    columns of all states where something is learnt, and of the plant's where not.
+    columns of all states where something is learnt, and of the plant's where not. `CT` (n_x, S) are the
+    sensors' rows as padded columns, for the plant's states; `S` (s, S) the covariances of the innovations
+    but for R, each row from its own sensor on; `read` (S,). `G` and `H` have as many rows as four divides.
     """
 
     B: FloatArray
@@ -108,6 +111,9 @@ class Work(NamedTuple):
     plain: FloatArray
     plain_B: FloatArray
     kept: FloatArray
+    CT: FloatArray
+    S: FloatArray
+    read: FloatArray
 
 
 class Results(NamedTuple):
@@ -211,7 +217,8 @@ def scratch(arrays: PlantArrays) -> Work:
     """Allocate the kernels' scratch."""
     n_x, m_e, s = arrays.B.shape[1], len(arrays.source), len(arrays.R_K2)
     n, learn = n_x + m_e + len(arrays.learn.kind), arrays.learn
-    width, columns = padded_width(n), m_e + learn.machine
+    width, columns = padded_width(n), layout.padded_width(max(m_e + learn.machine, 1), _TOGETHER)
+    sensors = layout.padded_width(s, _TOGETHER)
     return Work(
         B=arrays.B.copy(),
         C=pad_rows(arrays.C, n) if len(learn.kind) else arrays.C.copy(),
@@ -227,17 +234,17 @@ def scratch(arrays: PlantArrays) -> Work:
         none=np.zeros((n_x, 0)),
         link=np.zeros((2, n_x)),
         sweep=np.zeros((0, 0, 0, 0)),
-        G=np.zeros((columns, width)),
-        H=np.zeros((columns, width)),
+        G=layout.zeros((columns, width)),
+        H=layout.zeros((columns, width)),
         M=np.zeros((m_e, width)),
         L=np.zeros((s, s)),
-        W=np.zeros((s, width)),
+        W=layout.zeros((s, width)),
         e=np.zeros(s),
         order=np.zeros(s, dtype=np.int64),
         K=np.zeros(width),
         row=np.zeros(width),
         half=np.zeros(width),
-        g=np.zeros((s, width)),
+        g=layout.zeros((s, width)),
         nu=np.zeros(s),
         S_nu=np.zeros(s),
         usable=np.zeros(s, dtype=np.bool_),
@@ -248,6 +255,9 @@ def scratch(arrays: PlantArrays) -> Work:
         plain=np.zeros(n_x + m_e),
         plain_B=np.zeros_like(arrays.B),
         kept=np.zeros((len(learn.held), len(learn.held) + 1)),
+        CT=pad_rows(arrays.C.T, sensors),
+        S=np.zeros((s, sensors)),
+        read=np.zeros(sensors),
     )
 
 

@@ -1,4 +1,4 @@
-cdef Py_ssize_t RELEASE_AFTER_STEPS, STALE_AFTER_STEPS, _FEW
+cdef Py_ssize_t RELEASE_AFTER_STEPS, STALE_AFTER_STEPS
 cdef double REOPEN_AFTER_S, REOPEN_EVERY_S, HELD_BACK_S, LOST_S, _REOPEN_AT_LEAST, _REOPEN_SIGMA, _AGREES
 
 cdef inline void forget(double[:, ::1] rows, Py_ssize_t k) noexcept nogil
@@ -22,9 +22,6 @@ cdef void invalidate(Results out, Py_ssize_t k) noexcept nogil
 cdef inline void move_rows(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] rows) noexcept nogil
 cdef inline bint write_values(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
 cdef inline bint write_sigmas(Running state, Py_ssize_t k, Work work, Results out) noexcept nogil
-@cython.locals(total=double)
-cdef inline double square_of_row(double[:, ::1] P, double[:, ::1] rows, Py_ssize_t r, double[::1] c, double[::1] g) noexcept nogil
-cdef inline void squares_of_rows(double[:, ::1] P, double[:, ::1] rows, double[::1] half, double[::1] total) noexcept nogil
 cdef inline void clear(double[:, ::1] P) noexcept nogil
 @cython.locals(opened=bint, reopened=bint)
 cdef inline bint judge_sensors(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil

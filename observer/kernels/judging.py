@@ -14,7 +14,9 @@ from observer.kernels.codes import (
     REJECTED,
     STALE,
 )
+from observer.kernels.covariance import squares_of_rows, sum_scaled
 from observer.kernels.libm import INFINITY, NAN, floor, fmod, isfinite, isinf, sqrt
+from observer.kernels.vector import LANES, none, store_at
 
 RELEASE_AFTER_STEPS = 3
 STALE_AFTER_STEPS = 2
@@ -27,7 +29,6 @@ HELD_BACK_S = 40.0
 LOST_S = 40.0
 _REOPEN_AT_LEAST = 0.01
 _REOPEN_SIGMA = 3.0
-_FEW = 8  # rows, up to which one after the other is quicker than all at once
 _AGREES = 0.3  # part of what a sensor was off when the state was opened for it
 
 
@@ -248,9 +249,8 @@ def write_values(p, u, k, state, work, out):
         out.law[k, j] = law
         out.heat[k, j] = law + state.x[n_x + j]
         lost += 0 if isfinite(out.heat[k, j]) else 1
-    for r in range(len(work.value)):
-        work.value[r] = 0.0
-    add_scaled(work.value, p.rows_F, u.z_end[k], len(p.rows_F))
+    for q in range(len(work.value) // LANES):
+        store_at(work.value, q, sum_scaled(none(), p.rows_F, q, u.z_end, k, len(p.rows_F)))
     add_scaled(work.value, work.rows, state.x, n_x)
     for r in range(out.field.shape[1]):
         out.field[k, r] = work.value[r]
@@ -264,42 +264,12 @@ def write_sigmas(state, k, work, out):
     for j in range(out.heat_sigma.shape[1]):
         out.heat_sigma[k, j] = sqrt(state.P[n_x + j, n_x + j])
         lost += 0 if isfinite(out.heat_sigma[k, j]) else 1
-    if out.field_sigma.shape[1] <= _FEW:
-        for r in range(out.field_sigma.shape[1]):
-            work.value[r] = square_of_row(state.P, work.rows, r, work.K, work.half)
-    else:
-        squares_of_rows(state.P, work.rows, work.shared, work.value)
+    squares_of_rows(state.P, work.rows, out.field_sigma.shape[1], work.value)
     # A field that is known exactly (a prescribed end) has a variance of zero, give or take rounding.
     for r in range(out.field_sigma.shape[1]):
         out.field_sigma[k, r] = sqrt(max(0.0, work.value[r]))
         lost += 0 if isfinite(work.value[r]) else 1
     return lost == 0
-
-
-def square_of_row(P, rows, r, c, g):
-    """c P cᵀ of one row; `c` and `g` (width,) are scratch."""
-    n_x, total = len(rows), 0.0
-    for a in range(n_x):
-        c[a] = rows[a, r]
-    for b in range(len(g)):
-        g[b] = 0.0
-    add_scaled(g, P, c, n_x)
-    for a in range(n_x):
-        total += c[a] * g[a]
-    return total
-
-
-def squares_of_rows(P, rows, half, total):
-    """c P cᵀ of all rows at once, from the lower triangle: 2 Σ_a c_a (½ P_aa c_a + Σ_{b<a} P_ab c_b)."""
-    for r in range(len(total)):
-        total[r] = 0.0
-    for a in range(len(rows)):
-        own = 0.5 * P[a, a]
-        for r in range(len(half)):
-            half[r] = own * rows[a, r]
-        add_scaled(half, rows, P[a], a)
-        for r in range(len(half)):
-            total[r] += 2.0 * rows[a, r] * half[r]
 
 
 def clear(P):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from observer.kernels.advance import move_columns, put_laws
+from observer.kernels.covariance import mirror
 from observer.kernels.judging import (
     doubt_nut,
     find_usable,
@@ -17,7 +18,7 @@ from observer.kernels.judging import (
     write_values,
 )
 from observer.kernels.learning import begin, draw_near, follow, give_back, keep, tell
-from observer.kernels.step import compare, correct, mirror, predict, start
+from observer.kernels.step import compare, correct_lower, predict, start
 
 SKIPPED, STARTED, STEPPED = 0, 1, 2
 
@@ -38,7 +39,8 @@ def start_or_predict(p, t, d, u, k, state, work):
         put_laws(p, u, k, work.B, state.x, work.law)
         state.flags[0] = 1
         return STARTED
-    follow(p, t, d, u, k, work.B, work.C, state.around, state.x, work)
+    if len(p.learn.kind) > 0:
+        follow(p, t, d, u, k, work.B, work.C, state.around, state.x, work)
     predict(p, t, d, u, k, state, work)
     doubt_nut(p, u, k, state.lost_s, state.P)
     return STEPPED
@@ -54,7 +56,7 @@ def judge_and_correct(p, u, k, gate_sigma, state, work):
     if judge_sensors(p, u, k, gate_sigma, state, work):
         compare(p, u, k, state, work)
     keep(p, state.x, state.P, work.kept)
-    log_likelihood = correct(p, state, work)
+    log_likelihood = correct_lower(p, state, work)
     give_back(p, state.x, state.P, work.kept)
     return log_likelihood
 
@@ -65,7 +67,6 @@ def filter_steps(p, t, u, step, state, gate_sigma, out, work):
     `step` (K,) is where each step's length is in the table `t`. A step whose laws or known inputs are no
     numbers cannot be computed: it leaves the state as it is and is invalid.
     """
-    mirror(state.P)
     for k in range(len(step)):
         if start_or_predict(p, t, step[k], u, k, state, work) == SKIPPED:
             skip(u, k, work.usable, state, out)
@@ -81,3 +82,4 @@ def filter_steps(p, t, u, step, state, gate_sigma, out, work):
         tell(p, state.x, state.P, k, work, out)
         if not known:
             invalidate(out, k)
+    mirror(state.P)

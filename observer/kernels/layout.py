@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_LINE = 8  # numbers in a line of the cache
 
 
 def padded_width(columns: int, register: int) -> int:
@@ -16,9 +18,17 @@ def padded_width(columns: int, register: int) -> int:
     return -(-columns // register) * register
 
 
+def zeros(shape: tuple[int, ...]) -> Array:
+    """Return zeros that begin with a line of the processor's cache: no register lies in two of them."""
+    size = math.prod(shape)
+    memory = np.zeros(size + _LINE)
+    first = -memory.ctypes.data % (8 * _LINE) // 8
+    return memory[first : first + size].reshape(shape)
+
+
 def pad_rows(array: Array, width: int) -> Array:
     """Return the array with its last axis padded with zeros to a width."""
-    padded = np.zeros((*array.shape[:-1], width))
+    padded = zeros((*array.shape[:-1], width))
     padded[..., : array.shape[-1]] = array
     return padded
 

@@ -10,7 +10,8 @@ cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssiz
 cdef void see(PlantArrays p, Inputs u, Py_ssize_t k, double dt_s, double[:, ::1] C, double[::1] around) noexcept nogil
 @cython.locals(degC=double)
 cdef inline double below(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] C, Py_ssize_t i, double[::1] around) noexcept nogil
-cdef void advance_learning(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, Py_ssize_t learnt, Work work) noexcept nogil
+cdef inline void advance_learning(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, Py_ssize_t learnt, Work work) noexcept nogil
+cdef inline void add_columns_of(double[:, ::1] G, Py_ssize_t first, Py_ssize_t count, Py_ssize_t n_x, double[::1] x) noexcept nogil
 cdef inline void keep(PlantArrays p, double[::1] x, double[:, ::1] P, double[:, ::1] kept) noexcept nogil
 cdef inline void give_back(PlantArrays p, double[::1] x, double[:, ::1] P, double[:, ::1] kept) noexcept nogil
 cdef inline void draw_near(PlantArrays p, double dt_s, double[::1] x, double[::1] around) noexcept nogil

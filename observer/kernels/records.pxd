@@ -145,6 +145,9 @@ cdef class Work(AdvanceWork):
     cdef public double[:, ::1] A
     cdef public double[::1] before_around
     cdef public double[:, ::1] kept
+    cdef public double[:, ::1] CT
+    cdef public double[:, ::1] S
+    cdef public double[::1] read
 
 
 cdef class Inputs(Record):

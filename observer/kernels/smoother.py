@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from observer.kernels.advance import add_scaled, move_columns
 from observer.kernels.coupling import coupled
+from observer.kernels.covariance import mirror
 from observer.kernels.kalman import SKIPPED, STEPPED, judge_and_correct, start_or_predict
 from observer.kernels.libm import sqrt
-from observer.kernels.step import compare, is_drastic, mirror, project
+from observer.kernels.step import compare, is_drastic, project
 
 
 def filter_with_tape(p, t, u, step, state, gate_sigma, work, tape):
@@ -23,6 +24,7 @@ def filter_with_tape(p, t, u, step, state, gate_sigma, work, tape):
             tape.coupled[k, 0, a], tape.coupled[k, 1, a] = work.before[0, a], work.before[1, a]
         compare(p, u, k, state, work)
         judge_and_correct(p, u, k, gate_sigma, state, work)
+        mirror(state.P)
         write_tape(p, work.C, work.accepted, state.x, state.P, k, work, tape)
 
 

@@ -8,6 +8,16 @@ Arrays are changed in place; shapes are those of `packing`.
 from __future__ import annotations
 
 from observer.kernels.advance import add_scaled, couple_covariance
+from observer.kernels.covariance import (
+    fade_and_force,
+    force_columns,
+    innovation_covariances,
+    mirror,
+    sensor_covariances,
+    subtract_seen,
+    subtract_squares,
+    whiten,
+)
 from observer.kernels.judging import add_prior, clear
 from observer.kernels.learning import advance_learning
 from observer.kernels.libm import M_PI, log, sqrt
@@ -19,6 +29,7 @@ def predict(p, t, d, u, k, state, work):
     """One step of state and covariance; what couples the states acts in two halves around it."""
     advance_learning(p, t, d, u, k, work.B, state.x, len(p.learn.kind), work)
     if p.coupling.active:
+        mirror(state.P)
         couple_covariance(p, u, k, u.z_start[k], work.B, 0, state.P, work)
     predict_covariance(p, t, d, u, k, state, work)
     if p.coupling.active:
@@ -35,7 +46,7 @@ def predict_covariance(p, t, d, u, k, state, work):
     Written so, P stays symmetric to the last bit without being made so. Rows are worked out over their padded
     width, where d, G and H are zero. What is learnt of the machine acts through columns too, which are in G.
     """
-    n_x, m_e, n, width = len(p.uniform), len(p.source), state.P.shape[0], state.P.shape[1]
+    n_x, m_e = len(p.uniform), len(p.source)
     columns = m_e + p.learn.machine
     for j in range(m_e):
         index = p.source[j]
@@ -43,45 +54,12 @@ def predict_covariance(p, t, d, u, k, state, work):
         state.P[n_x + j, n_x + j] += jump * jump
         for a in range(n_x):
             work.G[j, a] = work.B[index, a] * t.couple[d, j, a]
-    for j in range(columns):
-        for b in range(width):
-            work.H[j, b] = t.decay[d, b] * state.P[n_x + j, b]
-        for i in range(columns):
-            shared = 0.5 * state.P[n_x + j, n_x + i]
-            for b in range(width):
-                work.H[j, b] += shared * work.G[i, b]
-    for a in range(n):
-        scale = t.decay[d, a]
-        for b in range(width):
-            state.P[a, b] = scale * t.decay[d, b] * state.P[a, b] + t.noise[d, a, b]
-    add_pairs(work.H, work.G, columns, n_x, state.P)
+    force_columns(state.P, work.G, columns, n_x, t.decay, d, work.half, work.H)
+    fade_and_force(state.P, work.H, work.G, columns, n_x, t.decay, t.noise, d)
+    mirror(state.P)
     for i in range(len(p.moving)):
         if p.moving_heat[i] >= 0:
             add_walk(work.B, p.moving[i], t, d, p.moving_heat[i], state.P)
-
-
-def add_pairs(H, G, count, n_x, P):
-    """P += Σ_j (H_j G_jᵀ + G_j H_jᵀ), two of them at a time; G is zero beyond its first n_x entries."""
-    n, width = P.shape[0], P.shape[1]
-    for j in range(0, count - 1, 2):
-        for a in range(n_x):
-            h0, g0, h1, g1 = H[j, a], G[j, a], H[j + 1, a], G[j + 1, a]
-            for b in range(width):
-                P[a, b] += (h0 * G[j, b] + g0 * H[j, b]) + (h1 * G[j + 1, b] + g1 * H[j + 1, b])
-        for a in range(n_x, n):
-            h0, h1 = H[j, a], H[j + 1, a]
-            for b in range(n_x):
-                P[a, b] += h0 * G[j, b] + h1 * G[j + 1, b]
-    if count % 2 == 1:
-        j = count - 1
-        for a in range(n_x):
-            h0, g0 = H[j, a], G[j, a]
-            for b in range(width):
-                P[a, b] += h0 * G[j, b] + g0 * H[j, b]
-        for a in range(n_x, n):
-            h0 = H[j, a]
-            for b in range(n_x):
-                P[a, b] += h0 * G[j, b]
 
 
 def add_walk(B, index, t, d, j, P):
@@ -93,13 +71,6 @@ def add_walk(B, index, t, d, j, P):
             P[a, b] += own * B[index, b] * t.walk_xx[d, j, a, b]
         P[n_x + j, a] += shared
         P[a, n_x + j] += shared
-
-
-def mirror(P):
-    """Copy the lower triangle to the upper."""
-    for a in range(P.shape[0]):
-        for b in range(a):
-            P[b, a] = P[a, b]
 
 
 def symmetrise(P):
@@ -198,7 +169,15 @@ def is_drastic(p, work):
 
 
 def correct(p, state, work):
-    """Correct x and P by all accepted sensors at once; return the log-likelihood of their innovations.
+    """Correct x and P as `correct_lower` does, and the upper triangle of P with it."""
+    log_likelihood = correct_lower(p, state, work)
+    mirror(state.P)
+    return log_likelihood
+
+
+def correct_lower(p, state, work):
+    """Correct x and the lower triangle of P by all accepted sensors at once; return the log-likelihood of
+    their innovations.
 
     With S = L Lᵀ the covariance of the innovations ν and W = L⁻¹ [c_i P]: x⁺ = x + Wᵀ L⁻¹ ν, P⁺ = P - Wᵀ W,
     which is symmetric to the last bit. Where a sensor says so much that the difference would have no digits
@@ -213,7 +192,7 @@ def correct(p, state, work):
         work.order[count] = i
         variance, rest = work.S_nu[i], work.nu[i]
         for j in range(count):
-            shared = project(work.C, i, work.g, work.order[j])
+            shared = work.S[work.order[j], i]
             for q in range(j):
                 shared -= work.L[count, q] * work.L[j, q]
             shared *= work.L[j, j]
@@ -225,38 +204,11 @@ def correct(p, state, work):
         work.e[count] = rest * inverse
         squares += work.e[count] * work.e[count]
         volume *= 2.0 * M_PI * variance
-        whiten(work, count, i)
+        whiten(work.L, work.g, count, i, work.W)
         count += 1
     add_scaled(state.x, work.W, work.e, count)
     subtract_squares(work.W, count, state.P)
     return -0.5 * (squares + log(volume))
-
-
-def whiten(work, count, i):
-    """Row `count` of W = L⁻¹ [c_i P]; L holds the inverses of its diagonal."""
-    inverse = work.L[count, count]
-    for b in range(work.W.shape[1]):
-        work.W[count, b] = inverse * work.g[i, b]
-    for j in range(count):
-        shared = inverse * work.L[count, j]
-        for b in range(work.W.shape[1]):
-            work.W[count, b] -= shared * work.W[j, b]
-
-
-def subtract_squares(W, count, P):
-    """P -= Wᵀ W over the first rows of W, four of them at a time."""
-    n, width = P.shape[0], P.shape[1]
-    whole = count // 4 * 4
-    for j in range(0, whole, 4):
-        for a in range(n):
-            w0, w1, w2, w3 = W[j, a], W[j + 1, a], W[j + 2, a], W[j + 3, a]
-            for b in range(width):
-                P[a, b] -= (w0 * W[j, b] + w1 * W[j + 1, b]) + (w2 * W[j + 2, b] + w3 * W[j + 3, b])
-    for j in range(whole, count):
-        for a in range(n):
-            w0 = W[j, a]
-            for b in range(width):
-                P[a, b] -= w0 * W[j, b]
 
 
 def joseph_covariance(C, i, g, K, r, P, half, rest):
@@ -315,9 +267,32 @@ def correct_in_turn(p, state, work):
 
 
 def compare(p, u, k, state, work):
-    """Innovation ν_i and its variance S_ii before any correction, for every usable sensor; g_i = P c_i."""
-    for i in range(len(work.usable)):
-        sensor_covariance(work.C, i, state.P, work.g)
+    """Innovation ν_i and its variance S_ii before any correction, for every usable sensor; g_i = P c_i.
+
+    All sensors are worked out at once, on the states that the plant has; what is learnt each sees for itself.
+    """
+    n_x, first, s = len(p.uniform), len(p.uniform) + len(p.source), len(work.usable)
+    for i in range(len(p.moving)):
+        a = p.modes + p.moving[i]
+        for r in range(s):
+            work.CT[a, r] = work.C[r, a]
+    for i in range(s):
+        work.read[i] = u.y_degC[k, i]
+    subtract_seen(work.read, work.CT, state.x)
+    sensor_covariances(work.C, n_x, state.P, work.g)
+    for q in range(p.learn.machine, len(p.learn.kind)):
+        add_rows(work.C, p.learn.of[q], first + q, first + q + 1, state.P, work.g)
+    innovation_covariances(work.g, work.CT, work.S)
+    for q in range(p.learn.machine, len(p.learn.kind)):
+        i = p.learn.of[q]
+        c = work.C[i, first + q]
+        work.read[i] -= c * state.x[first + q]
+        for j in range(i + 1):
+            work.S[j, i] += c * work.g[j, first + q]
+    for i in range(s):
         if work.usable[i]:
-            work.nu[i] = residual(p, work.C, u, k, i, state.x)
-            work.S_nu[i] = project(work.C, i, work.g, i) + p.R_K2[i]
+            nu = work.read[i]
+            for q in range(p.F.shape[1]):
+                nu -= p.F[i, q] * u.z_end[k, q]
+            work.nu[i] = nu
+            work.S_nu[i] = work.S[i, i] + p.R_K2[i]
