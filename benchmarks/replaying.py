@@ -53,7 +53,7 @@ def results() -> list[Result]:
             shown(taken["constant"]),
             f"filterpy {shown(peer_s)}",
             peer_s / taken["constant"],
-            at_least=200,
+            at_least=250,
         ),
         Result("  samples a second", f"{rate / 1e6:.3g} M/s", goal="≥ 8 M/s", met=rate >= 8e6),
         Result(

@@ -30,6 +30,12 @@ _RUNGS_PER_OCTAVE = 4
 _PERIOD_RUNG = 8
 _LAST_RUNG = 127
 
+# A covariance counts as settled where no variance is further than this part of it from its steady value: 1 %
+# of σ, a law's jump of 0.05 % of σ². One that hardly matters may be as far off as makes a quarter of that in
+# what is reported, for several of them are off at once.
+_SETTLED = 0.02
+_SHARE = 0.25 * _SETTLED
+
 Design = Callable[[StepMatrices, BoolArray], FloatArray | Refusal]
 
 
@@ -53,9 +59,8 @@ class GainBank:
     def gains(self) -> GainTable:
         """All gains so far."""
         columns = [np.stack(column) for column in zip(*self._rows.values(), strict=True)]
-        K, steady, P, S, heat_sigma, field_sigma = columns
-        keys = np.array(list(self._rows), dtype=np.int64)
-        return GainTable(keys, K, steady.astype(np.bool_), P, S, heat_sigma, field_sigma)
+        K, steady, *others = columns
+        return GainTable(np.array(list(self._rows), dtype=np.int64), K, steady.astype(np.bool_), *others)
 
     @property
     def table(self) -> Any:
@@ -92,7 +97,8 @@ class GainBank:
         K, there = (np.zeros((n, s)), False) if isinstance(K, Refusal) else (K, True)
         steady = steady_covariance(plant, step, K) if there else None
         if steady is None:
-            return K, np.array(False), np.zeros((n, n)), np.zeros(s), np.zeros(heats), np.zeros(wide)
+            nothing = (np.zeros(size) for size in ((n, n), n, s, heats, wide))
+            return K, np.array(False), *nothing
         P = contiguous(0.5 * (steady.P + steady.P.T))
         heat_sigma = np.sqrt(np.diag(P)[-heats:])
         rows = plant.rows.C[s:]
@@ -100,7 +106,19 @@ class GainBank:
             np.maximum(np.einsum("ra,ab,rb->r", rows, P[: rows.shape[1], : rows.shape[1]], rows), 0.0)
         )
         S = np.einsum("ij,jk,ik->i", C, steady.P_pred, C) + plant.noise_R_K2
-        return K, np.array(True), P, S, heat_sigma, field_sigma
+        reported = np.concatenate([S, field_sigma**2])
+        return K, np.array(True), P, slack(P, plant.rows.C, reported), S, heat_sigma, field_sigma
+
+
+def slack(P: FloatArray, rows: FloatArray, variance: FloatArray) -> FloatArray:
+    """How far each variance of P (n, n) may be from its steady value and count as settled, (n,), where
+    `variance` (R,) are reported of `rows` (R, n_x).
+    """
+    squares, own = rows**2, _SETTLED * np.diag(P)
+    reported = np.divide(variance[:, None], squares, out=np.full(rows.shape, np.inf), where=squares > 0.0)
+    least, n_x = _SHARE * np.min(reported, axis=0), rows.shape[1]
+    own[:n_x] = np.maximum(own[:n_x], np.where(np.isfinite(least), least, 0.0))
+    return own
 
 
 class FixedGainEstimator(BlockEstimator):
@@ -137,7 +155,7 @@ class FixedGainEstimator(BlockEstimator):
 
     def scratch(self) -> Scratch:
         """Return what kernels change on the way, with what is allowed for."""
-        return FixedGainScratch(self._arrays, self._roughly, self.initial())
+        return FixedGainScratch(self.plant, self._arrays, self._roughly, self.initial())
 
     def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
@@ -156,13 +174,15 @@ class FixedGainEstimator(BlockEstimator):
 class FixedGainScratch(Scratch):
     """The same with the steady step's columns, and what is allowed for, on the memory of the state."""
 
-    def __init__(self, arrays: PlantArrays, roughly: PlantArrays, initial: EstimatorState) -> None:
+    def __init__(
+        self, plant: Plant, arrays: PlantArrays, roughly: PlantArrays, initial: EstimatorState
+    ) -> None:
         """Allocate it; `roughly` is the plant with what is only roughly known of it."""
         super().__init__(arrays, initial)
         n, s, L = len(self.running.x), len(self.running.suspect), len(roughly.learn.kind)
         first = n + 2 * s if L else 0
         around, S = self.running.around[:first], self.running.around[first:].reshape(n, L)
-        self.columns = record(columns(arrays))
+        self.columns = record(columns(arrays, len(plant.rows.C) - s))
         self.allowed = record(
             Allowed(
                 roughly,

@@ -7,22 +7,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.estimators.packing import IntArray, PlantArrays, Work, padded_width
+from observer.estimators.packing import IntArray, PlantArrays, Work
 from observer.frames import FloatArray
+from observer.kernels.layout import padded_width
+
+_REGISTER, _PANEL, _LINE = 4, 8, 8
+"""Numbers in a vector register, rows in a panel, and numbers in a line of the cache."""
+_RUN = 128
+"""Steps in a run: few enough that they stay in the nearest cache."""
 
 
 class GainTable(NamedTuple):
     """Gains known so far: `key` (G,) = rung 2^s + sensors as bits, `K` (G, n, s), zero columns for absent
     sensors.
 
-    With `steady` (G,): the covariance `P` (G, n, n) after a correction, the innovations' variances `S` (G,
-    s), `heat_sigma` (G, m_e), `field_sigma` (G, R-s) that go with it.
+    With `steady` (G,): the covariance `P` (G, n, n) after a correction and how far from it each variance
+    counts as settled, `slack` (G, n); the innovations' variances `S` (G, s), `heat_sigma` (G, m_e) and
+    `field_sigma` (G, R-s) that go with it.
     """
 
     key: NDArray[np.int64]
     K: FloatArray
     steady: NDArray[np.bool_]
     P: FloatArray
+    slack: FloatArray
     S: FloatArray
     heat_sigma: FloatArray
     field_sigma: FloatArray
@@ -38,39 +46,79 @@ class Rungs(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """The steady step, laid out in padded rows: W ≥ n and W_s ≥ s.
+    """The steady step, laid out in padded rows, and runs of R such steps (see `kernels.cruise`).
 
-    `decay`, `x`, `x_pred` (W,); `inputs` (c, W) and `weights` (c,), what drives the states and how much at a
-    step: laws, known inputs at its start and at its end, heats; `gain` (s, W); the sensors' rows as columns,
-    `sensors` (n_x, W_s), `sensors_F` (p, W_s); `expected`, `nu` (W_s,), `nu_sigma` (s,); `z_end` (p,) the
-    known inputs at the end of the step; the largest squares of innovations, `gate_K2` (s,), and of laws'
-    jumps, `jump_W2` (m_e,); and which sensors are `present` (s,).
+    W ≥ n_x + p + m_e, W_s ≥ s, W_r ≥ the rows that are reported. `decay` (W,). What laws, known inputs at a
+    step's start and at its end, and heats do to the states, `drives` (m + 2 p + m_e, W); the sensors' columns
+    with the opposite sign, `sensors` (W, W_s); made of them `inputs` (c, W + W_s), what inputs do to states
+    and innovations, `seen` (W, W_s), what states before a step do to innovations, and `push` (q, W), what
+    heats and then innovations do to states; `rows` (W, W_r). All matrices but `drives` are panels.
+
+    Of each step of a run: `weights` (R, c) of the inputs, `states` (R+1, ·), `value` (R, W_r); of the one at
+    hand `forced` (W + W_s,). `nu_sigma` (s,); the largest squares of innovations, `gate_K2` (s,), and of
+    laws' jumps, `jump_W2` (m_e,); and which sensors are `present` (s,).
     """
 
     decay: FloatArray
-    x: FloatArray
-    x_pred: FloatArray
-    inputs: FloatArray
-    weights: FloatArray
-    gain: FloatArray
+    drives: FloatArray
     sensors: FloatArray
-    sensors_F: FloatArray
-    expected: FloatArray
-    nu: FloatArray
+    inputs: FloatArray
+    seen: FloatArray
+    push: FloatArray
+    rows: FloatArray
+    weights: FloatArray
+    forced: FloatArray
+    states: FloatArray
+    value: FloatArray
     nu_sigma: FloatArray
-    z_end: FloatArray
     gate_K2: FloatArray
     jump_W2: FloatArray
     present: NDArray[np.uint8]
 
 
-def columns(arrays: PlantArrays) -> Columns:
-    """Allocate the layout of a plant's steady step."""
+def columns(arrays: PlantArrays, reported: int) -> Columns:
+    """Allocate the layout of a plant's steady step, of which so many rows are reported."""
     (m, n_x), p, m_e, s = arrays.B.shape, len(arrays.E), len(arrays.source), len(arrays.R_K2)
-    width, of_sensors, inputs = padded_width(n_x + m_e), padded_width(s), m + 2 * p + m_e
-    shapes = [(width,), (width,), (width,), (inputs, width), (inputs,), (s, width)]
-    shapes += [(n_x, of_sensors), (p, of_sensors), (of_sensors,), (of_sensors,), (s,), (p,), (s,), (m_e,)]
-    return Columns._make([*map(np.zeros, shapes), np.zeros(s, np.uint8)])
+    own, shown = padded_width(s, _REGISTER), padded_width(reported, _REGISTER)
+    width, c, pushing = (padded_width(count, _PANEL) for count in (n_x + p + m_e, m + 2 * p, m_e + own))
+    rows = np.zeros((width, shown))
+    rows[:n_x, :reported] = arrays.rows[:, :reported]
+    rows[n_x : n_x + p, :reported] = arrays.rows_F[:, :reported]
+    step = padded_width(width - m_e + pushing, _PANEL)
+    return Columns(
+        decay=_aligned(width),
+        drives=np.zeros((m + 2 * p + m_e, width)),
+        sensors=_panels(np.zeros((width, own))),
+        inputs=_panels(np.zeros((c, width + own))),
+        seen=_panels(np.zeros((width, own))),
+        push=_panels(np.zeros((pushing, width))),
+        rows=_panels(rows),
+        weights=_aligned(_RUN, c),
+        forced=_aligned(width + own),
+        states=_aligned(_RUN + 1, step),
+        value=_aligned(_RUN, shown),
+        nu_sigma=np.zeros(s),
+        gate_K2=np.zeros(s),
+        jump_W2=np.zeros(m_e),
+        present=np.zeros(s, np.uint8),
+    )
+
+
+def _panels(matrix: FloatArray) -> FloatArray:
+    """Return a matrix (8 A, 4 W) as panels (A, W, 32) of eight rows by four columns (`kernels.advance`)."""
+    rows, width = matrix.shape[0] // _PANEL, matrix.shape[1] // _REGISTER
+    laid_out = _aligned(rows, width, _PANEL * _REGISTER)
+    by_panel = matrix.reshape(rows, _PANEL, width, _REGISTER).swapaxes(1, 2)
+    laid_out[...] = by_panel.reshape(laid_out.shape)
+    return laid_out
+
+
+def _aligned(*shape: int) -> FloatArray:
+    """Zeros that begin with a line of the cache: no register of them lies across two."""
+    size = int(np.prod(shape))
+    numbers = np.zeros(size + _LINE)
+    begin = -(numbers.ctypes.data // numbers.itemsize) % _LINE
+    return numbers[begin : begin + size].reshape(shape)
 
 
 class Allowed(NamedTuple):

@@ -1,167 +1,364 @@
-"""The step of an observer whose covariance has settled: nothing but the state moves.
+"""The steps of an observer whose covariance has settled: nothing but the state moves.
 
-Everything that is constant is laid out once as padded columns, so that a step is a few sweeps over whole
-vector registers: x_pred = e∘x + Σ columns · inputs, ν = y - C x_pred, x⁺ = x_pred + Σ K_i ν_i.
+Everything that is constant is laid out once, in panels as wide as a vector register (see `advance.eight`),
+and steps are taken in runs: first it is seen how many are regular, then the states alone are taken over them,
+with w the inputs, D what they do to the readings and S the sensors' rows of what a step makes of a state,
+
+    f = inputs w,        ν = y - D w - S x,        x⁺ = e∘x + f + G δ + K ν,
+
+and then all that is reported is made of the states. No sum's order depends on how many steps are in a run.
+
+A row of `c.states` is a step: its plant's states and known inputs from 0 on, its heats δ before W, and from
+W on the innovations ν of the step after it.
 """
 
 from __future__ import annotations
 
-from observer.kernels.advance import add_scaled, move_columns
+from observer.kernels.advance import eight, move_columns
 from observer.kernels.allowing import allow, allow_for_readings, correct_allowed, finish_allowing, widen
-from observer.kernels.codes import GOOD, NUT_LOST
-from observer.kernels.judging import invalidate, judge, move_rows, step_is_finite
-from observer.kernels.libm import NAN, isfinite, sqrt
+from observer.kernels.arithmetic import squared
+from observer.kernels.codes import ESTIMATE_DEGRADED, ESTIMATE_GOOD, GOOD, NUT_LOST
+from observer.kernels.columns import lay_out, lay_out_moving, move_reported
+from observer.kernels.judging import invalidate, move_rows
+from observer.kernels.libm import INFINITY, NAN, isfinite, sqrt
 
 # A law's jump that adds less than this share to a heat's σ² leaves the covariance settled.
 _QUIET_JUMP = 1e-3
 
 
-def lay_out(p, t, d, B, C, K, S, c):
-    """Fill in the columns for step length d, the input and output columns in force, a gain (n, s) and the
-    variances S (s,) of the innovations.
-    """
-    m, n_x, known, s = B.shape[0], B.shape[1], p.E.shape[0], len(S)
-    for a in range(len(c.decay)):
-        c.decay[a] = t.decay[d, a]
-    for a in range(n_x):
-        for j in range(m):
-            c.inputs[j, a] = t.hold[d, a] * B[j, a]
-        for q in range(known):
-            c.inputs[m + q, a] = (t.hold[d, a] - t.ramp[d, a]) * p.E[q, a]
-            c.inputs[m + known + q, a] = t.ramp[d, a] * p.E[q, a]
-        for j in range(len(p.source)):
-            c.inputs[m + 2 * known + j, a] = t.couple[d, j, a] * B[p.source[j], a]
-        for i in range(s):
-            c.sensors[a, i] = C[i, a]
-    for i in range(s):
-        c.nu_sigma[i] = sqrt(S[i])
-        for q in range(known):
-            c.sensors_F[q, i] = p.F[i, q]
-        for a in range(K.shape[0]):
-            c.gain[i, a] = K[a, i]
-
-
 def begin_cruise(p, gains, settled, state, c):
-    """Lay out what stays while the covariance is that of a gain; return whether no sensor is suspect, as none
-    may be.
+    """Lay out what stays while the covariance is that of a gain; return whether the state is known and no
+    sensor suspect, as none may be.
     """
-    n_x = len(p.uniform)
+    n_x, first = len(p.uniform), len(c.decay) - len(p.source)
     for a in range(len(state.x)):
-        c.x[a] = state.x[a]
+        if not isfinite(state.x[a]):
+            return False
+    for a in range(len(c.decay)):
+        c.states[0, a] = state.x[a] if a < n_x else 0.0
     for j in range(len(p.source)):
+        c.states[0, first + j] = state.x[n_x + j]
         c.jump_W2[j] = _QUIET_JUMP * gains.P[settled, n_x + j, n_x + j]
     for i in range(len(c.present)):
         c.present[i] = (gains.key[settled] >> i) & 1
+        c.nu_sigma[i] = sqrt(gains.S[settled, i]) if c.present[i] else NAN
         if state.suspect[i] != 0.0:
             return False
     return True
 
 
-def is_regular(p, u, k, usable, c):
-    """Whether step k leaves the covariance settled: no jump σ would notice, and the sensors that are
-    `c.present` there and no other.
+def count_regular(p, u, step, k, most, c):
+    """How many of `most` steps from k on leave the covariance settled: of one length, without a jump that σ
+    would notice, with the sensors that are `c.present` and no other.
     """
-    if u.degraded[k] >= NUT_LOST or not step_is_finite(u, k):
-        return False
+    last = min(k + most, len(step))
+    odd = last
+    for n in range(k, last):
+        if (step[n] != step[k]) | (u.degraded[n] >= NUT_LOST):
+            odd = min(odd, n)
     for i in range(len(c.present)):
-        usable[i] = u.usable[k, i] and isfinite(u.y_degC[k, i])
-        good = u.quality[k, i] == GOOD
-        if (usable[i] != 0) != (c.present[i] != 0) or good != (c.present[i] != 0):
-            return False
+        for n in range(k, last):
+            if (u.usable[n, i] != c.present[i]) | ((u.quality[n, i] == GOOD) != c.present[i]):
+                odd = min(odd, n)
     for j in range(len(p.source)):
-        jump = p.law_uncertainty[j] * u.law_jump_W[k, p.source[j]]
-        if not jump * jump <= c.jump_W2[j]:
-            return False
-    return True
+        for n in range(k, last):
+            if not squared(p.law_uncertainty[j] * u.law_jump_W[n, p.source[j]]) <= c.jump_W2[j]:
+                odd = min(odd, n)
+    return odd - k
 
 
-def step_state(p, u, k, usable, c):
-    """Predict, compare and correct; return whether every innovation passes the gate: its square is at most
-    `c.gate_K2` (s,) (c.x is then x⁺).
+def read_run(u, k, count, c):
+    """Put what drives the steps and what is measured at their ends in place; return how many come before the
+    first that is no number.
     """
-    n_x, m, known = len(p.uniform), u.law_W.shape[1], u.z_end.shape[1]
+    m, known, width, odd = u.law_W.shape[1], u.z_end.shape[1], len(c.decay), count
     for j in range(m):
-        c.weights[j] = u.law_W[k, j]
+        for r in range(count):
+            c.weights[r, j] = u.law_W[k + r, j]
+            if not isfinite(u.law_W[k + r, j]):
+                odd = min(odd, r)
     for q in range(known):
-        c.weights[m + q], c.weights[m + known + q] = u.z_start[k, q], u.z_end[k, q]
-        c.z_end[q] = u.z_end[k, q]
-    for j in range(len(p.source)):
-        c.weights[m + 2 * known + j] = c.x[n_x + j]
-    for b in range(len(c.x)):
-        c.x_pred[b] = c.decay[b] * c.x[b]
-    add_scaled(c.x_pred, c.inputs, c.weights, len(c.weights))
-    for i in range(len(c.expected)):
-        c.expected[i] = 0.0
-    add_scaled(c.expected, c.sensors_F, c.z_end, known)
-    add_scaled(c.expected, c.sensors, c.x_pred, n_x)
+        for r in range(count):
+            c.weights[r, m + q] = u.z_start[k + r, q]
+            c.weights[r, m + known + q] = u.z_end[k + r, q]
+            if not isfinite(u.z_start[k + r, q] + u.z_end[k + r, q]):
+                odd = min(odd, r)
     for i in range(len(c.present)):
-        c.nu[i] = u.y_degC[k, i] - c.expected[i] if usable[i] else 0.0
-        if c.nu[i] * c.nu[i] > c.gate_K2[i]:
+        there = c.present[i] != 0
+        for r in range(count):
+            c.states[r, width + i] = u.y_degC[k + r, i] if there else 0.0
+            if not isfinite(c.states[r, width + i]):
+                odd = min(odd, r)
+    return odd
+
+
+def force_step(c, r):
+    """f and -D w of step r."""
+    for b in range(c.inputs.shape[1]):
+        c.forced[4 * b], c.forced[4 * b + 1], c.forced[4 * b + 2], c.forced[4 * b + 3] = 0.0, 0.0, 0.0, 0.0
+    for a in range(c.inputs.shape[0]):
+        w0, w1, w2, w3 = (
+            c.weights[r, 8 * a],
+            c.weights[r, 8 * a + 1],
+            c.weights[r, 8 * a + 2],
+            c.weights[r, 8 * a + 3],
+        )
+        w4, w5, w6, w7 = (
+            c.weights[r, 8 * a + 4],
+            c.weights[r, 8 * a + 5],
+            c.weights[r, 8 * a + 6],
+            c.weights[r, 8 * a + 7],
+        )
+        for b in range(c.inputs.shape[1]):
+            x0 = c.forced[4 * b] + eight(c.inputs, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
+            x1 = c.forced[4 * b + 1] + eight(c.inputs, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
+            x2 = c.forced[4 * b + 2] + eight(c.inputs, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
+            x3 = c.forced[4 * b + 3] + eight(c.inputs, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
+            c.forced[4 * b], c.forced[4 * b + 1], c.forced[4 * b + 2], c.forced[4 * b + 3] = x0, x1, x2, x3
+
+
+def innovate(c, r):
+    """ν of step r."""
+    width = len(c.decay)
+    for b in range(c.seen.shape[1]):
+        x0, x1 = (
+            c.states[r, width + 4 * b] + c.forced[width + 4 * b],
+            c.states[r, width + 4 * b + 1] + c.forced[width + 4 * b + 1],
+        )
+        x2, x3 = (
+            c.states[r, width + 4 * b + 2] + c.forced[width + 4 * b + 2],
+            c.states[r, width + 4 * b + 3] + c.forced[width + 4 * b + 3],
+        )
+        (
+            c.states[r, width + 4 * b],
+            c.states[r, width + 4 * b + 1],
+            c.states[r, width + 4 * b + 2],
+            c.states[r, width + 4 * b + 3],
+        ) = x0, x1, x2, x3
+    for a in range(c.seen.shape[0]):
+        w0, w1, w2, w3 = (
+            c.states[r, 8 * a],
+            c.states[r, 8 * a + 1],
+            c.states[r, 8 * a + 2],
+            c.states[r, 8 * a + 3],
+        )
+        w4, w5, w6, w7 = (
+            c.states[r, 8 * a + 4],
+            c.states[r, 8 * a + 5],
+            c.states[r, 8 * a + 6],
+            c.states[r, 8 * a + 7],
+        )
+        for b in range(c.seen.shape[1]):
+            x0 = c.states[r, width + 4 * b] + eight(c.seen, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
+            x1 = c.states[r, width + 4 * b + 1] + eight(c.seen, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
+            x2 = c.states[r, width + 4 * b + 2] + eight(c.seen, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
+            x3 = c.states[r, width + 4 * b + 3] + eight(c.seen, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
+            (
+                c.states[r, width + 4 * b],
+                c.states[r, width + 4 * b + 1],
+                c.states[r, width + 4 * b + 2],
+                c.states[r, width + 4 * b + 3],
+            ) = x0, x1, x2, x3
+
+
+def push_states(c, r, first):
+    """The states after step r; the heats are from `first` on."""
+    for b in range(c.push.shape[1]):
+        x0, x1 = (
+            c.decay[4 * b] * c.states[r, 4 * b] + c.forced[4 * b],
+            c.decay[4 * b + 1] * c.states[r, 4 * b + 1] + c.forced[4 * b + 1],
+        )
+        x2, x3 = (
+            c.decay[4 * b + 2] * c.states[r, 4 * b + 2] + c.forced[4 * b + 2],
+            c.decay[4 * b + 3] * c.states[r, 4 * b + 3] + c.forced[4 * b + 3],
+        )
+        (
+            c.states[r + 1, 4 * b],
+            c.states[r + 1, 4 * b + 1],
+            c.states[r + 1, 4 * b + 2],
+            c.states[r + 1, 4 * b + 3],
+        ) = x0, x1, x2, x3
+    for a in range(c.push.shape[0]):
+        at = first + 8 * a
+        w0, w1, w2, w3 = c.states[r, at], c.states[r, at + 1], c.states[r, at + 2], c.states[r, at + 3]
+        w4, w5, w6, w7 = c.states[r, at + 4], c.states[r, at + 5], c.states[r, at + 6], c.states[r, at + 7]
+        for b in range(c.push.shape[1]):
+            x0 = c.states[r + 1, 4 * b] + eight(c.push, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
+            x1 = c.states[r + 1, 4 * b + 1] + eight(c.push, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
+            x2 = c.states[r + 1, 4 * b + 2] + eight(c.push, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
+            x3 = c.states[r + 1, 4 * b + 3] + eight(c.push, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
+            (
+                c.states[r + 1, 4 * b],
+                c.states[r + 1, 4 * b + 1],
+                c.states[r + 1, 4 * b + 2],
+                c.states[r + 1, 4 * b + 3],
+            ) = x0, x1, x2, x3
+
+
+def report_rows(c, r):
+    """The reported rows after step r."""
+    for b in range(c.rows.shape[1]):
+        c.value[r, 4 * b], c.value[r, 4 * b + 1], c.value[r, 4 * b + 2], c.value[r, 4 * b + 3] = (
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        )
+    for a in range(c.rows.shape[0]):
+        w0, w1, w2, w3 = (
+            c.states[r + 1, 8 * a],
+            c.states[r + 1, 8 * a + 1],
+            c.states[r + 1, 8 * a + 2],
+            c.states[r + 1, 8 * a + 3],
+        )
+        w4, w5, w6, w7 = (
+            c.states[r + 1, 8 * a + 4],
+            c.states[r + 1, 8 * a + 5],
+            c.states[r + 1, 8 * a + 6],
+            c.states[r + 1, 8 * a + 7],
+        )
+        for b in range(c.rows.shape[1]):
+            x0 = c.value[r, 4 * b] + eight(c.rows, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
+            x1 = c.value[r, 4 * b + 1] + eight(c.rows, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
+            x2 = c.value[r, 4 * b + 2] + eight(c.rows, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
+            x3 = c.value[r, 4 * b + 3] + eight(c.rows, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
+            c.value[r, 4 * b], c.value[r, 4 * b + 1], c.value[r, 4 * b + 2], c.value[r, 4 * b + 3] = (
+                x0,
+                x1,
+                x2,
+                x3,
+            )
+
+
+def step_states(c, count, first):
+    """Take the states over the steps; the heats are from `first` on. Inputs that are held drive as before."""
+    for r in range(count):
+        if r == 0 or not is_driven_alike(c, r):
+            force_step(c, r)
+        innovate(c, r)
+        push_states(c, r, first)
+    for r in range(count):
+        report_rows(c, r)
+
+
+def is_driven_alike(c, r):
+    """Whether step r has the inputs of the step before it."""
+    for w in range(c.weights.shape[1]):
+        if c.weights[r, w] != c.weights[r - 1, w]:
             return False
-    for b in range(len(c.x)):
-        c.x[b] = c.x_pred[b]
-    add_scaled(c.x, c.gain, c.nu, len(c.present))
     return True
 
 
-def write_steady(p, u, k, usable, gains, settled, c, work, out):
-    """Write step k with the steady σ of noise; return whether all values are numbers."""
-    n_x, total = len(p.uniform), 0.0
-    out.log_likelihood[k] = 0.0
+def count_passed(c, count):
+    """How many of the steps pass the gate: every ν² is at most `c.gate_K2`, and a number."""
+    stopped, width = count, len(c.decay)
     for i in range(len(c.present)):
-        out.innovation[k, i] = c.nu[i] if usable[i] else NAN
-        out.innovation_sigma[k, i] = c.nu_sigma[i] if usable[i] else NAN
+        for r in range(count):
+            if not squared(c.states[r, width + i]) <= c.gate_K2[i]:
+                stopped = min(stopped, r)
+    return stopped
+
+
+def write_run(p, u, k, count, gains, settled, c, out):
+    """Write the steps with the steady σ of noise."""
+    width, whole, lost = len(c.decay), True, 0
+    first = width - len(p.source)
+    for q in range(out.field.shape[1]):
+        sigma = gains.field_sigma[settled, q]
+        for r in range(count):
+            out.field[k + r, q], out.field_sigma[k + r, q] = c.value[r, q], sigma
+            lost += 0 if isfinite(c.value[r, q]) else 1
     for j in range(len(p.source)):
-        law = u.law_W[k, p.source[j]]
-        out.law[k, j], out.heat[k, j] = law, law + c.x[n_x + j]
-        out.heat_sigma[k, j] = gains.heat_sigma[settled, j]
-        total += out.heat[k, j]
-    for r in range(len(work.value)):
-        work.value[r] = 0.0
-    add_scaled(work.value, p.rows_F, c.z_end, p.rows_F.shape[0])
-    add_scaled(work.value, work.rows, c.x, n_x)
-    for r in range(out.field.shape[1]):
-        out.field[k, r], out.field_sigma[k, r] = work.value[r], gains.field_sigma[settled, r]
-        total += work.value[r]
-    return isfinite(total)
+        index, sigma = p.source[j], gains.heat_sigma[settled, j]
+        for r in range(count):
+            law = u.law_W[k + r, index]
+            heat = law + c.states[r + 1, first + j]
+            out.law[k + r, j], out.heat[k + r, j], out.heat_sigma[k + r, j] = law, heat, sigma
+            lost += 0 if isfinite(heat) else 1
+    for i in range(len(c.present)):
+        there, sigma = c.present[i] != 0, c.nu_sigma[i]
+        whole = whole and there
+        for r in range(count):
+            out.innovation[k + r, i] = c.states[r, width + i] if there else NAN
+            out.innovation_sigma[k + r, i] = sigma
+    for r in range(count):
+        out.log_likelihood[k + r] = 0.0
+    write_qualities(u.quality, u.degraded, k, count, whole, out.sensor_quality, out.quality)
+    if lost > 0:
+        for r in range(count):
+            if not is_known(out, k + r):
+                invalidate(out, k + r)
+
+
+def write_qualities(given, degraded, k, count, whole, sensor_quality, quality):
+    """Each sensor's quality is what was given, as no sensor is refused; `whole` where none is absent."""
+    for i in range(given.shape[1]):
+        for r in range(count):
+            sensor_quality[k + r, i] = given[k + r, i]
+    for r in range(count):
+        quality[k + r] = ESTIMATE_GOOD if whole and degraded[k + r] == 0 else ESTIMATE_DEGRADED
+
+
+def is_known(out, k):
+    """Whether heats and field of step k are numbers."""
+    lost = 0
+    for j in range(out.heat.shape[1]):
+        lost += 0 if isfinite(out.heat[k, j]) else 1
+    for q in range(out.field.shape[1]):
+        lost += 0 if isfinite(out.field[k, q]) else 1
+    return lost == 0
+
+
+def go_on(p, c, r, state):
+    """Go on from the state after r steps."""
+    n_x, first = len(p.uniform), len(c.decay) - len(p.source)
+    for a in range(len(c.decay)):
+        c.states[0, a] = c.states[r, a]
+    for a in range(n_x):
+        state.x[a] = c.states[0, a]
+    for j in range(len(p.source)):
+        state.x[n_x + j] = c.states[0, first + j]
+    if r > 0:
+        state.flags[1] = 0
 
 
 def cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work, c, allowed):
     """Take regular steps from k on; return the first that is not, or that the gate would refuse."""
-    laid_out, roughly, s = -1, allowed.S.shape[1] > 0, len(c.present)
+    laid_out, roughly, moving, s = -1, allowed.S.shape[1] > 0, len(p.moving) > 0, len(c.present)
+    most = 1 if roughly or moving else len(c.weights)
     if not begin_cruise(p, gains, settled, state, c):
         return k
-    while k < len(step):
-        exact = rungs.exact[step[k]] and gains.key[settled] >> s == rungs.rung[step[k]]
-        if not exact or not is_regular(p, u, k, work.usable, c):
+    count, passed = 0, 0
+    while k < len(step) and passed == count:
+        d = step[k]
+        count = read_run(u, k, count_regular(p, u, step, k, most, c), c)
+        if count == 0 or not rungs.exact[d] or gains.key[settled] >> s != rungs.rung[d]:
             break
-        if step[k] != laid_out or len(p.moving) > 0:
-            move_columns(p, u, k, work.B, work.C)
-            move_rows(p, u, k, work.rows)
-            lay_out(p, t, step[k], work.B, work.C, gains.K[settled], gains.S[settled], c)
+        move_columns(p, u, k, work.B, work.C)
+        move_reported(p, u, k, c.rows)
+        if d == laid_out and moving:
+            lay_out_moving(p, t, d, work.B, work.C, c)
+        if d != laid_out:
+            lay_out(p, t, d, work.B, work.C, gains.K[settled], c)
             for i in range(s):
-                c.gate_K2[i] = gate_sigma * gate_sigma * gains.S[settled, i]
-            laid_out = step[k]
+                c.gate_K2[i] = gate_sigma * gate_sigma * gains.S[settled, i] if c.present[i] else INFINITY
+            laid_out = d
         if roughly:
-            allow(allowed, t, step[k], u, k)
+            allow(allowed, t, d, u, k)
             allow_for_readings(allowed, gains.S[settled])
             for i in range(s):
-                c.gate_K2[i] = gate_sigma * gate_sigma * allowed.variance[i]
-        if not step_state(p, u, k, work.usable, c):
-            break
-        if roughly:
-            correct_allowed(allowed, gains.K[settled], work.usable)
-            finish_allowing(allowed, u.dt_s[k], c.x)
-        out.quality[k] = judge(u, k, work.usable, work.usable, state, out)
-        known = write_steady(p, u, k, work.usable, gains, settled, c, work, out)
-        if roughly:
+                c.gate_K2[i] = gate_sigma * gate_sigma * allowed.variance[i] if c.present[i] else INFINITY
+        step_states(c, count, len(c.decay) - len(p.source))
+        passed = count_passed(c, count)
+        write_run(p, u, k, passed, gains, settled, c, out)
+        go_on(p, c, passed, state)
+        if roughly and passed == 1:
+            correct_allowed(allowed, gains.K[settled], c.present)
+            finish_allowing(allowed, u.dt_s[k], state.x)
             for i in range(s):
-                if work.usable[i]:
+                if c.present[i]:
                     out.innovation_sigma[k, i] = sqrt(allowed.variance[i])
+            move_rows(p, u, k, work.rows)
             widen(allowed, work.rows, k, out)
-        if not known:
-            invalidate(out, k)
-        k += 1
-    for a in range(len(state.x)):
-        state.x[a] = c.x[a]
+        k += passed
     return k

@@ -61,6 +61,9 @@ def number_steps(dt_s, start, step, lengths):
     """
     count, known = 0, 0
     for k in range(start, len(dt_s)):
+        if k > start and dt_s[k] == dt_s[k - 1]:
+            step[k] = known
+            continue
         length = rint(dt_s[k] * TICKS_PER_S) / TICKS_PER_S
         if known == count or lengths[known] != length:
             known = 0

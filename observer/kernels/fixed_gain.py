@@ -46,8 +46,6 @@ from observer.kernels.step import (
 )
 
 _PREDICTED, _STARTED = 1, 2
-# Within these of its steady value a covariance counts as settled: 1 % of σ; a law's jump of 0.05 % of σ².
-_SETTLED = 0.02
 
 
 def find_gain(gains, key):
@@ -71,11 +69,11 @@ def find_settled(gains, P):
     return -1
 
 
-def near(P, goal):
-    """Whether every variance is within the tolerance of its steady value."""
+def near(P, gains, i):
+    """Whether every variance is near enough to its steady value under gain i."""
     far = 0
     for a in range(P.shape[0]):
-        if abs(P[a, a] - goal[a, a]) > _SETTLED * goal[a, a]:
+        if abs(P[a, a] - gains.P[i, a, a]) > gains.slack[i, a]:
             far += 1
     return far == 0
 
@@ -150,7 +148,7 @@ def observe(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first,
     s = u.y_degC.shape[1]
     x, P, B, C = state.x, state.P, work.B, work.C
     nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
-    suspect = work.suspect
+    suspect, roughly = work.suspect, allowed.S.shape[1] > 0
     settled = find_settled(gains, P) if resumed == 0 else -1
     k = first
     while k < len(step):
@@ -161,6 +159,7 @@ def observe(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first,
         present = find_usable(u, k, usable)
         if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
             skip(u, k, usable, state, out)
+            settled = find_settled(gains, P)
             k += 1
             continue
         d = step[k]
@@ -173,7 +172,8 @@ def observe(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first,
             started = True
             state.flags[0] = 1
         elif resumed == 0:
-            allow(allowed, t, d, u, k)
+            if roughly:
+                allow(allowed, t, d, u, k)
             predict(p, t, d, u, k, state, work)
             doubt_nut(p, u, k, state.lost_s, P)
         resumed = 0
@@ -212,7 +212,7 @@ def observe(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first,
             correct_state(gains.K, chosen, accepted, nu, x)
             correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)
         steady = correcting and complete and rungs.exact[d] and p.coupling.active == 0
-        if steady and gains.steady[chosen] and near(P, gains.P[chosen]):
+        if steady and gains.steady[chosen] and near(P, gains, chosen):
             put(gains.P[chosen], P)
             settled = chosen
         finish_allowing(allowed, u.dt_s[k], x)
@@ -220,7 +220,8 @@ def observe(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first,
         move_rows(p, u, k, work.rows)
         known = write_values(p, u, k, state, work, out)
         known = write_sigmas(state, k, work, out) and known
-        widen(allowed, work.rows, k, out)
+        if roughly:
+            widen(allowed, work.rows, k, out)
         if not known:
             invalidate(out, k)
         k += 1

@@ -198,6 +198,7 @@ cdef class GainTable(Record):
     cdef public double[:, :, ::1] K
     cdef public unsigned char[::1] steady
     cdef public double[:, :, ::1] P
+    cdef public double[:, ::1] slack
     cdef public double[:, ::1] S
     cdef public double[:, ::1] heat_sigma
     cdef public double[:, ::1] field_sigma
@@ -210,17 +211,17 @@ cdef class Rungs(Record):
 
 cdef class Columns(Record):
     cdef public double[::1] decay
-    cdef public double[::1] x
-    cdef public double[::1] x_pred
-    cdef public double[:, ::1] inputs
-    cdef public double[::1] weights
-    cdef public double[:, ::1] gain
-    cdef public double[:, ::1] sensors
-    cdef public double[:, ::1] sensors_F
-    cdef public double[::1] expected
-    cdef public double[::1] nu
+    cdef public double[:, ::1] drives
+    cdef public double[:, :, ::1] sensors
+    cdef public double[:, :, ::1] inputs
+    cdef public double[:, :, ::1] seen
+    cdef public double[:, :, ::1] push
+    cdef public double[:, :, ::1] rows
+    cdef public double[:, ::1] weights
+    cdef public double[::1] forced
+    cdef public double[:, ::1] states
+    cdef public double[:, ::1] value
     cdef public double[::1] nu_sigma
-    cdef public double[::1] z_end
     cdef public double[::1] gate_K2
     cdef public double[::1] jump_W2
     cdef public unsigned char[::1] present

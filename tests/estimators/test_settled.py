@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from observer.estimators import build_estimator
+from observer.estimators.fixed_gain import slack
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateQuality, Quality
 from observer.model.discretise import augmented, quantise, step_matrices
@@ -287,3 +288,49 @@ def test_an_observer_settles_again_after_a_sample_was_missed():
     spoiled("missing", u)
     _, block = estimator.run(settled(plant, estimator), u)
     assert same_sigma(block, table_of(estimator)) == [True] * 8 + [False] + [True] * 11
+
+
+def long_and_eventful(plant, steps=400):
+    """Held and changing laws, an ambient that rises, and now and then a step that is not like the others."""
+    u = lively(plant, steps=steps)
+    u.law_W[:] = np.where((np.arange(steps) // 50 % 2 == 1)[:, None], u.law_W, 5.0)
+    u.z_start[100:200] = u.z_end[100:200] = 21.0
+    u.usable[[30, 31, 299], 1], u.quality[[30, 31, 299], 1] = False, Quality.MISSING
+    u.usable[77, 0] = False
+    u.dt_s[[140, 141]] = 0.6
+    u.law_jump_W[170, 2] = 100.0
+    u.y_degC[220:226, 2] += 1e5
+    u.law_W[250, 1], u.z_end[260, 0], u.y_degC[270, 0] = np.nan, np.inf, np.nan
+    u.degraded[[280, 281]] = 1, 2
+    return u
+
+
+@pytest.mark.parametrize(("kind", "engine", "moving"), [(*KINDS[0], ()), (*KINDS[0], (1,)), (*KINDS[1], ())])
+def test_a_run_of_many_steps_is_runs_of_one(kind, engine, moving):
+    """To the last bit, wherever the log is cut and a run of regular steps begins or ends."""
+    plant = small(moving)
+    u = long_and_eventful(plant)
+    found = []
+    for size in (len(u), 1, 7):
+        estimator = built(plant, kind, engine, gate_sigma=1e4)
+        state, blocks = settled(plant, estimator), []
+        for begin in range(0, len(u), size):
+            state, block = estimator.run(state, u.part(begin, begin + size))
+            blocks.append(block)
+        columns = {
+            f.name: np.concatenate([getattr(b, f.name) for b in blocks]) for f in fields(blocks[0])[:-2]
+        }
+        found.append(columns | {"x": state.x_hat, "P": state.P})
+    regular = same_sigma(blocks[0], table_of(estimator)), (found[0]["quality"] == EstimateQuality.GOOD).sum()
+    assert all(regular[0])
+    assert 300 < regular[1] < 395
+    for others in found[1:]:
+        for name, column in found[0].items():
+            np.testing.assert_array_equal(others[name], column, err_msg=name)
+
+
+def test_a_variance_that_no_report_shows_may_settle_late():
+    """Two states: one is what is reported, the other takes hardly any part in it, or none at all."""
+    P, rows = np.diag([4.0, 1e-6, 9.0]), np.array([[1.0, 0.5]])
+    np.testing.assert_allclose(slack(P, rows, np.array([4.0])), [0.02 * 4.0, 0.005 * 16.0, 0.02 * 9.0])
+    np.testing.assert_allclose(slack(P, 0 * rows, np.array([4.0])), 0.02 * np.diag(P))

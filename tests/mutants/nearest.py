@@ -48,6 +48,7 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/problem.py": PARTS,
     "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),
     "observer/fit/tolerance.py": PARTS,
+    "observer/kernels/columns.py": SETTLED,
     "observer/kernels/cruise.py": SETTLED,
     "observer/kernels/discretise.py": _at("tests/model/test_discretise.py", BITS),
     "observer/kernels/cells.py": _at("tests/page/test_rows.py"),
