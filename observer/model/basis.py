@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from observer.frames import FloatArray
 from observer.kernels.layout import packed
@@ -47,6 +46,8 @@ def own_modes(plant: Plant, A: FloatArray, follow: tuple[int, ...] = ()) -> tupl
     Screw, nodes and lags are passive and sensors only follow: the rates are real. Each mode has the place of
     the state that takes most part in it (Pérez-Arriaga et al. 1982), and is 1 there.
     """
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  (start-up: a screw alone needs none)
+
     alike = [*range(len(A))[plant.lag_slice], *follow]
     A = A.copy()
     A[alike, alike] *= 1.0 + APART * np.arange(len(alike))

@@ -7,7 +7,6 @@ together, with a loss of the moment where one is given.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm
 
 from observer.frames import FloatArray
 from observer.model.discretise import StepMatrices, augmented
@@ -71,6 +70,8 @@ def augmented_step(plant: Plant, dt_s: float, loss_1_s: float = 0.0) -> tuple[Fl
 
     Source: Van Loan (1978), eq. 1.2: exp of [[−A, Q], [0, Aᵀ]] holds both.
     """
+    from scipy.linalg import expm  # noqa: PLC0415  (start-up: designs alone need it)
+
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     n = n_x + m_e
     block = np.zeros((2 * n, 2 * n))
