@@ -142,7 +142,7 @@ def stacked_problem(
     """
     if plant.coupling.active:
         raise UserError(
-            "nodes couple the plant's states, or an effect changes the plant with speed, temperature or "
+            "a body rides on a nut that moves, or an effect changes the plant with speed, temperature or "
             "time, and this method needs one that stays as it is; use --method smoother"
         )
     still = [b._replace(moving_B=b.moving_B[:, :0], moving_C=b.moving_C[:, :0]) for b in blocks]

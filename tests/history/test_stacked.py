@@ -1,6 +1,7 @@
 """The stacked equation, Tikhonov and conjugate gradients: beside the plant, the smoother and dense forms."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from observer.history.stacked import Prior, stacked_problem
 from observer.history.stepwise import stepwise_heats
 from observer.history.tikhonov import normal_equations, solve
 from observer.tables.estimator import EstimatorSettings
+from tests.bits.cases import COUPLINGS, coupled
 from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
 from tests.estimators.simulate import temperatures
 
@@ -72,9 +74,17 @@ def test_the_dense_matrix_is_the_convolution():
     assert w.ravel() @ normal.b == pytest.approx(np.vdot(fast, problem.whiten(problem.rise_K)), rel=1e-9)
 
 
-def test_tikhonov_at_the_smoothers_prior_is_the_smoother():
+def with_a_housing():
+    """A screw whose left end is in a housing, all heats beyond no law, no noise but that of sensors."""
+    plant, u = coupled(COUPLINGS["body_at_an_end"], 200, moving=False, dt_s=DT_S)
+    u.dt_s[0], u.usable[0], u.law_W[:], u.law_jump_W[:] = 0.0, True, 0.0, 0.0
+    return replace(plant, field_noise_Q=np.zeros_like(plant.field_noise_Q)), u, None
+
+
+@pytest.mark.parametrize("machine", [partial(logged, steps=200), with_a_housing])
+def test_tikhonov_at_the_smoothers_prior_is_the_smoother(machine):
     """Missing samples, an uncertain start, heats held over each step: mean and σ to 1e-6."""
-    plant, u, _ = logged(steps=200)
+    plant, u, _ = machine()
     problem, _ = stacked_problem(plant, [u])
     prior = Prior.of(plant, DT_S, 1)
     heat_W, sigma_W = solve(problem, prior, normal_equations(problem, prior), 1.0)
