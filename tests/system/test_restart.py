@@ -55,7 +55,8 @@ def test_a_restart_of_ten_seconds(tmp_path):
             live = list(seen.estimates)
     assert "warm start" in daemon.said()
     assert after["time_s"] - before["time_s"] > 8.0
-    assert _moved(before, after) < 1.0
+    # what is learnt meanwhile takes σ from 3.0 to 2.5 W, and so moves a heat by some 0.55 σ: four of these
+    assert _moved(before, after) < 2.2
     assert (after["heat_sigma_W"] < 2.0 * before["heat_sigma_W"]).all()  # a cold start knows much less
     assert not off["armed"]
     (recording,) = (path.with_suffix(".csv") for path in daemon.recordings.glob("*.start"))
