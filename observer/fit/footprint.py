@@ -114,6 +114,7 @@ def _wave_table(table: NutTable, highest: int, step_1_m: float, stroke: Stretch)
         table_C=np.zeros((2, 0)),
         mean_B=np.zeros(2 * G + 1),
         mean_C=np.zeros(0),
+        turn=np.zeros((0, 0)),
     )
     whole = replace(waves, nut_m=stroke.width_m)
     return replace(waves, mean_B=moving.columns_at(whole, [(stroke.a_m + stroke.b_m) / 2])[0])

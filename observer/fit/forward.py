@@ -20,7 +20,7 @@ from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.realise import terms_of
-from observer.model.simulate import simulate, start_from_sensors
+from observer.model.simulate import Means, simulate_means, start_from_sensors
 from observer.tables.sections import Source, owner
 
 GAP_S, GAP_ROWS, MOST_GAPS = 30.0, 2.5, 12
@@ -138,9 +138,9 @@ class Forward:
         key = f"fields {unit.model_dump_json(include=PREDICTS)}"
         setting = Setting(unit, key, strength, plant, driving(unit))
         with np.errstate(over="ignore", invalid="ignore"):
-            rows = [self._rows(setting, run)[1:] for run in self.runs]
+            rows = [self._rows(setting, run) for run in self.runs]
         ambient = plant.known.ambient
-        return [(values[:, -len(places) :], inputs.z_end[:, ambient]) for inputs, values in rows]
+        return [(values.ends[:, -len(places) :], inputs.z_end[:, ambient]) for inputs, values in rows]
 
     def by_rows(self, config: Config) -> list[list[FloatArray]]:
         """The change (b, s) of each prediction with what rows far apart do not tell, one standard deviation
@@ -199,13 +199,12 @@ class Forward:
         return inputs._replace(law_W=inputs.law_W * np.concatenate([setting.strength, added]))
 
     def _predict(self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None) -> FloatArray:
-        before, inputs, rows = self._rows(setting, run, more_W)
-        return run.means(setting.plant, inputs, before, rows)
+        return run.means(setting.plant, *self._rows(setting, run, more_W))
 
     def _rows(
         self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None
-    ) -> tuple[FloatArray, Inputs, FloatArray]:
-        """The output rows (R,) at the start of a run, its inputs, and the rows (T, R) at its steps' ends.
+    ) -> tuple[Inputs, Means]:
+        """The inputs of a run's steps, and the output rows (T, R) of these.
 
         Rows beyond the run's own sensors have nothing to start from.
         """
@@ -217,10 +216,8 @@ class Forward:
             np.concatenate([own, unread]) for own in (run.run.start_degC, run.run.start_R_K2)
         )
         state = start_from_sensors(plant, start_degC, start_R_K2, inputs.law_W[0], inputs.z_start[0])
-        before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
         sweep = run.sweep(plant)
-        rows = simulate(plant if sweep is None else _told(plant), state, inputs, sweep)[1]
-        return before, inputs, rows
+        return inputs, simulate_means(plant if sweep is None else _told(plant), state, inputs, sweep)
 
 
 def gaps_of(run: SteppedRun) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 Heats, losses and the nut's columns are averaged over each tick, so their energy is that of the rows; known
 inputs are taken at its ends. Predictions are compared as means over three ticks, to which each tick
-contributes the mean of its two ends.
+contributes its own, taken when its values came.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ from observer.model.realise import realise
 from observer.model.rod import moving
 from observer.model.rod.moving import NutTable
 from observer.model.rod.sources import mean_stretch
+from observer.model.simulate import Means
 from observer.tables.laws import HeatLaw
 from observer.tables.sections import Source
 
 TICK_S = 10.0
 TICKS_IN_MEAN = 3
 MOST_KEPT, MOST_ROWS_KEPT = 16, 2
+TINY_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,8 @@ class Ticks:
     `first` (T,) the first row of each tick, `length_s` (T,) how long it lasts; `mean` (T,) the mean each
     tick belongs to; `count`, `measured_degC` (b, s) the usable values of each mean and their average, NaN
     without any; `time_s` (b,) when each mean ends, from the start of the run; `share` (T, s) the part of its
-    mean's values that fell into each tick; `at_end` (T,) ticks too long (gaps) for the mean of their ends.
+    mean's values that fell into each tick, and `late` (T, s) how much later than evenly, as a share of the
+    tick; `at_end` (T,) ticks too long (gaps) for the mean of their ends.
     """
 
     first: NDArray[np.int64]
@@ -49,6 +52,7 @@ class Ticks:
     measured_degC: FloatArray
     time_s: FloatArray
     share: FloatArray
+    late: FloatArray
     at_end: NDArray[np.bool_]
 
 
@@ -63,6 +67,8 @@ def ticks_of(run: Run) -> Ticks:
     means, mean = np.unique(number // TICKS_IN_MEAN, return_inverse=True)
     per_tick = np.add.reduceat(run.usable, first, axis=0, dtype=float)
     total = np.add.reduceat(np.where(run.usable, run.values_degC, 0.0), first, axis=0)
+    into = since_s - np.repeat(since_s[first] - frames.dt_s[first], np.diff([*first, len(since_s)]))
+    into_s = np.add.reduceat(np.where(run.usable, into[:, None], 0.0), first, axis=0)
     starts = np.flatnonzero(np.diff(mean, prepend=-1))
     count = np.add.reduceat(per_tick, starts, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -76,19 +82,16 @@ def ticks_of(run: Run) -> Ticks:
         measured_degC=measured,
         time_s=(means + 1) * (TICKS_IN_MEAN * TICK_S),
         share=share,
+        late=np.where(per_tick > 0, into_s / np.maximum(per_tick * length_s[:, None], TINY_S) - 0.5, 0.0),
         at_end=length_s > 1.5 * TICK_S,
     )
 
 
-def means_of(ticks: Ticks, before: FloatArray, rows: FloatArray, ripple_K: FloatArray) -> FloatArray:
-    """The means (b, s) of output rows (T, s) at the ticks' ends, `before` (s,) those at the start.
-
-    `ripple_K` (T, s) is what the mean of a tick has over that of its ends.
-    """
-    starts = np.vstack([before, rows[:-1]])
-    within = np.where(ticks.at_end[:, None], rows, 0.5 * (starts + rows) + ripple_K)
+def means_of(ticks: Ticks, rows: Means, ripple_K: FloatArray) -> FloatArray:
+    """The means (b, s) of output rows (T, s); `ripple_K` (T, s) is what passing nuts add to them."""
+    within = rows.means + ticks.late * rows.way + ripple_K
     out = np.zeros_like(ticks.measured_degC)
-    np.add.at(out, ticks.mean, within * ticks.share)
+    np.add.at(out, ticks.mean, np.where(ticks.at_end[:, None], rows.ends, within) * ticks.share)
     return out
 
 
@@ -105,6 +108,7 @@ def rows_of(run: Run) -> Ticks:
         measured_degC=run.measured_degC,
         time_s=(number + 1) * BLOCK_S,
         share=run.usable / np.maximum(run.count[mean], 1.0),
+        late=np.full(run.usable.shape, 0.5),
         at_end=np.ones(len(rows), dtype=bool),
     )
 
@@ -172,21 +176,23 @@ class SteppedRun:
             **driven._asdict(),
         )
 
-    def means(self, plant: Plant, inputs: Inputs, before: FloatArray, rows: FloatArray) -> FloatArray:
-        """The means (b, s) of output rows (T, s) at the steps' ends, `before` (s,) those at the start."""
+    def means(self, plant: Plant, inputs: Inputs, rows: Means) -> FloatArray:
+        """The means (b, s) of output rows (T, s)."""
         if self._by_row:
-            return self.run.means(rows)
-        return means_of(self.ticks, before, rows, self.ripple_K(plant, inputs))
+            return self.run.means(rows.ends)
+        return means_of(self.ticks, rows, self.ripple_K(plant, inputs))
 
     def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
-        """What the passing nut adds to the mean of a tick over that of its ends, (T, s).
+        """What the passing nut adds to the mean of a tick beside its mean heat, (T, s).
 
-        A pass early in a tick warms a sensor for longer than one late in it.
+        A pass early in a tick warms a sensor for longer than one late in it, by what of it is not lost
+        again within the tick.
         """
+        kept = np.exp(-0.5 * inputs.dt_s[:, None] * plant.decay_1_s)
         out = np.zeros((len(inputs), len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
             early_s = self._columns(plant, i)[1] * (1 - source.ends_fraction)
-            out += inputs.law_W[:, source.index, None] * (plant.of_screw(early_s) @ plant.rows.C.T)
+            out += inputs.law_W[:, source.index, None] * ((kept * plant.of_screw(early_s)) @ plant.rows.C.T)
         return out
 
     def sweep(self, plant: Plant) -> FloatArray | None:

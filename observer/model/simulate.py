@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -110,25 +111,90 @@ def simulate(
     second order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of the screw of which the
     squares add up to the covariance of each moving source's input column over the step, where that is known.
     """
+    rows, x = np.empty((len(inputs), len(plant.rows.C))), state.x
+    seen = np.vstack([_lagless(plant), plant.rows.F.T])
+    for part, states in _marched(plant, state, inputs, sweep):
+        np.matmul(states, seen, out=rows[part])
+        rows[part] += _of_lags(plant, inputs, part, states)
+        x = states[-1, : len(x)]
+    return SimulationState(x.copy()), rows
+
+
+class Means(NamedTuple):
+    """Output rows (K, R) at the `ends` of K steps, their `means` over each, and the `way` that they go in it,
+    but for what a source's lag adds, which is of the step as a whole.
+    """
+
+    ends: FloatArray
+    means: FloatArray
+    way: FloatArray
+
+
+def simulate_means(
+    plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray | None = None
+) -> Means:
+    """Return the output rows of K steps as means too, in °C and µm; else as `simulate`.
+
+    A mode of the rate λ that goes from one value to another has on average gone the share w of its way,
+    w = 1/(1 - e⁻ᵘ) - 1/u with u = λ dt: half of it where it is slow, nearly all of it where it is fast.
+    """
+    out = Means(*np.empty((3, len(inputs), len(plant.rows.C))))
+    share, x = _share_of_way(plant.decay_1_s * inputs.dt_s[:, None]), state.x
+    lagless, F = _lagless(plant), plant.rows.F
+    for part, states in _marched(plant, state, inputs, sweep):
+        ends, known = states[:, : len(x)], (inputs.z_start[part], inputs.z_end[part])
+        starts = np.vstack([x, ends[:-1]])
+        mean = starts + share[part] * (ends - starts)
+        out.ends[part] = ends @ lagless + _of_lags(plant, inputs, part, ends) + known[1] @ F.T
+        out.means[part] = (
+            mean @ lagless + _of_lags(plant, inputs, part, mean) + 0.5 * (known[0] + known[1]) @ F.T
+        )
+        out.way[part] = (ends - starts) @ lagless + (known[1] - known[0]) @ F.T
+        x = ends[-1].copy()
+    return out
+
+
+def _marched(
+    plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray | None
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield some steps at a time, and the states and known inputs (k, n_x + p) at their ends; these are
+    written over by the next.
+    """
     K, p = len(inputs), _plant_arrays(plant)
     sweep = np.zeros((K, 0, 0, 0)) if sweep is None else plant.of_screw(sweep)
     x = pad_rows(state.x, p.B.shape[1])
     plant_record, table = record(p), record(AdvanceTable.empty(p.B.shape[1]))
-    seen = np.ascontiguousarray(np.hstack([plant.rows.C, plant.rows.F]).T)
-    for source in plant.moving:
-        seen[plant.modes + source.index] = 0.0
     u, decay_1_s = inputs.packed(), contiguous(plant.decay_1_s)
-    rows, states = np.empty((K, seen.shape[1])), np.empty((min(K, _CHUNK), len(seen)))
+    states = np.empty((min(K, _CHUNK), len(state.x) + u.z_end.shape[1]))
     B, C = p.B.copy(), np.zeros((0, p.B.shape[1]))
     inputs_record, work = record(u), record(AdvanceWork.of(p, len(state.x), sweep))
     for begin in range(0, K, _CHUNK):
-        part = slice(begin, begin + _CHUNK)
         here = states[: K - begin]
         march(plant_record, table, decay_1_s, inputs_record, B, C, work, x, here, begin)
-        np.matmul(here, seen, out=rows[part])
-        for i, source in enumerate(plant.moving):
-            rows[part] += here[:, plant.modes + source.index, None] * inputs.moving_C[part, i]
-    return SimulationState(x[: len(state.x)].copy()), rows
+        yield slice(begin, begin + _CHUNK), here
+
+
+def _lagless(plant: Plant) -> FloatArray:
+    """What the states do to the output rows, (n_x, R), but for the lags of moving sources."""
+    C = plant.rows.C.T.copy()
+    for source in plant.moving:
+        C[plant.modes + source.index] = 0.0
+    return C
+
+
+def _of_lags(plant: Plant, inputs: Inputs, part: slice, states: FloatArray) -> FloatArray:
+    """What the lags of moving sources add to the output rows (k, R) in some steps, by their states (k, …)."""
+    rows = np.zeros((len(states), len(plant.rows.C)))
+    for i, source in enumerate(plant.moving):
+        rows += states[:, plant.modes + source.index, None] * inputs.moving_C[part, i]
+    return rows
+
+
+def _share_of_way(u: FloatArray) -> FloatArray:
+    """Return 1/(1 - e⁻ᵘ) - 1/u, for small u as a series."""
+    small = u < 1e-2
+    safe = np.where(small, 1.0, u)
+    return np.where(small, 0.5 + u / 12.0, -1.0 / np.expm1(-safe) - 1.0 / safe)
 
 
 def _plant_arrays(plant: Plant) -> AdvancePlant:

@@ -107,8 +107,8 @@ def test_what_is_hidden_is_named_proved_and_of_use(case: str, command: Command, 
     assert low <= true <= high or abs(found["value"] / true - 1) <= 0.05, found
     assert high - low < 0.2 * true  # an interval that holds everything says nothing
     gap = result["gap"]
-    # what a machine is left with that hides nothing, 0.09 K, and what the lag that is tolerated of sensors
-    # makes of steps of ten seconds
+    # as a machine that hides nothing, 0.09 K: k and ρc stay off by some percent, and the logs that are fitted
+    # are left with as much
     assert gap["after_rms_K"] < 0.11
     assert gap["after_rms_K"] < 0.3 * gap["before_rms_K"]
     assert {p.name for p in folder.iterdir()} == {"result.json", "report.html", "config.toml"}

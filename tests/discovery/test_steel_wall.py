@@ -129,8 +129,8 @@ def test_with_the_flux_as_measured_one_loss_is_told_wherever_it_is(*, documented
     low, high = figure["ci95"]  # the record's flux and ρc are off by some percent themselves
     assert low < 1.05 * DOCUMENTED_W_K
     assert high > 0.95 * DOCUMENTED_W_K
-    # 1.06 W/K in steps of 2 s; in those of the search, 10 s, the tolerated lag of 4 s makes it up to 1.37
-    assert figure["ci95"][1] - figure["ci95"][0] < 0.11 * DOCUMENTED_W_K
+    print(f"{low:.2f} to {high:.2f} W/K")
+    assert high - low < 0.1 * DOCUMENTED_W_K
     assert partial["share"] > 0.9
     assert partial["remains_rms_K"] < 0.6  # as the documented wall
 

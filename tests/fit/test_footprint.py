@@ -9,6 +9,8 @@ from observer.config import Config
 from observer.effects.base import EffectTable
 from observer.effects.bodies import AttachedMass, EndConduction
 from observer.effects.heat import Dwell
+from observer.effects.sensing import SensorLag
+from observer.files.logs import read_log
 from observer.fit.footprint import PLACES, interpolation, swept
 from observer.fit.forward import Forward, lean_config
 from observer.fit.runs import Run, prepare
@@ -18,8 +20,9 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.rod import moving
-from observer.model.simulate import simulate, start_from_sensors
-from tests.discovery.cases import rig
+from observer.model.simulate import simulate, simulate_means, start_from_sensors
+from observer.service.align import AlignPlan, frames_of_log
+from tests.discovery.cases import RIG, rig
 
 MODES = 20
 
@@ -113,7 +116,7 @@ def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row() -> None:
 
 
 def test_a_pass_early_in_a_tick_warms_its_mean_by_more_than_one_late_in_it() -> None:
-    """The means of rows are met twice as well as by the ticks' ends alone, at the sensor passed most."""
+    """The means of rows are met twice as well as by mean heats alone, at the sensor passed most."""
     config, passed = with_effects(), 2
     plant = build_plant(config).sensors_only()
     run = SteppedRun(the_run(), config, plant)
@@ -122,17 +125,37 @@ def test_a_pass_early_in_a_tick_warms_its_mean_by_more_than_one_late_in_it() -> 
     state = start_from_sensors(
         plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
     )
-    before = plant.rows.C @ state.x + plant.rows.F @ inputs.z_start[0]
-    ends = simulate(plant, state, inputs)[1]
+    steps = simulate_means(plant, state, inputs)
     rows = simulate(plant, state, by_row)[1][:, passed]
     mean = run.ticks.mean[np.repeat(np.arange(len(run.ticks.first)), np.diff([*run.ticks.first, len(rows)]))]
     exact = np.bincount(mean, rows) / np.bincount(mean)
     told, plain = (
         float(np.sqrt(np.mean((means[:, passed] - exact) ** 2)))
-        for means in (run.means(plant, inputs, before, ends), means_of(run.ticks, before, ends, 0.0 * ends))
+        for means in (run.means(plant, inputs, steps), means_of(run.ticks, steps, 0.0 * steps.ends))
     )
-    print(f"{1e3 * told:.1f} mK, by the ends alone {1e3 * plain:.1f} mK")
+    print(f"{1e3 * told:.1f} mK, without the passes {1e3 * plain:.1f} mK")
     assert told < 0.6 * plain
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 4.0, 30.0])
+@pytest.mark.parametrize("log", ["run_c.csv.gz", "null-0/run_a.csv.gz"], ids=["every row", "every 4th"])
+def test_means_over_ticks_are_those_of_the_rows_however_a_sensor_lags(lag_s: float, log: str) -> None:
+    """A lag bends a sensor's way within a tick, and values in every fourth row come later than its middle."""
+    lags = [SensorLag(kind="sensor_lag", target="t3", time_constant_s=lag_s)] if lag_s else []
+    config = with_effects(*lags)
+    run = prepare(config, list(frames_of_log(read_log(RIG / log), AlignPlan.of(config))), log)
+    forward, by_row = Forward(config, [run]), Forward(config, [run], by_row=True)
+    ticks = forward.runs[0].ticks
+    rows = by_row._rows(by_row._setting(config), by_row.runs[0])[1].ends
+    mean = ticks.mean[np.repeat(np.arange(len(ticks.first)), np.diff([*ticks.first, len(rows)]))]
+    exact = np.zeros_like(ticks.measured_degC)
+    np.add.at(exact, mean, np.where(run.usable, rows, 0.0))
+    error_K = forward(config)[0] - exact / ticks.count
+    rms_K, rise_K = np.sqrt(np.mean(error_K**2, axis=0)), np.ptp(ticks.measured_degC, axis=0)
+    print(f"{1e3 * rms_K.round(6)} mK of {rise_K.round(1)} K")
+    beyond = [0, 4]  # the nut does not pass them
+    assert (rms_K[beyond] < 2e-5 * rise_K[beyond]).all()  # by the ends' means, in their middle: 2e-4
+    assert (rms_K < 3e-4 * rise_K).all()
 
 
 def test_dwelling_at_the_ends_follows_the_path_a_second_time() -> None:
