@@ -52,7 +52,7 @@ class Columns(NamedTuple):
     step's start and at its end, and heats do to the states, `drives` (m + 2 p + m_e, W); the sensors' columns
     with the opposite sign, `sensors` (W, W_s); made of them `inputs` (c, W + W_s), what inputs do to states
     and innovations, `seen` (W, W_s), what states before a step do to innovations, and `push` (q, W), what
-    heats and then innovations do to states; `rows` (W, W_r). All matrices but `drives` are panels.
+    heats and then innovations do to states; `rows` (W, W_r).
 
     Of each step of a run: `weights` (R, c) of the inputs, `states` (R+1, ·), `value` (R, W_r); of the one at
     hand `forced` (W + W_s,). `nu_sigma` (s,); the largest squares of innovations, `gate_K2` (s,), and of
@@ -81,18 +81,18 @@ def columns(arrays: PlantArrays, reported: int) -> Columns:
     (m, n_x), p, m_e, s = arrays.B.shape, len(arrays.E), len(arrays.source), len(arrays.R_K2)
     own, shown = padded_width(s, _REGISTER), padded_width(reported, _REGISTER)
     width, c, pushing = (padded_width(count, _PANEL) for count in (n_x + p + m_e, m + 2 * p, m_e + own))
-    rows = np.zeros((width, shown))
+    rows = _aligned(width, shown)
     rows[:n_x, :reported] = arrays.rows[:, :reported]
     rows[n_x : n_x + p, :reported] = arrays.rows_F[:, :reported]
     step = padded_width(width - m_e + pushing, _PANEL)
     return Columns(
         decay=_aligned(width),
         drives=np.zeros((m + 2 * p + m_e, width)),
-        sensors=_panels(np.zeros((width, own))),
-        inputs=_panels(np.zeros((c, width + own))),
-        seen=_panels(np.zeros((width, own))),
-        push=_panels(np.zeros((pushing, width))),
-        rows=_panels(rows),
+        sensors=_aligned(width, own),
+        inputs=_aligned(c, width + own),
+        seen=_aligned(width, own),
+        push=_aligned(pushing, width),
+        rows=rows,
         weights=_aligned(_RUN, c),
         forced=_aligned(width + own),
         states=_aligned(_RUN + 1, step),
@@ -102,15 +102,6 @@ def columns(arrays: PlantArrays, reported: int) -> Columns:
         jump_W2=np.zeros(m_e),
         present=np.zeros(s, np.uint8),
     )
-
-
-def _panels(matrix: FloatArray) -> FloatArray:
-    """Return a matrix (8 A, 4 W) as panels (A, W, 32) of eight rows by four columns (`kernels.advance`)."""
-    rows, width = matrix.shape[0] // _PANEL, matrix.shape[1] // _REGISTER
-    laid_out = _aligned(rows, width, _PANEL * _REGISTER)
-    by_panel = matrix.reshape(rows, _PANEL, width, _REGISTER).swapaxes(1, 2)
-    laid_out[...] = by_panel.reshape(laid_out.shape)
-    return laid_out
 
 
 def _aligned(*shape: int) -> FloatArray:

@@ -1,7 +1,4 @@
 cdef inline void add_scaled(double[::1] target, double[:, ::1] rows, double[::1] weights, Py_ssize_t count) noexcept nogil
-@cython.locals(four=double, more=double)
-cdef inline double eight(double[:, :, ::1] panels, Py_ssize_t a, Py_ssize_t b, Py_ssize_t i, double w0, double w1, double w2, double w3, double w4, double w5, double w6, double w7) noexcept nogil
-cdef inline void put_entry(double[:, :, ::1] panels, Py_ssize_t a, Py_ssize_t b, double value) noexcept nogil
 cdef inline void move_columns(AdvancePlant p, Inputs u, Py_ssize_t k, double[:, ::1] B, double[:, ::1] C) noexcept nogil
 cdef inline void advance(AdvancePlant p, AdvanceTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, AdvanceWork work) noexcept nogil
 cdef inline void put_laws(AdvancePlant p, Inputs u, Py_ssize_t k, double[:, ::1] B, double[::1] x, double[::1] law) noexcept nogil

@@ -37,24 +37,6 @@ def add_scaled(target, rows, weights, count):
             target[b] += w0 * rows[a, b]
 
 
-def eight(panels, a, b, i, w0, w1, w2, w3, w4, w5, w6, w7):
-    """The sum of eight weighted rows at column i of four. A matrix (A, W) lies in `panels` (A/8, W/4, 32):
-    eight rows of four columns, one behind the other, so that a compiler makes four such sums at a time.
-    """
-    four = (w0 * panels[a, b, i] + w1 * panels[a, b, 4 + i]) + (
-        w2 * panels[a, b, 8 + i] + w3 * panels[a, b, 12 + i]
-    )
-    more = (w4 * panels[a, b, 16 + i] + w5 * panels[a, b, 20 + i]) + (
-        w6 * panels[a, b, 24 + i] + w7 * panels[a, b, 28 + i]
-    )
-    return four + more
-
-
-def put_entry(panels, a, b, value):
-    """Put a matrix' entry into its panels."""
-    panels[a // 8, b // 4, 4 * (a % 8) + b % 4] = value
-
-
 def move_columns(p, u, k, B, C):
     """Put the columns of the moving sources over step k in place."""
     for i in range(len(p.moving)):

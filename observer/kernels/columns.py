@@ -1,4 +1,4 @@
-"""The matrices of the steady step (see `cruise`): laid out in panels, for a step length, a gain and columns.
+"""The matrices of the steady step (see `cruise`): laid out in rows, for a step length, a gain and columns.
 
 The records are those of `observer.estimators.fixed_gain_records`. Where columns move, what they change is
 laid out anew; every entry is the same sum as if all of it were.
@@ -6,7 +6,7 @@ laid out anew; every entry is the same sum as if all of it were.
 
 from __future__ import annotations
 
-from observer.kernels.advance import eight, put_entry
+from observer.kernels.vector import LANES, none, store_at, weigh
 
 
 def lay_out(p, t, d, B, C, K, c):
@@ -22,14 +22,14 @@ def lay_out(p, t, d, B, C, K, c):
         for a in range(n_x):
             c.drives[m + q, a] = (t.hold[d, a] - t.ramp[d, a]) * p.E[q, a]
             c.drives[m + known + q, a] = t.ramp[d, a] * p.E[q, a]
-            put_entry(c.inputs, m + q, a, c.drives[m + q, a])
-            put_entry(c.inputs, m + known + q, a, c.drives[m + known + q, a])
-        put_entry(c.inputs, m + known + q, n_x + q, 1.0)
+            c.inputs[m + q, a] = c.drives[m + q, a]
+            c.inputs[m + known + q, a] = c.drives[m + known + q, a]
+        c.inputs[m + known + q, n_x + q] = 1.0
     for i in range(K.shape[1]):
         for a in range(n_x):
-            put_entry(c.push, m_e + i, a, K[a, i])
+            c.push[m_e + i, a] = K[a, i]
         for j in range(m_e):
-            put_entry(c.push, m_e + i, first + j, K[n_x + j, i])
+            c.push[m_e + i, first + j] = K[n_x + j, i]
     for j in range(m):
         lay_out_source(p, t, d, B, j, c)
     lay_out_readings(p, m, c)
@@ -47,21 +47,21 @@ def lay_out_state(t, d, C, a, c):
     """What the sensors that are present have of state a at a step's end, and of what it leaves of it."""
     for i in range(len(c.present)):
         read = -C[i, a] if c.present[i] else 0.0
-        put_entry(c.sensors, a, i, read)
-        put_entry(c.seen, a, i, read * t.decay[d, a])
+        c.sensors[a, i] = read
+        c.seen[a, i] = read * t.decay[d, a]
 
 
 def lay_out_source(p, t, d, B, j, c):
     """What the law of source j, and its heat where that is a state, do to the states in a step."""
     for a in range(B.shape[1]):
         c.drives[j, a] = t.hold[d, a] * B[j, a]
-        put_entry(c.inputs, j, a, c.drives[j, a])
+        c.inputs[j, a] = c.drives[j, a]
     for i in range(len(p.source)):
         if p.source[i] == j:
             row = len(c.drives) - len(p.source) + i
             for a in range(B.shape[1]):
                 c.drives[row, a] = t.couple[d, i, a] * B[j, a]
-                put_entry(c.push, i, a, c.drives[row, a])
+                c.push[i, a] = c.drives[row, a]
 
 
 def lay_out_readings(p, m, c):
@@ -74,29 +74,18 @@ def lay_out_readings(p, m, c):
         see_drive(c, w)
         for i in range(len(c.present)):
             if w >= inputs:
-                put_entry(c.seen, width - m_e + w - inputs, i, c.forced[width + i])
+                c.seen[width - m_e + w - inputs, i] = c.forced[width + i]
             elif w >= m + known and c.present[i]:
-                put_entry(c.inputs, w, width + i, c.forced[width + i] - p.F[i, w - m - known])
+                c.inputs[w, width + i] = c.forced[width + i] - p.F[i, w - m - known]
             else:
-                put_entry(c.inputs, w, width + i, c.forced[width + i])
+                c.inputs[w, width + i] = c.forced[width + i]
 
 
 def see_drive(c, w):
     """Put what the sensors see of row w of the drives into `c.forced`, from W on."""
-    width = len(c.decay)
-    for b in range(width, len(c.forced)):
-        c.forced[b] = 0.0
-    for a in range(c.sensors.shape[0]):
-        at = 8 * a
-        w0, w1, w2, w3 = c.drives[w, at], c.drives[w, at + 1], c.drives[w, at + 2], c.drives[w, at + 3]
-        w4, w5, w6, w7 = c.drives[w, at + 4], c.drives[w, at + 5], c.drives[w, at + 6], c.drives[w, at + 7]
-        for b in range(c.sensors.shape[1]):
-            to = width + 4 * b
-            x0 = c.forced[to] + eight(c.sensors, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
-            x1 = c.forced[to + 1] + eight(c.sensors, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
-            x2 = c.forced[to + 2] + eight(c.sensors, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
-            x3 = c.forced[to + 3] + eight(c.sensors, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
-            c.forced[to], c.forced[to + 1], c.forced[to + 2], c.forced[to + 3] = x0, x1, x2, x3
+    width = len(c.decay) // LANES
+    for q in range(c.sensors.shape[1] // LANES):
+        store_at(c.forced, width + q, weigh(none(), c.sensors, q, c.drives, w, 0))
 
 
 def move_reported(p, u, k, rows):
@@ -104,4 +93,4 @@ def move_reported(p, u, k, rows):
     s = len(p.R_K2)
     for i in range(len(p.moving)):
         for r in range(u.moving_C.shape[2] - s):
-            put_entry(rows, p.modes + p.moving[i], r, u.moving_C[k, i, s + r])
+            rows[p.modes + p.moving[i], r] = u.moving_C[k, i, s + r]

@@ -4,13 +4,11 @@ cdef inline bint begin_cruise(PlantArrays p, GainTable gains, Py_ssize_t settled
 cdef inline Py_ssize_t count_regular(PlantArrays p, Inputs u, Py_ssize_t[::1] step, Py_ssize_t k, Py_ssize_t most, Columns c) noexcept nogil
 @cython.locals(there=bint)
 cdef inline Py_ssize_t read_run(Inputs u, Py_ssize_t k, Py_ssize_t count, Columns c) noexcept nogil
-@cython.locals(x0=double, x1=double, x2=double, x3=double, w0=double, w1=double, w2=double, w3=double, w4=double, w5=double, w6=double, w7=double)
 cdef inline void force_step(Columns c, Py_ssize_t r) noexcept nogil
-@cython.locals(x0=double, x1=double, x2=double, x3=double, w0=double, w1=double, w2=double, w3=double, w4=double, w5=double, w6=double, w7=double)
+@cython.locals(nu=lanes)
 cdef inline void innovate(Columns c, Py_ssize_t r) noexcept nogil
-@cython.locals(x0=double, x1=double, x2=double, x3=double, w0=double, w1=double, w2=double, w3=double, w4=double, w5=double, w6=double, w7=double)
+@cython.locals(x=lanes)
 cdef inline void push_states(Columns c, Py_ssize_t r, Py_ssize_t first) noexcept nogil
-@cython.locals(x0=double, x1=double, x2=double, x3=double, w0=double, w1=double, w2=double, w3=double, w4=double, w5=double, w6=double, w7=double)
 cdef inline void report_rows(Columns c, Py_ssize_t r) noexcept nogil
 cdef void step_states(Columns c, Py_ssize_t count, Py_ssize_t first) noexcept nogil
 cdef inline bint is_driven_alike(Columns c, Py_ssize_t r) noexcept nogil

@@ -1,7 +1,7 @@
 """The steps of an observer whose covariance has settled: nothing but the state moves.
 
-Everything that is constant is laid out once, in panels as wide as a vector register (see `advance.eight`),
-and steps are taken in runs: first it is seen how many are regular, then the states alone are taken over them,
+Everything that is constant is laid out once, in rows of whole registers (see `vector`), and steps are taken in
+runs: first it is seen how many are regular, then the states alone are taken over them,
 with w the inputs, D what they do to the readings and S the sensors' rows of what a step makes of a state,
 
     f = inputs w,        ν = y - D w - S x,        x⁺ = e∘x + f + G δ + K ν,
@@ -14,13 +14,14 @@ W on the innovations ν of the step after it.
 
 from __future__ import annotations
 
-from observer.kernels.advance import eight, move_columns
+from observer.kernels.advance import move_columns
 from observer.kernels.allowing import allow, allow_for_readings, correct_allowed, finish_allowing, widen
 from observer.kernels.arithmetic import squared
 from observer.kernels.codes import ESTIMATE_DEGRADED, ESTIMATE_GOOD, GOOD, NUT_LOST
 from observer.kernels.columns import lay_out, lay_out_moving, move_reported
 from observer.kernels.judging import invalidate, move_rows
 from observer.kernels.libm import INFINITY, NAN, isfinite, sqrt
+from observer.kernels.vector import LANES, load, load_at, none, store, store_at, weigh
 
 # A law's jump that adds less than this share to a heat's σ² leaves the covariance settled.
 _QUIET_JUMP = 1e-3
@@ -94,140 +95,29 @@ def read_run(u, k, count, c):
 
 def force_step(c, r):
     """f and -D w of step r."""
-    for b in range(c.inputs.shape[1]):
-        c.forced[4 * b], c.forced[4 * b + 1], c.forced[4 * b + 2], c.forced[4 * b + 3] = 0.0, 0.0, 0.0, 0.0
-    for a in range(c.inputs.shape[0]):
-        w0, w1, w2, w3 = (
-            c.weights[r, 8 * a],
-            c.weights[r, 8 * a + 1],
-            c.weights[r, 8 * a + 2],
-            c.weights[r, 8 * a + 3],
-        )
-        w4, w5, w6, w7 = (
-            c.weights[r, 8 * a + 4],
-            c.weights[r, 8 * a + 5],
-            c.weights[r, 8 * a + 6],
-            c.weights[r, 8 * a + 7],
-        )
-        for b in range(c.inputs.shape[1]):
-            x0 = c.forced[4 * b] + eight(c.inputs, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
-            x1 = c.forced[4 * b + 1] + eight(c.inputs, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
-            x2 = c.forced[4 * b + 2] + eight(c.inputs, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
-            x3 = c.forced[4 * b + 3] + eight(c.inputs, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
-            c.forced[4 * b], c.forced[4 * b + 1], c.forced[4 * b + 2], c.forced[4 * b + 3] = x0, x1, x2, x3
+    for q in range(len(c.forced) // LANES):
+        store_at(c.forced, q, weigh(none(), c.inputs, q, c.weights, r, 0))
 
 
 def innovate(c, r):
     """ν of step r."""
-    width = len(c.decay)
-    for b in range(c.seen.shape[1]):
-        x0, x1 = (
-            c.states[r, width + 4 * b] + c.forced[width + 4 * b],
-            c.states[r, width + 4 * b + 1] + c.forced[width + 4 * b + 1],
-        )
-        x2, x3 = (
-            c.states[r, width + 4 * b + 2] + c.forced[width + 4 * b + 2],
-            c.states[r, width + 4 * b + 3] + c.forced[width + 4 * b + 3],
-        )
-        (
-            c.states[r, width + 4 * b],
-            c.states[r, width + 4 * b + 1],
-            c.states[r, width + 4 * b + 2],
-            c.states[r, width + 4 * b + 3],
-        ) = x0, x1, x2, x3
-    for a in range(c.seen.shape[0]):
-        w0, w1, w2, w3 = (
-            c.states[r, 8 * a],
-            c.states[r, 8 * a + 1],
-            c.states[r, 8 * a + 2],
-            c.states[r, 8 * a + 3],
-        )
-        w4, w5, w6, w7 = (
-            c.states[r, 8 * a + 4],
-            c.states[r, 8 * a + 5],
-            c.states[r, 8 * a + 6],
-            c.states[r, 8 * a + 7],
-        )
-        for b in range(c.seen.shape[1]):
-            x0 = c.states[r, width + 4 * b] + eight(c.seen, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
-            x1 = c.states[r, width + 4 * b + 1] + eight(c.seen, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
-            x2 = c.states[r, width + 4 * b + 2] + eight(c.seen, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
-            x3 = c.states[r, width + 4 * b + 3] + eight(c.seen, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
-            (
-                c.states[r, width + 4 * b],
-                c.states[r, width + 4 * b + 1],
-                c.states[r, width + 4 * b + 2],
-                c.states[r, width + 4 * b + 3],
-            ) = x0, x1, x2, x3
+    width = len(c.decay) // LANES
+    for q in range(c.seen.shape[1] // LANES):
+        nu = load(c.states, r, width + q) + load_at(c.forced, width + q)
+        store(c.states, r, width + q, weigh(nu, c.seen, q, c.states, r, 0))
 
 
 def push_states(c, r, first):
     """The states after step r; the heats are from `first` on."""
-    for b in range(c.push.shape[1]):
-        x0, x1 = (
-            c.decay[4 * b] * c.states[r, 4 * b] + c.forced[4 * b],
-            c.decay[4 * b + 1] * c.states[r, 4 * b + 1] + c.forced[4 * b + 1],
-        )
-        x2, x3 = (
-            c.decay[4 * b + 2] * c.states[r, 4 * b + 2] + c.forced[4 * b + 2],
-            c.decay[4 * b + 3] * c.states[r, 4 * b + 3] + c.forced[4 * b + 3],
-        )
-        (
-            c.states[r + 1, 4 * b],
-            c.states[r + 1, 4 * b + 1],
-            c.states[r + 1, 4 * b + 2],
-            c.states[r + 1, 4 * b + 3],
-        ) = x0, x1, x2, x3
-    for a in range(c.push.shape[0]):
-        at = first + 8 * a
-        w0, w1, w2, w3 = c.states[r, at], c.states[r, at + 1], c.states[r, at + 2], c.states[r, at + 3]
-        w4, w5, w6, w7 = c.states[r, at + 4], c.states[r, at + 5], c.states[r, at + 6], c.states[r, at + 7]
-        for b in range(c.push.shape[1]):
-            x0 = c.states[r + 1, 4 * b] + eight(c.push, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
-            x1 = c.states[r + 1, 4 * b + 1] + eight(c.push, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
-            x2 = c.states[r + 1, 4 * b + 2] + eight(c.push, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
-            x3 = c.states[r + 1, 4 * b + 3] + eight(c.push, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
-            (
-                c.states[r + 1, 4 * b],
-                c.states[r + 1, 4 * b + 1],
-                c.states[r + 1, 4 * b + 2],
-                c.states[r + 1, 4 * b + 3],
-            ) = x0, x1, x2, x3
+    for q in range(len(c.decay) // LANES):
+        x = load_at(c.decay, q) * load(c.states, r, q) + load_at(c.forced, q)
+        store(c.states, r + 1, q, weigh(x, c.push, q, c.states, r, first))
 
 
 def report_rows(c, r):
     """The reported rows after step r."""
-    for b in range(c.rows.shape[1]):
-        c.value[r, 4 * b], c.value[r, 4 * b + 1], c.value[r, 4 * b + 2], c.value[r, 4 * b + 3] = (
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-        )
-    for a in range(c.rows.shape[0]):
-        w0, w1, w2, w3 = (
-            c.states[r + 1, 8 * a],
-            c.states[r + 1, 8 * a + 1],
-            c.states[r + 1, 8 * a + 2],
-            c.states[r + 1, 8 * a + 3],
-        )
-        w4, w5, w6, w7 = (
-            c.states[r + 1, 8 * a + 4],
-            c.states[r + 1, 8 * a + 5],
-            c.states[r + 1, 8 * a + 6],
-            c.states[r + 1, 8 * a + 7],
-        )
-        for b in range(c.rows.shape[1]):
-            x0 = c.value[r, 4 * b] + eight(c.rows, a, b, 0, w0, w1, w2, w3, w4, w5, w6, w7)
-            x1 = c.value[r, 4 * b + 1] + eight(c.rows, a, b, 1, w0, w1, w2, w3, w4, w5, w6, w7)
-            x2 = c.value[r, 4 * b + 2] + eight(c.rows, a, b, 2, w0, w1, w2, w3, w4, w5, w6, w7)
-            x3 = c.value[r, 4 * b + 3] + eight(c.rows, a, b, 3, w0, w1, w2, w3, w4, w5, w6, w7)
-            c.value[r, 4 * b], c.value[r, 4 * b + 1], c.value[r, 4 * b + 2], c.value[r, 4 * b + 3] = (
-                x0,
-                x1,
-                x2,
-                x3,
-            )
+    for q in range(c.rows.shape[1] // LANES):
+        store(c.value, r, q, weigh(none(), c.rows, q, c.states, r + 1, 0))
 
 
 def step_states(c, count, first):

@@ -212,11 +212,11 @@ cdef class Rungs(Record):
 cdef class Columns(Record):
     cdef public double[::1] decay
     cdef public double[:, ::1] drives
-    cdef public double[:, :, ::1] sensors
-    cdef public double[:, :, ::1] inputs
-    cdef public double[:, :, ::1] seen
-    cdef public double[:, :, ::1] push
-    cdef public double[:, :, ::1] rows
+    cdef public double[:, ::1] sensors
+    cdef public double[:, ::1] inputs
+    cdef public double[:, ::1] seen
+    cdef public double[:, ::1] push
+    cdef public double[:, ::1] rows
     cdef public double[:, ::1] weights
     cdef public double[::1] forced
     cdef public double[:, ::1] states
