@@ -115,7 +115,8 @@ def simulate(
     seen = np.vstack([_lagless(plant), plant.rows.F.T])
     for part, states in _marched(plant, state, inputs, sweep):
         np.matmul(states, seen, out=rows[part])
-        rows[part] += _of_lags(plant, inputs, part, states)
+        if plant.moving:
+            rows[part] += _of_lags(plant, inputs, part, states)
         x = states[-1, : len(x)]
     return SimulationState(x.copy()), rows
 
