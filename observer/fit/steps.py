@@ -188,7 +188,8 @@ class SteppedRun:
         A pass early in a tick warms a sensor for longer than one late in it, by what of it is not lost
         again within the tick.
         """
-        kept = np.exp(-0.5 * inputs.dt_s[:, None] * plant.decay_1_s)
+        length_s, which = np.unique(inputs.dt_s, return_inverse=True)
+        kept = np.exp(-0.5 * length_s[:, None] * plant.decay_1_s)[which]
         out = np.zeros((len(inputs), len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
             early_s = self._columns(plant, i)[1] * (1 - source.ends_fraction)

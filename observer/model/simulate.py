@@ -140,17 +140,16 @@ def simulate_means(
     w = 1/(1 - e⁻ᵘ) - 1/u with u = λ dt: half of it where it is slow, nearly all of it where it is fast.
     """
     out = Means(*np.empty((3, len(inputs), len(plant.rows.C))))
-    share, x = _share_of_way(plant.decay_1_s * inputs.dt_s[:, None]), state.x
+    length_s, which = np.unique(inputs.dt_s, return_inverse=True)
+    left, x = (1.0 - _share_of_way(plant.decay_1_s * length_s[:, None]))[which], state.x
     lagless, F = _lagless(plant), plant.rows.F
     for part, states in _marched(plant, state, inputs, sweep):
-        ends, known = states[:, : len(x)], (inputs.z_start[part], inputs.z_end[part])
-        starts = np.vstack([x, ends[:-1]])
-        mean = starts + share[part] * (ends - starts)
-        out.ends[part] = ends @ lagless + _of_lags(plant, inputs, part, ends) + known[1] @ F.T
-        out.means[part] = (
-            mean @ lagless + _of_lags(plant, inputs, part, mean) + 0.5 * (known[0] + known[1]) @ F.T
-        )
-        out.way[part] = (ends - starts) @ lagless + (known[1] - known[0]) @ F.T
+        ends, z_start, z_end = states[:, : len(x)], inputs.z_start[part], inputs.z_end[part]
+        way = ends - np.vstack([x, ends[:-1]])
+        mean = ends - left[part] * way
+        out.ends[part] = ends @ lagless + _of_lags(plant, inputs, part, ends) + z_end @ F.T
+        out.means[part] = mean @ lagless + _of_lags(plant, inputs, part, mean) + 0.5 * (z_start + z_end) @ F.T
+        out.way[part] = way @ lagless + (z_end - z_start) @ F.T
         x = ends[-1].copy()
     return out
 
