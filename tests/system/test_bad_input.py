@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from observer.cli import main
 from tests.patience import PATIENCE_S
 from tests.system.bad_inputs import CONFIGURATIONS, LOGS, OTHERS, TABLE, USAGE, Case, changed, rows, text
 from tests.system.plant import ROOT, write
@@ -46,26 +45,6 @@ def _assert_told(case: Case, printed: str) -> None:
         assert all(line.startswith("  ") for line in rest)
     for word in case.words:
         assert word in printed, (word, printed)
-
-
-@pytest.fixture
-def command(monkeypatch, tmp_path, capfd):
-    """Runs a command line in this process as the program would; gives exit code, output and errors."""
-
-    def leave(code: int) -> None:
-        if code == 2:  # how `run` ends where parts may have been started
-            raise SystemExit(code)
-        raise AssertionError(f"it started, and left with {code}")
-
-    def run(arguments: list[str]) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["observer", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capfd.readouterr()
-
-    monkeypatch.setattr("observer.service.shutdown.leave", leave)
-    monkeypatch.chdir(tmp_path)
-    return run
 
 
 @pytest.mark.parametrize("case", EVERY, ids=_name)
