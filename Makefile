@@ -53,7 +53,7 @@ test: lint unit system  ## what every change is checked by: lint, then all tests
 lint: $(READY)  ## ruff, formatting, types, import contracts
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 	$(BIN)/lint-imports --no-cache
 
 unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes to pytest
