@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from typing import Any
 
 import pytest
+import structlog
 
 from observer.cli import main
+from observer.service import messages
 
 
 @pytest.fixture
 def command(monkeypatch, tmp_path, capfd):
     """Runs a command line in this process as the program would; gives exit code, output and errors."""
+    set_up, interrupted = messages.configure, signal.getsignal(signal.SIGINT)
+
+    def configure(*given: Any, **named: Any) -> None:
+        set_up(*given, **named)
+        structlog.configure(cache_logger_on_first_use=False)
 
     def leave(code: int) -> None:
         if code == 2:  # how `run` ends where parts may have been started
@@ -25,5 +34,8 @@ def command(monkeypatch, tmp_path, capfd):
         return ended.value.code, *capfd.readouterr()
 
     monkeypatch.setattr("observer.service.shutdown.leave", leave)
+    monkeypatch.setattr(messages, "configure", configure)
     monkeypatch.chdir(tmp_path)
-    return run
+    yield run
+    signal.signal(signal.SIGINT, interrupted)
+    structlog.reset_defaults()  # this test's standard error is closed, and others of this process log too
