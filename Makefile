@@ -53,14 +53,14 @@ test: lint unit system  ## what every change is checked by: lint, then all tests
 lint: $(READY)  ## ruff, formatting, types, import contracts
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 	$(BIN)/lint-imports --no-cache
 
 unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes to pytest
 	$(BIN)/python -m pytest -m "not system and not slow" -n 2 --dist worksteal -p no:benchmark $(ARGS)
 
-system: $(READY)  ## tests with real processes, servers and routers, two files at a time; ARGS goes to pytest
-	$(BIN)/python -m pytest -m "system and not slow" -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
+system: $(READY)  ## tests with real processes, servers and routers, four at a time; ARGS goes to pytest
+	$(BIN)/python -m pytest -m "system and not slow" -n 4 --dist loadscope --no-loadscope-reorder -p no:benchmark $(ARGS)
 
 slow: $(READY) dist  ## the tests that take long, half an hour: whole searches, images, services under load; CI runs them too
 	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)

@@ -1,11 +1,51 @@
-"""What holds for all tests: the long ones come first."""
+"""What holds for all tests: which are looked at, in which order, and which stay together."""
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
+from typing import Any
+
 import pytest
+
+ROOT = Path(__file__).parents[1]
+# Tests of the whole program last seconds, most others a fraction of one.
+LONG = "tests/system/"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no file that has none of the tests asked for: `-m "system and …"` needs one in four of them."""
+    mark = config.option.markexpr.partition(" ")[0]
+    if mark not in {"system", "slow"} or collection_path.suffix != ".py":
+        return None
+    return None if f"mark.{mark}" in collection_path.read_text(encoding="utf-8") else True
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the long tests, the others in their random order: two workers then end together."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    """Begin with what lasts longest, the others in their random order: all workers then end together."""
+
+    def rank(item: pytest.Item) -> tuple[bool, ...]:
+        file = item.location[0]
+        return item.get_closest_marker("slow") is None, not _shares(file), not file.startswith(LONG)
+
+    items.sort(key=rank)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Have `--dist loadscope` give each test to whoever is free, but keep together what shares something."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Together(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return file if _shares(file) else nodeid
+
+    return Together(config, log) if config.getvalue("dist") == "loadscope" else None
+
+
+@cache
+def _shares(file: str) -> bool:
+    """Whether tests of a file share what is made once for it: a machine, a browser, a demo."""
+    return 'scope="module"' in (ROOT / file).read_text(encoding="utf-8")

@@ -26,6 +26,7 @@ from observer.installation import parse
 from observer.service.align import AlignPlan, frames_of_log
 from tests.reference.steel_wall import wall_config, wall_log
 
+pytestmark = pytest.mark.slow
 DOCUMENTED_W_K = 13.5
 """The film of the far face times the bar's 1 m²."""
 DOCUMENTED = {

@@ -33,7 +33,10 @@ def entry_of(trouble: str | None, seed: int, logs: int = 1) -> Entry:
     return Entry("suspect", "one", Case("suspects", (), seed, logs=logs), trouble=trouble)
 
 
-@pytest.mark.parametrize("trouble", ["heat starts late", "sensors exchanged", "ambient", "offsets"])
+@pytest.mark.parametrize(
+    "trouble",
+    [pytest.param("heat starts late", marks=pytest.mark.slow), "sensors exchanged", "ambient", "offsets"],
+)
 def test_what_is_wrong_with_one_log_is_told(trouble: str) -> None:
     entry = entry_of(trouble, 5)
     made = troubled(entry.case, trouble)
@@ -65,6 +68,7 @@ def run_with_torque(case: Case, name: str, factor: float) -> Run:
     return logged(case, name, trace(case, name, heavier))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factors", "ratio"), [((1.05, 1.02, 0.92), 1.14), ((1.0, 1.03, 1.0), None)], ids=["differs", "tolerated"]
 )

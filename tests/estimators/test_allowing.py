@@ -43,7 +43,7 @@ def by_definition(plant, estimator, u, state):
     """x, S and `around` after the steps of u, on full matrices: e⁺ = (I - K C)(A e + c θ) - K h θ."""
     a, s, n_x = plant.learning.arrays, plant.rows.sensors, len(plant.decay_1_s)
     x, (around, S), t = state.x_hat.copy(), parted(plant, state.around), a.machine
-    n = len(x)
+    n, K = len(x), {}
     for k in range(len(u)):
         B, C = plant.B.copy(), plant.rows.C[:s].copy()
         for i, source in enumerate(plant.moving):
@@ -57,10 +57,12 @@ def by_definition(plant, estimator, u, state):
         known[:n_x] += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
         x, around[:n], S = F @ x + known, F @ around[:n] + known, F @ S
         S[:n_x, :t] += G * a.sigma[:t]
-        H, K = np.hstack([C, np.zeros((s, n - n_x))]), estimator.gain(step, everything(plant))
+        H = np.hstack([C, np.zeros((s, n - n_x))])
+        if step.dt_s not in K:  # a fixed gain: one for each length of a step
+            K[step.dt_s] = estimator.gain(step, everything(plant))
         entries = readings(plant, u, k, around, C, u.dt_s[k]) * a.sigma[t:]
-        x = x + K @ (u.y_degC[k] - H @ x - plant.rows.F[:s] @ u.z_end[k])
-        S = S - K @ (H @ S + np.hstack([np.zeros((s, t)), entries]))
+        x = x + K[step.dt_s] @ (u.y_degC[k] - H @ x - plant.rows.F[:s] @ u.z_end[k])
+        S = S - K[step.dt_s] @ (H @ S + np.hstack([np.zeros((s, t)), entries]))
         around[:n] += -np.expm1(-u.dt_s[k] / FOLLOWS_S) * (x - around[:n])
     return x, S, around
 

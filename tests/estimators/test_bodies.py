@@ -59,6 +59,7 @@ def test_the_observer_takes_the_specified_steps(effects, how):
     assert_same(plant, u, estimator, gain=gain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ['kind = "luenberger"', 'engine = "constant"'])
 def test_heats_of_machines_with_housings_are_covered(kind):
     """Machines of the independent truth, off within their tolerances; sensors on housings and nut only."""

@@ -260,6 +260,7 @@ def test_rough_machines_are_covered_and_the_heats_are_better_for_it():
     assert (rms < [0.7, 0.5, 0.5]).all()
 
 
+@pytest.mark.slow
 def test_a_calibration_is_worth_something_on_another_day_and_its_sigma_holds():
     """Two machines of the campaign's, calibrated by one of their days and judged on the next."""
     found = {"calibrated": [], "as delivered": []}

@@ -62,6 +62,7 @@ def test_known_parameters_are_found_with_intervals_that_cover() -> None:
     assert hits >= 30
 
 
+@pytest.mark.slow
 def test_what_is_known_roughly_is_taken_neither_for_film_nor_for_heat() -> None:
     """Machines with offsets, places, an end loss and friction that runs in, by the independent truth: film
     of two, and what is left of the film's tolerance.

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
+from observer.config import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.fit.calibrate import calibrate
 from observer.fit.process_noise import FIELD, MOST_ROWS, fit_noise, innovations_log_likelihood, liveliest
@@ -13,23 +16,29 @@ from observer.model.drive import Drive
 from tests.discovery.cases import machine, made_log, rig
 
 
+@cache
+def calibrated_rig() -> tuple[Config, dict[str, float]]:
+    """The rig's configuration, calibrated, and the noise that is found with it."""
+    config, blocks = rig()
+    config = calibrate(config, [blocks]).config
+    return config, fit_noise(config, [blocks])
+
+
 def test_the_noise_of_the_rig_lets_the_filter_keep_its_sensors() -> None:
     config, blocks = rig()
-    fitted = calibrate(config, [blocks])
-    noise = fit_noise(fitted.config, [blocks])
+    fitted, noise = calibrated_rig()
     assert set(noise) == {FIELD} | {f"source.{s.name}.random_walk_W_sqrt_s" for s in config.source}
     exact = config.estimator.model_copy(update={"field_noise_K_sqrt_s": 0.0})
     before = _good_share(config.model_copy(update={"estimator": exact}), blocks)
-    after = _good_share(_with(fitted.config, noise), blocks)
+    after = _good_share(_with(fitted, noise), blocks)
     # a configuration that takes its field for exact has the gate refuse sensors for hours
     assert before < 0.95
     assert after > 0.99
 
 
 def test_no_other_noise_is_more_likely() -> None:
-    config, blocks = rig()
-    config = calibrate(config, [blocks]).config
-    noise = fit_noise(config, [blocks])
+    _, blocks = rig()
+    config, noise = calibrated_rig()
     plant = build_plant(config)
     drive = Drive(config, plant)
     inputs = liveliest(drive.run(drive.initial(), joined(blocks))[1], MOST_ROWS)

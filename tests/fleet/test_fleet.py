@@ -119,14 +119,17 @@ def test_a_run_killed_in_the_middle_goes_on_and_a_broken_log_is_told(tmp_path, f
     assert "broken.csv: " in (output / "report.html").read_text()
 
 
-def _long_and_short(folder: Path) -> tuple[Path, list[Path]]:
+@pytest.fixture(scope="module")
+def long_and_short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path]]:
+    """A configuration with a long log and a short one, which nobody here changes."""
+    folder = tmp_path_factory.mktemp("long")
     config = configuration(folder, 0, "m")
     short = simulated(config, folder / "short" / "short.parquet", 200)
     return config, [simulated(config, folder / "long" / "long.parquet", LONG_ROWS), short]
 
 
-def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_path):
-    config, logs = _long_and_short(tmp_path)
+def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_path, long_and_short):
+    config, logs = long_and_short
     output = tmp_path / "out"
     with _started("replay", *logs, "--config", config, "--output", output, "--workers", 1) as process:
         for number in (1, 2):
@@ -192,8 +195,10 @@ def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_ctrl_c_keeps_what_is_done_in_one_sentence_and_leaves_nobody_behind(tmp_path, number, code):
-    config, logs = _long_and_short(tmp_path)
+def test_ctrl_c_keeps_what_is_done_in_one_sentence_and_leaves_nobody_behind(
+    tmp_path, long_and_short, number, code
+):
+    config, logs = long_and_short
     output = tmp_path / "out"
     command = _command("replay", *logs, "--config", config, "--output", output, "--workers", 1)
     with subprocess.Popen(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 
 import pytest
@@ -14,13 +15,13 @@ IDS = ua.ObjectIds
 MOST_NODES = 2000  # of 6174 of asyncua 2.1
 
 
-@pytest.fixture
-async def nodes():
-    server = await guarded(Opcua())
-    return server.iserver.aspace._nodes
+@pytest.fixture(scope="module")
+def nodes():
+    """What a server begins with; nobody here changes it."""
+    return asyncio.run(guarded(Opcua())).iserver.aspace._nodes
 
 
-async def test_every_reference_and_data_type_is_there(nodes):
+def test_every_reference_and_data_type_is_there(nodes):
     assert 1000 < len(nodes) < MOST_NODES
     for node in nodes.values():
         away = [reference for reference in node.references if reference.NodeId not in nodes]
@@ -37,11 +38,11 @@ async def test_every_reference_and_data_type_is_there(nodes):
         IDS.ServerStatusDataType, IDS.ServerState, IDS.ModellingRule_Mandatory,
     ],
 )  # fmt: skip
-async def test_what_clients_ask_for_is_there(nodes, wanted):
+def test_what_clients_ask_for_is_there(nodes, wanted):
     assert ua.NodeId(wanted) in nodes
 
 
-async def test_what_nobody_serves_here_is_not(nodes):
+def test_what_nobody_serves_here_is_not(nodes):
     for unused in (IDS.AlarmConditionType, IDS.PublishSubscribe, IDS.FileType, IDS.ServerConfiguration):
         assert ua.NodeId(unused) not in nodes
     assert not [name for name in sys.modules if name.startswith("asyncua.server.standard_address_space")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -224,8 +225,10 @@ def machine(**tables: Any) -> Config:
     return parse(made | {"screw": made["screw"] | {"expansion_1_K": 11.8e-6}})
 
 
-def rows_of(config: Config) -> tuple[FloatArray, FloatArray, FloatArray]:
+@cache
+def rows_of(engine: str, **supports: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Estimates of a short run: error, σ, and the free screw's covariance-free growth for the same states."""
+    config = machine(estimator={"engine": engine}, **({"supports": supports} if supports else {}))
     time_s = np.arange(0.0, 1200.0, 2.0)
     warm = 20.0 + 12.0 * (1.0 - np.exp(-time_s / 500.0))
     columns = {"heater_W": np.full_like(time_s, 20.0), "n_rpm": np.full_like(time_s, 1000.0)}
@@ -239,9 +242,8 @@ def rows_of(config: Config) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 @pytest.mark.parametrize("engine", ["compiled", "filterpy", "constant"])
 def test_the_estimators_carry_the_sigma_through_linear_supports(engine: str) -> None:
-    estimator = {"engine": engine}
-    free, _, field = rows_of(machine(estimator=estimator))
-    held, sigma, same = rows_of(machine(estimator=estimator, supports=LIII))
+    free, _, field = rows_of(engine)
+    held, sigma, same = rows_of(engine, **LIII)
     np.testing.assert_array_equal(field, same)
     share = np.linspace(0.0, 1.0, free.shape[1])
     np.testing.assert_allclose(held, free - share * free[:, -1:], atol=1e-9)
@@ -253,11 +255,10 @@ def test_the_estimators_carry_the_sigma_through_linear_supports(engine: str) -> 
 @pytest.mark.parametrize("engine", ["compiled", "filterpy", "constant"])
 def test_the_estimators_follow_a_gap_as_it_closes(engine: str) -> None:
     """Free while the gap is open, held by the same law afterwards, with the σ of each."""
-    estimator = {"engine": engine}
-    free, free_sigma, _ = rows_of(machine(estimator=estimator))
-    held, held_sigma, _ = rows_of(machine(estimator=estimator, supports=LIII))
+    free, free_sigma, _ = rows_of(engine)
+    held, held_sigma, _ = rows_of(engine, **LIII)
     gap_um = 20.0
-    error, sigma, _ = rows_of(machine(estimator=estimator, supports=LIII | {"gap_m": gap_um * 1e-6}))
+    error, sigma, _ = rows_of(engine, **LIII, gap_m=gap_um * 1e-6)
     assert error.shape == free.shape
     whole = free[:, -1]
     near = 2.0 * free_sigma[:, -1]

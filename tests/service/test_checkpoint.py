@@ -153,6 +153,9 @@ def test_a_damaged_file_is_told_and_does_no_harm(tmp_path, rig, fit):
     for place in range(0, len(data), 97):
         path.write_bytes(data[:place] + bytes([data[place] ^ 4]) + data[place + 1 :])
         assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
+    for nothing_of_it in (b"no checkpoint at all", bytes(100_000)):
+        path.write_bytes(nothing_of_it)
+        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
     path.unlink()
     assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
     path.mkdir()

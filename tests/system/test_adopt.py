@@ -132,16 +132,16 @@ def test_a_better_one_is_kept_and_a_worse_one_taken_back(tmp_path):
         (["--undo"], "nothing was adopted in its place"),
     ],
 )
-def test_what_cannot_be_adopted_is_told(tmp_path, words, said):
+def test_what_cannot_be_adopted_is_told(tmp_path, command, words, said):
     config = tmp_path / "c.toml"
     config.write_text(tomlkit.dumps(table_for({"modbus_port": 1, "can_device": "x"})), encoding="utf-8")
-    done = _observer("adopt", *words, "--config", str(config))
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
+    code, _, errors = command(["adopt", *words, "--config", str(config)])
+    assert code == 2
+    assert said in errors
+    assert "Traceback" not in errors
 
 
-def test_logs_and_recent_hours_exclude_each_other(tmp_path):
+def test_logs_and_recent_hours_exclude_each_other(tmp_path, command):
     config = tmp_path / "c.toml"
     config.write_text(tomlkit.dumps(table_for({"modbus_port": 1, "can_device": "x"})), encoding="utf-8")
     common = ("--config", str(config), "--output", str(tmp_path / "out"))
@@ -151,7 +151,7 @@ def test_logs_and_recent_hours_exclude_each_other(tmp_path):
         (("--recent", "8"), "is no duration"),
         (("--recent", "8h"), "no record.directory"),
     ):
-        done = _observer("discover", *words, *common)
-        assert done.returncode == 2, done.stderr
-        assert said in done.stderr
+        code, _, errors = command(["discover", *words, *common])
+        assert code == 2, errors
+        assert said in errors
     assert not (tmp_path / "out").exists()

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from observer.cli import main
 from tests.patience import PATIENCE_S
 from tests.system.bad_inputs import CONFIGURATIONS, LOGS, OTHERS, TABLE, USAGE, Case, changed, rows, text
 from tests.system.plant import ROOT, write
@@ -46,26 +45,6 @@ def _assert_told(case: Case, printed: str) -> None:
         assert all(line.startswith("  ") for line in rest)
     for word in case.words:
         assert word in printed, (word, printed)
-
-
-@pytest.fixture
-def command(monkeypatch, tmp_path, capfd):
-    """Runs a command line in this process as the program would; gives exit code, output and errors."""
-
-    def leave(code: int) -> None:
-        if code == 2:  # how `run` ends where parts may have been started
-            raise SystemExit(code)
-        raise AssertionError(f"it started, and left with {code}")
-
-    def run(arguments: list[str]) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["observer", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capfd.readouterr()
-
-    monkeypatch.setattr("observer.service.shutdown.leave", leave)
-    monkeypatch.chdir(tmp_path)
-    return run
 
 
 @pytest.mark.parametrize("case", EVERY, ids=_name)
@@ -153,35 +132,21 @@ def test_results_of_before_survive_a_replay_that_fails(tmp_path, command):
     assert _tree(tmp_path) == before
 
 
-def test_a_log_without_a_single_value_is_refused(tmp_path):
+def test_a_log_without_a_single_value_is_refused(tmp_path, command):
     """Empty cells are allowed, but where no sensor has one filled nothing can be estimated."""
     empty = [row if k == 0 else [row[0], "", "", "", ""] for k, row in enumerate(rows())]
     (tmp_path / "log.csv").write_text(text(empty), encoding="utf-8")
-    command = ["replay", "log.csv", "--config", str(write(tmp_path, TABLE)), "--output", "out"]
-    done = subprocess.run(
-        [sys.executable, "-m", "observer", *command],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
-    assert done.returncode == 2
-    assert "log.csv: no sensor has a value in any row" in done.stderr
+    config = write(tmp_path, TABLE)
+    code, _, errors = command(["replay", "log.csv", "--config", str(config), "--output", "out"])
+    assert code == 2
+    assert "log.csv: no sensor has a value in any row" in errors
     assert not (tmp_path / "out").exists()
 
 
-def test_a_quiet_log_says_what_it_cannot_tell(tmp_path):
+def test_a_quiet_log_says_what_it_cannot_tell(tmp_path, command):
     still = [row if k == 0 else [*row[:4], "0"] for k, row in enumerate(rows(800))]
     (tmp_path / "log.csv").write_text(text(still), encoding="utf-8")
-    command = ["calibrate", "log.csv", "--config", str(write(tmp_path, TABLE)), "--output", "out"]
-    done = subprocess.run(
-        [sys.executable, "-m", "observer", *command],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "screw_speed_rpm stays at 0" in done.stderr
+    config = write(tmp_path, TABLE)
+    code, _, errors = command(["calibrate", "log.csv", "--config", str(config), "--output", "out"])
+    assert code == 0, errors
+    assert "screw_speed_rpm stays at 0" in errors

@@ -105,11 +105,11 @@ def test_a_second_service_of_the_same_name_does_not_start(tmp_path):
         ),
     ],
 )
-def test_a_command_names_one_axis(kind, words, sentence):
-    done = _observer(kind, *words, "--connect", "tcp/127.0.0.1:9", "--timeout-s", "0.5")
-    assert done.returncode == 2
-    assert sentence in done.stderr
-    assert "Traceback" not in done.stderr
+def test_a_command_names_one_axis(kind, words, sentence, command):
+    code, _, errors = command([kind, *words, "--connect", "tcp/127.0.0.1:9", "--timeout-s", "0.5"])
+    assert code == 2
+    assert sentence in errors
+    assert "Traceback" not in errors
 
 
 def test_a_command_that_nobody_answers_says_so():
@@ -200,16 +200,14 @@ def test_watch_shows_whatever_a_hostile_publisher_sends():
     assert "\x1b" not in done.stdout
 
 
-def test_a_file_of_passwords_that_others_can_read_is_refused_at_the_start(tmp_path):
+def test_a_file_of_passwords_that_others_can_read_is_refused_at_the_start(tmp_path, command):
     users = tmp_path / "users"
     users.write_text("anna:see\n")
     users.chmod(0o644)
     wires = {"modbus_port": 9, "can_device": "/dev/null"}
     listen = [f"tcp/127.0.0.1:{free_port()}"]
     table = table_for(wires, listen=listen, login={"users_file": str(users)})
-    done = _observer("run", "--config", str(write(tmp_path, table)), "--seconds", "1")
-    assert done.returncode == 2
-    assert (
-        f"publish.login.users_file: {users} can be read by others (mode 0644); run chmod 600" in done.stderr
-    )
-    assert "Traceback" not in done.stderr
+    code, _, errors = command(["run", "--config", str(write(tmp_path, table)), "--seconds", "1"])
+    assert code == 2
+    assert f"publish.login.users_file: {users} can be read by others (mode 0644); run chmod 600" in errors
+    assert "Traceback" not in errors

@@ -60,9 +60,3 @@ def test_a_fault_switches_a_compensation_off_until_somebody_arms_it_again(tmp_pa
             assert not any(d["armed"] for d in heard.documents["compensation"][seen:])
             assert _arm(endpoint, *demo).returncode == 0
             daemon.stop()
-
-
-def test_the_command_names_one_axis():
-    done = _arm("tcp/127.0.0.1:9", "--machine", "*", "--axis", "x")
-    assert done.returncode == 2
-    assert "--machine: * may be several; name the one" in done.stderr

@@ -16,6 +16,7 @@ from tests.patience import PATIENCE_S, computed_s, until
 
 pytestmark = pytest.mark.system
 RIG = Path(__file__).parents[1] / "data" / "rig"
+AT_WORK_S = 1.0  # of processor time; it begins with a third of this, and waits for its first work
 
 
 def _second(pid: int) -> int | None:
@@ -27,7 +28,8 @@ def _second(pid: int) -> int | None:
 
 
 def _logs() -> list[Path]:
-    logs = sorted(RIG.rglob("run_*.csv.gz"))
+    """Those of one machine: what the first process does alone lasts longer with each log."""
+    logs = sorted((RIG / "end_conduction-0.1").glob("run_*.csv.gz"))
     assert len(logs) > 2, "a search of one log may be over before it is interrupted"
     return logs
 
@@ -64,7 +66,7 @@ def _lasts(process: subprocess.Popen[str]) -> bool:
 
 
 @pytest.mark.parametrize("often", [False, True], ids=["once", "again and again"])
-@pytest.mark.parametrize("after_s", [0.02, 2.0], ids=["while it starts", "at work"])
+@pytest.mark.parametrize("after_s", [0.02, AT_WORK_S], ids=["while it starts", "at work"])
 def test_a_search_ends_without_a_word_of_its_second_process(after_s, often, tmp_path):
     with _started("discover", _logs(), tmp_path / "found") as process:
         second = until(lambda: _second(process.pid))
@@ -82,7 +84,7 @@ def test_a_search_ends_without_a_word_of_its_second_process(after_s, often, tmp_
 def test_the_second_process_ends_with_a_search_that_is_killed(number, tmp_path):
     with _started("discover", _logs(), tmp_path / "found") as process:
         second = until(lambda: _second(process.pid))
-        until(lambda: computed_s(second) >= 1.0)
+        until(lambda: computed_s(second) >= AT_WORK_S)
         process.send_signal(number)
         process.communicate(timeout=PATIENCE_S)
     until(lambda: not Path(f"/proc/{second}").exists())

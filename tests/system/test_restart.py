@@ -83,11 +83,10 @@ def test_after_a_crash_the_last_checkpoint_has_to_do(tmp_path):
     assert (after["heat_sigma_W"] < 1.5 * before["heat_sigma_W"]).all()
 
 
-@pytest.mark.parametrize("content", [b"", b"no checkpoint at all", bytes(100_000)])
-def test_a_checkpoint_that_is_of_no_use_stops_nothing(tmp_path, content):
+def test_a_checkpoint_that_is_of_no_use_stops_nothing(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     (tmp_path / "recordings").mkdir()
-    (tmp_path / "recordings" / "demo-x.checkpoint").write_bytes(content)
+    (tmp_path / "recordings" / "demo-x.checkpoint").write_bytes(b"no checkpoint at all")
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
