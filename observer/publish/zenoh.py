@@ -6,6 +6,7 @@ Publishers drop rather than wait (`CongestionControl.DROP`): a slow subscriber m
 
 from __future__ import annotations
 
+import atexit
 import math
 import os
 import threading
@@ -119,7 +120,12 @@ class ZenohPublisher:
         )
 
     def start(self) -> None:
-        """Begin to open the session; returns at once."""
+        """Begin to open the session; returns at once.
+
+        A process that leaves it open closes it as it exits: Python ends threads where they stand, and one that
+        it ends within Zenoh takes the process with it, by SIGABRT.
+        """
+        atexit.register(self.close)
         self._thread.start()
 
     def commands(self) -> list[Command]:
@@ -173,9 +179,14 @@ class ZenohPublisher:
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """End the session; says whether it was closed in that time."""
+        atexit.unregister(self.close)
         self._closing.set()
         link, self._link = self._link, None
-        return link is None or close_within(link, timeout_s)
+        end_s = time.monotonic() + timeout_s
+        closed = link is None or close_within(link, timeout_s)
+        if self._thread.ident is not None:
+            self._thread.join(max(end_s - time.monotonic(), 0.0))
+        return closed
 
     def _put(self, key: str, payload: bytes) -> None:
         if self.tap is not None:
