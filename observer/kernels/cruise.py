@@ -1,8 +1,8 @@
 """The steps of an observer whose covariance has settled: nothing but the state moves.
 
-Everything that is constant is laid out once, in rows of whole registers (see `vector`), and steps are taken in
-runs: first it is seen how many are regular, then the states alone are taken over them,
-with w the inputs, D what they do to the readings and S the sensors' rows of what a step makes of a state,
+Everything that is constant is laid out once, in rows of whole registers (see `vector`), and steps are taken
+in runs: first it is seen how many are regular, then the states alone are taken over them, with w the inputs,
+D what they do to the readings and S the sensors' rows of what a step makes of a state,
 
     f = inputs w,        ν = y - D w - S x,        x⁺ = e∘x + f + G δ + K ν,
 

@@ -49,7 +49,7 @@ def store_at(A: Any, q: int, value: Any) -> None:
 
 
 def weigh(total: Any, A: Any, q: int, w: Any, r: int, at: int) -> Any:
-    """Add register q of the sum of A's rows, weighted by row r of `w` from `at` on; A has whole eights of rows."""
+    """Add register q of the sum of A's rows, whole eights of them, weighted by row r of `w` from `at` on."""
     for a in range(0, len(A), 8):
         own = [w[r, at + i] * load(A, i, q) for i in range(a, a + 8)]
         total = total + (((own[0] + own[1]) + (own[2] + own[3])) + ((own[4] + own[5]) + (own[6] + own[7])))

@@ -122,8 +122,8 @@ class ZenohPublisher:
     def start(self) -> None:
         """Begin to open the session; returns at once.
 
-        A process that leaves it open closes it as it exits: Python ends threads where they stand, and one that
-        it ends within Zenoh takes the process with it, by SIGABRT.
+        A process that leaves it open closes it as it exits: Python ends threads where they stand, and one
+        that it ends within Zenoh takes the process with it, by SIGABRT.
         """
         atexit.register(self.close)
         self._thread.start()
