@@ -24,7 +24,6 @@ from observer.service.compensation import CompensationState
 from observer.service.gap import GapState, GapWatch
 from observer.service.pipeline import Drive
 
-SUFFIX = ".checkpoint"
 START_SUFFIX = ".start"
 SINCE_RESTART = "not armed since the restart; arm again"
 _FORMAT = b"ballscrew-observer checkpoint 1\n"
