@@ -20,13 +20,21 @@ from tests.model.unturned import unturned
 LASTING = ["films", "body_at_an_end", "lags", "everything"]
 
 
-def before_and_after(effects, *, learns=False, moving=True):
-    """The plant as it is put together, what lasts of its couplings, and the plant in its own modes."""
+def before_and_after(effects, *, learns=False, moving=True, last=False):
+    """The plant as it is put together, what lasts of its couplings, and the plant in its own modes; its nut
+    may be the `last` of its sources.
+    """
     config, _ = described(3, 3, 3, moving=moving, effect=COUPLINGS[effects], estimator={"learn": EVERY})
+    if last:
+        config = config.remade(config.model_dump(exclude_unset=True) | {"source": _turned(config)})
     plant, constant, modes = unturned(config)
     if learns:
         plant = with_learning(plant, config, modes)
     return plant, constant, diagonalised(plant, constant)
+
+
+def _turned(config):
+    return [source.model_dump(exclude_unset=True) for source in reversed(config.source)]
 
 
 @pytest.mark.parametrize("effects", LASTING)
@@ -55,10 +63,12 @@ def test_what_is_read_and_what_acts_stay(effects):
     )
 
 
+@pytest.mark.parametrize("last", [False, True])
 @pytest.mark.parametrize("effects", LASTING)
-def test_a_nut_has_the_same_columns_wherever_it_stands(effects):
+def test_a_nut_has_the_same_columns_wherever_it_stands(effects, last):
     """Rows see of its lag what the table says there, and what follows that lag besides."""
-    plant, _, own = before_and_after(effects)
+    plant, _, own = before_and_after(effects, last=last)
+    assert plant.moving[0].index == (2 if last else 0)
     V, nut = own.basis.V, own.moving[0]
     lag = plant.modes + nut.index
     for place_m in (0.3, 0.55):
