@@ -78,6 +78,8 @@ def test_a_nut_has_the_same_columns_wherever_it_stands(effects, last):
         there = plant.rows.C.copy()
         there[:, lag] = C
         np.testing.assert_allclose((there @ V)[:, lag], C_own, rtol=1e-9, atol=1e-12)
+    there[:, lag] = plant.moving[0].table.mean_C
+    np.testing.assert_allclose((there @ V)[:, lag], nut.table.mean_C, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("effects", LASTING)
@@ -94,6 +96,18 @@ def test_what_is_roughly_known_does_the_same(effects):
     np.testing.assert_allclose(V @ there.feedback(theta) @ own.basis.inverse, A, atol=1e-9 * np.abs(A).max())
     np.testing.assert_allclose(there.entries(xi), here.entries(V @ xi), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(V @ there.rest_P @ V.T, here.rest_P, atol=1e-9 * here.rest_P.max())
+
+
+@pytest.mark.parametrize("modes", [5, 6, 8])
+def test_what_loses_nothing_stays_for_good(modes):
+    """Without a film and a loss one mode does not decay, and rounding has none grow."""
+    config, _ = described(modes, 3, 3)
+    body = [effect | {"loss_W_K": 0.0} for effect in COUPLINGS["body_at_an_end"]]
+    surface = {"surface": {"convection_W_m2K": 0.0}, "effect": body}
+    plant, constant, _ = unturned(config.remade(config.model_dump(exclude_unset=True) | surface))
+    slowest = np.sort(diagonalised(plant, constant).decay_1_s)
+    assert 0.0 <= slowest[0] < 1e-12
+    assert slowest[1] > 1e-5
 
 
 def test_a_loss_of_the_screw_is_one_of_the_screw_alone():
