@@ -27,14 +27,19 @@ def part(block: FrameBlock, k: int) -> FrameBlock:
 
 
 def of_log(time_s: np.ndarray, *, moving: bool = False) -> tuple[Drive, FrameBlock, dict[str, int]]:
-    """A drive of a machine whose air and sensors drift, frames at these times, and where each channel is."""
+    """A drive of a machine whose air and sensors drift, frames at these times, and where each channel is: the
+    air's is the first.
+    """
     screw = described(2, 2, 2)[0].screw.model_dump(exclude_unset=True) | {"expansion_1_K": 11.8e-6}
     air = {"channel": "ambient_degC"}
     config, plant = described(3, 2, 2, moving=moving, effect=DRIFTS, ambient=air, screw=screw)
     block = frames_of(config, len(time_s))
-    rows = {n: getattr(block, n) for n in ROWS} | {"time_s": time_s, "fresh": np.ones_like(block.fresh)}
-    names = {name: j for j, name in enumerate(config.channels)}
-    return Drive(config, plant), FrameBlock(block.channels, **rows, path=block.path), names
+    order = sorted(range(len(block.channels)), key=lambda j: block.channels[j] != "ambient_degC")
+    rows = {n: getattr(block, n)[:, order] for n in ("values", "quality", "age_s")}
+    rows |= {"time_s": time_s, "dt_s": block.dt_s, "fresh": np.ones_like(block.fresh)}
+    channels = tuple(block.channels[j] for j in order)
+    names = {name: j for j, name in enumerate(channels)}
+    return Drive(config, plant), FrameBlock(channels, **rows, path=block.path), names
 
 
 def test_what_is_missing_in_a_block_is_held_as_if_it_came_row_by_row() -> None:
@@ -53,6 +58,7 @@ def test_what_is_missing_in_a_block_is_held_as_if_it_came_row_by_row() -> None:
     np.testing.assert_array_equal(rows.law_W, whole.law_W)
     np.testing.assert_array_equal(rows.law_jump_W, whole.law_jump_W)
     source = [s.name for s in config.source].index("heater")
+    assert whole.law_W[0, source] == 0.0, "a law that was never known is that of standstill"
     assert whole.law_W[4, source] == 7.0  # the last one known, not that before the block
 
 

@@ -101,3 +101,18 @@ def test_a_nut_of_which_nothing_is_told_keeps_its_columns_and_then_is_spread_ove
     np.testing.assert_array_equal(B[3, :-1], table.mean_B[:-1])
     settle = 1.0 - np.exp(-15.0 * table.lag_decay_1_s)
     np.testing.assert_allclose(C[3], C[2] + settle * (table.mean_C - C[2]), rtol=1e-12)
+
+
+def test_after_an_hour_of_silence_nobody_knows_which_way_a_nut_runs() -> None:
+    """It ran to and fro, so its ends are known; two samples half a minute apart say nothing of its way."""
+    table, run_s = table_of(waves=False), 0.5 * np.arange(91)
+    run_m = 0.2 + 0.3 * (1.0 - np.abs(1.0 - np.mod(run_s, 20.0) / 10.0)) * 2.0
+    path = NutPath(
+        np.append(run_s, [4045.0, 4075.0]),
+        np.append(run_m, [0.3, 0.5]),
+        np.array([0, 91, 92, 93]),
+        np.full(93, np.nan),
+    )
+    _, B, _ = columns(table, start(table), np.array([45.0, 4000.0, 30.0]), path)
+    np.testing.assert_array_equal(B[2, :-1], table.mean_B[:-1])
+    assert (B[1, :-1] != table.mean_B[:-1]).all(), "of the hour it is taken to have run on"
