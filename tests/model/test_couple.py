@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from observer.kernels.coupling import see_under
+from observer.model.build import build_plant
+from observer.model.couple import surface_rate
 from observer.model.plant import Plant
+from tests.bits.cases import COUPLINGS
 from tests.bits.made import described
 from tests.model.unturned import unturned
 
@@ -45,3 +48,29 @@ def test_the_mean_of_a_screw_is_that_of_its_field() -> None:
     assert plant.coupling.mean[1:] == pytest.approx(0.0, abs=1e-12), (
         "a wave of an insulated screw has no mean"
     )
+
+
+def test_at_rest_bodies_and_sensors_that_lag_have_the_temperature_about_them() -> None:
+    """A screw held at one end, a body at the other, and air as warm as the end."""
+    body = [effect | {"loss_W_K": 0.0, "target": "right"} for effect in COUPLINGS["body_at_an_end"]]
+    bias = {"kind": "sensor_bias", "target": "t2", "offset_K": 0.3}
+    ends = {"left": {"kind": "prescribed", "channel": "left_degC"}}
+    config, _ = described(3, 3, 3, effect=[*body, *COUPLINGS["lags"], bias], boundary=ends)
+    plant = build_plant(config)
+    assert not plant.coupling.active, "nothing of it goes with the moment"
+    known = {"ambient": AIR_DEGC, "left": AIR_DEGC, "offset.t2": 0.3}
+    z = np.array([known.get(name, 0.0) for name in plant.known_names])
+    x = plant.E @ z / plant.decay_1_s
+    read = plant.rows.C @ x + plant.rows.F @ z
+    np.testing.assert_allclose(read - [0.0, 0.3, 0.0, *[0.0] * 3], AIR_DEGC, rtol=1e-6)
+
+
+def test_a_film_along_a_stretch_takes_its_part_of_an_even_field() -> None:
+    film = {"kind": "uneven_convection", "from_m": 0.1, "to_m": 0.35, "extra_W_m2K": 40.0}
+    config, _ = described(6, 3, 3, effect=[film])
+    plant, constant, _ = unturned(config)
+    rate_1_s = 40.0 * surface_rate(config.screw) * 0.25
+    mean = np.zeros(len(plant.uniform))
+    mean[0] = 1.0 / plant.uniform[0]  # a wave of an insulated screw has no mean
+    assert mean @ constant.A @ plant.uniform == pytest.approx(-rate_1_s, rel=1e-9)
+    assert mean @ constant.E[:, plant.known.ambient] == pytest.approx(rate_1_s, rel=1e-9)

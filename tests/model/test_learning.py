@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 
 from observer.model.learning import Kind, Parameter, joined, learning_of, no_change, of_parameters
+from observer.tables.tolerance import Learnable
 
 
 def parameters() -> list[Parameter]:
@@ -40,3 +43,23 @@ def test_what_is_learnt_is_told_as_a_value_and_its_sigma() -> None:
     np.testing.assert_allclose(
         list(told.values()), [(1.5 + 1.5 * 0.1, 1.5 * 0.1), (15.0 - 15.0 * 0.2, 15.0 * 0.2), (0.4, 0.3)]
     )
+
+
+def test_every_kind_has_its_key_in_the_order_of_the_table() -> None:
+    assert [(int(kind), kind.key) for kind in Kind] == list(enumerate(get_args(Learnable)))
+
+
+def test_feedback_is_what_the_drives_change_with_the_state() -> None:
+    rng = np.random.default_rng(6)
+    rate_1_s, into, seen = rng.standard_normal((3, 2))
+    tied = no_change(2, 1)._replace(rate_1_s=rate_1_s, into=into, seen=seen)
+    arrays = learning_of([*parameters(), Parameter(Kind.END, 0, 1.0, tied)], {"law"}, 2, 1).arrays
+    theta, x, law_W, z = rng.standard_normal(len(arrays.kind)), rng.standard_normal(2), np.ones(1), np.ones(1)
+    B = rng.standard_normal((2, 1))
+    here = arrays.drives(x, B, law_W, law_W, z) @ theta
+    moved = [arrays.drives(x + one, B, law_W, law_W, z) @ theta - here for one in np.eye(2)]
+    np.testing.assert_allclose(arrays.feedback(theta), np.column_stack(moved), rtol=1e-12)
+    still = learning_of(parameters()[:1], set(), 2, 1).arrays
+    assert not still.drives(x, B, law_W, law_W, z).any(), "an offset of a sensor does nothing to the screw"
+    np.testing.assert_array_equal(still.law, -1)
+    np.testing.assert_array_equal(still.lag_s, 0.0)
