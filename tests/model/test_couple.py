@@ -51,8 +51,8 @@ def test_the_mean_of_a_screw_is_that_of_its_field() -> None:
 
 
 def test_at_rest_bodies_and_sensors_that_lag_have_the_temperature_about_them() -> None:
-    """A screw held at one end, a body at the other, and air as warm as the end."""
-    body = [effect | {"loss_W_K": 0.0, "target": "right"} for effect in COUPLINGS["body_at_an_end"]]
+    """A screw held at one end, a body that loses heat at the other, and air as warm as the end."""
+    body = [effect | {"target": "right"} for effect in COUPLINGS["body_at_an_end"]]
     bias = {"kind": "sensor_bias", "target": "t2", "offset_K": 0.3}
     ends = {"left": {"kind": "prescribed", "channel": "left_degC"}}
     config, _ = described(3, 3, 3, effect=[*body, *COUPLINGS["lags"], bias], boundary=ends)
