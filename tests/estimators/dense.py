@@ -6,13 +6,18 @@ import numpy as np
 
 from observer.kernels.coupling import coupled
 from observer.model.discretise import augmented, quantise, step_matrices
+from observer.model.simulate import start
 
 
 def start_mean(plant, u):
     """A screw of one temperature, the median of the first sensors, its lags at rest under their laws."""
-    x = plant.uniform * np.median(u.y_degC[0][u.usable[0]])
-    x[plant.lag_slice] += u.law_W[0]
-    return x
+    C, F, x = (
+        plant.rows.C[: plant.rows.sensors],
+        plant.rows.F[: plant.rows.sensors],
+        start(plant, 0.0, u.law_W[0]).x,
+    )
+    levels = (u.y_degC[0] - C @ x - F @ u.z_end[0]) / (C @ plant.uniform)
+    return x + plant.uniform * np.median(levels[u.usable[0]])
 
 
 def posterior_heats(plant, u, used=None):
@@ -70,7 +75,7 @@ def _half(plant, u, k, z, n):
     if plant.coupling.active:
         M, b = np.empty((n_x, n_x)), np.empty(n_x)
         B, half_s, x = np.ascontiguousarray(plant.B.T), 0.5 * u.dt_s[k], np.zeros(n_x)
-        coupled(plant.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, M, b)
+        coupled(plant.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, M, b, np.empty((2, n_x)))
         whole[:n_x, :n_x], shift[:n_x] = M, b
     return whole, shift
 

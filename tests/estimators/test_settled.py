@@ -13,7 +13,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateQuality, Quality
 from observer.model.discretise import augmented, quantise, step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import AMBIENT_DEGC, at, lively, small
+from tests.estimators.plants import AMBIENT_DEGC, LENGTH_M, at, inputs, lively, rod, small
 
 KINDS = [("kalman", "constant"), ("luenberger", "compiled")]
 WIDE = 1e9
@@ -75,6 +75,26 @@ def test_a_settled_observer_is_its_gain_and_nothing_else(kind, engine, moving):
     np.testing.assert_allclose(block.innovation_sigma_K, np.tile(np.sqrt(gains.S[0]), (STEPS, 1)), rtol=1e-12)
     assert (block.quality == EstimateQuality.GOOD).all()
     assert (block.sensor_quality == Quality.GOOD).all()
+
+
+@pytest.mark.parametrize("change", ["every input, at each step", "none, for longer than a run is"])
+def test_inputs_that_are_held_drive_as_before_and_no_others(change):
+    """Six laws and both ends of one ambient fill a register: nothing beside them is always the same."""
+    estimated = (True, *[False] * 4, True)
+    plant = rod((0.05, 0.3, 0.55), np.linspace(0.0, LENGTH_M, 6), modes=3, estimated=estimated, grid=3)
+    estimator = built(plant, *KINDS[0])
+    u = inputs(plant, steps=260, missing=0.0)
+    u = u._replace(degraded=np.zeros(len(u), dtype=np.int8), law_jump_W=np.zeros_like(u.law_W))
+    u.dt_s[:] = 0.5
+    moves = 1.0 if change.startswith("every") else 0.0
+    u.law_W[:] = 15.0 + moves * np.sin(np.arange(len(u))[:, None] + np.arange(6))
+    u.z_start[:, 0] = AMBIENT_DEGC + moves * 0.01 * np.arange(len(u))
+    u.z_end[:] = u.z_start + moves * 0.01
+    first, gains = settled(plant, estimator), table_of(estimator)
+    last, block = estimator.run(first, u)
+    x, nu, *_ = dense(plant, u, first.x_hat, gains.K[0])
+    np.testing.assert_allclose(last.x_hat, x[-1], rtol=0, atol=1e-11 * np.abs(x).max())
+    np.testing.assert_allclose(block.innovation_K, nu, rtol=0, atol=1e-11 * np.abs(x).max())
 
 
 @pytest.mark.parametrize(("kind", "engine"), KINDS)

@@ -133,6 +133,20 @@ def test_a_sensor_that_has_gone_wrong_is_no_field_at_the_start(one_day) -> None:
     assert np.abs(np.delete(gap.gap_K, 2)).max() < 0.5
 
 
+@pytest.mark.parametrize(
+    ("others", "stands"), [([0, 1], True), ([0], False)], ids=["two others", "one other"]
+)
+def test_one_of_three_may_have_gone_wrong_and_none_of_two(one_day, others: list[int], stands: bool) -> None:
+    """Of two that differ nobody can tell which is right: then the field goes from one to the other."""
+    plant, (minute, _) = build_plant(config_of(), learns=True), _still(one_day)
+    usable = np.zeros_like(minute.usable)
+    usable[0, [*others, 2]] = True
+    tolerant = Tolerant(plant)
+    begun = tolerant.begin(tolerant.initial(), minute._replace(usable=usable))
+    apart_K = np.ptp(plant.rows.C[plant.rows.sensor_slice] @ begun.x)
+    assert apart_K < 0.5 if stands else apart_K > 4.0
+
+
 def test_steps_are_gathered_as_their_means(one_day) -> None:
     inputs = _inputs(config_of(), one_day, 1)
     usable = inputs.usable.copy()

@@ -1,5 +1,7 @@
 """The compiled smoother against the dense posterior, and properties it must have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,12 +14,15 @@ from observer.kernels.codes import NUT_LOST, REJECTED
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
+from tests.bits.cases import COUPLINGS
+from tests.bits.made import described, driven
 from tests.estimators.dense import posterior_heats
 from tests.estimators.plants import inputs, rod
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar
 
 OPEN_GATE = EstimatorSettings(gate_sigma=1e9)
+LINEAR = [e for name in ("speed_loss", "films", "body_at_the_nut", "lags") for e in COUPLINGS[name]]
 
 
 def nut_path(steps):
@@ -37,6 +42,23 @@ def test_equals_the_dense_posterior(moving, estimated, heat_rate):
     np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=1e-8 * np.abs(heat).max())
     np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=1e-8)
     np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=1e-8 * np.nanmax(np.abs(residual)))
+
+
+@pytest.mark.parametrize(("noise_K", "digits"), [(0.1, 1e-8), (1e-4, 2e-3)], ids=["usual", "almost exact"])
+@pytest.mark.parametrize("effects", [[], LINEAR], ids=["by itself", "coupled"])
+def test_a_short_history_of_coupled_states_equals_it_too(effects, noise_K, digits):
+    """Few steps, so that it runs interpreted as well; two sensors are heard late. Sensors so exact that they
+    correct one after the other cost the dense matrices most of their digits.
+    """
+    _, plant = described(4, 3, 3, moving=True, effect=effects)
+    plant = replace(plant, noise_R_K2=np.full(3, noise_K**2))
+    u = driven(plant, 16, dt_s=2.0, uneven=True, missing=0.2, loss=True)
+    u.usable[:5, 1] = u.usable[:9, 2] = False
+    ours = smooth_heats(plant, OPEN_GATE, [u])
+    heat, sigma, residual = posterior_heats(plant, u)
+    np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=digits * np.abs(heat).max())
+    np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=digits)
+    np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=digits * np.nanmax(np.abs(residual)))
 
 
 def a_sensor_that_jumps(u):

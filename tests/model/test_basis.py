@@ -20,13 +20,21 @@ from tests.model.unturned import unturned
 LASTING = ["films", "body_at_an_end", "lags", "everything"]
 
 
-def before_and_after(effects, *, learns=False, moving=True):
-    """The plant as it is put together, what lasts of its couplings, and the plant in its own modes."""
+def before_and_after(effects, *, learns=False, moving=True, last=False):
+    """The plant as it is put together, what lasts of its couplings, and the plant in its own modes; its nut
+    may be the `last` of its sources.
+    """
     config, _ = described(3, 3, 3, moving=moving, effect=COUPLINGS[effects], estimator={"learn": EVERY})
+    if last:
+        config = config.remade(config.model_dump(exclude_unset=True) | {"source": _turned(config)})
     plant, constant, modes = unturned(config)
     if learns:
         plant = with_learning(plant, config, modes)
     return plant, constant, diagonalised(plant, constant)
+
+
+def _turned(config):
+    return [source.model_dump(exclude_unset=True) for source in reversed(config.source)]
 
 
 @pytest.mark.parametrize("effects", LASTING)
@@ -55,10 +63,12 @@ def test_what_is_read_and_what_acts_stay(effects):
     )
 
 
+@pytest.mark.parametrize("last", [False, True])
 @pytest.mark.parametrize("effects", LASTING)
-def test_a_nut_has_the_same_columns_wherever_it_stands(effects):
+def test_a_nut_has_the_same_columns_wherever_it_stands(effects, last):
     """Rows see of its lag what the table says there, and what follows that lag besides."""
-    plant, _, own = before_and_after(effects)
+    plant, _, own = before_and_after(effects, last=last)
+    assert plant.moving[0].index == (2 if last else 0)
     V, nut = own.basis.V, own.moving[0]
     lag = plant.modes + nut.index
     for place_m in (0.3, 0.55):
@@ -68,6 +78,8 @@ def test_a_nut_has_the_same_columns_wherever_it_stands(effects):
         there = plant.rows.C.copy()
         there[:, lag] = C
         np.testing.assert_allclose((there @ V)[:, lag], C_own, rtol=1e-9, atol=1e-12)
+    there[:, lag] = plant.moving[0].table.mean_C
+    np.testing.assert_allclose((there @ V)[:, lag], nut.table.mean_C, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("effects", LASTING)
@@ -84,6 +96,18 @@ def test_what_is_roughly_known_does_the_same(effects):
     np.testing.assert_allclose(V @ there.feedback(theta) @ own.basis.inverse, A, atol=1e-9 * np.abs(A).max())
     np.testing.assert_allclose(there.entries(xi), here.entries(V @ xi), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(V @ there.rest_P @ V.T, here.rest_P, atol=1e-9 * here.rest_P.max())
+
+
+@pytest.mark.parametrize("modes", [5, 6, 8])
+def test_what_loses_nothing_stays_for_good(modes):
+    """Without a film and a loss one mode does not decay, and rounding has none grow."""
+    config, _ = described(modes, 3, 3)
+    body = [effect | {"loss_W_K": 0.0} for effect in COUPLINGS["body_at_an_end"]]
+    surface = {"surface": {"convection_W_m2K": 0.0}, "effect": body}
+    plant, constant, _ = unturned(config.remade(config.model_dump(exclude_unset=True) | surface))
+    slowest = np.sort(diagonalised(plant, constant).decay_1_s)
+    assert 0.0 <= slowest[0] < 1e-12
+    assert slowest[1] > 1e-5
 
 
 def test_a_loss_of_the_screw_is_one_of_the_screw_alone():

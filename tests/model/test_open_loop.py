@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.model.discretise import step_matrices
 from observer.model.simulate import SimulationState, simulate, start
 from tests.estimators.plants import lively, small
 
@@ -28,3 +29,20 @@ def test_what_is_held_drives_like_what_is_given_anew(moving):
     np.testing.assert_array_equal(x.x, after.x)
     np.testing.assert_allclose(own, rows, rtol=1e-12)
     assert len(np.unique(rows[:, 0])) == steps
+
+
+def test_whatever_is_driven_otherwise_than_the_step_before_is_driven_anew():
+    """The first step is as long as none known would be told; a law comes and goes at every step."""
+    plant, steps = small(()), 12
+    u = lively(plant, steps)
+    u.dt_s[:] = 1.0
+    u.law_W[:] = 5.0
+    u.law_W[::2, 1] = 50.0
+    u.z_start[:] = u.z_end[:] = 20.0
+    begun = start(plant, 24.0, np.zeros(u.law_W.shape[1]))
+    after, _ = simulate(plant, begun, u)
+    x, B = begun.x, plant.B
+    step = step_matrices(plant, 1.0)
+    for k in range(steps):
+        x = step.decay * x + step.hold * (B @ u.law_W[k] + plant.E @ u.z_start[k])
+    np.testing.assert_allclose(after.x, x, rtol=1e-11)

@@ -25,7 +25,34 @@ def _at(*tests: str, compiled: bool = False) -> Nearest:
 
 
 BITS = "tests/bits/test_bits.py"
-KALMAN = _at("tests/estimators/test_steps.py", "tests/estimators/test_specification.py", BITS)
+
+
+def _bits(*cases: str) -> tuple[str, ...]:
+    """Some of the recorded cases, where all of them would take a minute."""
+    return tuple(f"{BITS}::test_the_bits_are_those_recorded[{case}]" for case in cases)
+
+
+COUPLINGS = (
+    "speed_loss", "films", "body_at_an_end", "body_at_the_nut", "lags", "radiation", "fading", "everything",
+)  # fmt: skip
+AHEAD = _bits(
+    "open_loop_eight_modes", "open_loop_a_nut", "open_loop_of_modes_that_do_not_decay",
+    "open_loop_coupled_tightly", "open_loop_of_known_sweeps_alone", "open_loop_of_known_sweeps_with_all",
+    *(f"open_loop_coupled_by_{name}" for name in COUPLINGS),
+)  # fmt: skip
+LEARNT = _bits(
+    "kalman_that_learns_all_of_it", "kalman_that_learns_all_of_it_when_warm", "kalman_that_learns_nothing",
+    "kalman_that_learns_laws_alone", "kalman_that_learns_end_W_K_alone", "kalman_that_learns_lag_s_alone",
+    "kalman_that_learns_of_a_machine_that_runs", "kalman_that_learns_with_couplings",
+)  # fmt: skip
+SMOOTHED = _bits(
+    "smoother_eight_modes", "smoother_a_nut", "smoother_one_heat", "smoother_of_what_is_refused_or_no_number",
+    "smoother_of_sensors_that_say_almost_everything", *(f"smoother_coupled_by_{name}" for name in COUPLINGS),
+)  # fmt: skip
+NUTS = _bits("nut_columns", "nut_columns_at_places", "nut_columns_where_it_turns", "drive_of_two_nuts")
+DRIVEN = _bits("drive_plain", "drive_effects", "drive_channels", "drive_without_a_nut", "drive_of_two_nuts")
+SPECIFIED = "tests/estimators/test_specification.py"
+KALMAN = _at("tests/estimators/test_steps.py", SPECIFIED, BITS)
 SETTLED = _at("tests/estimators/test_settled.py", BITS)
 PARTS = _at("tests/fit/test_parts.py")
 GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py", compiled=True)
@@ -39,6 +66,10 @@ NEAREST: dict[str, Nearest] = {
     "observer/estimators/design/gains.py": GAINS,
     "observer/estimators/design/riccati.py": GAINS,
     "observer/estimators/selftest.py": _at("tests/estimators/test_selftest.py", compiled=True),
+    "observer/estimators/specification.py": _at(SPECIFIED, "tests/estimators/test_steps.py", compiled=True),
+    "observer/estimators/tolerant.py": _at(
+        *_bits("tolerant_prediction"), "tests/gap/test_tolerant.py", compiled=True
+    ),
     "observer/fit/calibrate.py": _at("tests/fit/test_calibrate.py", compiled=True),
     "observer/fit/evidence.py": PARTS,
     "observer/fit/footprint.py": _at("tests/fit/test_footprint.py", compiled=True),
@@ -48,19 +79,55 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/problem.py": PARTS,
     "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),
     "observer/fit/tolerance.py": PARTS,
+    "observer/kernels/advance.py": _at(
+        *AHEAD,
+        *_bits("kalman_five_sources", "kalman_coupled_by_everything", "settled_with_a_nut_constant"),
+        SPECIFIED,
+    ),
+    "observer/kernels/cells.py": _at("tests/page/test_rows.py"),
+    "observer/kernels/changes.py": _at("tests/history/test_changes.py"),
     "observer/kernels/columns.py": SETTLED,
+    "observer/kernels/coupling.py": _at(
+        "tests/model/test_generator.py", *AHEAD, *_bits(*(f"kalman_coupled_by_{name}" for name in COUPLINGS))
+    ),
+    "observer/kernels/covariance.py": _at("tests/kernels/test_covariance.py", SPECIFIED),
     "observer/kernels/cruise.py": SETTLED,
     "observer/kernels/discretise.py": _at("tests/model/test_discretise.py", BITS),
-    "observer/kernels/cells.py": _at("tests/page/test_rows.py"),
+    "observer/kernels/drive.py": _at(
+        "tests/model/test_drive.py", "tests/model/test_turning_surface.py", *DRIVEN
+    ),
     "observer/kernels/evening.py": _at("tests/service/test_evening.py", BITS),
     "observer/kernels/fixed_gain.py": SETTLED,
     "observer/kernels/judging.py": KALMAN,
     "observer/kernels/kalman.py": KALMAN,
+    "observer/kernels/learning.py": _at("tests/estimators/test_following.py", *LEARNT, SPECIFIED),
+    "observer/kernels/march.py": _at("tests/model/test_open_loop.py", *AHEAD),
+    "observer/kernels/moving.py": _at("tests/model/test_moving.py", *NUTS),
     "observer/kernels/path.py": _at("tests/model/test_path.py", BITS),
     "observer/kernels/selftest.py": _at("tests/estimators/test_selftest.py", BITS),
+    "observer/kernels/smoother.py": _at(
+        "tests/history/test_smoother.py::test_a_short_history_of_coupled_states_equals_it_too", *SMOOTHED
+    ),
     "observer/kernels/step.py": KALMAN,
     "observer/kernels/stuck.py": _at("tests/service/test_align.py", BITS),
+    "observer/model/basis.py": _at("tests/model/test_basis.py", compiled=True),
+    "observer/model/couple.py": _at(
+        "tests/model/test_couple.py",
+        "tests/model/test_basis.py",
+        "tests/model/test_generator.py",
+        "tests/model/test_network.py",
+        compiled=True,
+    ),
     "observer/model/discretise.py": _at("tests/model/test_discretise.py"),
+    "observer/model/learning.py": _at(
+        "tests/model/test_learning.py",
+        "tests/estimators/test_following.py",
+        "tests/model/test_basis.py",
+        "tests/history/test_changes.py",
+        *LEARNT,
+        SPECIFIED,
+        compiled=True,
+    ),
     "observer/model/rod/path.py": _at("tests/model/test_path.py"),
     "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
     "observer/service/align.py": _at("tests/service/test_align.py", "tests/service/test_can_log.py"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bits.cases import CASES
 from tests.mutants import record
 from tests.mutants.nearest import NEAREST, ROOT
 from tests.mutants.record import Count, Results, Survivor
@@ -21,6 +22,8 @@ def test_every_module_and_its_nearest_tests_exist() -> None:
         for test in nearest.tests:
             if test.startswith("tests/"):
                 assert (ROOT / test.split("::")[0]).exists(), test
+            if test.endswith("]"):
+                assert test.split("[")[1].removesuffix("]") in CASES, test
 
 
 def test_every_survivor_has_its_reason() -> None:

@@ -1,0 +1,72 @@
+"""What parameters do to a state beside couplings, against full matrices; and when a machine stands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.specification import Belief, Columns, columns_in_place, predict, transition
+from observer.kernels.codes import STILL
+from observer.kernels.learning import FOLLOWS_S
+from observer.model.discretise import quantise, step_matrices
+from observer.model.learning import Kind
+from tests.bits.cases import COUPLINGS, EVERY, learning
+from tests.bits.made import described, driven
+
+LINEAR = [
+    e
+    for name in ("speed_loss", "films", "body_at_an_end", "body_at_the_nut", "lags")
+    for e in COUPLINGS[name]
+]
+
+
+@pytest.mark.parametrize("effects", [[], LINEAR], ids=["by itself", "coupled"])
+def test_parameters_act_where_the_field_followed_is(effects):
+    """Nothing is measured; heats and parameters are off by about their priors."""
+    config, plant, u = learning(EVERY, steps=6, effect=effects)
+    u = u._replace(loss_1_s=np.full(len(u), 1e-3))
+    u.usable[1:] = False
+    u.law_W[:] = 10.0 + np.arange(len(u))[:, None]
+    estimator, rng = KalmanEstimator(plant, config.estimator), np.random.default_rng(2)
+    first, _ = estimator.run(estimator.initial(), u.part(0, 1))
+    a, n_x, m_e = plant.learning.arrays, len(plant.decay_1_s), int(plant.estimated.sum())
+    n, around = n_x + m_e, first.around.copy()
+    x = first.x_hat + np.sqrt(np.diag(first.P)) * rng.standard_normal(len(first.x_hat))
+    around[:n] = first.x_hat[:n] + 0.3 * np.sqrt(np.diag(first.P))[:n] * rng.standard_normal(n)
+    last, _ = estimator.run(replace(first, x_hat=x, around=around), u.part(1))
+    belief, here = Belief(x, first.P), around[:n]
+    for k in range(1, len(u)):
+        B, _ = columns_in_place(plant, u, k)
+        heat_W = u.law_W[k].copy()
+        heat_W[plant.estimated] += here[n_x:]
+        c = a.drives(here[:n_x], B, u.law_W[k], heat_W, u.z_start[k])[:, : a.machine]
+        G = step_matrices(plant, float(quantise(u.dt_s[k]))).hold[:, None] * c
+        step = transition(plant, u, k, belief.x, Columns(B, G))
+        here = step.F[:n, :n] @ here + step.forced[:n]
+        here[:n_x] += G @ belief.x[n : n + a.machine]
+        belief = predict(belief, step.F, step.forced, step.Q)
+        here += -np.expm1(-u.dt_s[k] / FOLLOWS_S) * (belief.x[:n] - here)
+    scale = np.sqrt(np.diag(first.P)) + 1e-9
+    np.testing.assert_allclose(last.x_hat / scale, belief.x / scale, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(last.around[:n] / scale[:n], here / scale[:n], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        last.P / np.outer(scale, scale), belief.P / np.outer(scale, scale), rtol=0, atol=1e-8
+    )
+
+
+@pytest.mark.parametrize(("part", "stands"), [(0.97, True), (-0.97, True), (1.03, False), (-1.03, False)])
+def test_a_machine_stands_while_no_sensor_is_three_sigma_off_the_air(part, stands):
+    """σ² is that of the sensor's offset, of the air's, and of noise; where it stands its heats are known."""
+    config, plant = described(3, 3, 3, moving=True, learns=True, estimator={"learn": EVERY})
+    a, u = plant.learning.arrays, driven(plant, 1)
+    air_K, offset_K = (a.sigma[a.kind == kind] for kind in (Kind.AMBIENT, Kind.OFFSET))
+    sigma_K = np.sqrt(offset_K[1] ** 2 + air_K[0] ** 2 + plant.noise_R_K2[1])
+    u.y_degC[0] = u.z_end[0, plant.known.ambient]
+    u.y_degC[0, 1] += 3.0 * part * sigma_K
+    estimator = KalmanEstimator(plant, config.estimator)
+    _, block = estimator.run(estimator.initial(), u)
+    share = block.heat_sigma_W[0] / plant.initial_sigma_W
+    np.testing.assert_allclose(share, STILL if stands else 1.0, rtol=0.05)
