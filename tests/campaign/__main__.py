@@ -39,7 +39,7 @@ def main() -> None:
     own = SLICES[options.slice]
     table = options.folder / own.table
     entries = own.entries() if options.first_seed is None else own.entries(options.first_seed)
-    entries = [e for e in entries if not options.only or options.only in _marks(e)]
+    entries = [e for e in entries if not options.only or options.only in _marks(e)][:: options.every]
     known = {row["name"] for row in latest(table) if row["outcome"] != "failed"}
     waiting = [e for e in entries if e.name not in known]
     console = Console()
@@ -102,9 +102,14 @@ def _options() -> argparse.Namespace:
         "logs with something wrong",
     )
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
+    parser.add_argument(
+        "--every", type=int, default=1, metavar="N", help="only every Nth case, from all groups"
+    )
     parser.add_argument("--first-seed", type=int, help=f"{FIRST_SEED}; below 3000: to set thresholds on")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
+    if options.every < 1:
+        parser.error("--every takes a number from 1 on")
     if options.folder == FOLDER and (options.slice == "ci" or options.first_seed not in (None, FIRST_SEED)):
         parser.error(f"{FOLDER} is for the campaign's own seeds; give another --folder")
     return options
