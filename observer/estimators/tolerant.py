@@ -158,7 +158,8 @@ class Tolerant:
         """
         plant, theta = self._plant, self._theta
         dt_s, n_x = float(u.dt_s[0]), len(state.x)
-        before = columns_in_place(plant, u, 0)[1] @ state.x + plant.rows.F @ u.z_start[0]
+        C = columns_in_place(plant, u, 0)[1]
+        before = C @ state.x + plant.rows.F @ u.z_start[0]
         after, rows = simulate(plant, SimulationState(state.x), u)
         hold = held_s(plant.decay_1_s, dt_s)
         middle = 0.5 * (state.x + after.x)
@@ -172,7 +173,7 @@ class Tolerant:
         Q = np.diag(np.concatenate([np.zeros(n_x), theta.sigma**2 * (1 - fade**2)]))
         now = TolerantState(x, fade * state.theta, F @ state.P @ F.T + Q)
         H = self._seen(u, x)
-        shift = rows[0] + plant.rows.C @ (x - after.x)
+        shift = rows[0] + C @ (x - after.x)
         gap_K = self._gap(u, before, shift, x, now.theta)
         rise_K = shift[: plant.rows.sensors] - u.z_end[0, plant.known.ambient]
         R = plant.noise_R_K2 + MODEL_K**2 + (MODEL_SHARE * rise_K) ** 2

@@ -42,8 +42,6 @@ def _fill_known(read, values, z_before, k, hours, hours_before, known, z_start, 
         known[k, q] = values[k, read.known[q]] if read.known[q] >= 0 else before
         if q == read.reference and isnan(known[k, q]):
             known[k, q] = known[k, read.ambient]
-        if k == 0 and isnan(before):
-            before = known[k, q]
         z_end[k, q] = known[k, q] + read.shift_K[q] + hours * read.rate_K_h[q]
         start = before + read.shift_K[q] + hours_before * read.rate_K_h[q]
         z_start[k, q] = z_end[k, q] if isnan(start) else start

@@ -14,6 +14,7 @@ from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.learning import Kind
+from observer.model.rod.moving import columns_at
 from observer.model.simulate import simulate, start
 from observer.service.align import AlignPlan, frames_of_log
 from tests.learning.cover import log_of
@@ -21,6 +22,7 @@ from tests.learning.machines import AS_CONFIGURED, CONFIG, config_of, day, draw
 
 MINUTES = 60
 ROWS = 60
+SHARE = 0.2
 
 
 @pytest.fixture(scope="module")
@@ -162,3 +164,24 @@ def test_steps_are_gathered_as_their_means(one_day) -> None:
     assert (one.z_end[0] == inputs.z_end[-1]).all()
     assert one.degraded[0] == 0
     assert gathered([inputs._replace(degraded=np.ones(60, np.int8))]).degraded[0] == 1
+
+
+def test_a_law_that_is_off_shows_where_the_nut_is(one_day) -> None:
+    """A nut stays at one place for a minute: its law's tolerance does what the changed law does there."""
+    config = config_of()
+    plant = build_plant(config, learns=True)
+    tolerant, nut = Tolerant(plant), plant.moving[0]
+    minute = _minutes(_inputs(config, one_day, 1))[0]
+    B, C = columns_at(nut.table, [0.28])
+    law_W = np.where(np.arange(minute.law_W.shape[1]) == nut.index, 100.0, minute.law_W)
+    minute = minute._replace(moving_B=B[None, None], moving_C=C[None, None], law_W=law_W)
+    more = minute._replace(law_W=np.where(law_W == 100.0, (1.0 + SHARE) * law_W, law_W))
+    theta = np.zeros(len(tolerant.initial().theta))
+    x, P = start(plant, 20.0, minute.law_W[0]).x, tolerant.initial().P
+    off = theta.copy()
+    laws = tolerant.parameters(Kind.LAW)[: plant.estimated.sum()]
+    off[laws[np.flatnonzero(plant.estimated) == nut.index]] = SHARE
+    (_, told), (_, changed) = (
+        tolerant.ahead(TolerantState(x, t, P), u, learn=False) for t, u in ((off, minute), (theta, more))
+    )
+    np.testing.assert_allclose(told.gap_K, changed.gap_K, rtol=0, atol=1e-9)

@@ -81,6 +81,22 @@ def test_what_drifts_does_so_by_the_hours_since_the_first_frame() -> None:
         np.testing.assert_allclose(found.z_start, [ends[0], *ends[:-1]], rtol=1e-12, atol=1e-12)
 
 
+def test_air_that_is_not_known_at_first_begins_alike_wherever_the_log_is_cut() -> None:
+    drive, block, at = of_log(900.0 * np.arange(6.0))
+    air = at["ambient_degC"]
+    block.values[:2, air], block.quality[:2, air] = np.nan, Quality.MISSING
+    _, whole = drive.run(drive.initial(), block)
+    state, single = drive.initial(), []
+    for k in range(6):
+        state, inputs = drive.run(state, part(block, k))
+        single.append(inputs)
+    rows = Inputs.joined(single)
+    np.testing.assert_array_equal(rows.z_start, whole.z_start)
+    np.testing.assert_array_equal(rows.z_end, whole.z_end)
+    assert np.isnan(whole.z_end[1, 0])
+    assert whole.z_start[2, 0] == whole.z_end[2, 0]
+
+
 def test_a_step_is_marked_by_what_it_lacks() -> None:
     drive, block, at = of_log(0.5 * np.arange(8.0), moving=True)
     nut, speed, first = at["nut_position_m"], at["screw_speed_rpm"], at["t1_degC"]
