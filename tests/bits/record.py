@@ -18,7 +18,8 @@ import numpy as np
 from tests.bits.cases import CASES
 
 RECORDED = Path(__file__).with_name("recorded.json")
-SAMPLES = 5
+SAMPLES = 8
+GOLDEN = 0.6180339887498949
 DIGEST = 24
 """How much of a digest is kept, in hexadecimal digits."""
 GIVEN, MATRICES = "given", "~"
@@ -32,8 +33,9 @@ def canonical(array: np.ndarray) -> np.ndarray:
 
 
 def places(size: int) -> list[int]:
-    """Where the samples of an array of so many numbers are: spread evenly, the last one among them."""
-    return sorted({(i + 1) * size // SAMPLES - 1 for i in range(SAMPLES)} - {-1})
+    """Where the samples of an array of so many numbers are: in every part, in no one column, the last too."""
+    spread = {int(size * (GOLDEN * i % 1.0)) for i in range(1, SAMPLES)}
+    return sorted(spread | {size - 1}) if size else []
 
 
 def shown(value: Any) -> str:

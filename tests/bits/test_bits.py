@@ -47,12 +47,11 @@ def difference(array: np.ndarray, line: str) -> str | None:
     """How an array differs in its bits from what was recorded, as far as the record tells; None if it does
     not.
     """
-    here = record_of(array)
-    if here == line:
-        return None
-    (kind, _, samples), (own_kind, _, own) = split(line), split(here)
+    (kind, digest, samples), (own_kind, own_digest, own) = split(line), split(record_of(array))
     if kind != own_kind:
         return f"is {own_kind}, was {kind}"
+    if digest == own_digest:
+        return None
     at = [i for i, (a, b) in enumerate(zip(samples, own, strict=True)) if a != b]
     if not at:
         return f"differs, but in none of the {len(own)} numbers of {array.size} that are recorded"
