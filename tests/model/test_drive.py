@@ -26,6 +26,15 @@ def part(block: FrameBlock, k: int) -> FrameBlock:
     return FrameBlock(block.channels, **{n: getattr(block, n)[k : k + 1] for n in ROWS}, path={})
 
 
+def row_by_row(drive: Drive, block: FrameBlock) -> Inputs:
+    """The inputs of a block that comes frame by frame."""
+    state, single = drive.initial(), []
+    for k in range(len(block.time_s)):
+        state, inputs = drive.run(state, part(block, k))
+        single.append(inputs)
+    return Inputs.joined(single)
+
+
 def of_log(time_s: np.ndarray, *, moving: bool = False) -> tuple[Drive, FrameBlock, dict[str, int]]:
     """A drive of a machine whose air and sensors drift, frames at these times, and where each channel is: the
     air's is the first.
@@ -50,11 +59,7 @@ def test_what_is_missing_in_a_block_is_held_as_if_it_came_row_by_row() -> None:
     block = frames(config, time_s, columns | {s.channel: np.full(8, 20.0) for s in config.sensor})
     drive = Drive(config, build_plant(config))
     _, whole = drive.run(drive.initial(), block)
-    state, single = drive.initial(), []
-    for k in range(8):
-        state, inputs = drive.run(state, part(block, k))
-        single.append(inputs)
-    rows = Inputs.joined(single)
+    rows = row_by_row(drive, block)
     np.testing.assert_array_equal(rows.law_W, whole.law_W)
     np.testing.assert_array_equal(rows.law_jump_W, whole.law_jump_W)
     source = [s.name for s in config.source].index("heater")
@@ -86,11 +91,7 @@ def test_air_that_is_not_known_at_first_begins_alike_wherever_the_log_is_cut() -
     air = at["ambient_degC"]
     block.values[:2, air], block.quality[:2, air] = np.nan, Quality.MISSING
     _, whole = drive.run(drive.initial(), block)
-    state, single = drive.initial(), []
-    for k in range(6):
-        state, inputs = drive.run(state, part(block, k))
-        single.append(inputs)
-    rows = Inputs.joined(single)
+    rows = row_by_row(drive, block)
     np.testing.assert_array_equal(rows.z_start, whole.z_start)
     np.testing.assert_array_equal(rows.z_end, whole.z_end)
     assert np.isnan(whole.z_end[1, 0])
