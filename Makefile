@@ -62,7 +62,7 @@ unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes t
 system: $(READY)  ## tests with real processes, servers and routers, four at a time; ARGS goes to pytest
 	$(BIN)/python -m pytest -m "system and not slow" -n 4 --dist loadscope --no-loadscope-reorder -p no:benchmark $(ARGS)
 
-slow: $(READY) dist  ## the tests that take long, half an hour: whole searches, images, services under load; CI runs them too
+slow: $(READY) dist  ## the tests that take long, ten minutes: whole searches, images, services under load; CI runs them too
 	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
 
 coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to pytest, "tests/model" is a part

@@ -9,7 +9,7 @@ import pytest
 
 from tests.forecast.beside import PERIOD_S, ticks
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 
 def test_ticks_with_a_forecast_beside_them_come_in_time() -> None:

@@ -84,6 +84,7 @@ class _Victim:
 
 
 @pytest.mark.system
+@pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_hostile_queries():
     with _Victim() as victim, session(victim.endpoint) as honest, session(victim.endpoint) as hostile:

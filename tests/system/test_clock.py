@@ -14,7 +14,7 @@ from observer.files.logs import read_log
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(180)]
 
 LAUNCHER = ("-m", "tests.system.clock_steps")
 HOUR_S = 3600.0

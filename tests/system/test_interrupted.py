@@ -80,6 +80,7 @@ def test_a_search_ends_without_a_word_of_its_second_process(after_s, often, tmp_
     until(lambda: not Path(f"/proc/{second}").exists())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_the_second_process_ends_with_a_search_that_is_killed(number, tmp_path):
     with _started("discover", _logs(), tmp_path / "found") as process:

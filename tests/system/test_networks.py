@@ -10,7 +10,7 @@ from tests.patience import HERE, Stopwatch
 from tests.publish.router import Router, free_port
 from tests.system.plant import PERIOD_S, START_S, Daemon, Subscriber, machine, table_for, until
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 BACK_S = 1.0 + PERIOD_S + 0.1
 OUTAGE_S = 3.3  # by then Zenoh's own pauses between attempts have grown to four seconds
