@@ -1,4 +1,4 @@
-"""What holds for all tests: which are looked at, in which order, and which stay together."""
+"""What holds for all tests: in which order they run, and which stay together."""
 
 from __future__ import annotations
 
@@ -11,14 +11,6 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # Tests of the whole program last seconds, most others a fraction of one.
 LONG = "tests/system/"
-
-
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Import no file that has none of the tests asked for: `-m "system and …"` needs one in four of them."""
-    mark = config.option.markexpr.partition(" ")[0]
-    if mark not in {"system", "slow"} or collection_path.suffix != ".py":
-        return None
-    return None if f"mark.{mark}" in collection_path.read_text(encoding="utf-8") else True
 
 
 @pytest.hookimpl(trylast=True)

@@ -11,8 +11,8 @@ from observer.estimators.packing import IntArray, PlantArrays, Work
 from observer.frames import FloatArray
 from observer.kernels.layout import padded_width
 
-_REGISTER, _PANEL, _LINE = 4, 8, 8
-"""Numbers in a vector register, rows in a panel, and numbers in a line of the cache."""
+_REGISTER, _EIGHT, _LINE = 4, 8, 8
+"""Numbers in a vector register, rows that `vector.weigh` takes at a time, numbers in a line of the cache."""
 _RUN = 128
 """Steps in a run: few enough that they stay in the nearest cache."""
 
@@ -80,11 +80,11 @@ def columns(arrays: PlantArrays, reported: int) -> Columns:
     """Allocate the layout of a plant's steady step, of which so many rows are reported."""
     (m, n_x), p, m_e, s = arrays.B.shape, len(arrays.E), len(arrays.source), len(arrays.R_K2)
     own, shown = padded_width(s, _REGISTER), padded_width(reported, _REGISTER)
-    width, c, pushing = (padded_width(count, _PANEL) for count in (n_x + p + m_e, m + 2 * p, m_e + own))
+    width, c, pushing = (padded_width(count, _EIGHT) for count in (n_x + p + m_e, m + 2 * p, m_e + own))
     rows = _aligned(width, shown)
     rows[:n_x, :reported] = arrays.rows[:, :reported]
     rows[n_x : n_x + p, :reported] = arrays.rows_F[:, :reported]
-    step = padded_width(width - m_e + pushing, _PANEL)
+    step = padded_width(width - m_e + pushing, _EIGHT)
     return Columns(
         decay=_aligned(width),
         drives=np.zeros((m + 2 * p + m_e, width)),

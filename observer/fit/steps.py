@@ -31,7 +31,6 @@ from observer.tables.sections import Source
 TICK_S = 10.0
 TICKS_IN_MEAN = 3
 MOST_KEPT, MOST_ROWS_KEPT = 16, 2
-TINY_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +66,9 @@ def ticks_of(run: Run) -> Ticks:
     means, mean = np.unique(number // TICKS_IN_MEAN, return_inverse=True)
     per_tick = np.add.reduceat(run.usable, first, axis=0, dtype=float)
     total = np.add.reduceat(np.where(run.usable, run.values_degC, 0.0), first, axis=0)
-    into = since_s - np.repeat(since_s[first] - frames.dt_s[first], np.diff([*first, len(since_s)]))
-    into_s = np.add.reduceat(np.where(run.usable, into[:, None], 0.0), first, axis=0)
+    begin_s = since_s[first] - frames.dt_s[first]
+    came_s = np.add.reduceat(np.where(run.usable, since_s[:, None], 0.0), first, axis=0)
+    middle_s = np.where(per_tick > 0, came_s / np.maximum(per_tick, 1.0) - begin_s[:, None], 0.0)
     starts = np.flatnonzero(np.diff(mean, prepend=-1))
     count = np.add.reduceat(per_tick, starts, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -82,7 +82,7 @@ def ticks_of(run: Run) -> Ticks:
         measured_degC=measured,
         time_s=(means + 1) * (TICKS_IN_MEAN * TICK_S),
         share=share,
-        late=np.where(per_tick > 0, into_s / np.maximum(per_tick * length_s[:, None], TINY_S) - 0.5, 0.0),
+        late=middle_s / np.maximum(length_s, 1e-9)[:, None] - 0.5,
         at_end=length_s > 1.5 * TICK_S,
     )
 
@@ -108,7 +108,7 @@ def rows_of(run: Run) -> Ticks:
         measured_degC=run.measured_degC,
         time_s=(number + 1) * BLOCK_S,
         share=run.usable / np.maximum(run.count[mean], 1.0),
-        late=np.full(run.usable.shape, 0.5),
+        late=np.zeros(run.usable.shape),
         at_end=np.ones(len(rows), dtype=bool),
     )
 

@@ -191,7 +191,7 @@ def _of_lags(plant: Plant, inputs: Inputs, part: slice, states: FloatArray) -> F
 
 
 def _share_of_way(u: FloatArray) -> FloatArray:
-    """Return 1/(1 - e⁻ᵘ) - 1/u, for small u as a series."""
+    """Return 1/(1 - e⁻ᵘ) - 1/u, a step's `ramp` over its `hold`; for small u a series."""
     small = u < 1e-2
     safe = np.where(small, 1.0, u)
     return np.where(small, 0.5 + u / 12.0, -1.0 / np.expm1(-safe) - 1.0 / safe)

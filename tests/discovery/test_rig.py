@@ -27,6 +27,8 @@ HIDDEN: dict[str, tuple[str, str | None, str, float]] = {
     "end_conduction-0.1": ("end_conduction", "left", "conductance_W_K", 0.1),
     "sensor_lag-60": ("sensor_lag", "t3", "time_constant_s", 60.0),
 }
+LEFT_K = {"speed_convection-0.06": 0.11}
+"""In K rms where more is left: k and ρc stay off by some percent, in the fitted logs by 0.094 and 0.098 K."""
 NOISE_K = 0.05
 PUBLIC = {"verdict", "effects", "alternatives", "calibrated", "gap", "where", "experiment"}
 
@@ -107,9 +109,7 @@ def test_what_is_hidden_is_named_proved_and_of_use(case: str, command: Command, 
     assert low <= true <= high or abs(found["value"] / true - 1) <= 0.05, found
     assert high - low < 0.2 * true  # an interval that holds everything says nothing
     gap = result["gap"]
-    # as a machine that hides nothing, 0.09 K: k and ρc stay off by some percent, and the logs that are fitted
-    # are left with as much
-    assert gap["after_rms_K"] < 0.11
+    assert gap["after_rms_K"] < LEFT_K.get(case, 0.1)  # what a machine is left with that hides nothing
     assert gap["after_rms_K"] < 0.3 * gap["before_rms_K"]
     assert {p.name for p in folder.iterdir()} == {"result.json", "report.html", "config.toml"}
     effect = load(folder / "config.toml").effect[-1]
