@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign fleet-scaling config-mutants mutants figures container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants figures container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -110,6 +110,9 @@ alarms-observed: $(READY)  ## every alarm of rough machines by the real observer
 
 forecast-campaign: $(READY)  ## do temperatures and error of the next hour lie within their bands? Or go on
 	$(BIN)/python -m tests.forecast.trial
+
+integrity: $(READY)  ## is what is called good right, whatever is wrong with the readings? 60 faults, 12 machines; or go on
+	$(BIN)/python -m tests.integrity.trial $(ARGS)
 
 fleet-scaling: $(READY)  ## logs a second by one worker and by two, in pairs; ARGS="--logs 400 --pairs 3"
 	$(BIN)/python -m tests.fleet.scaling $(ARGS)

@@ -1,0 +1,153 @@
+"""One machine with one fault: what was called good of it, and how much of that was wrong."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArray, Quality
+from tests.integrity.catalogue import NEW_PROGRAM, NONE
+from tests.integrity.days import FAULT_S, FIRST_SEED, day_of
+from tests.integrity.faults import Fault, Readings
+from tests.learning.cover import FROM_S, TWO_SIDED_95, estimates
+from tests.learning.machines import Day, config_of
+from tests.truth.machine.machine import SENSORS, stream
+
+SIGMAS = 3.0
+NAMED_WITHIN_S = 60.0
+"""Sensors that are named so soon after the first belong to the same answer."""
+OUT = getattr(Quality, "EXCLUDED", Quality.REJECTED)
+BOUNDS = {"heat": "heat_bound_W", "field": "field_bound_K", "error": "error_bound_um"}
+
+
+class Verdict(NamedTuple):
+    """Of the steps from the fault on (from ten minutes on without one).
+
+    `steps`, `good`: how many, and how many of them were good; of the good ones `wrong`, with any value beyond
+    3 σ, `heats`, `field` and `error` alike, and `beyond`, with any beyond its bound (None: no bounds).
+    `sigmas`, `worst_um`: the farthest of a good one, in σ and of the error. `bad_s`, `again_s`: the first
+    step that was not good, and the first after it that was. `named_s`, `named`: when a sensor was first taken
+    out and which were within a minute; `right`: "yes", "part", "no" or "". `out`: how often one was taken
+    out. `half_um`, `bound_um`: means of the 95 % half width and of the bound of the error at the far end.
+    """
+
+    steps: int
+    good: int
+    wrong: int
+    heats: int
+    field: int
+    error: int
+    beyond: int | None
+    sigmas: float
+    worst_um: float
+    bad_s: float | None
+    again_s: float | None
+    named_s: float | None
+    named: str
+    right: str
+    out: int
+    half_um: float
+    bound_um: float | None
+
+
+def faulty(day: Day, fault: Fault, number: int) -> Day:
+    """The day as it is logged with a fault from `FAULT_S` on."""
+    late = day.time_s >= FAULT_S
+    before = Readings(day.time_s[late] - FAULT_S, day.sensor_degC[late], day.nut_m[late], day.air_degC[late])
+    after = fault.change(before, stream(FIRST_SEED, fault.name, str(number)))
+    changed = {name: getattr(day, name).copy() for name in ("sensor_degC", "nut_m", "air_degC")}
+    for name, column in changed.items():
+        column[late] = getattr(after, name)
+    return day._replace(**changed)
+
+
+def judged(fault: Fault, number: int, more: str = "") -> Verdict:
+    """Run one machine with one fault; `more` is added to the configuration."""
+    day = day_of(number, new_stroke=fault.name == NEW_PROGRAM)
+    block = estimates(config_of(more=more), faulty(day, fault, number))
+    return verdict(block, day, fault)
+
+
+def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
+    """Hold estimates against the truth."""
+    watched = day.time_s - day.time_s[0] >= (FROM_S if fault.name == NONE else FAULT_S)
+    good = watched & (block.quality == EstimateQuality.GOOD)
+    off = {
+        "heat": (block.heat_W - day.heat_W, block.heat_sigma_W),
+        "field": (block.field_degC - day.field_degC, block.field_sigma_K),
+        "error": ((block.error_um - day.error_um)[:, 1:], block.error_sigma_um[:, 1:]),
+    }
+    ratio = {name: np.max(np.abs(error) / sigma, axis=1) for name, (error, sigma) in off.items()}
+    worst = np.max(list(ratio.values()), axis=0)
+    bounds = {name: _bound(block, column) for name, column in BOUNDS.items()}
+    far = bounds["error"]
+    return Verdict(
+        steps=int(watched.sum()),
+        good=int(good.sum()),
+        wrong=int((worst[good] > SIGMAS).sum()),
+        heats=int((ratio["heat"][good] > SIGMAS).sum()),
+        field=int((ratio["field"][good] > SIGMAS).sum()),
+        error=int((ratio["error"][good] > SIGMAS).sum()),
+        beyond=_beyond(off, bounds, good),
+        sigmas=float(worst[good].max(initial=0.0)),
+        worst_um=float(np.abs(off["error"][0])[good].max(initial=0.0)),
+        **_times(block, day.time_s, watched),
+        **_named(block, day.time_s, fault),
+        out=int(_taken_out(block)[watched].sum()),
+        half_um=_mean(TWO_SIDED_95 * block.error_sigma_um[good, -1]),
+        bound_um=None if far is None else _mean(far[good, -1]),
+    )
+
+
+def _bound(block: EstimateBlock, column: str) -> FloatArray | None:
+    value = getattr(block, column, None)
+    return None if value is None or value.size == 0 else value
+
+
+def _beyond(
+    off: dict[str, tuple[FloatArray, FloatArray]], bounds: dict[str, FloatArray | None], good: BoolArray
+) -> int | None:
+    """How many good steps have a value beyond its bound."""
+    found = [
+        np.any(np.abs(error) > bound[:, -error.shape[1] :], axis=1)
+        for name, (error, _) in off.items()
+        if (bound := bounds[name]) is not None
+    ]
+    return int(np.any(found, axis=0)[good].sum()) if found else None
+
+
+def _mean(value: FloatArray) -> float:
+    return float(np.mean(value)) if value.size else float("nan")
+
+
+def _first_s(time_s: FloatArray, which: BoolArray) -> float | None:
+    found = np.flatnonzero(which)
+    return float(time_s[found[0]] - FAULT_S) if len(found) else None
+
+
+def _times(block: EstimateBlock, time_s: FloatArray, watched: BoolArray) -> dict[str, float | None]:
+    """When the estimate was not good for the first time from the fault on, and when it was good again."""
+    late = watched & (time_s >= FAULT_S)
+    good = block.quality == EstimateQuality.GOOD
+    bad_s = _first_s(time_s, late & ~good)
+    again = None if bad_s is None else _first_s(time_s, (time_s >= FAULT_S + bad_s) & good)
+    return {"bad_s": bad_s, "again_s": again}
+
+
+def _taken_out(block: EstimateBlock) -> BoolArray:
+    """(K, s): at which steps a sensor is taken out that was not before."""
+    out = block.sensor_quality == OUT
+    return np.asarray(out & ~np.vstack([np.zeros((1, out.shape[1]), bool), out[:-1]]))
+
+
+def _named(block: EstimateBlock, time_s: FloatArray, fault: Fault) -> dict[str, float | str | None]:
+    """Which sensors were taken out first from the fault on, and whether they are those at fault."""
+    late = (time_s >= FAULT_S)[:, None] & _taken_out(block)
+    first_s = _first_s(time_s, late.any(axis=1))
+    if first_s is None:
+        return {"named_s": None, "named": "", "right": "no" if fault.sensors else ""}
+    near = late & (time_s <= FAULT_S + first_s + NAMED_WITHIN_S)[:, None]
+    named = {name for name, out in zip(SENSORS, near.any(axis=0), strict=True) if out}
+    right = "yes" if named == set(fault.sensors) else "part" if named < set(fault.sensors) else "no"
+    return {"named_s": first_s, "named": " ".join(sorted(named)), "right": right}

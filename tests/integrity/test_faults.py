@@ -1,0 +1,182 @@
+"""Each fault does to readings what its name says, to its own sensors alone, and to nothing before it."""
+
+import numpy as np
+import pytest
+
+from observer.frames import EstimateBlock, EstimateQuality
+from tests.integrity import faults as of
+from tests.integrity.catalogue import LEGITIMATE, NEW_PROGRAM, NONE, Fault, catalogue
+from tests.integrity.days import FAULT_S, RUN_OF, day_of, with_new_stroke
+from tests.integrity.faults import Readings
+from tests.integrity.judge import faulty, verdict
+from tests.integrity.trial import COLUMNS, chosen, row_of, table
+from tests.learning.cover import estimates
+from tests.learning.machines import config_of
+from tests.truth.machine.cycles import Phase
+from tests.truth.machine.machine import SENSORS
+
+ROWS = 3600
+NUMBERS = range(len(RUN_OF))
+
+
+@pytest.fixture
+def readings():
+    """An hour of five sensors at 20, 30, … °C in air at 20 °C, with noise."""
+    rng = np.random.default_rng(1)
+    value = np.arange(20.0, 70.0, 10.0) + 0.05 * rng.standard_normal((ROWS, 5))
+    return Readings(np.arange(ROWS) * 1.0, of.written(value), np.full(ROWS, 0.3), np.full(ROWS, 20.0))
+
+
+@pytest.fixture
+def changed(readings):
+    """By how much a change moves each reading."""
+
+    def by(change):
+        after = change(readings, np.random.default_rng(2))
+        assert after.since_s is readings.since_s
+        return after.sensor_degC - readings.sensor_degC
+
+    return by
+
+
+def test_there_are_forty_faults_or_more_each_of_its_own_name_beside_what_is_none():
+    faults = catalogue()
+    assert len(faults) - len(LEGITIMATE) >= 40
+    assert {NONE, NEW_PROGRAM} <= set(faults)
+
+
+@pytest.mark.parametrize("fault", catalogue().values(), ids=lambda fault: fault.name)
+def test_a_fault_changes_what_its_name_says_and_only_from_its_time_on(fault: Fault):
+    day = day_of(1)
+    after = faulty(day, fault, 1)
+    early = day.time_s < FAULT_S
+    moved = np.any(after.sensor_degC != day.sensor_degC, axis=0)
+    assert {n for n, m in zip(SENSORS, moved, strict=True) if m} == set(fault.sensors)
+    assert np.any(after.nut_m != day.nut_m) == (fault.group == "nut position")
+    assert np.any(after.air_degC != day.air_degC) == (fault.group == "ambient")
+    for name in day._fields:
+        np.testing.assert_array_equal(getattr(after, name)[early], getattr(day, name)[early])
+
+
+def test_a_drift_goes_up_by_its_rate_and_no_further_than_its_most(changed):
+    by = changed(of.drift(("t2",), 18.0, 3.0))[:, 1]
+    np.testing.assert_allclose(by[[0, 200, 600, -1]], [0.0, 1.0, 3.0, 3.0], atol=1e-9)
+
+
+def test_an_offset_is_one_for_all_or_each_sensors_own(changed):
+    np.testing.assert_allclose(changed(of.offset(("t2", "t4"), 2.0, -2.0))[0], [0, 2, 0, -2, 0], atol=1e-9)
+    np.testing.assert_allclose(changed(of.offset(("t2", "t4"), 1.0))[0], [0, 1, 0, 1, 0], atol=1e-9)
+
+
+def test_a_gain_takes_its_part_of_the_rise_above_the_air(changed):
+    np.testing.assert_allclose(changed(of.gain(SENSORS, 0.85))[5], [0, -1.5, -3.0, -4.5, -6.0], atol=0.05)
+
+
+def test_a_sensor_shows_anothers_value_and_two_show_each_others(readings):
+    one = of.exchanged({"t4": "t3"})(readings, np.random.default_rng(2)).sensor_degC
+    np.testing.assert_array_equal(one, readings.sensor_degC[:, [0, 1, 2, 2, 4]])
+    two = of.exchanged({"t1": "t5", "t5": "t1"})(readings, np.random.default_rng(2)).sensor_degC
+    np.testing.assert_array_equal(two, readings.sensor_degC[:, [4, 1, 2, 3, 0]])
+
+
+def test_a_held_sensor_keeps_its_value_and_its_noise():
+    ramp = Readings(
+        np.arange(ROWS) * 1.0, np.linspace(20, 40, ROWS)[:, None] + np.zeros(5), *np.zeros((2, ROWS))
+    )
+    value = of.held(("t3",))(ramp, np.random.default_rng(2)).sensor_degC[:, 2]
+    assert np.mean(value) == pytest.approx(20.0, abs=0.05)
+    assert np.std(value) == pytest.approx(0.05, rel=0.1)
+
+
+def test_noise_grows_by_its_factor(readings):
+    value = of.noisy(("t3",), 10.0)(readings, np.random.default_rng(2)).sensor_degC
+    assert np.std(value[:, 2]) == pytest.approx(0.5, rel=0.1)
+
+
+def test_coarse_steps_are_whole_kelvins(readings):
+    value = of.coarse(("t3",), 1.0)(readings, np.random.default_rng(2)).sensor_degC
+    np.testing.assert_array_equal(value[:, 2], np.round(value[:, 2]))
+
+
+def test_spikes_and_what_comes_and_goes_are_there_for_their_time(changed):
+    assert np.sum(changed(of.spikes(("t1",), 5.0, 60.0)) > 4.0) == ROWS / 60
+    there = changed(of.now_and_then(("t1",), 3.0, 120.0, 300.0))[:, 0] > 2.0
+    np.testing.assert_array_equal(there[:420], np.arange(420) < 120)
+
+
+def test_a_nut_homed_wrong_is_off_by_that_and_a_heater_warms_the_air_in_its_time(readings):
+    assert np.all(of.nut_off(-0.05)(readings, None).nut_m == 0.25)
+    air = of.air_off(8.0, 180.0)(readings, None).air_degC
+    np.testing.assert_allclose(air[[0, 180, -1]], [20.0, 20.0 + 8.0 * (1 - np.exp(-1)), 28.0], atol=0.01)
+
+
+def test_a_new_program_has_other_strokes_from_the_fault_on_and_the_same_length():
+    phases = (Phase(3000, 1000, 0.2, 0.8), Phase(3000, 2000, 0.3, 0.7), Phase(100))
+    after = with_new_stroke(phases)
+    assert [(p.duration_s, p.speed_rpm) for p in after] == [
+        (3000, 1000),
+        (1000, 2000),
+        (2000, 2000),
+        (100, 0),
+    ]
+    assert (after[1].low_m, after[1].high_m) == (0.3, 0.7)
+    assert (after[2].low_m, after[2].high_m) == pytest.approx((0.35, 0.6))
+
+
+def test_fifty_minutes_are_watched_and_on_half_of_the_machines_the_nut_moves_when_it_begins():
+    days = [day_of(n) for n in NUMBERS]
+    assert min(d.time_s[-1] for d in days) >= FAULT_S + 3000.0
+    moves = [d.speed_rpm[np.searchsorted(d.time_s, FAULT_S)] != 0.0 for d in days]
+    assert sum(moves) == len(days) / 2
+    assert all(np.ptp(d.speed_rpm[d.time_s > FAULT_S]) > 0 for d in days)
+
+
+@pytest.fixture(scope="module")
+def judged_before():
+    """A day with an offset of all sensors, and the estimates of it."""
+    day, fault = day_of(1), catalogue()["all +4 K"]
+    return day, fault, estimates(config_of(), faulty(day, fault, 1))
+
+
+def _columns(block):
+    return {name: getattr(block, name) for name in EstimateBlock.__dataclass_fields__}
+
+
+def _with_quality(block, quality):
+    return EstimateBlock(**_columns(block) | {"quality": quality})
+
+
+def test_only_what_is_called_good_counts_as_wrong(judged_before):
+    day, fault, block = judged_before
+    steps = int((day.time_s >= FAULT_S).sum())
+    all_good = verdict(_with_quality(block, np.zeros(len(block), np.int8)), day, fault)
+    none_good = verdict(_with_quality(block, np.full(len(block), EstimateQuality.DEGRADED)), day, fault)
+    assert (all_good.steps, all_good.good) == (steps, steps)
+    assert all_good.wrong > 0.9 * steps
+    assert all_good.bad_s is None
+    assert (none_good.good, none_good.wrong, none_good.bad_s, none_good.again_s) == (0, 0, 0.0, None)
+
+
+def test_the_truth_itself_is_never_wrong(judged_before):
+    day, fault, block = judged_before
+    truth = {name: getattr(day, name) for name in ("heat_W", "field_degC", "error_um")}
+    right = EstimateBlock(**_columns(block) | truth)
+    found = verdict(right, day, fault)
+    assert (found.wrong, found.sigmas, found.worst_um) == (0, 0.0, 0.0)
+
+
+def test_a_rows_table_has_a_line_for_its_fault_in_its_group(judged_before):
+    day, fault, block = judged_before
+    row = row_of(fault.name, 1, verdict(block, day, fault))
+    assert tuple(row) == COLUMNS
+    lines = table([row, row]).splitlines()
+    assert lines[2].startswith("| *common jump*")
+    assert lines[3].startswith("| all +4 K | 2 |")
+
+
+def test_faults_are_chosen_by_name_by_group_or_by_a_part_of_the_name():
+    assert chosen("all +1 K") == ["all +1 K"]
+    assert chosen("common jump") == ["all +1 K", "all +4 K", "all +15 K", "all -3 K"]
+    assert chosen("swapped; none")[-1] == NONE
+    with pytest.raises(SystemExit):
+        chosen("no such fault")
