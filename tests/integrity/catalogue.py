@@ -109,19 +109,28 @@ def minimal_detectable_K() -> dict[str, float]:
     return {name: float(each["fault_K"]) for name, each in found.items() if each.get("fault_K") is not None}
 
 
-def _twice_the_least() -> list[Fault]:
-    return [
-        Fault(f"{name} + twice its least", "twice the least noticed", (name,), of.offset((name,), 2.0 * size))
-        for name, size in minimal_detectable_K().items()
-    ]
+def _listed() -> dict[str, Fault]:
+    whole = [
+        *(Fault(name, "no fault", (), of.nothing) for name in LEGITIMATE),
+        *_common(), *_jumps(), *_other(), *_slow(),
+    ]  # fmt: skip
+    whole.sort(key=lambda fault: GROUPS.index(fault.group))
+    return {fault.name: fault for fault in whole}
+
+
+LISTED = _listed()
+"""The faults whose size is fixed, by name, in the order of the table."""
+TWICE = {f"{name} + twice its least": name for name in SENSORS}
+GROUP_OF = {name: fault.group for name, fault in LISTED.items()} | dict.fromkeys(TWICE, GROUPS[-1])
+"""Of each fault, also of those whose size `check` says."""
 
 
 @lru_cache(maxsize=1)
 def catalogue() -> dict[str, Fault]:
-    """Every fault by its name, in the order of the table."""
-    whole = [
-        *(Fault(name, "no fault", (), of.nothing) for name in LEGITIMATE),
-        *_common(), *_jumps(), *_other(), *_slow(), *_twice_the_least(),
-    ]  # fmt: skip
-    whole.sort(key=lambda fault: GROUPS.index(fault.group))
-    return {fault.name: fault for fault in whole}
+    """Every fault by its name, in the order of the table; asks `check` for the least that is noticed."""
+    least_K = minimal_detectable_K()
+    return LISTED | {
+        name: Fault(name, GROUPS[-1], (sensor,), of.offset((sensor,), 2.0 * least_K[sensor]))
+        for name, sensor in TWICE.items()
+        if sensor in least_K
+    }

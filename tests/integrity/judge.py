@@ -85,10 +85,10 @@ def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
     return Verdict(
         steps=int(watched.sum()),
         good=int(good.sum()),
-        wrong=int((worst[good] > SIGMAS).sum()),
-        heats=int((ratio["heat"][good] > SIGMAS).sum()),
-        field=int((ratio["field"][good] > SIGMAS).sum()),
-        error=int((ratio["error"][good] > SIGMAS).sum()),
+        wrong=_over(worst[good]),
+        heats=_over(ratio["heat"][good]),
+        field=_over(ratio["field"][good]),
+        error=_over(ratio["error"][good]),
         beyond=_beyond(off, bounds, good),
         sigmas=float(worst[good].max(initial=0.0)),
         worst_um=float(np.abs(off["error"][0])[good].max(initial=0.0)),
@@ -98,6 +98,11 @@ def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
         half_um=_mean(TWO_SIDED_95 * block.error_sigma_um[good, -1]),
         bound_um=None if far is None else _mean(far[good, -1]),
     )
+
+
+def _over(sigmas: FloatArray) -> int:
+    """How many are beyond 3 σ, or no number at all."""
+    return int((~(sigmas <= SIGMAS)).sum())
 
 
 def _bound(block: EstimateBlock, column: str) -> FloatArray | None:
@@ -110,7 +115,7 @@ def _beyond(
 ) -> int | None:
     """How many good steps have a value beyond its bound."""
     found = [
-        np.any(np.abs(error) > bound[:, -error.shape[1] :], axis=1)
+        ~np.all(np.abs(error) <= bound[:, -error.shape[1] :], axis=1)
         for name, (error, _) in off.items()
         if (bound := bounds[name]) is not None
     ]

@@ -5,13 +5,16 @@ import pytest
 
 from observer.frames import EstimateBlock, EstimateQuality
 from tests.integrity import faults as of
-from tests.integrity.catalogue import LEGITIMATE, NEW_PROGRAM, NONE, Fault, catalogue
+from tests.integrity import trial
+from tests.integrity.catalogue import LEGITIMATE, LISTED, NEW_PROGRAM, NONE, Fault
 from tests.integrity.days import FAULT_S, RUN_OF, day_of, with_new_stroke
 from tests.integrity.faults import Readings
 from tests.integrity.judge import faulty, verdict
+from tests.integrity.promise import short_of
 from tests.integrity.trial import COLUMNS, chosen, row_of, table
 from tests.learning.cover import estimates
 from tests.learning.machines import config_of
+from tests.resumable import read_rows
 from tests.truth.machine.cycles import Phase
 from tests.truth.machine.machine import SENSORS
 
@@ -40,12 +43,11 @@ def changed(readings):
 
 
 def test_there_are_forty_faults_or_more_each_of_its_own_name_beside_what_is_none():
-    faults = catalogue()
-    assert len(faults) - len(LEGITIMATE) >= 40
-    assert {NONE, NEW_PROGRAM} <= set(faults)
+    assert len(LISTED) - len(LEGITIMATE) >= 40
+    assert {NONE, NEW_PROGRAM} <= set(LISTED)
 
 
-@pytest.mark.parametrize("fault", catalogue().values(), ids=lambda fault: fault.name)
+@pytest.mark.parametrize("fault", LISTED.values(), ids=lambda fault: fault.name)
 def test_a_fault_changes_what_its_name_says_and_only_from_its_time_on(fault: Fault):
     day = day_of(1)
     after = faulty(day, fault, 1)
@@ -134,7 +136,7 @@ def test_fifty_minutes_are_watched_and_on_half_of_the_machines_the_nut_moves_whe
 @pytest.fixture(scope="module")
 def judged_before():
     """A day with an offset of all sensors, and the estimates of it."""
-    day, fault = day_of(1), catalogue()["all +4 K"]
+    day, fault = day_of(1), LISTED["all +4 K"]
     return day, fault, estimates(config_of(), faulty(day, fault, 1))
 
 
@@ -174,9 +176,40 @@ def test_a_rows_table_has_a_line_for_its_fault_in_its_group(judged_before):
     assert lines[3].startswith("| all +4 K | 2 |")
 
 
-def test_faults_are_chosen_by_name_by_group_or_by_a_part_of_the_name():
+def test_faults_are_chosen_by_name_by_group_or_by_a_part_of_the_name(monkeypatch):
+    monkeypatch.setattr(trial, "catalogue", lambda: LISTED)
     assert chosen("all +1 K") == ["all +1 K"]
     assert chosen("common jump") == ["all +1 K", "all +4 K", "all +15 K", "all -3 K"]
     assert chosen("swapped; none")[-1] == NONE
     with pytest.raises(SystemExit):
         chosen("no such fault")
+
+
+AS_PROMISED = {
+    "steps": "1000", "good": "1000", "wrong": "10", "beyond": "5", "out": "0", "half_um": "3",
+    "bound_um": "9", "bad_s": "5", "named_s": "5", "right": "yes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "words"),
+    [
+        ("t3 +1 K", {}, ""),
+        ("t3 +1 K", {"wrong": "11"}, "beyond 3 σ"),
+        ("t3 +1 K", {"beyond": "6"}, "beyond the bound"),
+        ("t3 +1 K", {"beyond": ""}, "no estimate has a bound"),
+        ("all +1 K/h", {"wrong": "1000"}, ""),
+        (NONE, {"good": "969", "wrong": "0", "beyond": "0"}, "96.9 % good"),
+        (NONE, {"out": "1"}, "taken out"),
+        (NONE, {"bound_um": "9.1"}, "interval"),
+        (NEW_PROGRAM, {}, ""),
+    ],
+)
+def test_what_falls_short_of_the_promise_is_said(name, cells, words):
+    found = short_of([{"fault": name} | AS_PROMISED | cells])
+    assert len(found) == bool(words)
+    assert not words or words in found[0]
+
+
+def test_the_page_has_the_table_of_the_rows_that_are_kept():
+    assert table(read_rows(trial.RESULTS)) in trial.PAGE.read_text(encoding="utf-8")

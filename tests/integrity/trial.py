@@ -15,19 +15,17 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from tests.integrity.catalogue import GROUPS, NEW_PROGRAM, NONE, catalogue
+from tests.integrity.catalogue import GROUP_OF, GROUPS, NEW_PROGRAM, NONE, catalogue
 from tests.integrity.judge import Verdict, judged
+from tests.integrity.promise import MONTH_H, Row, short_of, total
 from tests.resumable import go_on, read_rows, show
 
 MACHINES, CALM, NEW_PROGRAMS = 12, 300, 48
 """How many machines have each fault, how many have none, and how many change their strokes."""
-MONTH_H = 720.0
 COLUMNS = ("fault", "machine", *Verdict._fields)
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "integrity" / "results.csv", DOCS / "explanation" / "integrity.md"
 MARKS = ("<!-- the campaign's table, written by make integrity -->", "<!-- its end -->")
-
-Row = dict[str, str]
 
 
 def tried(what: tuple[str, int]) -> list[Row]:
@@ -42,19 +40,15 @@ def row_of(name: str, number: int, verdict: Verdict) -> Row:
     return dict(zip(COLUMNS, (name, str(number), *cells), strict=True))
 
 
-def _sum(rows: list[Row], column: str) -> float:
-    return float(sum(float(r[column]) for r in rows))
-
-
 def _share(rows: list[Row], column: str, of: str) -> str:
     """A part in percent over all machines, and that of the worst machine."""
     if not all(r[column] for r in rows):
         return "–"
-    whole = _sum(rows, of)
+    whole = total(rows, of)
     if whole == 0.0:
         return "–"
     worst = max(float(r[column]) / float(r[of]) for r in rows if float(r[of]) > 0.0)
-    return f"{_percent(_sum(rows, column) / whole)} ({_percent(worst)})"
+    return f"{_percent(total(rows, column) / whole)} ({_percent(worst)})"
 
 
 def _percent(share: float) -> str:
@@ -97,7 +91,7 @@ def table(rows: list[Row]) -> str:
             cells = (
                 name,
                 str(len(own)),
-                f"{_percent(_sum(own, 'good') / _sum(own, 'steps'))} %",
+                f"{_percent(total(own, 'good') / total(own, 'steps'))} %",
                 _with_unit(_share(own, "beyond", "good")),
                 _with_unit(_share(own, "wrong", "good")),
                 f"{max(float(r['sigmas']) for r in own):.1f}",
@@ -121,7 +115,7 @@ def _groups(rows: list[Row]) -> list[tuple[str, list[str]]]:
     return [
         (group, names)
         for group in GROUPS
-        if (names := [f.name for f in catalogue().values() if f.group == group and f.name in there])
+        if (names := [name for name, own in GROUP_OF.items() if own == group and name in there])
     ]
 
 
@@ -130,12 +124,13 @@ def _calm(rows: list[Row]) -> list[str]:
     calm = [r for r in rows if r["fault"] == NONE]
     if not calm:
         return []
-    hours, out = _sum(calm, "steps") / 3600.0, _sum(calm, "out")
-    good = _percent(_sum(calm, "good") / _sum(calm, "steps"))
+    hours, out = total(calm, "steps") / 3600.0, total(calm, "out")
+    good = _percent(total(calm, "good") / total(calm, "steps"))
     least = _percent(min(float(r["good"]) / float(r["steps"]) for r in calm))
     return [
-        f"Without a fault, over {hours:.0f} h of {len(calm)} machines: {out:.0f} times a sensor was taken out, "
-        f"{out * MONTH_H / hours:.1f} in a simulated month; {good} % good, on the worst machine {least} %.",
+        f"Without a fault, over {hours:.0f} h of {len(calm)} machines, a sensor was taken out "
+        f"{out:.0f} times, {out * MONTH_H / hours:.1f} in a simulated month; {good} % good, "
+        f"on the worst machine {least} %.",
     ]
 
 
@@ -151,6 +146,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--faults", default="", help="names, or parts of names or of groups, by ';'; all")
     parser.add_argument("--machines", type=int, help="on so many machines each; as the campaign has them")
     parser.add_argument("--try", dest="only_try", action="store_true", help="print the table, keep nothing")
+    parser.add_argument("--folder", type=Path, help="where results and table go instead of docs/")
+    parser.add_argument("--anew", action="store_true", help="forget what has been run, for another estimator")
     parser.add_argument("--list", action="store_true", help="the faults' names")
     parser.add_argument("--workers", type=int, default=2)
     return parser.parse_args()
@@ -181,7 +178,7 @@ def _print_tried(names: list[str], machines: int | None) -> None:
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    print(text.getvalue(), table(rows), sep="\n")
+    print(text.getvalue(), table(rows), *short_of(rows), sep="\n")
 
 
 def main() -> None:
@@ -194,13 +191,17 @@ def main() -> None:
     if options.only_try:
         _print_tried(names, options.machines)
         return
-    done = {(r["fault"], int(r["machine"])) for r in read_rows(RESULTS)}
+    folder: Path | None = options.folder
+    results, page = (folder / "results.csv", folder / "table.md") if folder else (RESULTS, PAGE)
+    if options.anew:
+        results.unlink(missing_ok=True)
+    done = {(r["fault"], int(r["machine"])) for r in read_rows(results)}
     wanted = [(name, n) for name in names for n in machines_of(name)[: options.machines]]
     wanted.sort(key=lambda what: what[1])  # a machine's day is made once for all of its faults
-    go_on([w for w in wanted if w not in done], tried, RESULTS, Console(stderr=True), options.workers)
-    text = table(read_rows(RESULTS))
-    show(PAGE, text, MARKS)
-    print(text)
+    go_on([w for w in wanted if w not in done], tried, results, Console(stderr=True), options.workers)
+    rows = read_rows(results)
+    show(page, table(rows), MARKS)
+    print(table(rows), *short_of(rows), sep="\n")
 
 
 if __name__ == "__main__":
