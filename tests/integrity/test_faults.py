@@ -1,5 +1,7 @@
 """Each fault does to readings what its name says, to its own sensors alone, and to nothing before it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from tests.integrity import trial
 from tests.integrity.catalogue import LEGITIMATE, LISTED, NEW_PROGRAM, NONE, Fault
 from tests.integrity.days import FAULT_S, RUN_OF, day_of, with_new_stroke
 from tests.integrity.faults import Readings
-from tests.integrity.judge import faulty, verdict
+from tests.integrity.judge import OUT, faulty, verdict
 from tests.integrity.promise import short_of
 from tests.integrity.trial import COLUMNS, chosen, row_of, table
 from tests.learning.cover import estimates
@@ -213,3 +215,42 @@ def test_what_falls_short_of_the_promise_is_said(name, cells, words):
 
 def test_the_page_has_the_table_of_the_rows_that_are_kept():
     assert table(read_rows(trial.RESULTS)) in trial.PAGE.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("out", "named", "right"),
+    [
+        ({}, "", "no"),
+        ({"t2": 10, "t3": 50}, "t2 t3", "yes"),
+        ({"t2": 10, "t3": 80}, "t2", "part"),
+        ({"t2": 10, "t5": 12}, "t2 t5", "no"),
+    ],
+)
+def test_the_sensors_taken_out_within_a_minute_of_the_first_are_the_answer(judged_before, out, named, right):
+    day, _, block = judged_before
+    quality = np.zeros_like(block.sensor_quality)
+    for name, after_s in out.items():
+        quality[int(FAULT_S) + after_s : int(FAULT_S) + 200, SENSORS.index(name)] = OUT
+    if "t5" not in out:
+        quality[:, 4] = OUT  # it has been since long before, which is no answer
+    found = verdict(
+        EstimateBlock(**_columns(block) | {"sensor_quality": quality}), day, LISTED["t2, t3 +1 K"]
+    )
+    assert (found.named, found.right, found.out) == (named, right, len(out))
+    assert found.named_s == (min(out.values()) if out else None)
+
+
+@pytest.mark.parametrize(("size_um", "beyond"), [(np.inf, 0.0), (0.0, 1.0), (np.nan, 1.0)])
+def test_a_good_step_is_beyond_the_bound_where_one_value_is_or_the_bound_is_no_number(
+    judged_before, size_um, beyond
+):
+    day, fault, block = judged_before
+    bounds = {
+        "heat_bound_W": np.full_like(block.heat_W, np.inf),
+        "field_bound_K": np.full_like(block.field_degC, np.inf),
+        "error_bound_um": np.full_like(block.error_um, size_um),
+    }
+    bounded = SimpleNamespace(**_columns(block) | bounds)
+    found = verdict(bounded, day, fault)
+    assert found.good > 0
+    assert found.beyond == beyond * found.good
