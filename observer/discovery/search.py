@@ -7,7 +7,7 @@ judged on data held out: what is fitted to all folds but one must also explain t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
@@ -16,7 +16,8 @@ import numpy as np
 from observer.discovery.candidates import Candidate
 from observer.discovery.crew import ALONE, Crew
 from observer.discovery.signatures import Promise, Signature, promises, signatures
-from observer.fit.hypothesis import Fit, fit_effects, fit_null
+from observer.effects.base import Fitted
+from observer.fit.hypothesis import Fit, Parameter, fit_effects, fit_null
 from observer.fit.problem import Problem
 from observer.frames import BoolArray, FloatArray
 
@@ -77,26 +78,32 @@ class Trial:
     @property
     def there(self) -> bool:
         """Whether the 95 % interval of every strength leaves out where there is no effect."""
-        each = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
         own = [
-            (self.candidate.fitted[p.key].neutral, value, half)
-            for p, value, half in each
-            if isinstance(self.fit.config.effect[p.effect], self.candidate.of)
-            and p.key in self.candidate.fitted
-            and not self.candidate.fitted[p.key].reciprocal  # the drop itself says that it is not nothing
+            (known.neutral, value, half)
+            for known, _, value, half in self._own
+            if not known.reciprocal  # the drop itself says that it is not nothing
         ]
         return all(neutral is None or abs(value - neutral) > half for neutral, value, half in own)
 
     @property
     def told(self) -> bool:
         """Whether the parameters without which the effect would be another one have an upper bound."""
+        return all(value + half < p.high for known, p, value, half in self._own if known.bounded)
+
+    @property
+    def _own(self) -> Iterator[tuple[Fitted, Parameter, float, float]]:
+        """Of the candidate's own parameters what is known, the parameter, its value and half its interval.
+
+        Another effect of the kind at another target is not its own: it may have been fitted in another form.
+        """
         each = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
-        return all(
-            value + half < p.high
-            for p, value, half in each
-            if isinstance(self.fit.config.effect[p.effect], self.candidate.of)
-            and self.candidate.fitted[p.key].bounded
-        )
+        for p, value, half in each:
+            effect = self.fit.config.effect[p.effect]
+            if (
+                isinstance(effect, self.candidate.of)
+                and getattr(effect, "target", None) == self.candidate.target
+            ):
+                yield self.candidate.fitted[p.key], p, float(value), float(half)
 
 
 class Search(NamedTuple):

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.discovery.candidates import library
+from observer.discovery.candidates import Candidate, library
 from observer.discovery.discover import Discovery, discover
-from observer.discovery.search import held_out, same_physics
+from observer.discovery.search import Trial, held_out, same_physics
 from observer.effects.catalogue import BY_KIND, KINDS
 from observer.effects.film import UnevenConvection
 from observer.effects.heat import LocalHeat
 from observer.errors import LogError
-from observer.fit.hypothesis import Fit
+from observer.fit.hypothesis import Fit, Parameter
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
 from tests.discovery.cases import machine, made_log
@@ -146,3 +146,39 @@ def test_what_both_folds_show_alike_goes_and_what_they_contradict_gets_worse() -
     assert held_out(a_fit(0.3 * both, both)) == pytest.approx(0.0, abs=1e-20)
     against = 0.3 * both * np.repeat([1.0, -1.0], 3)
     assert held_out(a_fit(against, both)) == pytest.approx(4 * float(against @ against), rel=1e-12)
+
+
+# ---- two effects of a kind ----
+
+
+def bodies_beside_each_other(values: list[float], half_width: list[float]) -> Any:
+    """A fit of a body at the nut that takes of its heat, and of a plain one at the left end."""
+    shared = ("capacity_J_K", "conductance_W_K", "heat_share")
+    numbers = [(0, key) for key in shared] + [(1, key) for key in shared[:2]]
+    parameters = [Parameter(effect, key, 1.0, 0.0, 2e4) for effect, key in numbers]
+    body = {"kind": "attached_mass", "capacity_J_K": 400.0, "conductance_W_K": 3.0}
+    effects = [BY_KIND["attached_mass"].model_validate({**body, "target": at}) for at in ("nut", "left")]
+    return SimpleNamespace(
+        parameters=parameters,
+        values=np.array(values),
+        half_width=np.array(half_width),
+        config=SimpleNamespace(effect=tuple(effects)),
+        at_bound=False,
+    )
+
+
+def body(at: str, *keys: str) -> Candidate:
+    of = BY_KIND["attached_mass"]
+    return Candidate(of, at, (), {key: of.parameters[key] for key in keys})
+
+
+def test_a_second_body_is_judged_by_its_own_parameters_whatever_form_the_first_has() -> None:
+    """A heat that comes late against its law is taken for two bodies: one with more parameters, one plain."""
+    plain = body("left", "capacity_J_K", "conductance_W_K")
+    wide = [100.0, 1.0, 0.1, 9e4, 1.0]
+    fit = bodies_beside_each_other([400.0, 3.0, 0.3, 400.0, 3.0], wide)
+    assert not Trial(plain, fit, 100.0, 30.0, 0.5).told  # its own capacity has no upper bound
+    assert Trial(body("nut", *(p.key for p in fit.parameters[:3])), fit, 100.0, 30.0, 0.5).told
+    assert Trial(
+        plain, bodies_beside_each_other([400.0, 3.0, 0.3, 400.0, 3.0], [1.0] * 5), 1.0, 1.0, 0.5
+    ).there
