@@ -80,10 +80,12 @@ class Logs(Section):
     """How to read logs that others wrote.
 
     `rows_apart_s`: rows further apart than that, most of them, are those of a log in milliseconds. Recorders
-    beside machines write a row a minute, some one in five.
+    beside machines write a row a minute, some one in five. `sensor_period_s`: how often sensors have a value
+    where they are slower than the rows, of all or by a sensor's name; learnt from the log where not given.
     """
 
     rows_apart_s: quantities.Positive = 600.0
+    sensor_period_s: quantities.Duration | dict[quantities.Name, quantities.Duration] | None = None
 
 
 class ChannelLimits(Section):
@@ -143,6 +145,7 @@ class Config(Description):
             *_names_twice(self),
             *_heats_unknown(self),
             *_limits_unknown(self),
+            *_periods_unknown(self),
         ]
 
     def remade(self, table: dict[str, Any]) -> Self:
@@ -197,6 +200,13 @@ def _beyond_the_screw(config: Config) -> Iterator[str]:
                 f"source {source.name}: length_m = {source.length_m} m makes the nut longer than the screw, "
                 f"length_m = {length_m} m; mend one"
             )
+
+
+def _periods_unknown(config: Config) -> Iterator[str]:
+    given, known = config.log.sensor_period_s, [s.name for s in config.sensor]
+    for name in given if isinstance(given, dict) else ():
+        if name not in known:
+            yield f'log: sensor_period_s: "{name}" is no sensor; give one of {", ".join(known)}'
 
 
 def _limits_unknown(config: Config) -> Iterator[str]:

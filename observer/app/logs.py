@@ -56,7 +56,8 @@ def replay(
     from observer.report.collect import ReplaySamples
     from observer.report.overview import write_overview
     from observer.service.checkpoint import Fit
-    from observer.service.replay import estimates_of, lasting, nut_paths, speeds, start_of, write_results
+    from observer.service.not_good import NotGood
+    from observer.service.replay import estimates_of, nut_paths, speeds, start_of, write_results
 
     log = _recorded(log_path, config, **accept)
     machine, estimator = ready or Ready.of(config)
@@ -64,13 +65,15 @@ def replay(
     start, told = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
     samples = ReplaySamples(config, estimator.layout)
     reasons: dict[str, int] = {}
+    not_good = NotGood(machine.plan.channels)
 
     def blocks() -> Iterator[EstimateBlock]:
-        for block in estimates_of(log, machine.plan, pipeline, progress, start):
+        for block in estimates_of(log, machine.plan, pipeline, progress, start, not_good):
             if picture:
                 samples.take(pipeline.inputs, block)
             yield block
-        reasons.update(lasting(pipeline))
+        not_good.note(pipeline.history)
+        reasons.update(not_good.reasons)
         more["gap"] = None if pipeline.gap is None else pipeline.gap.history
 
     more: dict[str, Any] = {

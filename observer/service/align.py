@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from urllib.parse import unquote
 
 import numpy as np
@@ -20,6 +20,7 @@ from observer.config import Config
 from observer.errors import LogError
 from observer.files.logs import Log
 from observer.frames import FloatArray, FrameBlock, Reading, contiguous
+from observer.service.log_times import doubt_of_times, expected_cells, given_intervals_s, intervals_s
 from observer.service.plausibility import Breach, Limits, doubts_of_log
 from observer.service.walk import Expected, Rows, Walk
 
@@ -48,7 +49,7 @@ class AlignPlan:
 
     `period_s` is the tick's; `expected_s` (c,) each channel's own, NaN where it is learned from what comes;
     `noise_K` (c,) that of thermocouples, NaN elsewhere; `positions` those whose path is kept; `limits` what
-    is believed.
+    is believed. `log_s` (c,) the channels' own periods in logs that others wrote, NaN where learnt.
     """
 
     channels: tuple[str, ...]
@@ -57,6 +58,7 @@ class AlignPlan:
     noise_K: FloatArray
     period_s: float
     limits: Limits
+    log_s: FloatArray | None = None
 
     @classmethod
     def of(cls, config: Config) -> AlignPlan:
@@ -71,7 +73,16 @@ class AlignPlan:
             np.array([noise_K.get(name, math.nan) for name in channels]),
             config.estimator.period_s,
             Limits.of(config),
+            given_intervals_s(config),
         )
+
+    def of_log(self, log: Log) -> AlignPlan:
+        """The plan with what a log that others wrote itself says of how often its channels come."""
+        if log.step is not None:
+            return self
+        unknown_s = np.full(len(self.channels), np.nan)
+        own_s = intervals_s(log, self.channels, unknown_s if self.log_s is None else self.log_s)
+        return replace(self, expected_s=np.where(np.isnan(own_s), self.expected_s, own_s), log_s=own_s)
 
     def expected(self) -> Expected:
         """The plan as the compiled walk takes it."""
@@ -174,7 +185,8 @@ def frames_of_log(
 ) -> Iterator[FrameBlock]:
     """The frames of a log in blocks: the ticks of a recording, or every row of any other log.
 
-    In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value.
+    In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value. Of
+    a channel that is regularly rarer than the rows one is missing that is overdue.
     `last_tick_s` is the last tick before a recording that goes on from a warm start.
     """
     return (frames for frames, _ in blocks_of_log(log, plan, block, last_tick_s))
@@ -184,8 +196,9 @@ def blocks_of_log(
     log: Log, plan: AlignPlan, block: int = BLOCK, last_tick_s: float = math.nan
 ) -> Iterator[tuple[FrameBlock, bool]]:
     """The frames of a log in blocks, each with whether the estimator was reset before its first frame."""
+    plan = plan.of_log(log)
     walk = Walk(plan.channels, plan.expected(), last_tick_s)
-    rows = _rows_of_log(log, plan.channels)
+    rows = _rows_of_log(log, plan)
     ends = np.flatnonzero(rows.step) + 1
     resets = [row for row, flags in enumerate(log.flags or ()) if flags and flags.startswith(RESET)]
     afresh = set(np.searchsorted(ends, resets, side="right").tolist())
@@ -197,8 +210,9 @@ def blocks_of_log(
         start, first = end, last
 
 
-def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
-    """A log as rows; a channel that the log does not have is never present."""
+def _rows_of_log(log: Log, plan: AlignPlan) -> Rows:
+    """A log as rows, `plan` being that of the log; a channel that the log does not have is never present."""
+    channels = plan.channels
     known = [j for j, name in enumerate(channels) if name in log.channels]
     time_s = contiguous(log.time_s)
     values = np.full((len(log), len(channels)), np.nan)
@@ -206,7 +220,9 @@ def _rows_of_log(log: Log, channels: tuple[str, ...]) -> Rows:
     faulted = np.zeros(values.shape, np.bool_)
     present = np.zeros(values.shape, np.bool_)
     if log.step is None or log.flags is None:
-        present[:, known] = True
+        for j in known:
+            own_s = math.nan if plan.log_s is None else float(plan.log_s[j])
+            present[:, j] = expected_cells(time_s, np.isfinite(values[:, j]), own_s)
         none_late = np.zeros(len(log))
         return Rows(time_s, none_late, np.ones(len(log), np.bool_), values, present, faulted)
     present[:] = ~np.isnan(values)
@@ -238,7 +254,13 @@ def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
         f"channel {name} has no value in any row, so its sensor counts as missing throughout"
         for name in _without_value(log, {sensor.channel for sensor in config.sensor})
     ]
-    return [*dead, *words, *doubts_of_log(config, log.values, log.channels, [block.path for block in blocks])]
+    slow = [] if (times := doubt_of_times(log, config)) is None else [times]
+    return [
+        *slow,
+        *dead,
+        *words,
+        *doubts_of_log(config, log.values, log.channels, [block.path for block in blocks]),
+    ]
 
 
 def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:

@@ -12,7 +12,7 @@ from drivers.protocol import DriverStatus
 from observer.estimators.selftest import Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock, Quality
-from observer.service.reasons import sentence
+from observer.service.reasons import channel_sentence, sentence, unexplained
 from observer.service.record import RecordStatus
 
 _CLOCK_STEP_S = 0.5
@@ -78,7 +78,7 @@ class Health:
 def assess(facts: Facts) -> Health:
     """Judge the facts."""
     channels = _channels(facts)
-    reasons = tuple(_reasons(facts, channels))
+    reasons = tuple(_reasons(facts, channels)) or tuple(_unexplained(facts))
     record = facts.record or RecordStatus()
     counts = {
         "drivers": {
@@ -137,13 +137,21 @@ def _channels(facts: Facts) -> dict[str, dict[str, Any]]:
     }
 
 
+def _unexplained(facts: Facts) -> Iterator[str]:
+    """What is said of an estimate that is not good where nothing else says why."""
+    if facts.frame is None or facts.estimate is None:
+        yield "no estimate yet: the first step is still to come"
+    elif facts.estimate != EstimateQuality.GOOD:
+        yield unexplained(facts.estimate)
+
+
 def _reasons(facts: Facts, channels: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     if facts.failure:
         yield f"the estimator's step failed: {facts.failure}"
     for name, channel in channels.items():
         quality, fault = channel["quality"], channel["fault"]
         if quality != Quality.GOOD.label:
-            yield f"channel {name} is {quality}" + (f" ({fault})" if fault else "")
+            yield channel_sentence(name, quality, fault)
     yield from map(sentence, facts.findings)
     for name, (status, _) in facts.drivers.items():
         if not status.connected:

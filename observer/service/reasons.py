@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from observer.estimators.selftest import Fault, Finding
+from observer.frames import EstimateQuality
 from observer.service.gap import Departure
 from observer.service.plausibility import motion_sentence
 
@@ -14,6 +15,18 @@ _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 def sentence(finding: Finding) -> str:
     """Say what fails, since when, and what to look at."""
     return f"{_what(finding)}, since {clock(finding.since_s)}"
+
+
+def channel_sentence(name: str, quality: str, fault: str | None = None) -> str:
+    """Say that a channel is not good, and with which fault."""
+    return f"channel {name} is {quality}" + (f" ({fault})" if fault else "")
+
+
+def unexplained(quality: EstimateQuality) -> str:
+    """Say that neither channels nor self-test say why an estimate is not good."""
+    return (
+        f"the estimate is {quality.label} although no channel and no test says why; reset it, and report this"
+    )
 
 
 def departure_sentence(found: Departure) -> str:
@@ -55,7 +68,8 @@ _WHILE = {
 _SENTENCES = {
     Fault.BIASED: "{subject} and the model disagree by {value:+.2g} σ on average: an offset, a place, or "
     "film and ambient",
-    Fault.COLOURED: "what {subject} shows beyond the model is no noise (it repeats by {value:.0%})",
+    Fault.COLOURED: "what {subject} shows beyond the model is no noise: one sample deviates as the last did "
+    "(mean product {value:+.2g} σ², that of noise is 0)",
     Fault.NOISY: "{subject} is {value:.1f} times as restless as its noise_K and the model say",
     Fault.REFUSED: "{subject} is refused: {value:+.2f} K from what the model and the other sensors expect",
     Fault.UNKNOWN: "the heat of {subject} is not known yet (σ {value:.3g} W, {expected:.3g} W at the start)",

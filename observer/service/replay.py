@@ -12,7 +12,6 @@ import numpy as np
 
 from observer.config import Config
 from observer.errors import LogError
-from observer.estimators.selftest import Fault
 from observer.files.logs import SUFFIXES, TIME, Log
 from observer.files.results import write_json
 from observer.files.writer import Column, TableWriter
@@ -21,8 +20,8 @@ from observer.history.history import HeatHistory
 from observer.model.rod.moving import judge_path
 from observer.service.align import AlignPlan, blocks_of_log
 from observer.service.checkpoint import START_SUFFIX, Fit, Snapshot, UnfitError, load, recent
+from observer.service.not_good import NotGood
 from observer.service.pipeline import Pipeline
-from observer.service.reasons import sentence
 
 Progress = Callable[[int, int], None]
 _SENSOR_LABELS = np.array([quality.label for quality in Quality])
@@ -30,11 +29,16 @@ _LABELS = np.array([quality.label for quality in EstimateQuality])
 
 
 def estimates_of(
-    log: Log, plan: AlignPlan, pipeline: Pipeline[Any], progress: Progress, start: Snapshot | None = None
+    log: Log,
+    plan: AlignPlan,
+    pipeline: Pipeline[Any],
+    progress: Progress,
+    start: Snapshot | None = None,
+    not_good: NotGood | None = None,
 ) -> Iterator[EstimateBlock]:
     """The estimates of a log in blocks, by a pipeline that begins cold or, with `start`, there.
 
-    `progress` is told the rows done and their total.
+    `progress` hears the rows done and their total, `not_good` every block with its frames.
     """
     if start is not None:
         pipeline.restore(start.drive, start.estimator)
@@ -45,15 +49,15 @@ def estimates_of(
     last_tick_s = math.nan if start is None else start.tick_s
     for frames, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s):
         if afresh:
+            if not_good is not None:
+                not_good.note(pipeline.history)
             pipeline.reset()
-        yield pipeline.step(frames)
+        block = pipeline.step(frames)
+        if not_good is not None:
+            not_good.take(frames, block)
+        yield block
         done += len(frames)
         progress(done, total)
-
-
-def lasting(pipeline: Pipeline[Any]) -> dict[str, int]:
-    """What the self-test has found, as sentences, and in how many steps; not what only was not known yet."""
-    return {sentence(found): n for found, n in pipeline.history if found.fault is not Fault.UNKNOWN}
 
 
 def start_of(log: Log, fit: Fit) -> tuple[Snapshot | None, str]:

@@ -57,11 +57,12 @@ def test_all_well_is_good_and_counts_are_there():
 @pytest.mark.parametrize(
     ("changes", "state", "words"),
     [
-        ({"estimate": None, "frame": None}, "starting", ""),
-        ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "starting", ""),
-        ({"estimate": EstimateQuality.INVALID}, "invalid", ""),
-        ({"estimate": EstimateQuality.STALE}, "stale", ""),
-        ({"estimate": EstimateQuality.DEGRADED}, "degraded", ""),
+        ({}, "good", ""),
+        ({"estimate": None, "frame": None}, "starting", "no estimate yet"),
+        ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "starting", "is invalid although"),
+        ({"estimate": EstimateQuality.INVALID}, "invalid", "is invalid although no channel"),
+        ({"estimate": EstimateQuality.STALE}, "stale", "is stale although no channel"),
+        ({"estimate": EstimateQuality.DEGRADED}, "degraded", "is degraded although no channel"),
         ({"failure": "ZeroDivisionError"}, "invalid", "step failed: ZeroDivisionError"),
         ({"drivers": {"amp": (DriverStatus(last_error="refused"), 0)}}, "degraded",
          "amp is not connected: refused"),

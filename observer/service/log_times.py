@@ -1,0 +1,110 @@
+"""What the times of a log that others wrote say: how often each channel has a value, and in which unit.
+
+A recorder that asks slow or scanned sensors in turn writes a row for each question, most cells of which are
+empty. Such a cell is no missing value; one that stays empty beyond the sensor's own interval is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from observer.config import Config
+from observer.files.logs import Log
+from observer.frames import BoolArray, FloatArray
+
+OVERDUE = 1.5
+"""Intervals after which an empty cell is a missing value: one value did not come."""
+LEAST_VALUES = 8
+"""Fewer say nothing of how often a channel comes."""
+REGULAR = 0.9
+"""The least part of the times between values that lies within half of the usual one, for it to be the usual
+one. Of values that are missing at random no more than 0.8 do.
+"""
+ROWS_FROM_S = 5.0
+"""Milliseconds make of rows that are nearer together, 5 ms, what every recorder writes."""
+SLOWEST_S = 2 * 86_400.0
+"""Screws warm and cool within hours, and every day anew; what takes longer is hardly a temperature."""
+MOVED = 10.0
+"""Times its noise by which a sensor must vary to say how fast it does."""
+
+
+def intervals_s(log: Log, channels: tuple[str, ...], given_s: FloatArray) -> FloatArray:
+    """The time between the values of each channel (c,) of a log; NaN for one that every row has.
+
+    `given_s` (c,) are those that the configuration gives, NaN where it is to be learnt.
+    """
+    found_s = given_s.copy()
+    for j in np.flatnonzero(np.isnan(given_s)):
+        if channels[j] in log.channels:
+            there = np.isfinite(log.values[:, log.channels.index(channels[j])])
+            found_s[j] = _learnt_s(log.time_s, there)
+    return found_s
+
+
+def _learnt_s(time_s: FloatArray, there: BoolArray) -> float:
+    """The usual time between values that are regularly rarer than the rows; NaN where they are not."""
+    rows = np.flatnonzero(there)
+    if len(rows) <= LEAST_VALUES or np.median(np.diff(rows)) < 2:
+        return np.nan
+    apart_s = np.diff(time_s[rows])
+    usual_s = float(np.median(apart_s))
+    regular = float(np.mean(np.abs(apart_s - usual_s) <= 0.5 * usual_s)) >= REGULAR
+    return usual_s if regular else np.nan
+
+
+def expected_cells(time_s: FloatArray, there: BoolArray, interval_s: float) -> BoolArray:
+    """Which cells (n,) of a channel say something: its values, and that one is overdue.
+
+    `there` (n,): which hold a value.
+    """
+    if np.isnan(interval_s):
+        return np.ones(len(time_s), np.bool_)
+    last = np.maximum.accumulate(np.where(there, np.arange(len(time_s)), -1))
+    since_s = np.where(last >= 0, time_s - time_s[last], time_s - time_s[0])
+    return np.asarray(there | (since_s > OVERDUE * interval_s))
+
+
+def given_intervals_s(config: Config) -> FloatArray:
+    """What `[log] sensor_period_s` says of each channel (c,), NaN where it says nothing."""
+    given, of_sensor = config.log.sensor_period_s, {s.channel: s.name for s in config.sensor}
+    if given is None:
+        return np.full(len(config.channels), np.nan)
+    if isinstance(given, float):
+        return np.array([given if name in of_sensor else np.nan for name in config.channels])
+    return np.array([given.get(of_sensor.get(name, ""), np.nan) for name in config.channels])
+
+
+def doubt_of_times(log: Log, config: Config) -> str | None:
+    """Say that the times of a log look like milliseconds, where its rows are far apart and its temperatures
+    nevertheless take days for what screws do within hours.
+    """
+    apart_s = float(np.median(np.diff(log.time_s))) if len(log) > 1 else 0.0
+    if log.step is not None or apart_s < ROWS_FROM_S:
+        return None
+    taken = [
+        _scale_s(log, log.values[:, log.channels.index(s.channel)], MOVED * s.noise_K)
+        for s in config.sensor
+        if s.channel in log.channels
+    ]
+    known = [each for each in taken if np.isfinite(each)]
+    if not known or min(known) < SLOWEST_S:
+        return None
+    return (
+        f"by time_s the rows are {apart_s:.3g} s apart and the temperatures take {min(known) / 86_400:.2g} "
+        "days for what a screw does within hours, which looks like milliseconds where seconds are expected; "
+        "divide the column by 1000"
+    )
+
+
+def _scale_s(log: Log, reading_degC: FloatArray, least_K: float) -> float:
+    """The time in which a reading changes by its own standard deviation, rms; NaN where it hardly varies."""
+    there = np.isfinite(reading_degC)
+    value, time_s = reading_degC[there], log.time_s[there]
+    if len(value) < LEAST_VALUES or (sigma := float(np.std(value))) < least_K:
+        return np.nan
+    lag = 1
+    while lag < len(value):
+        if np.sqrt(np.mean((value[lag:] - value[:-lag]) ** 2)) >= sigma:
+            return float(np.median(time_s[lag:] - time_s[:-lag]))
+        lag = max(lag + 1, lag * 5 // 4)
+    return float(time_s[-1] - time_s[0])
