@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ NEAR = 0.2
 LEAST_OTHERS = 3
 HOT_SHARE = 0.2
 HOT_DEVIATIONS = 3.0
+LEAST_GOOD = 0.5
+"""The least share of a log's estimates that are good for its mean heats to stand as firmly as any."""
 _NORMAL_MAD = 1.4826  # of a normal distribution: its standard deviation over its median absolute deviation
 _NORMAL_95 = 1.959964
 _LEVEL = 0.05
@@ -25,20 +28,24 @@ _LEVEL = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Heat:
-    """The mean heat of one source in one log, at a mean speed, of a machine of some type."""
+    """The mean heat of one source in one log, at a mean speed, of a machine of some type.
+
+    `good` is the share of the log's estimates that were good, NaN where no replay says it.
+    """
 
     machine: str
     type: str
     source: str
     speed_rpm: float
     heat_W: float
+    good: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class Beside:
     """The heat of a machine's source beside that of its like: `usual_W` at the same speed.
 
-    `usual_W` is None where fewer than three other machines run at about that speed.
+    `usual_W` is None where fewer than three other machines run at about that speed; `good` as in `Heat`.
     """
 
     machine: str
@@ -49,6 +56,12 @@ class Beside:
     usual_W: float | None
     others: int
     hot: bool
+    good: float = math.nan
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether so few of the estimates behind it were good that the heat is hardly known."""
+        return self.good < LEAST_GOOD
 
 
 def beside_fleet(heats: Sequence[Heat]) -> list[Beside]:
@@ -62,9 +75,12 @@ def beside_fleet(heats: Sequence[Heat]) -> list[Beside]:
     for heat in heats:
         own.setdefault((heat.type, heat.source, heat.machine), []).append(heat)
     points = [
-        Heat(machine, kind, source, _median(h.speed_rpm for h in each), _median(h.heat_W for h in each))
+        Heat(
+            machine, kind, source, _median(h.speed_rpm for h in each), _median(h.heat_W for h in each),
+            min((h.good for h in each if not math.isnan(h.good)), default=math.nan),
+        )
         for (kind, source, machine), each in sorted(own.items())
-    ]
+    ]  # fmt: skip
     return [_beside(point, points) for point in points]
 
 
@@ -89,8 +105,9 @@ def _beside(point: Heat, points: Sequence[Heat]) -> Beside:
         allowed_W = max(HOT_SHARE * abs(usual_W), HOT_DEVIATIONS * spread * point.speed_rpm)
         hot = point.heat_W - usual_W > allowed_W
     return Beside(
-        point.machine, point.type, point.source, point.speed_rpm, point.heat_W, usual_W, len(others), hot
-    )
+        point.machine, point.type, point.source, point.speed_rpm, point.heat_W, usual_W, len(others), hot,
+        point.good,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 import statistics
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from observer.fleet.compare import Beside, Heat, Known, Shared, beside_fleet, groups
+from observer.fleet.compare import LEAST_GOOD, Beside, Heat, Known, Shared, beside_fleet, groups
 from observer.fleet.journal import Row
 from observer.report.page import Html, code, document, paragraph, safe, section, table, tiles
 
@@ -73,15 +74,23 @@ def _counting(name: str) -> list[tuple[int, str]]:
 
 def heats_of(rows: Sequence[Row]) -> list[Heat]:
     """The heats of all sources with a speed; those of `identify`, where it was done, before a replay's."""
-    best = {}
+    best, good = dict[tuple[str, ...], Row](), dict[tuple[str, ...], float]()
     for row in rows:
         if row["verb"] in ("replay", "identify"):
             key = (row["machine"], *row["logs"])
+            good[key] = row["found"].get("good", good.get(key, math.nan))
             if key not in best or row["verb"] == "identify":
                 best[key] = row
     return [
-        Heat(row["machine"], row["found"]["type"], source, row["found"]["speed_mean_rpm"][source], heat_W)
-        for row in best.values()
+        Heat(
+            row["machine"],
+            row["found"]["type"],
+            source,
+            row["found"]["speed_mean_rpm"][source],
+            heat_W,
+            good[key],
+        )
+        for key, row in best.items()
         for source, heat_W in row["found"]["heat_mean_W"].items()
         if heat_W is not None and source in row["found"]["speed_mean_rpm"]
     ]
@@ -132,7 +141,18 @@ def _machines(
 def _heat(b: Beside) -> Html:
     usual = "no like to compare" if b.usual_W is None else f"usual {b.usual_W:.1f} W"
     text = f"{b.source} {b.heat_W:.1f} W ({usual})"
-    return Html(f"<b>{paragraph_text(text)}, hot</b>") if b.hot else Html(paragraph_text(text))
+    said = Html(f"<b>{paragraph_text(text)}, hot</b>") if b.hot else Html(paragraph_text(text))
+    return said if math.isnan(b.good) else _greyed(Html(f"{said}, {_good(b)} good"), b)
+
+
+def _good(b: Beside) -> str:
+    """The share of good estimates behind a heat, rounded down: 100 % is all of them."""
+    return _DASH if math.isnan(b.good) else f"{math.floor(100 * b.good)}\N{NO-BREAK SPACE}%"
+
+
+def _greyed(text: str, b: Beside) -> Html:
+    """A figure, grey where hardly any estimate behind it was good."""
+    return Html(f'<span class="doubtful">{safe(text)}</span>') if b.doubtful else safe(text)
 
 
 def paragraph_text(text: str) -> str:
@@ -192,25 +212,27 @@ def _hot(beside: Sequence[Beside]) -> Html:
             b.machine,
             b.source,
             f"{b.speed_rpm:.0f}",
-            f"{b.heat_W:.1f}",
+            _greyed(f"{b.heat_W:.1f}", b),
             f"{b.usual_W:.1f}",
-            f"{b.heat_W / b.usual_W:.2f}" if b.usual_W else _DASH,
+            _greyed(f"{b.heat_W / b.usual_W:.2f}", b) if b.usual_W else _DASH,
             str(b.others),
+            _greyed(_good(b), b),
         ]
         for b in sorted(beside, key=lambda b: b.heat_W - (b.usual_W or 0.0), reverse=True)
         if b.hot and b.usual_W is not None
     ]
     if not beside:
         return Html("")
-    heads = ("machine", "source", "speed, rpm", "heat, W", "usual, W", "times the usual", "others")
+    heads = ("machine", "source", "speed, rpm", "heat, W", "usual, W", "times the usual", "others", "good")
     note = (
         "The usual is the median of at least three other machines with the same screw whose mean speed is "
         "within 20 %, per rpm. Hot is a source that exceeds it by a fifth, and by three of the fleet's "
-        "standard deviations."
+        "standard deviations. Good is the share of the replay's estimates that were good, of several logs "
+        f"the least; a heat with less than {LEAST_GOOD:.0%} is grey."
     )
     rest = paragraph("None.") if not lines else Html("")
     return section(
-        "Running hot", paragraph(note, "note"), table(heads, lines, (2, 3, 4, 5, 6), stacked=True), rest
+        "Running hot", paragraph(note, "note"), table(heads, lines, (2, 3, 4, 5, 6, 7), stacked=True), rest
     )
 
 

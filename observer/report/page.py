@@ -118,6 +118,7 @@ td:last-child, td:has(.bar) { white-space: nowrap; }
 .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 th.n { white-space: normal; }
 .whole { white-space: nowrap; }
+.doubtful { color: var(--quiet); }
 tr { break-inside: avoid; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 14px 0 0; }
 .tiles div { background: var(--raised); border-radius: 8px; padding: 10px 16px; flex: 1 1 150px; }

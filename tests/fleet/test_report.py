@@ -48,7 +48,7 @@ def test_the_page_names_who_lacks_what_who_runs_hot_and_who_could_share():
     said = _text(html)
     assert "attached_mass (left) 1 m0" in said
     assert "something the library does not have 1 m2" in said
-    assert "m9&lt;b&gt; left 1500 15.0 9.2 1.63 5" in said
+    assert "m9&lt;b&gt; left 1500 15.0 9.2 1.63 5 100" in said
     assert "m0, m1, m2" in said
     assert said.index("m2 2.3 → 0.07") < said.index("nothing 1 m1"), "what is to be seen to comes first"
     assert "surface.convection_W_m2K = 15.2 (15.03 … 15.37)" in said
@@ -87,6 +87,28 @@ def test_heats_by_identify_stand_before_a_replay_of_the_same_log():
     rows = _replays()
     better = _row("m0", "identify", "run", heat_mean_W={"left": 9.4}, speed_mean_rpm={"left": 1500.0})
     assert "left 9.4 W" in page([*rows, better], [])
+
+
+def test_a_heat_stands_with_the_share_of_good_estimates_and_is_grey_where_that_is_small():
+    rows = _replays()
+    rows[1]["found"]["good"], rows[-1]["found"]["good"] = 0.49, 0.051
+    better = _row("m1", "identify", "run", heat_mean_W={"left": 9.4}, speed_mean_rpm={"left": 1500.0})
+    html = page([*rows, better], [])
+    assert "left 9.0 W (usual 9.4 W), 100 % good" in _text(html).replace("\N{NO-BREAK SPACE}", " ")
+    assert '<span class="doubtful">left 9.4 W (usual 9.3 W), 49\N{NO-BREAK SPACE}% good</span>' in html
+    assert (
+        '<span class="doubtful"><b>left 15.0 W (usual 9.3 W), hot</b>, 5\N{NO-BREAK SPACE}% good</span>'
+        in html
+    )
+    assert '<span class="doubtful">15.0</span>' in html
+    assert ".doubtful {" in html
+
+
+def test_a_heat_of_which_no_replay_says_how_good_it_was_says_nothing_of_it():
+    row = _row("m0", "identify", "run", heat_mean_W={"left": 9.4}, speed_mean_rpm={"left": 1500.0})
+    html = page([row], [])
+    assert "left 9.4 W (no like to compare)" in _text(html)
+    assert '"doubtful"' not in html
 
 
 def test_the_table_has_a_column_for_each_number(tmp_path):
