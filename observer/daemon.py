@@ -194,7 +194,7 @@ def _publisher(
         compensates=compensates,
         forecasts=forecasts,
     )
-    start = Start.of(config, path)
+    start = Start.of(config, path, forecasts=forecasts)
     return publisher if start is None else Outlets(publisher, Feed(start, told.encode()))
 
 

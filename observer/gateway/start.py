@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 class Start(BaseModel):
     """Which outlets there are to be, and of what they tell.
 
-    `config_file` is the configuration's file, None if it has none; `recordings` the folder of the recordings.
+    `config_file` is the configuration's file, None if it has none; `recordings` the folder of the recordings;
+    `laws` the sources that have a heat law; `forecast_s` how often a forecast comes, None where none does.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -30,10 +31,12 @@ class Start(BaseModel):
     opcua: Opcua | None = None
     config_file: Path | None = None
     recordings: Path | None = None
+    laws: tuple[str, ...] = ()
+    forecast_s: float | None = None
 
     @classmethod
-    def of(cls, config: Installation, path: Path | None) -> Start | None:
-        """What a configuration asks for, None if it asks for no outlet."""
+    def of(cls, config: Installation, path: Path | None, *, forecasts: bool) -> Start | None:
+        """What a configuration asks for, None if for no outlet; `forecasts`: whether any will come."""
         outlets = {name: getattr(config, name) for name in OUTLETS}
         if all(outlet is None for outlet in outlets.values()):
             return None
@@ -43,6 +46,8 @@ class Start(BaseModel):
             period_s=config.estimator.period_s,
             config_file=None if path is None else path.absolute(),
             recordings=None if (folder := config.record.directory) is None else folder.absolute(),
+            laws=tuple(source.name for source in config.source if source.law is not None),
+            forecast_s=config.forecast.period_s if forecasts else None,
             **outlets,
         )
 

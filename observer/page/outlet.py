@@ -42,7 +42,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     secure = page.certificate is not None
     users = read_users(page.users_file) if page.users_file is not None else None
     login = None if users is None else Login(users, secure=secure)
-    stream = Stream(latest, start.machine, start.axis, start.period_s, login is not None)
+    stream = Stream(latest, start, login is not None)
     app = application(start, stream, login, acknowledge)
     config = uvicorn.Config(
         app,

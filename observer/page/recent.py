@@ -53,6 +53,7 @@ class Recent:
             "sigma_W": {name: entry["sigma_W"] for name, entry in heat.get("sources", {}).items()},
             "law_W": dict(zip(estimate.get("sources", []), estimate.get("law_W", []), strict=False)),
             "channels": {name: entry["value"] for name, entry in readings.get("channels", {}).items()},
+            "lost": [n for n, entry in readings.get("channels", {}).items() if entry["quality"] != "good"],
         }
 
 

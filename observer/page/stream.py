@@ -13,6 +13,7 @@ from typing import Any
 
 from observer.gateway.latest import Latest
 from observer.gateway.pending import Pending
+from observer.gateway.start import Start
 from observer.page.innovations import Innovations
 from observer.page.recent import Recent
 from observer.publish.codec import decode_estimate
@@ -34,15 +35,14 @@ class Stream:
     def __init__(
         self,
         latest: Latest,
-        machine: str,
-        axis: str,
-        period_s: float,
+        start: Start,
         login: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._latest = latest
         self._clock = clock
-        hello = {"machine": machine, "axis": axis, "period_s": period_s, "login": login}
+        told = ("machine", "axis", "period_s", "laws", "forecast_s")
+        hello = {**{key: getattr(start, key) for key in told}, "login": login}
         self._newest: dict[str, bytes] = {"hello": event("hello", json.dumps(hello).encode()) + _AGAIN}
         self._sent_s: dict[str, float] = {}
         self._viewers: set[Pending] = set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import ssl
 import struct
 import subprocess
@@ -63,26 +64,36 @@ DOCUMENTS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def estimate(sequence: int) -> bytes:
+def estimate(sequence: int, law_W: float = math.nan) -> bytes:
     def typed(value: float) -> cbor2.CBORTag:
         return cbor2.CBORTag(85, struct.pack("<f", value))
 
     return cbor2.dumps({
         **HEAD, "sequence": sequence, "quality": "degraded", "sources": ["nut"], "heat_W": typed(26.54),
-        "law_W": typed(float("nan")), "sensors": ["t3"], "innovation_K": typed(float("nan")),
+        "law_W": typed(law_W), "sensors": ["t3"], "innovation_K": typed(float("nan")),
         "innovation_sigma_K": typed(0.1), "sensor_quality": ["missing"],
     })  # fmt: skip
 
 
 @contextmanager
 def gateway(
-    ca: Path | None = None, config_file: Path | None = None, **page: Any
+    ca: Path | None = None,
+    config_file: Path | None = None,
+    laws: tuple[str, ...] = (),
+    forecast_s: float | None = None,
+    documents: Mapping[str, Any] = DOCUMENTS,
+    law_W: float = math.nan,
+    **page: Any,
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """The gateway's process with a page of these documents, by TLS where it is given an authority."""
+    """The gateway's process with a page of these documents, by TLS where it is given an authority.
+
+    `laws` are the sources with one, `forecast_s` how often a forecast comes.
+    """
     listen = f"127.0.0.1:{free_port()}"
     first = Start(
-        machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page), config_file=config_file
-    )
+        machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page), config_file=config_file,
+        laws=laws, forecast_s=forecast_s,
+    )  # fmt: skip
     trusted = None if ca is None else ssl.create_default_context(cafile=ca)
     url = f"http{'' if ca is None else 's'}://{listen}/"
     process = subprocess.Popen(
@@ -92,8 +103,8 @@ def gateway(
         stderr=subprocess.PIPE,
     )
     try:
-        messages = [("start", first.model_dump_json().encode()), ("estimate", estimate(7))]
-        messages += [(key, json.dumps(document).encode()) for key, document in DOCUMENTS.items()]
+        messages = [("start", first.model_dump_json().encode()), ("estimate", estimate(7, law_W))]
+        messages += [(key, json.dumps(document).encode()) for key, document in documents.items()]
         process.stdin.write(b"".join(framed(*message) for message in messages))
         process.stdin.flush()
         until(lambda: answers(f"{url}assets/page.css", trusted), PATIENCE_S)

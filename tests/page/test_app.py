@@ -23,6 +23,10 @@ from observer.tables.gateway import Page
 HERE = "http://127.0.0.1:8080"
 
 
+def _start(period_s: float) -> Start:
+    return Start(machine="lathe", axis="z", period_s=period_s)
+
+
 @pytest.fixture
 def page(tmp_path):
     """Make a client of a page with reports in a folder, for those whom `login` lets in."""
@@ -30,7 +34,7 @@ def page(tmp_path):
     def made(login: Login | None = None, **more) -> tuple[httpx.AsyncClient, list[tuple[str, str]]]:
         seen: list[tuple[str, str]] = []
         start = Start(machine="lathe", axis="z", period_s=0.5, page=Page(reports=tmp_path), **more)
-        stream = Stream(Latest(0.5), "lathe", "z", 0.5)
+        stream = Stream(Latest(0.5), _start(0.5))
         app = application(start, stream, login, lambda alarm, by: seen.append((alarm, by)))
         return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE), seen
 
@@ -119,7 +123,7 @@ async def test_a_login_that_others_can_read_says_so(listen, tls, clear):
     settings = Page(listen=listen, users_file=Path("u"), **files)
     start = Start(machine="lathe", axis="z", period_s=0.5, page=settings)
     login = Login({"anna": "right"}, secure=tls)
-    app = application(start, Stream(Latest(0.5), "lathe", "z", 0.5), login, lambda *_: None)
+    app = application(start, Stream(Latest(0.5), _start(0.5)), login, lambda *_: None)
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE) as client:
         text = (await client.get("/login")).text
     assert ("not encrypted" in text) == clear
@@ -161,7 +165,7 @@ async def test_no_recording_is_said_with_what_to_do(page, tmp_path):
 
 async def test_a_viewer_who_is_behind_gets_the_newest_of_each_kind():
     now = [0.0]
-    stream = Stream(Latest(0.5), "lathe", "z", 0.5, clock=lambda: now[0])
+    stream = Stream(Latest(0.5), _start(0.5), clock=lambda: now[0])
     viewer = stream.viewer()
     first = await anext(viewer)
     assert first.startswith(b"event: hello\n")
@@ -175,7 +179,7 @@ async def test_a_viewer_who_is_behind_gets_the_newest_of_each_kind():
 
 def test_no_kind_is_told_more_than_ten_times_a_second():
     now = [0.0]
-    stream = Stream(Latest(0.01), "lathe", "z", 0.01, clock=lambda: now[0])
+    stream = Stream(Latest(0.01), _start(0.01), clock=lambda: now[0])
     told = []
     stream._tell = lambda key, data: told.append(key)
     for _ in range(1000):
@@ -187,7 +191,7 @@ def test_no_kind_is_told_more_than_ten_times_a_second():
 
 
 def test_what_is_no_estimate_is_left_out_and_the_last_hour_is_kept():
-    stream = Stream(Latest(0.5), "lathe", "z", 0.5, clock=lambda: float(np.random.default_rng().uniform()))
+    stream = Stream(Latest(0.5), _start(0.5), clock=lambda: float(np.random.default_rng().uniform()))
     stream.take("estimate", b"\xff")
     for k in range(2000):
         field = {"time_s": 2.0 * k, "quality": "good", "temperature_degC": [20.0, None]}
@@ -218,7 +222,7 @@ def test_the_last_innovation_stays_with_its_age_and_is_late_when_the_next_one_is
 
 def test_no_innovation_is_lost_between_the_steps_that_are_told():
     now, told = [0.0], []
-    stream = Stream(Latest(0.05), "lathe", "z", 0.05, clock=lambda: now[0])
+    stream = Stream(Latest(0.05), _start(0.05), clock=lambda: now[0])
     stream._tell = lambda key, data: told.append(json.loads(data.split(b"data: ")[1]))
     for sequence in range(100):
         now[0] += 0.05

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from drivers.protocol import DriverStatus
+from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
 from observer.publish.codec import to_json
 from observer.service.align import Aligner
 from observer.service.health import Facts, assess
+from observer.service.reasons import sentence
 from observer.service.record import RecordStatus
 from tests.service.streams import CHANNELS, plan
 
@@ -127,3 +129,10 @@ def test_figures_within_a_reason_are_no_change_worth_telling():
     other = replace(first, reasons=("t4 is refused: +1.02 K from what is expected, since 14:02",))
     assert first.essence == later.essence
     assert first.essence != other.essence
+
+
+def test_what_follows_the_last_sample_is_no_percentage():
+    """A mean product in σ² may be more than one: "it repeats by 170 %" is nothing that anyone can picture."""
+    said = sentence(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0))
+    assert "%" not in said
+    assert "one sample deviates as the last did (mean product +1.7 σ²" in said

@@ -1,7 +1,7 @@
 // Heats over time, the error along the travel, and what is to come.
 import { again, chart, edge, line, redraw, tidyLegend } from "./charts.js";
-import { byId, clock, colour, css, fade, known, make, number, say } from "./format.js";
-import { nutChannel, onNews, store, view } from "./store.js";
+import { byId, clock, colour, css, fade, known, make, number, say, span } from "./format.js";
+import { hasLaw, nutChannel, onNews, store, view } from "./store.js";
 
 let heats = null, names = "", error = null, hasCompensation = null, forecast = null;
 const plus = (a, b, k) => (known(a) && known(b) ? a + k * b : null);
@@ -34,7 +34,7 @@ function drawHeats() {
   byId("heats").dataset.sequence = sequence;
   for (const name of found) {
     say(byId("heats").querySelector(`[data-heat="${CSS.escape(name)}"]`), `${number(now.heat_W[name])} ± ${number(now.sigma_W[name])} W`);
-    say(byId("heats").querySelector(`[data-law="${CSS.escape(name)}"]`), known(now.law_W[name]) ? ` law ${number(now.law_W[name])} W` : "");
+    say(byId("heats").querySelector(`[data-law="${CSS.escape(name)}"]`), known(now.law_W[name]) && hasLaw(name) ? ` law ${number(now.law_W[name])} W` : "");
   }
 }
 
@@ -43,7 +43,7 @@ function drawHeatsPast() {
   const rows = store.rows, found = names.split(",");
   heats.set([rows.map((r) => r.time_s), ...found.flatMap((name) => [
     rows.map((r) => orNull(r.heat_W[name])), rows.map((r) => plus(r.heat_W[name], r.sigma_W[name], 2)),
-    rows.map((r) => plus(r.heat_W[name], r.sigma_W[name], -2)), rows.map((r) => orNull(r.law_W[name])),
+    rows.map((r) => plus(r.heat_W[name], r.sigma_W[name], -2)), rows.map((r) => (hasLaw(name) ? orNull(r.law_W[name]) : null)),
   ])]);
 }
 
@@ -67,7 +67,7 @@ function drawError() {
   if (!error || has !== hasCompensation) {
     error?.end(); box.replaceChildren(); hasCompensation = has;
     const series = [line("thermal error", () => colour(0)), edge("_"), edge("_"), ...(has ? [line("compensation", () => colour(1), { dash: [7, 4] })] : [])];
-    error = chart(box, { x: "position in m", y: "µm", series, bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, view().channels[nutChannel()], "nut"),
+    error = chart(box, { x: "position in m", y: "µm", series, bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, view().lost?.includes(nutChannel()) ? null : view().channels[nutChannel()], "nut"),
       range: (_, low, high) => { const pad = Math.max(1, (high - low) * 0.1); return [Math.min(0, low - pad), high + pad]; }, legend: has });
     if (has) tidyLegend(box);
   }
@@ -80,7 +80,11 @@ function drawError() {
 
 function drawForecast() {
   const told = store.documents.forecast, box = byId("c-forecast");
-  if (!told) return;
+  if (!told) {
+    const comes = store.hello?.forecast_s;
+    if (store.hello) say("forecast-words", known(comes) ? `No forecast yet: a new one comes every ${span(comes)}.` : "No forecast comes: every estimated heat needs a law, or [forecast] enabled is false.");
+    return;
+  }
   const table = told.error_um ?? told.temperature_degC, sigma = told.error_um ? told.error_sigma_um : told.sigma_K;
   if (told.reason || !table?.length) { say("forecast-words", told.reason ?? "No forecast yet."); box.hidden = true; return; }
   const unit = told.error_um ? "µm" : "°C";
@@ -104,9 +108,9 @@ function drawForecast() {
 }
 
 export function startCurves() {
-  onNews(["heat", "estimate", "view"], drawHeats);
-  onNews(["rows", "heat"], drawHeatsPast);
+  onNews(["heat", "estimate", "view", "hello"], drawHeats);
+  onNews(["rows", "heat", "hello"], drawHeatsPast);
   onNews(["error", "compensation", "view", "rows"], drawError);
-  onNews(["forecast"], drawForecast);
+  onNews(["forecast", "hello"], drawForecast);
   onNews(["theme", "view"], redraw);
 }

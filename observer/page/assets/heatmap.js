@@ -77,10 +77,13 @@ function draw() {
   // sensors, with what they read
   c.textAlign = "center";
   let free = -Infinity;
+  const silent = [];
   for (const sensor of [...(store.config?.sensor ?? [])].sort((a, b) => a.position_m - b.position_m)) {
     if (!known(sensor.position_m) || sensor.kind === "displacement") continue;
-    const at = x(sensor.position_m), value = now.channels[sensor.channel];
-    c.fillStyle = css("--ink"); c.beginPath(); c.moveTo(at, top + 3); c.lineTo(at - 4 * big, top - 4 * big); c.lineTo(at + 4 * big, top - 4 * big); c.fill();
+    // one that says nothing now is hollow and grey, and without the number that it said last
+    const lost = now.lost?.includes(sensor.channel), at = x(sensor.position_m), value = lost ? null : now.channels[sensor.channel];
+    c.fillStyle = c.strokeStyle = css(lost ? "--soft" : "--ink"); c.lineWidth = 1; c.beginPath(); c.moveTo(at, top + 3); c.lineTo(at - 4 * big, top - 4 * big); c.lineTo(at + 4 * big, top - 4 * big); c.closePath(); if (lost) c.stroke(); else c.fill();
+    if (lost) silent.push(sensor.name);
     // with its name where there is room, else the number alone
     const name = sensor.name.length > 12 ? `${sensor.name.slice(0, 11)}…` : sensor.name;
     for (const text of [`${name} ${number(value)}`, number(value)]) {
@@ -89,7 +92,7 @@ function draw() {
     }
   }
   // the nut
-  const nut_m = now.channels[nutChannel()];
+  const nut_m = now.lost?.includes(nutChannel()) ? null : now.channels[nutChannel()];
   if (known(nut_m)) {
     const length = store.config?.source?.find((s) => s.position_channel)?.length_m ?? 0.06, w = Math.max(14, length / (last - first) * width);
     c.fillStyle = css("--panel"); c.strokeStyle = css("--ink"); c.lineWidth = 2;
@@ -120,7 +123,8 @@ function draw() {
   for (let k = 0; k <= 4; k++) c.fillText(number(low + k / 4 * (high - low)), left + width + 30, mapTop + mapHeight - k / 4 * mapHeight + (k === 0 ? -5 : k === 4 ? 5 : 0));
   c.fillText("°C", left + width + 14, mapTop - 9 * big);
   say("map-when", store.held ? `held at ${clock(now.time_s)}` : `the last ${Math.round(window_s / 60)} min, newest above`);
-  canvas.setAttribute("aria-label", `Temperature over position and time; now ${number(Math.min(...now.temperature_degC))} to ${number(Math.max(...now.temperature_degC))} °C, nut at ${number(nut_m, 3)} m`);
+  const shown = now.temperature_degC.filter(known);
+  canvas.setAttribute("aria-label", `Temperature over position and time; now ${number(Math.min(...shown))} to ${number(Math.max(...shown))} °C, nut at ${number(nut_m, 3)} m${silent.length ? `; no reading of ${silent.join(", ")}` : ""}`);
 }
 
 function slider() {

@@ -30,6 +30,9 @@ document.addEventListener("visibilitychange", () => news("view"));
 export function source(name) { return store.config?.source?.find((s) => s.name === name); }
 export function nutChannel() { return store.config?.source?.find((s) => s.position_channel)?.position_channel ?? null; }
 
+// without a law the estimate says 0 W of it, which is no law
+export function hasLaw(name) { return store.hello?.laws.includes(name) ?? false; }
+
 function live() {
   const { field, heat, error, estimate, readings } = store.documents;
   const heats = heat?.sources ?? {};
@@ -38,8 +41,9 @@ function live() {
     temperature_degC: field?.temperature_degC ?? [], error_um: error?.error_um ?? [], sigma_um: error?.sigma_um ?? [],
     heat_W: Object.fromEntries(Object.entries(heats).map(([name, h]) => [name, h.heat_W])),
     sigma_W: Object.fromEntries(Object.entries(heats).map(([name, h]) => [name, h.sigma_W])),
-    law_W: Object.fromEntries((estimate?.sources ?? []).map((name, i) => [name, estimate.law_W?.[i]])),
+    law_W: Object.fromEntries((estimate?.sources ?? []).map((name, i) => [name, estimate.law_W?.[i]]).filter(([name]) => hasLaw(name))),
     channels: Object.fromEntries(Object.entries(readings?.channels ?? {}).map(([name, c]) => [name, c.value])),
+    lost: Object.entries(readings?.channels ?? {}).filter(([, c]) => c.quality !== "good").map(([name]) => name),
   };
 }
 

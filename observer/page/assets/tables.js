@@ -9,13 +9,15 @@ const WORDS = {
   stale: ["×", "Stale", "No fresh measurement; the model runs alone."],
   invalid: ["×", "Invalid", "There is no estimate to rely on."],
 };
+// the service is gone: nobody reckons on
+const SILENT = ["×", "Stale", "Nothing comes from the service; what is shown is the last that it said."];
 const reasonsOf = () => store.documents.health?.reasons ?? [];
 
 function drawState() {
   const { health, estimate } = store.documents;
   if (!health && !estimate) return;
-  const state = silence() === null ? health?.state ?? estimate.quality : "stale";
-  const [sign, word, words] = WORDS[state] ?? ["?", state, ""];
+  const silent = silence() !== null, state = silent ? "stale" : health?.state ?? estimate.quality;
+  const [sign, word, words] = silent ? SILENT : WORDS[state] ?? ["?", state, ""];
   document.body.dataset.state = state;
   say("sign", sign); say("state", word); say("words", words);
   const told = reasonsOf().join("\n");
@@ -36,7 +38,8 @@ function drawFigures() {
   const heats = Object.values(now.heat_W).filter(known);
   if (heats.length) figure("f-heat", `${number(heats.reduce((a, b) => a + b, 0))} W`, ` from ${heats.length}`);
   const speed = Object.keys(readings?.channels ?? {}).find((name) => name.endsWith("_rpm"));
-  if (known(now.channels[nutChannel()])) figure("f-nut", `${number(now.channels[nutChannel()], 3)} m`, speed ? ` ${number(now.channels[speed], 0)} rpm` : "");
+  if (now.lost?.includes(nutChannel())) figure("f-nut", "–", " position lost");
+  else if (known(now.channels[nutChannel()])) figure("f-nut", `${number(now.channels[nutChannel()], 3)} m`, speed ? ` ${number(now.channels[speed], 0)} rpm` : "");
   figure("f-comp", compensation ? (compensation.armed ? "armed" : "off") : "not set up", "");
 }
 
@@ -62,9 +65,11 @@ function drawSensors() {
     // what came last, unless the service says that nothing comes: not every step has a reading
     const last = ["missing", "stale"].includes(quality) ? undefined : estimate.innovations?.[name];
     const fault = health?.channels?.[channel]?.fault;
+    const lost = reading && reading.quality !== "good", old = lost && known(reading.age_s) && known(reading.value);
     rows.push(make("tr", { "data-sensor": name },
       make("th", { scope: "row" }, make("b", { text: name }), known(sensor?.position_m) ? ` ${number(sensor.position_m, 2)} m` : ""),
-      make("td", { class: "n", "data-field": "reading", text: `${number(reading?.value, 2)} ${unit}` }),
+      make("td", { class: "n", "data-late": lost ? "" : null }, make("small", { class: "age", text: old ? `${span(reading.age_s)} old` : "" }),
+        make("span", { "data-field": "reading", text: `${number(reading?.value, 2)} ${unit}` })),
       make("td", { class: "n", "data-late": last?.late ? "" : null }, make("small", { class: "age", text: last?.late ? `${span(last.age_s)} old` : "" }),
         make("span", { "data-field": "innovation", "data-sequence": last?.sequence, text: `${number(last?.value, 3)} ${small}` }), deviation(last?.value, last?.sigma)),
       make("td", {}, make("span", { class: "q", "data-q": quality, "data-field": "quality", text: quality }))));

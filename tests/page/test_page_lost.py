@@ -1,0 +1,118 @@
+"""What the page shows of what is not there: a sensor that fell out, a law, a forecast, the service itself."""
+
+from __future__ import annotations
+
+from contextlib import closing, contextmanager
+
+import pytest
+
+from tests.page.browser import CHROMIUM, chromium
+from tests.page.gateway import DOCUMENTS, HEAD, gateway, tell
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
+]
+
+# what is written on canvases, each text with its colour
+WRITTEN = """
+window.written = [];
+const fill = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+  written.push([String(text), this.fillStyle]); return fill.call(this, text, ...at);
+};
+"""
+WITHOUT_FORECAST = {key: told for key, told in DOCUMENTS.items() if key != "forecast"}
+
+
+def _readings(quality: str, age_s: float) -> dict:
+    channels = {
+        "t3_degC": {"value": 36.0, "quality": quality, "age_s": age_s},
+        "nut_position_m": {"value": 0.4, "quality": quality, "age_s": age_s},
+    }
+    return {**HEAD, "channels": channels}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as started:
+        yield started
+
+
+@contextmanager
+def _page(browser, **more):
+    with gateway(documents=WITHOUT_FORECAST, **more) as (url, process), closing(browser.new_page()) as page:
+        page.add_init_script(WRITTEN)
+        page.goto(url)
+        page.wait_for_selector("tr[data-sensor=t3]")
+        yield page, process
+
+
+@pytest.mark.parametrize("quality", ["rejected", "missing", "stale"])
+def test_a_sensor_that_fell_out_says_nothing_on_the_screw(browser, quality):
+    with _page(browser) as (page, process):
+        tell(process, "readings", _readings("good", 0.0))
+        page.wait_for_function("() => written.some(([text]) => text === 't3 36.0')")
+        assert "now 25.0 to 27.0 °C, nut at 0.400 m" in page.get_attribute("#map", "aria-label")
+        assert "no reading" not in page.get_attribute("#map", "aria-label")
+        page.wait_for_timeout(200)  # of what comes faster than ten times a second the page leaves some out
+        tell(process, "readings", _readings(quality, 660.0))
+        page.wait_for_function(
+            "() => document.getElementById('map').ariaLabel.endsWith('nut at – m; no reading of t3')"
+        )
+        page.evaluate("() => { written.length = 0; dispatchEvent(new Event('resize')); }")
+        page.click("#theme")
+        page.wait_for_function("() => written.some(([text]) => text === 't3 –')")
+        assert not page.evaluate("() => written.some(([text]) => text.includes('36.0'))")
+        soft, ink = page.evaluate(
+            """() => { const root = getComputedStyle(document.documentElement);
+              return ['--soft', '--ink'].map(name => root.getPropertyValue(name)); }"""
+        )
+        colours = page.evaluate("() => written.filter(([text]) => text === 't3 –').map(([, c]) => c)")
+        assert colours[-1] == soft.strip() != ink.strip()
+        row = page.locator("tr[data-sensor=t3]")
+        assert row.locator("[data-field=reading]").inner_text() == "36.00 °C"
+        assert "11 min old" in row.inner_text()
+        assert row.locator("td[data-late]").first.is_visible()
+        assert page.inner_text("#f-nut") == "– position lost"
+
+
+def test_a_source_without_a_law_has_none_of_0_W(browser):
+    with _page(browser, law_W=0.0) as (page, _):
+        assert page.inner_text("[data-heat=nut]") == "26.5 ± 0.6 W"
+        assert page.inner_text("[data-law=nut]") == ""
+    with _page(browser, law_W=0.0, laws=("nut",)) as (page, _):
+        page.wait_for_function("() => document.querySelector('[data-law=nut]').textContent === ' law 0.0 W'")
+
+
+@pytest.mark.parametrize(
+    ("forecast_s", "said"),
+    [
+        (
+            None,
+            "No forecast comes: every estimated heat needs a law, or [forecast] enabled is false.",
+        ),
+        (60.0, "No forecast yet: a new one comes every 60 s."),
+        (600.0, "No forecast yet: a new one comes every 10 min."),
+    ],
+)
+def test_a_forecast_is_promised_where_one_comes(browser, forecast_s, said):
+    with _page(browser, forecast_s=forecast_s) as (page, _):
+        page.wait_for_function(
+            "() => document.getElementById('forecast-words').textContent !== 'No forecast yet.'"
+        )
+        assert page.inner_text("#forecast-words") == said
+
+
+def test_of_a_service_that_is_gone_nothing_runs_on(browser):
+    with _page(browser) as (page, process):
+        tell(process, "health", {**DOCUMENTS["health"], "state": "stale"})
+        page.wait_for_function("() => document.getElementById('words').textContent.includes('runs alone')")
+        # two periods of 60 s of this service later
+        page.evaluate(
+            "() => { const now = performance.now.bind(performance); performance.now = () => now() + 2e5; }"
+        )
+        page.wait_for_selector("[data-silent]")
+        assert page.inner_text("#state") == "Stale"
+        said = page.inner_text("#words")
+        assert said == "Nothing comes from the service; what is shown is the last that it said."
