@@ -26,6 +26,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
 from observer.errors import ConfigError
+from observer.gateway.opcua_bounds import bound
 from observer.gateway.opcua_space import fill
 from observer.gateway.users import Users, read_users
 from observer.tables.gateway import Opcua
@@ -52,6 +53,7 @@ async def guarded(settings: Opcua) -> Server:
         server.set_identity_tokens([ua.AnonymousIdentityToken if users is None else ua.UserNameIdentityToken])
     else:
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+    bound(server)
     await server.init()
     server.allow_remote_admin(False)  # else whoever says "admin", without a password, may write
     if name is not None:
@@ -144,6 +146,9 @@ class _Guarded(InternalServer):
     def lookup_external_session(self, _auth_token: ua.NodeId) -> InternalSession | None:
         """None: a session belongs to the connection that made it."""
         return None
+
+    def register_external_session(self, session: InternalSession) -> None:
+        """Keep no list of them, which would keep each that was never taken up."""
 
     def register_server(self, _server: Any, _conf: Any = None) -> None:
         """Refuse: this is no directory of others."""
