@@ -265,7 +265,7 @@ class AlarmDesk:
             self._alarms = {name: plain.alarm(found) for name, found in kept["alarms"].items()}
         except FileNotFoundError:
             return
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             log.warning("what was kept of alarms cannot be used", file=str(file), reason=str(error))
 
 

@@ -48,3 +48,18 @@ def test_an_open_thermocouple_raises_an_alarm_that_is_acknowledged_and_goes(tmp_
             assert _alarms(seen)[PLUG]["state"] == "acknowledged"
             plant.fault()
             until(lambda: seen.documents.get("alarms") and PLUG not in _alarms(seen))
+
+
+def test_kept_alarms_that_nest_without_end_are_set_aside_in_words(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["checkpoint"] = {"directory": str(tmp_path / "kept")}
+        file = tmp_path / "kept" / "demo-x.alarms.json"
+        file.parent.mkdir()
+        file.write_text("[" * 100_000, encoding="utf-8")
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
+            until(lambda: daemon.process.poll() is not None or seen.documents.get("alarms"))
+            assert daemon.process.poll() is None, daemon.said()[-500:]
+            assert "what was kept of alarms cannot be used" in daemon.said()
+            assert "Traceback" not in daemon.said()
