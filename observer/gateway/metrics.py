@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import asyncio
 import math
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client import CollectorRegistry, make_wsgi_app
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from observer.gateway.latest import Latest
 from observer.gateway.say import Say
+from observer.gateway.scrapes import serving
 from observer.gateway.start import Start
 from observer.tables.gateway import host_and_port
 
@@ -40,11 +42,13 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_Figures(start, latest))
     try:
-        server, thread = start_http_server(port, host, registry)
+        server = serving(host, port, make_wsgi_app(registry))
     except OSError as error:
         raise OSError(
             f"cannot listen on {start.metrics.listen} ({error.strerror}); change metrics.listen"
         ) from None
+    thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
+    thread.start()
     say({"reason": None, "address": f"http://{start.metrics.listen}/metrics"})
     try:
         await asyncio.Event().wait()
