@@ -19,6 +19,7 @@ from observer.gateway.say import Say
 from observer.gateway.start import Start
 from observer.gateway.users import read_users
 from observer.page.app import application
+from observer.page.connections import Connection
 from observer.page.login import Login
 from observer.page.stream import Stream
 from observer.tables.gateway import host_and_port
@@ -46,6 +47,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     app = application(start, stream, login, acknowledge)
     config = uvicorn.Config(
         app,
+        http=Connection,
         log_config=None,
         access_log=False,
         lifespan="off",
