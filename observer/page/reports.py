@@ -20,7 +20,7 @@ def reports(folder: Path, config_file: Path | None) -> list[dict[str, Any]]:
     proposed, `diff` against the one in force and the `command` that adopts it.
     """
     try:
-        results = [path for path in folder.glob("*/result.json") if path.is_file()]
+        results = [path for path in folder.glob("*/result.json") if _is_own(path)]
         timed = sorted(((path.stat().st_mtime, path) for path in results), reverse=True)
     except OSError:
         return []
@@ -30,9 +30,17 @@ def reports(folder: Path, config_file: Path | None) -> list[dict[str, Any]]:
 def report_html(folder: Path, name: str) -> bytes | None:
     """The report of one of the folders, None where there is none."""
     path = folder / name / "report.html"
-    if "/" in name or name in {"", ".", ".."} or not path.is_file() or path.stat().st_size > _MOST_BYTES:
+    if "/" in name or name in {"", ".", ".."}:
         return None
-    return path.read_bytes()
+    try:
+        return path.read_bytes() if _is_own(path) and path.stat().st_size <= _MOST_BYTES else None
+    except OSError:  # a name that is too long for a file, or one that nobody here may read
+        return None
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file of a report lies in its folder, in place of a link to elsewhere."""
+    return path.is_file() and not path.is_symlink() and not path.parent.is_symlink()
 
 
 def _report(time_s: float, path: Path, config_file: Path | None) -> dict[str, Any]:
@@ -41,7 +49,7 @@ def _report(time_s: float, path: Path, config_file: Path | None) -> dict[str, An
         "time_s": time_s,
         "verdict": "not readable",
         "effects": [],
-        "has_report": path.with_name("report.html").is_file(),
+        "has_report": _is_own(path.with_name("report.html")),
         "diff": None,
         "command": None,
     }
@@ -49,10 +57,10 @@ def _report(time_s: float, path: Path, config_file: Path | None) -> dict[str, An
         result = json.loads(path.read_text(encoding="utf-8"))
         found["verdict"] = str(result["verdict"])
         found["effects"] = [str(effect["kind"]) for effect in result["effects"]]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return found
     proposed = path.with_name("config.toml")
-    if config_file is not None and proposed.is_file():
+    if config_file is not None and _is_own(proposed):
         found["diff"] = _diff(config_file, proposed)
         found["command"] = shlex.join(["observer", "adopt", str(path.parent), "--config", str(config_file)])
     return found
