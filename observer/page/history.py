@@ -27,6 +27,7 @@ _BINS = 2.0
 _PATIENCE_S = 0.35
 """So long a request may read before it answers with what there is; to compare days two are asked for."""
 MOST_POINTS = 2000
+_LEAST_S, _MOST_S = 1e-3, 1e11  # of a span; of a time, which is the year 5138
 _Extremes = tuple[NDArray[np.float64], Values, Values]
 
 
@@ -74,8 +75,10 @@ def history(
     bin belonging to the part in which its middle is; what cannot be read within 0.35 s is left to the next
     call, and `read` is the share that has been. Raises `ValueError` for a span that is none.
     """
-    if not (np.isfinite([from_s, to_s]).all() and from_s < to_s and 1 <= points <= MOST_POINTS):
-        raise ValueError(f"no span: give from < to in seconds and 1 to {MOST_POINTS} points")
+    if not (-_MOST_S <= from_s <= to_s - _LEAST_S < to_s <= _MOST_S and 1 <= points <= MOST_POINTS):
+        raise ValueError(
+            f"no span: give from < to in seconds since 1970, up to {_MOST_S:g}, and 1 to {MOST_POINTS} points"
+        )
     wanted = [f for f in files if f.to_s + _MARGIN_S >= from_s and f.from_s - _MARGIN_S <= to_s]
     parts, part_s, read = _Parts(points), (to_s - from_s) / points, 1.0
     if part_s < _BINS * FINE_S or digests is None:
