@@ -15,8 +15,9 @@ from urllib.parse import parse_qs
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.middleware.gzip import GZipMiddleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import (
     HTMLResponse,
     JSONResponse,
@@ -31,7 +32,7 @@ from starlette.types import ASGIApp
 from observer.errors import LogError
 from observer.gateway.start import Start
 from observer.page.digest import Digests
-from observer.page.guard import REPORT_POLICY, Guard
+from observer.page.guard import REPORT_POLICY, Guard, cookie_of
 from observer.page.history import Recorded, history, recordings
 from observer.page.login import Login
 from observer.page.reports import report_html, reports
@@ -40,6 +41,7 @@ from observer.tables.gateway import host_and_port
 
 Acknowledge = Callable[[str, str], None]
 _MOST_BYTES = 4096
+_MOST_FIELDS = 10
 _MOST_NAME = 200
 _POINTS = 600
 _GIVES_WAY = 10
@@ -178,10 +180,11 @@ class _Pages:
             return RedirectResponse("/", 303)
         if request.method == "GET":
             return self._ask("", 200)
+        form = await _form(request)
         address = request.client.host if request.client else ""
+        # nothing is awaited between question and count: of guesses sent at once five are looked at
         if self._login.is_throttled(address):
             return self._ask("Too many wrong passwords; wait a minute.", 429)
-        form = await _form(request)
         if not self._login.is_right(form.get("user", ""), form.get("password", ""), address):
             return self._ask("That name and password do not go together.", 403)
         return RedirectResponse("/", 303, {"set-cookie": self._login.cookie(form["user"])})
@@ -193,10 +196,12 @@ class _Pages:
         # without this a browser does not say where the form came from
         return HTMLResponse(page, status, {"referrer-policy": "same-origin"})
 
-    async def logout(self, _: Request) -> Response:
+    async def logout(self, request: Request) -> Response:
         """End the session of this browser."""
-        told = {} if self._login is None else {"set-cookie": self._login.no_cookie()}
-        return RedirectResponse("/login", 303, told)
+        if self._login is None:
+            return RedirectResponse("/login", 303)
+        self._login.end(cookie_of(request.headers))
+        return RedirectResponse("/login", 303, {"set-cookie": self._login.no_cookie()})
 
 
 def _give_way() -> None:
@@ -206,11 +211,16 @@ def _give_way() -> None:
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """The fields of a short form; none where it is too long."""
+    """The fields of a short form; raises `HTTPException` where it is none."""
     body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > _MOST_BYTES:
-            return {}
-    fields: dict[str, Any] = parse_qs(body.decode("utf-8", "replace"), max_num_fields=10)
+    try:
+        async for part in request.stream():
+            body += part
+            if len(body) > _MOST_BYTES:
+                raise HTTPException(413, f"a form has at most {_MOST_BYTES} bytes\n")
+        fields: dict[str, Any] = parse_qs(body.decode("utf-8", "replace"), max_num_fields=_MOST_FIELDS)
+    except ClientDisconnect:
+        raise HTTPException(400, "the form has no end\n") from None
+    except ValueError:
+        raise HTTPException(400, f"a form has at most {_MOST_FIELDS} fields\n") from None
     return {name: values[0] for name, values in fields.items()}

@@ -67,12 +67,12 @@ class Guard:
         asked = headers.get("host", "")
         if not self._is_ours(asked):
             return PlainTextResponse("this page is not served under that name; use the address\n", 421)
-        if scope["method"] not in {"GET", "HEAD"} and urlsplit(headers.get("origin", "")).netloc != asked:
+        if scope["method"] not in {"GET", "HEAD"} and _place(headers.get("origin", "")) != asked:
             return PlainTextResponse("only the page itself may ask for that\n", 403)
         if self._login is None:
             scope["user"] = "page"
             return None
-        scope["user"] = user = self._login.user_of(_cookie(headers.get("cookie", "")))
+        scope["user"] = user = self._login.user_of(cookie_of(headers))
         if user is not None or path in _OPEN:
             return None
         if path == "/":
@@ -94,9 +94,18 @@ class Guard:
         return True
 
 
-def _cookie(header: str) -> str | None:
+def _place(origin: str) -> str:
+    """Host and port of an origin, nothing where it is none."""
     try:
-        found = SimpleCookie(header).get(COOKIE)
+        return urlsplit(origin).netloc
+    except ValueError:
+        return ""
+
+
+def cookie_of(headers: Headers) -> str | None:
+    """The cookie of a session in a request's headers."""
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
     except CookieError:
         return None
     return None if found is None else found.value

@@ -1,9 +1,8 @@
-"""Who may look: a signed cookie for those who gave name and password."""
+"""Who may look: a cookie for those who gave name and password."""
 
 from __future__ import annotations
 
-import hashlib
-import hmac
+import secrets
 import time
 from collections.abc import Callable, Mapping
 
@@ -11,10 +10,11 @@ from observer.gateway.users import Users
 
 COOKIE = "observer_session"
 _LASTS_S = 12 * 3600
+_MOST_SESSIONS = 1000
 
 
 class Login(Users):
-    """Judges names, passwords and cookies; its key is new at each start, so a restart asks again."""
+    """Judges names, passwords and cookies; sessions are kept here alone, so a restart asks again."""
 
     def __init__(
         self,
@@ -26,27 +26,28 @@ class Login(Users):
         """Take who may look, and whether cookies go over TLS only."""
         super().__init__(users, clock)
         self._secure = secure
+        self._sessions: dict[str, tuple[str, float]] = {}
 
     def cookie(self, name: str) -> str:
-        """The header that gives a browser its session."""
-        until = int(self._clock() + _LASTS_S)
-        value = f"{name.encode().hex()}.{until}"
-        return self._header(f"{value}.{self._sign(value)}", _LASTS_S)
+        """The header that gives a browser a session of its own."""
+        value = f"{name.encode().hex()}.{secrets.token_hex(32)}"
+        if len(self._sessions) >= _MOST_SESSIONS:
+            self._sessions.pop(next(iter(self._sessions)))
+        self._sessions[value] = name, self._clock() + _LASTS_S
+        return self._header(value, _LASTS_S)
 
     def no_cookie(self) -> str:
         """The header that takes the session away."""
         return self._header("", 0)
 
-    def user_of(self, cookie: str | None) -> str | None:
-        """The name in a cookie's value, None where it is not ours or too old."""
-        value, dot, signature = (cookie or "").rpartition(".")
-        if not dot or not signature.isascii() or not hmac.compare_digest(signature, self._sign(value)):
-            return None
-        name, _, until = value.partition(".")
-        return bytes.fromhex(name).decode() if self._clock() < int(until) else None
+    def end(self, cookie: str | None) -> None:
+        """Let a cookie be worth nothing any more, whoever still has it."""
+        self._sessions.pop(cookie or "", None)
 
-    def _sign(self, value: str) -> str:
-        return hmac.new(self._key, value.encode(), hashlib.sha256).hexdigest()
+    def user_of(self, cookie: str | None) -> str | None:
+        """The name in a cookie's value, None where it is not ours, too old, or has been ended."""
+        name, until_s = self._sessions.get(cookie or "", (None, 0.0))
+        return name if self._clock() < until_s else None
 
     def _header(self, value: str, lasts_s: int) -> str:
         secure = "; Secure" if self._secure else ""

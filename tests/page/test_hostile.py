@@ -1,0 +1,151 @@
+"""What strangers do to the real server of the page, and what it answers."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from tests.page.gateway import gateway
+from tests.patience import PATIENCE_S, until
+
+pytestmark = pytest.mark.system
+NO_BODY = (
+    b"POST /acknowledge HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://127.0.0.1\r\nContent-Length: 9\r\n\r\n"
+)
+GUESSES = 90  # more would make room for each other
+
+
+def _asked(url: str, path: str, form: str | None = None, **headers: str) -> httpx.Response:
+    """What is answered, without following where it leads."""
+    own = {"Origin": url.rstrip("/"), **headers}
+    method = "GET" if form is None else "POST"
+    return httpx.request(method, f"{url[:-1]}{path}", content=form, headers=own, timeout=PATIENCE_S)
+
+
+def _users(folder: Path) -> Path:
+    path = folder / "users"
+    path.write_text("anna:right\n", encoding="utf-8")
+    path.chmod(0o600)
+    return path
+
+
+@contextmanager
+def _held(url: str, count: int, data: bytes):
+    """Connections that have sent something and wait."""
+    place = urlsplit(url)
+    connections = [socket.create_connection((place.hostname, place.port)) for _ in range(count)]
+    try:
+        for connection in connections:
+            connection.sendall(data)
+        yield connections
+    finally:
+        for connection in connections:
+            connection.close()
+
+
+def test_of_many_guesses_at_once_five_are_looked_at(tmp_path):
+    body = b"user=anna&password=wrong"
+    with gateway(users_file=_users(tmp_path)) as (url, _):
+        place = urlsplit(url).netloc
+        head = f"POST /login HTTP/1.1\r\nHost: {place}\r\nOrigin: http://{place}\r\n".encode()
+        head += b"Connection: close\r\nContent-Length: %d\r\n\r\n" % len(body)
+        with _held(url, GUESSES // 2, head + body[:-1]) as some, _held(url, GUESSES // 2, head) as others:
+            # a request that is answered shows that the heads before it have been taken
+            assert _asked(url, "/login").status_code == 200
+            for connection in some:
+                connection.sendall(body[-1:])
+            for connection in others:
+                connection.sendall(body)
+            answers = [connection.recv(65536).split(b" ")[1:2] for connection in (*some, *others)]
+        assert answers.count([b"403"]) == 5
+        assert _asked(url, "/login", "user=anna&password=right").status_code == 429
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"GET / HTTP/1.1\r\nHost: 127", b"", NO_BODY],
+    ids=["half a head", "nothing", "no body"],
+)  # fmt: skip
+def test_who_does_not_finish_his_request_keeps_nobody_out_and_is_closed(data):
+    with gateway() as (url, _), _held(url, 400, data) as connections:
+        assert _asked(url, "/").status_code == 200
+        until(lambda: all(_is_closed(connection) for connection in connections))
+
+
+def _is_closed(connection: socket.socket) -> bool:
+    try:
+        while connection.recv(65536, socket.MSG_DONTWAIT):
+            pass
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def test_a_cookie_that_has_been_logged_out_is_worth_nothing(tmp_path):
+    with gateway(users_file=_users(tmp_path)) as (url, _):
+        kept, other = [
+            _asked(url, "/login", "user=anna&password=right").headers["Set-Cookie"].split(";")[0]
+            for _ in "12"
+        ]
+        assert _asked(url, "/recent.json", Cookie=kept).status_code == 200
+        assert _asked(url, "/logout", "", Cookie=kept).status_code == 303
+        assert _asked(url, "/recent.json", Cookie=kept).status_code == 401
+        assert _asked(url, "/recent.json", Cookie=other).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("path", "form", "status"),
+    [
+        (f"/reports/{'a' * 5000}/report.html", None, 404),
+        ("/history.json?from=0&to=1e308", None, 400),
+        ("/history.json?from=-1e308&to=1e308", None, 400),
+        ("/history.json?from=0&to=5e-324", None, 400),
+        ("/acknowledge", "&".join(["a=1"] * 900), 400),
+        ("/acknowledge", "id=" + "a" * 5000, 413),
+    ],
+)
+def test_a_hostile_question_is_refused_in_words(tmp_path, path, form, status):
+    with gateway(reports=tmp_path) as (url, _):  # which also asserts that nothing is on standard error
+        answer = _asked(url, path, form)
+        assert answer.status_code == status
+        assert answer.text.strip()
+
+
+def test_an_origin_that_is_none_is_refused():
+    with gateway() as (url, _):
+        assert _asked(url, "/acknowledge", "id=a", Origin="http://[").status_code == 403
+
+
+def test_a_link_in_the_folder_of_reports_is_not_followed(tmp_path):
+    reports, elsewhere = tmp_path / "reports", tmp_path / "elsewhere"
+    for folder in (elsewhere, reports / "linked"):
+        folder.mkdir(parents=True)
+        (folder / "result.json").write_text('{"verdict": "named", "effects": []}', encoding="utf-8")
+    for name in ("report.html", "config.toml"):
+        (elsewhere / name).write_text("secret", encoding="utf-8")
+        (reports / "linked" / name).symlink_to(elsewhere / name)
+    (reports / "folder").symlink_to(elsewhere)
+    force = tmp_path / "force.toml"
+    force.write_text("", encoding="utf-8")
+    with gateway(config_file=force, reports=reports) as (url, _):
+        for name in ("linked", "folder"):
+            assert _asked(url, f"/reports/{name}/report.html").status_code == 404
+        listed = _asked(url, "/reports.json").content
+    assert b"linked" in listed
+    assert b"secret" not in listed
+    assert b'"folder","' not in listed
+    assert b'"name":"folder"' not in listed
+
+
+def test_a_result_of_endless_lists_is_listed_as_not_readable(tmp_path):
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "result.json").write_text("[" * 100_000, encoding="utf-8")
+    with gateway(reports=tmp_path) as (url, _):
+        assert b"not readable" in _asked(url, "/reports.json").content
