@@ -217,7 +217,8 @@ def thaw_into(running: Running, state: EstimatorState) -> None:
     running.lost_s[0] = state.lost_s
     running.flags[0], running.flags[1] = state.started, state.silent
     running.around[:] = state.around
-    running.guard[:] = state.guard
+    # An estimator that does not screen (a forecast's) goes on from the state of one that does.
+    running.guard[:] = state.guard if state.guard.shape == running.guard.shape else 0.0
     running.verdict[:] = state.verdict
 
 
