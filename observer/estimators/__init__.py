@@ -7,10 +7,8 @@ from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 
-def build_estimator(plant: Plant, settings: EstimatorSettings, *, screens: bool = False) -> Estimator:
+def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:
     """Return the estimator the settings ask for; what it does not need is not imported.
-
-    With `screens` the compiled Kalman filter looks for sensor faults before it corrects.
 
     Raises `UserError` where no gain to be trusted exists for this plant.
     """
@@ -28,4 +26,4 @@ def build_estimator(plant: Plant, settings: EstimatorSettings, *, screens: bool 
         return FilterpyEstimator(plant, settings)
     from observer.estimators.kalman import KalmanEstimator  # noqa: PLC0415
 
-    return KalmanEstimator(plant, settings, screens=screens)
+    return KalmanEstimator(plant, settings)
