@@ -41,8 +41,8 @@ class Stream:
     ) -> None:
         self._latest = latest
         self._clock = clock
-        told = ("machine", "axis", "period_s", "laws", "forecast_s")
-        hello = {**{key: getattr(start, key) for key in told}, "login": login}
+        hello = start.model_dump(include={"machine", "axis", "period_s", "laws", "forecast_s"})
+        hello["login"] = login
         self._newest: dict[str, bytes] = {"hello": event("hello", json.dumps(hello).encode()) + _AGAIN}
         self._sent_s: dict[str, float] = {}
         self._viewers: set[Pending] = set()

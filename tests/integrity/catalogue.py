@@ -102,11 +102,8 @@ def minimal_detectable_K() -> dict[str, float]:
         path = Path(folder) / "rig.toml"
         path.write_text(CONFIG)
         command = [sys.executable, "-m", "observer", "check", "--config", str(path), "--json"]
-        told = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    found = told.get("minimal_detectable") or {}
-    if isinstance(found, list):
-        found = {each["sensor"]: each for each in found}
-    return {name: float(each["fault_K"]) for name, each in found.items() if each.get("fault_K") is not None}
+        said = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return {name: float(each["fault_K"]) for name, each in said.get("minimal_detectable", {}).items()}
 
 
 def _listed() -> dict[str, Fault]:

@@ -22,7 +22,7 @@ CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
   written.push([String(text), this.fillStyle]); return fill.call(this, text, ...at);
 };
 """
-WITHOUT_FORECAST = {key: told for key, told in DOCUMENTS.items() if key != "forecast"}
+WITHOUT_FORECAST = {key: said for key, said in DOCUMENTS.items() if key != "forecast"}
 
 
 def _readings(quality: str, age_s: float) -> dict:
