@@ -19,6 +19,7 @@ from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
 from observer.tables.estimator import EstimatorSettings
 from observer.tables.forecast import ForecastSettings
+from observer.tables.integrity import Integrity
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
 from observer.tables.sections import Description
@@ -120,6 +121,7 @@ class Config(Description):
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
     model: Model = Model()
     tolerance: Tolerance = Tolerance()
+    integrity: Integrity = Integrity()
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
     discover: Discover = Discover()

@@ -41,6 +41,7 @@ class Quality(_Labelled):
     MISSING = 1
     STALE = 2
     REJECTED = 3
+    EXCLUDED = 4
 
 
 class EstimateQuality(_Labelled):

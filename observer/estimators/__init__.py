@@ -7,8 +7,10 @@ from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 
-def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:
+def build_estimator(plant: Plant, settings: EstimatorSettings, *, screens: bool = False) -> Estimator:
     """Return the estimator the settings ask for; what it does not need is not imported.
+
+    With `screens` the compiled Kalman filter looks for sensor faults before it corrects.
 
     Raises `UserError` where no gain to be trusted exists for this plant.
     """
@@ -26,4 +28,4 @@ def build_estimator(plant: Plant, settings: EstimatorSettings) -> Estimator:
         return FilterpyEstimator(plant, settings)
     from observer.estimators.kalman import KalmanEstimator  # noqa: PLC0415
 
-    return KalmanEstimator(plant, settings)
+    return KalmanEstimator(plant, settings, screens=screens)

@@ -30,8 +30,9 @@ class Scratch:
 class BlockEstimator(ABC):
     """An `Estimator`, but for what it does with a chunk of steps."""
 
-    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
-        """Bring the plant into the kernels' form, once."""
+    def __init__(self, plant: Plant, settings: EstimatorSettings, *, screens: bool = False) -> None:
+        """Bring the plant into the kernels' form, once; `screens`: see `observer.kernels.screening`."""
+        self._screens = screens
         self.plant = self._plant = plant
         self.gate_sigma = float(settings.gate_sigma)
         self._arrays = packing.pack_plant(plant)
@@ -46,7 +47,7 @@ class BlockEstimator(ABC):
 
     def initial(self) -> EstimatorState:
         """Return the state before the first measurement."""
-        return packing.initial_state(self._plant)
+        return packing.initial_state(self._plant, screens=self._screens)
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         """Take K steps; a run of K is, to the last bit, K runs of one."""

@@ -148,7 +148,7 @@ class LiveSelfTest:
         seen = Tested(
             inputs.time_s, inputs.dt_s, inputs.quality, results.sensor_quality, results.innovation,
             results.innovation_sigma, results.heat, results.heat_sigma, results.law,
-            np.empty((1, len(test.strokes_m))),
+            np.empty((1, 2 * len(test.strokes_m))),
         )  # fmt: skip
         self.record = record(
             TestTick(

@@ -11,6 +11,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.kernels import layout
 from observer.kernels.layout import packed, pad_rows
+from observer.kernels.remembered import GUARD, VERDICT
 from observer.model.coupling import Coupling
 from observer.model.learning import LearningArrays
 from observer.model.plant import Plant
@@ -64,6 +65,8 @@ class Running(NamedTuple):
     lost_s: FloatArray
     flags: IntArray
     around: FloatArray
+    guard: FloatArray
+    verdict: FloatArray
 
 
 class Work(NamedTuple):
@@ -175,15 +178,16 @@ def states_of(plant: Plant) -> int:
     return len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
 
 
-def initial_state(plant: Plant) -> EstimatorState:
-    """Return the state before the first usable measurement."""
+def initial_state(plant: Plant, *, screens: bool = False) -> EstimatorState:
+    """Return the state before the first usable measurement; `screens`, where readings are screened."""
     n, never = states_of(plant), np.zeros(plant.rows.sensors)
     around = np.zeros(0)
     if plant.learning is not None:
         around = np.zeros(n - plant.learnt + 2 * len(never))
     return EstimatorState(
-        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=around
-    )
+        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=around,
+        guard=np.zeros((len(never) if screens else 0, GUARD)), verdict=np.zeros(VERDICT),
+    )  # fmt: skip
 
 
 def thaw(state: EstimatorState) -> Running:
@@ -198,6 +202,8 @@ def thaw(state: EstimatorState) -> Running:
         np.array([state.lost_s]),
         flags,
         np.array(state.around),
+        np.array(state.guard, order="C"),
+        np.array(state.verdict),
     )
 
 
@@ -211,6 +217,9 @@ def thaw_into(running: Running, state: EstimatorState) -> None:
     running.lost_s[0] = state.lost_s
     running.flags[0], running.flags[1] = state.started, state.silent
     running.around[:] = state.around
+    # An estimator that does not screen (a forecast's) goes on from the state of one that does.
+    running.guard[:] = state.guard if state.guard.shape == running.guard.shape else 0.0
+    running.verdict[:] = state.verdict
 
 
 def scratch(arrays: PlantArrays) -> Work:
@@ -274,6 +283,8 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
         int(running.flags[1]),
         float(running.lost_s[0]),
         running.around.copy(),
+        running.guard.copy(),
+        running.verdict.copy(),
     )
 
 

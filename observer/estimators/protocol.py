@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
+from observer.kernels.remembered import GUARD, VERDICT
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,8 @@ class EstimatorState:
     silent: int = 0
     lost_s: float = 0.0
     around: FloatArray = field(default_factory=lambda: np.zeros(0))
+    guard: FloatArray = field(default_factory=lambda: np.zeros((0, GUARD)))
+    verdict: FloatArray = field(default_factory=lambda: np.zeros(VERDICT))
 
 
 class Estimator(Protocol):

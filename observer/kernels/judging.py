@@ -9,6 +9,8 @@ from observer.kernels.codes import (
     ESTIMATE_GOOD,
     ESTIMATE_INVALID,
     ESTIMATE_STALE,
+    ESTIMATE_STARTING,
+    EXCLUDED,
     GOOD,
     NUT_LOST,
     REJECTED,
@@ -16,6 +18,16 @@ from observer.kernels.codes import (
 )
 from observer.kernels.covariance import squares_of_rows, sum_scaled
 from observer.kernels.libm import INFINITY, NAN, floor, fmod, isfinite, isinf, sqrt
+from observer.kernels.remembered import (
+    CAUSE,
+    COMMON_K,
+    COMMON_STEPS,
+    HOLD_S,
+    LATCH,
+    LATCH_STEPS,
+    SETTLING_S,
+    STEPS,
+)
 from observer.kernels.vector import LANES, none, store_at
 
 RELEASE_AFTER_STEPS = 3
@@ -179,9 +191,14 @@ def judge(u, k, usable, accepted, state, out):
     A refused sensor stays marked between its samples. Only quality is judged: a tick between two samples of a
     slow sensor is neither degraded nor stale.
     """
-    good, stale = 0, 0
+    good, stale, excluded = 0, 0, 0
     for i in range(len(usable)):
         quality = u.quality[k, i]
+        if len(state.guard) > 0 and state.guard[i, CAUSE] != 0.0:
+            excluded += 1
+            state.guard[i, STEPS] += 1.0
+            if quality == GOOD:
+                quality = EXCLUDED
         if quality == GOOD and (
             (usable[i] and not accepted[i]) or (not usable[i] and state.suspect[i] > 0.0)
         ):
@@ -194,9 +211,18 @@ def judge(u, k, usable, accepted, state, out):
     state.flags[1] = 0 if good > 0 else state.flags[1] + 1
     if state.flags[1] > STALE_AFTER_STEPS or stale == len(usable):
         return ESTIMATE_STALE
-    if u.degraded[k] != 0 or good < len(usable):
+    if u.degraded[k] != 0 or good < len(usable) - excluded:
         return ESTIMATE_DEGRADED
-    return ESTIMATE_GOOD
+    return judge_screening(state.verdict) if len(state.guard) > 0 else ESTIMATE_GOOD
+
+
+def judge_screening(verdict):
+    """The quality that is left where something is not explained, was decided just now, or still settles."""
+    verdict[LATCH_STEPS] += 1.0 if verdict[LATCH] != 0.0 else 0.0
+    verdict[COMMON_STEPS] += 1.0 if verdict[COMMON_K] != 0.0 else 0.0
+    if verdict[LATCH] != 0.0 or verdict[HOLD_S] > 0.0:
+        return ESTIMATE_DEGRADED
+    return ESTIMATE_STARTING if verdict[SETTLING_S] > 0.0 else ESTIMATE_GOOD
 
 
 def skip(u, k, usable, state, out):

@@ -18,6 +18,7 @@ from observer.kernels.judging import (
     write_values,
 )
 from observer.kernels.learning import begin, draw_near, follow, give_back, keep, tell
+from observer.kernels.screening import screen
 from observer.kernels.step import compare, correct_lower, predict, start
 
 SKIPPED, STARTED, STEPPED = 0, 1, 2
@@ -51,9 +52,15 @@ def judge_and_correct(p, u, k, gate_sigma, state, work):
     present = 0
     for i in range(len(work.usable)):
         present += 1 if work.usable[i] else 0
+    if len(state.guard) > 0:
+        opened = screen(p, u, k, gate_sigma, state, work)
+    elif present > 0:
+        opened = judge_sensors(p, u, k, gate_sigma, state, work)
+    else:
+        opened = False
     if present == 0:
         return 0.0
-    if judge_sensors(p, u, k, gate_sigma, state, work):
+    if opened:
         compare(p, u, k, state, work)
     keep(p, state.x, state.P, work.kept)
     log_likelihood = correct_lower(p, state, work)

@@ -115,7 +115,7 @@ def watch_frame(own):
         path = own.paths[i]
         compare_ways(
             path.time_s, path.position_m, path.offset, path.driven_m_s, own.strokes_m[i], own.state.motion[i],
-            own.seen.motion[:, i], own.inputs.degraded,
+            own.seen.motion[:, i], own.seen.motion[:, len(own.paths) + i], own.inputs.degraded,
         )  # fmt: skip
 
 

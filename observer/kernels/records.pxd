@@ -176,6 +176,8 @@ cdef class Running(Record):
     cdef public double[::1] lost_s
     cdef public Py_ssize_t[::1] flags
     cdef public double[::1] around
+    cdef public double[:, ::1] guard
+    cdef public double[::1] verdict
 
 
 cdef class Results(Record):
@@ -320,6 +322,8 @@ cdef class SelfTestState(Record):
 cdef class Trust(Record):
     cdef public double[::1] initial_W
     cdef public double[::1] law_uncertainty
+    cdef public double[::1] noise_K
+    cdef public double law_slack
 
 
 cdef class Tested(Record):

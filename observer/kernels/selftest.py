@@ -7,6 +7,7 @@ from observer.kernels.codes import (
     ESTIMATE_DEGRADED,
     ESTIMATE_INVALID,
     ESTIMATE_STARTING,
+    EXCLUDED,
     GOOD,
     NUT_LOST,
     REJECTED,
@@ -18,6 +19,7 @@ WINDOWS_S = [60.0, 600.0]
 _SURE_SE = 6.0  # standard errors
 _BIAS = [0.4, 0.25]  # of σ
 _COLOUR = [0.35, 0.25]  # lag-one correlation
+_LASTING = 2.0  # standard deviations of what stays from sample to sample, where tolerances allow for it
 _NOISE = 1.5  # of σ², beyond the one that is expected
 _LAW_WINDOWS_S = [15.0, 600.0]
 _OFF_LAW = [3.0, 2.5]  # of what law and estimate are trusted for …
@@ -32,6 +34,10 @@ _FLOOR = 0.05  # … by this part of it
 _LEAST_W = 0.3
 _MOTION_S = 20.0
 _MOTION_ENOUGH = 1.0  # strokes
+# A position that leaps, in m and in what it usually leaves beside speed times lead, after so many samples …
+_LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES = 0.005, 8.0, 30.0
+# … between samples that are no further apart; and within what part a way is the whole of what is allowed.
+_LEAP_S, _WHOLE = 5.0, 0.05
 
 
 DISAGREE = 1.5
@@ -39,19 +45,27 @@ DISAGREE = 1.5
 FALLS_SHORT = 0.5
 """… and below which they do; samples cut reversals off, so a way may well fall short."""
 
+# What is remembered of a nut's way beside the first five: the last whole way made at a steady speed, one that
+# fell short after it, what samples usually leave, by how much the position has leapt, how many samples there
+# were; the largest way between samples of standstill, and how many of these there were; the leap, if way and
+# speed have disagreed since.
+WAS, SHORT, USUAL, LEAP, SAMPLES, HIDDEN, STOOD, ASTRAY = 5, 6, 7, 8, 9, 10, 11, 12
+OF_MOTION = 13
 OF_SENSOR, OF_HEAT = 4, 2
 """How many tests a sensor and a heat have."""
 
 
-def compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio, degraded):
-    """After each of K steps the way a nut made lately over what speed and lead allow; NaN if too little.
+def compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio, leap_m, degraded):
+    """After each of K steps the way a nut made lately over what speed and lead allow, NaN if too little, and
+    by how much its position has leapt.
 
-    Where the two disagree, the place of the nut is not known.
+    Where the two disagree, or the position has leapt, the place of the nut is not known.
     """
     for k in range(len(ratio)):
         for i in range(offset[k], offset[k + 1]):
             since_s = sample_s[i] - memory[2]
             allowed_m = 0.5 * (driven_m_s[i] + memory[4]) * since_s
+            _look_for_leap(memory, sample_m[i] - memory[3], driven_m_s[i], since_s)
             if 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m:
                 fade = exp(-since_s / _MOTION_S)
                 memory[0] = fade * memory[0] + abs(sample_m[i] - memory[3])
@@ -60,8 +74,51 @@ def compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio
         ratio[k] = NAN
         if max(memory[0], memory[1]) >= _MOTION_ENOUGH * stroke_m:
             ratio[k] = memory[0] / max(memory[1], 1e-6 * stroke_m)
+        leap_m[k] = memory[LEAP]
         if ratio[k] > DISAGREE or ratio[k] < FALLS_SHORT:
+            memory[ASTRAY] = memory[LEAP]
             degraded[k] = NUT_LOST
+        if memory[LEAP] != 0.0:
+            degraded[k] = NUT_LOST
+
+
+def _look_for_leap(memory, way_m, driven_m_s, since_s):
+    """Take in the way between two samples; where no motion explains it, the position has leapt.
+
+    Beyond what the faster of both speeds allows it has; short of what a steady speed makes it has if the
+    nut went on the same way before and after: it cannot have turned twice. A leap back undoes it, and
+    any leap where way and speed have disagreed since.
+    """
+    if not (0.0 < since_s <= _LEAP_S) or isnan(driven_m_s) or isnan(memory[4]) or isnan(way_m):
+        memory[WAS], memory[SHORT] = 0.0, 0.0
+        return
+    most_m = max(driven_m_s, memory[4]) * since_s
+    if driven_m_s == 0.0 and memory[4] == 0.0:  # it may have moved between two samples of the speed, …
+        most_m = memory[HIDDEN] if memory[STOOD] >= _LEAP_SAMPLES else abs(way_m)  # … as it did before
+        memory[HIDDEN] = max(memory[HIDDEN], abs(way_m))
+        memory[STOOD] += 1.0
+    least_m = max(_LEAP_M, _LEAP_USUAL * memory[USUAL])
+    beyond_m = abs(way_m) - most_m
+    steady = most_m > least_m and abs(driven_m_s - memory[4]) <= _WHOLE * driven_m_s
+    whole = steady and beyond_m > -_WHOLE * most_m - _LEAP_M
+    leap_m, short_m = 0.0, memory[SHORT]
+    if short_m != 0.0 and whole and way_m * memory[WAS] > 0.0:
+        leap_m = short_m
+    memory[SHORT] = 0.0
+    if memory[SAMPLES] >= _LEAP_SAMPLES and beyond_m > least_m:
+        leap_m += beyond_m if way_m > 0.0 else -beyond_m
+    elif memory[SAMPLES] >= _LEAP_SAMPLES and steady and short_m == 0.0 and memory[WAS] != 0.0 and not whole:
+        memory[SHORT] = way_m - (most_m if memory[WAS] > 0.0 else -most_m)
+    if leap_m != 0.0:
+        back = memory[ASTRAY] != 0.0
+        memory[LEAP] += leap_m
+        if back or abs(memory[LEAP]) <= 2.0 * least_m:
+            memory[LEAP], memory[ASTRAY] = 0.0, 0.0
+    else:
+        memory[USUAL] += (max(beyond_m, 0.0) - memory[USUAL]) / max(min(memory[SAMPLES], 64.0), 1.0)
+    if memory[SHORT] == 0.0:
+        memory[WAS] = way_m if whole and leap_m == 0.0 else 0.0
+    memory[SAMPLES] += 1.0
 
 
 def _note(state, test, score, time_s, value, expected):
@@ -78,8 +135,8 @@ def _note(state, test, score, time_s, value, expected):
         state.since_s[test] = NAN
 
 
-def _average_innovation(state, i, nu, time_s):
-    """Take a normalised innovation of sensor i into its means."""
+def _average_innovation(state, i, nu, lasting, time_s):
+    """Take a normalised innovation of sensor i, and the part of its variance that lasts, into their means."""
     before, since_s = state.last[i, 0], time_s - state.last[i, 1]
     state.last[i, 0], state.last[i, 1] = nu, time_s
     if not since_s > 0.0:
@@ -90,17 +147,23 @@ def _average_innovation(state, i, nu, time_s):
         state.sensor[i, w, 1] += share * (nu * before - state.sensor[i, w, 1])
         state.sensor[i, w, 2] += share * (nu * nu - state.sensor[i, w, 2])
         state.sensor[i, w, 3] = squared(1.0 - share) * state.sensor[i, w, 3] + share * share
+        state.sensor[i, w, 4] += share * (lasting - state.sensor[i, w, 4])
 
 
 def _scores(state, i, scores):
-    """The scores of sensor i: bias, colour, noise; a clean minute makes the longer window forget."""
+    """The scores of sensor i: bias, colour, noise; a clean minute makes the longer window forget.
+
+    Of an innovation's variance S that part lasts from sample to sample which is not the reading's own noise,
+    ρ = 1 - R/S: where the filter allows for tolerances, bias and colour are what lies beyond 2 √ρ and 4 ρ.
+    """
     for q in range(3):
         scores[q] = 0.0
     for w in range(2):
         mean, product, square = state.sensor[i, w, 0], state.sensor[i, w, 1], state.sensor[i, w, 2]
         sure = 1.0 / (_SURE_SE * sqrt(max(state.sensor[i, w, 3], 1e-300)))
-        scores[0] = max(scores[0], min(abs(mean) * sure, abs(mean) / _BIAS[w]))
-        scores[1] = max(scores[1], min(product * sure, product / _COLOUR[w]))
+        lasting = _LASTING * sqrt(state.sensor[i, w, 4])
+        scores[0] = max(scores[0], min(abs(mean) * sure, abs(mean) / (_BIAS[w] + lasting)))
+        scores[1] = max(scores[1], min(product * sure, product / (_COLOUR[w] + lasting * lasting)))
         scores[2] = max(scores[2], min((square - 1.0) * sure / sqrt(2.0), (square - 1.0) / _NOISE))
     clean = abs(state.sensor[i, 0, 0]) < _CLEAN * _BIAS[0] and state.sensor[i, 0, 1] < _CLEAN * _COLOUR[0]
     if (
@@ -112,14 +175,14 @@ def _scores(state, i, scores):
             state.sensor[i, 1, q] = state.sensor[i, 0, q]
 
 
-def _off_law(state, row, distance, dt_s, limit):
-    """Take in how far a heat is from its law; return the score."""
+def _off_law(state, row, distance, dt_s, limit, slack):
+    """Take in how far a heat is from its law; return the score; limits are `slack` times as wide."""
     score = 0.0
     clipped = min(max(distance, -_CLIP_LAW), _CLIP_LAW)
     for w in range(2):
         state.heat[row, w] += (1.0 - exp(-dt_s / _LAW_WINDOWS_S[w])) * (clipped - state.heat[row, w])
-        score = max(score, abs(state.heat[row, w]) / limit[w])
-    if score >= 1.0 and abs(state.heat[row, 0]) < _CLEAN * limit[0]:
+        score = max(score, abs(state.heat[row, w]) / (slack * limit[w]))
+    if score >= 1.0 and abs(state.heat[row, 0]) < _CLEAN * slack * limit[0]:
         state.heat[row, 1] = state.heat[row, 0]
     return score
 
@@ -143,7 +206,7 @@ def _forget_after_refusals(state, u, k):
     if refused == 0.0 and state.refused[0] > 0.0:
         for i in range(state.sensor.shape[0]):
             for w in range(2):
-                for q in range(4):
+                for q in range(5):
                     state.sensor[i, w, q] = 0.0
         for i in range(state.heat.shape[0]):
             for w in range(2):
@@ -151,12 +214,21 @@ def _forget_after_refusals(state, u, k):
     state.refused[0] = refused
 
 
-def _test_sensor(state, u, k, i, scores):
-    """Test sensor i; return whether anything about it fails."""
+def _test_sensor(state, u, k, i, trust, scores):
+    """Test sensor i; return whether anything about it fails. One that is excluded is not tested."""
     refused, test = _is_refused(u, k, i), OF_SENSOR * i
+    if u.sensor_quality[k, i] == EXCLUDED:
+        for j in range(OF_SENSOR):
+            state.since_s[test + j] = NAN
+        for w in range(2):
+            for q in range(5):
+                state.sensor[i, w, q] = 0.0
+        return False
     came = isfinite(u.nu[k, i])
     if came and not refused:
-        _average_innovation(state, i, min(max(u.nu[k, i] / u.nu_sigma[k, i], -_CLIP), _CLIP), u.time_s[k])
+        nu = min(max(u.nu[k, i] / u.nu_sigma[k, i], -_CLIP), _CLIP)
+        lasting = max(0.0, 1.0 - squared(trust.noise_K[i] / u.nu_sigma[k, i]))
+        _average_innovation(state, i, nu, lasting, u.time_s[k])
     _scores(state, i, scores)
     last, long = state.sensor[i, 0, 0], state.sensor[i, 1, 0]
     mean = long if abs(long) / _BIAS[1] > abs(last) / _BIAS[0] else last
@@ -195,11 +267,11 @@ def _test_heats(state, u, k, trust, base):
             continue
         distance = _distance(state, u, k, j, trust.law_uncertainty[j])
         total, laws = total + distance, laws + 1
-        score = _off_law(state, j, distance, u.dt_s[k], _OFF_LAW)
+        score = _off_law(state, j, distance, u.dt_s[k], _OFF_LAW, trust.law_slack)
         _note(state, test + 1, score, u.time_s[k], u.heat_W[k, j], u.law_W[k, j])
         failing = failing or _fails(state, test + 1)
     if laws > 1:
-        score = _off_law(state, m_e, total / sqrt(laws), u.dt_s[k], _ALL_OFF_LAW)
+        score = _off_law(state, m_e, total / sqrt(laws), u.dt_s[k], _ALL_OFF_LAW, trust.law_slack)
         _note(state, base + OF_HEAT * m_e, score, u.time_s[k], state.heat[m_e, 0], 0.0)
         failing = failing or _fails(state, base + OF_HEAT * m_e)
     return failing, starting
@@ -214,11 +286,15 @@ def run_selftest(u, trust, state, quality, scores):
         _forget_after_refusals(state, u, k)
         failing, starting = _test_heats(state, u, k, trust, OF_SENSOR * s)
         for i in range(s):
-            failing = _test_sensor(state, u, k, i, scores) or failing
-        for i in range(u.motion.shape[1]):
+            failing = _test_sensor(state, u, k, i, trust, scores) or failing
+        nuts = u.motion.shape[1] // 2
+        for i in range(nuts):
             ratio, test = u.motion[k, i], OF_SENSOR * s + OF_HEAT * m_e + 1 + i
             score = 0.0 if isnan(ratio) else max(ratio / DISAGREE, FALLS_SHORT / max(ratio, 1e-9))
             _note(state, test, score, u.time_s[k], ratio, 1.0)
+            failing = failing or _fails(state, test)
+            leap_m, test = u.motion[k, nuts + i], test + nuts
+            _note(state, test, 0.0 if leap_m == 0.0 else 2.0, u.time_s[k], leap_m, 0.0)
             failing = failing or _fails(state, test)
         if failing:
             quality[k] = max(quality[k], ESTIMATE_DEGRADED)

@@ -21,6 +21,7 @@ from observer.kernels.covariance import (
 from observer.kernels.judging import add_prior, clear
 from observer.kernels.learning import advance_learning
 from observer.kernels.libm import M_PI, log, sqrt
+from observer.kernels.remembered import COMMON_K
 
 _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 
@@ -277,7 +278,7 @@ def compare(p, u, k, state, work):
         for r in range(s):
             work.CT[a, r] = work.C[r, a]
     for i in range(s):
-        work.read[i] = u.y_degC[k, i]
+        work.read[i] = u.y_degC[k, i] - state.verdict[COMMON_K]
     subtract_seen(work.read, work.CT, state.x)
     sensor_covariances(work.C, n_x, state.P, work.g)
     for q in range(p.learn.machine, len(p.learn.kind)):

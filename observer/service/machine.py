@@ -56,4 +56,5 @@ class Machine:
 
     def estimator(self) -> Estimator:
         """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
-        return build_estimator(self.plant, self.config.estimator)
+        settings = self.config.estimator
+        return build_estimator(self.plant, settings, screens=self.config.integrity.enabled)

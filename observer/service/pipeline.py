@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Generic, Protocol, TypeVar
 
+from observer.estimators import screened
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.estimators.selftest import Finding, SelfTest
 from observer.frames import EstimateBlock, FrameBlock, Inputs
@@ -123,17 +124,19 @@ class Pipeline(Generic[DriveState]):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the self-test finds wrong now."""
+        """What self-test and screening find wrong now."""
         self._settle()
         test = self._parts[2]
-        return () if test is None or self._test_state is None else test.findings(self._test_state)
+        found = () if test is None or self._test_state is None else test.findings(self._test_state)
+        return (*found, *screened.findings(self._parts[1].layout, self._estimator_state))
 
     @property
     def history(self) -> tuple[tuple[Finding, int], ...]:
-        """What the self-test has ever found wrong, and in how many steps."""
+        """What self-test and screening have ever found wrong, and in how many steps."""
         self._settle()
         test = self._parts[2]
-        return () if test is None or self._test_state is None else test.history(self._test_state)
+        found = () if test is None or self._test_state is None else test.history(self._test_state)
+        return (*found, *screened.history(self._parts[1].layout, self._estimator_state))
 
     def reset(self) -> None:
         """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""

@@ -52,6 +52,9 @@ def _what(finding: Finding) -> str:
     subject, value, expected = finding.subject, finding.value, finding.expected
     if finding.fault is Fault.MOTION:
         return motion_sentence(subject, "the speed", value)
+    if finding.fault in (Fault.EXCLUDED, Fault.SHARED_OFFSET):
+        way = "high" if value > 0.0 else "low"
+        return _SENTENCES[finding.fault].format(subject=subject, value=abs(value), expected=expected, way=way)
     return _SENTENCES[finding.fault].format(subject=subject, value=value, expected=expected)
 
 
@@ -74,4 +77,14 @@ _SENTENCES = {
     "sensor, the nut's position, or the model",
     Fault.ALL_OFF_LAW: "all heats together are off their laws by {value:+.1f} σ: film, ambient, or something "
     "that all sensors share",
+    Fault.LEAPT: "{subject} has leapt by {value:+.3f} m, which the speed does not explain: homed anew, or a "
+    "slipped encoder; where the nut is is not known until a reset",
+    Fault.EXCLUDED: "{subject} reads {value:.1f} ± {expected:.1f} K too {way} and is left out; look at it",
+    Fault.SWAPPED: "{subject} have taken each other's place and are left out; look at their connectors",
+    Fault.SHARED_OFFSET: "all sensors began to read {value:.2f} K too {way} at once, as by a reference "
+    "junction; it is taken out of them",
+    Fault.GAIN: "all sensors began to show {value:.0%} of their rise above the air at once; look at the "
+    "converter's range, then reset",
+    Fault.UNEXPLAINED: "all sensors stepped at once, unequally, which no heat does; look at the "
+    "converter, then reset",
 }

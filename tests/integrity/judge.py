@@ -11,10 +11,12 @@ from tests.integrity.catalogue import NEW_PROGRAM, NONE
 from tests.integrity.days import FAULT_S, FIRST_SEED, day_of
 from tests.integrity.faults import Fault, Readings
 from tests.learning.cover import FROM_S, TWO_SIDED_95, estimates
-from tests.learning.machines import Day, config_of
+from tests.learning.machines import CONFIG, Day, config_of
 from tests.truth.machine.machine import SENSORS, stream
 
 SIGMAS = 3.0
+RIG = CONFIG.replace("torque_Nm = 0.3", "torque_Nm = 0.3\nlead_m = 0.005")
+"""The configuration as delivered, which knows the lead: a nut's way is held against speed times lead."""
 NAMED_WITHIN_S = 60.0
 """Sensors that are named so soon after the first belong to the same answer."""
 OUT = getattr(Quality, "EXCLUDED", Quality.REJECTED)
@@ -65,7 +67,7 @@ def faulty(day: Day, fault: Fault, number: int) -> Day:
 def judged(fault: Fault, number: int, more: str = "") -> Verdict:
     """Run one machine with one fault; `more` is added to the configuration."""
     day = day_of(number, new_stroke=fault.name == NEW_PROGRAM)
-    block = estimates(config_of(more=more), faulty(day, fault, number))
+    block = estimates(config_of(RIG, more), faulty(day, fault, number))
     return verdict(block, day, fault)
 
 

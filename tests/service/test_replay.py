@@ -79,6 +79,7 @@ def test_the_summary_counts_and_is_the_same_each_time(tmp_path):
         "missing": missing,
         "stale": 0,
         "rejected": 0,
+        "excluded": 0,
     }
     innovation = read_log(tmp_path / "one" / "estimates.csv", ["innovation_t1_K"]).values
     # two ways of adding up 10,000 numbers of size 1 agree to rounding

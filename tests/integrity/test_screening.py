@@ -1,0 +1,130 @@
+"""Readings that no heat can explain are kept out before they correct, and named; the rest goes on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observer.estimators.selftest import Fault as Found
+from observer.frames import EstimateQuality, Quality
+from observer.service.align import frames_of_log
+from observer.service.machine import Machine
+from observer.service.reasons import sentence
+from tests.integrity.catalogue import catalogue
+from tests.integrity.days import day_of
+from tests.integrity.judge import RIG, faulty, judged
+from tests.learning.cover import log_of
+from tests.learning.machines import config_of
+
+MACHINES = (0, 1)
+"""At the fault the first stands, and the nut of the second moves."""
+
+
+def pipeline_of(machine: Machine) -> Any:
+    pipeline = machine.pipeline(machine.estimator())
+    pipeline.gap = None
+    return pipeline
+
+
+def found_of(name: str, number: int) -> dict[Found, str]:
+    """What is found at the end of a day with a fault, as sentences."""
+    machine = Machine.of(config_of(RIG), learns=True)
+    pipeline = pipeline_of(machine)
+    for frames in frames_of_log(log_of(faulty(day_of(number), catalogue()[name], number)), machine.plan):
+        pipeline.step(frames)
+    return {finding.fault: sentence(finding) for finding, _ in pipeline.history}
+
+
+@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("name", ["t5 +3 K", "t3 +1 K", "t1 -2 K", "t2, t4 +2 and -2 K"])
+def test_a_sensor_that_steps_is_out_at_once_and_the_rest_is_right(name: str, number: int) -> None:
+    found = judged(catalogue()[name], number)
+    assert (found.bad_s, found.right) == (0.0, "yes")
+    assert found.good > 0.8 * found.steps
+    assert found.wrong <= 0.01 * found.good
+
+
+@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("name", ["all +1 K", "all +4 K", "all +15 K", "all -3 K"])
+def test_equal_steps_of_all_are_taken_out_of_all(name: str, number: int) -> None:
+    """A reference junction that moves: nothing is wrong of what is good, and no sensor is lost."""
+    found = judged(catalogue()[name], number)
+    assert (found.bad_s, found.out) == (0.0, 0)
+    assert found.again_s is not None
+    assert 60.0 <= found.again_s <= 75.0
+    assert found.wrong <= 0.01 * found.good
+    said = found_of(name, number)[Found.SHARED_OFFSET]
+    size_K = abs(float(name.split()[1]))
+    assert any(
+        f"{size:.2f} K too {'low' if '-' in name else 'high'}" in said
+        for size in np.arange(size_K - 0.08, size_K + 0.08, 0.01)
+    )
+
+
+def test_two_that_take_each_others_place_are_swapped() -> None:
+    """Where they differ: on a machine that works."""
+    found = judged(catalogue()["t1 and t2 swapped"], 1)
+    assert (found.bad_s, found.right) == (0.0, "yes")
+    assert found.wrong <= 0.01 * found.good
+    assert "t1, t2 have taken each other's place" in found_of("t1 and t2 swapped", 1)[Found.SWAPPED]
+
+
+def test_a_gain_of_all_is_named_and_never_good() -> None:
+    """A person must look, and reset. Where nothing is warm, a gain is no step (machine 0)."""
+    name = "all at 85 % of their rise"
+    found = judged(catalogue()[name], 1)
+    assert found.good == 0
+    assert "their rise above the air" in found_of(name, 1)[Found.GAIN]
+
+
+@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("name", ["nut homed 50 mm off", "nut homed -50 mm off"])
+def test_a_nut_that_is_homed_anew_is_not_good_until_a_reset(name: str, number: int) -> None:
+    found = judged(catalogue()[name], number)
+    assert found.bad_s in (0.0, 1.0)  # while it moves, the way of the next second must tell
+    assert found.good <= 1
+    assert f"leapt by {'-' if '-' in name else '+'}0.05" in found_of(name, number)[Found.LEAPT]
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+@pytest.mark.parametrize("name", ["none", "a new program's strokes"])
+def test_without_a_fault_nothing_is_found(name: str, number: int) -> None:
+    found = judged(catalogue()[name], number)
+    assert found.out == 0
+    assert found.wrong <= 0.01 * found.good
+
+
+@pytest.mark.parametrize("name", ["all +4 K", "t5 +3 K", "t2 and t4 swapped", "nut homed 50 mm off"])
+def test_step_by_step_gives_the_bits_of_a_whole_log(name: str) -> None:
+    """What is remembered of each reading goes on from block to block."""
+    machine = Machine.of(config_of(RIG), learns=True)
+    log = log_of(faulty(day_of(1), catalogue()[name], 1))
+    blocks = []
+    for size in (1 << 20, 37):
+        pipeline = pipeline_of(machine)
+        blocks.append([pipeline.step(frames) for frames in frames_of_log(log, machine.plan, size)])
+    for column in ("heat_W", "field_sigma_K", "sensor_quality", "quality"):
+        whole, parts = (np.concatenate([getattr(b, column) for b in found]) for found in blocks)
+        assert np.array_equal(whole, parts), column
+    if name != "nut homed 50 mm off":
+        quality = np.concatenate([b.sensor_quality for b in blocks[0]])
+        assert (quality == Quality.REJECTED).any()  # something was refused at all
+
+
+def test_a_reset_begins_anew() -> None:
+    machine = Machine.of(config_of(RIG), learns=True)
+    pipeline = pipeline_of(machine)
+    log = log_of(faulty(day_of(1), catalogue()["all at 85 % of their rise"], 0))
+    blocks = list(frames_of_log(log, machine.plan, 5000))
+    assert pipeline.step(blocks[0]).quality[-1] == EstimateQuality.DEGRADED
+    pipeline.reset()
+    pipeline.step(blocks[1])
+    assert Found.GAIN not in {finding.fault for finding in pipeline.findings}
+
+
+def test_without_integrity_all_is_believed_again() -> None:
+    """The switch switches: what was good before this was there is so again."""
+    found = judged(catalogue()["all +4 K"], 0, "[integrity]\nenabled = false\n")
+    assert found.wrong > 0.9 * found.good > 0
