@@ -23,7 +23,7 @@ BUILD = Path("build/kernels")
 PARTS = (
     "codes", "records", "tick_records", "arithmetic", "covariance", "coupling", "advance", "remembered",
     "judging", "screening", "learning", "step", "kalman", "allowing", "columns", "cruise", "fixed_gain",
-    "smoother", "changes", "discretise", "march", "path", "moving", "drive", "stuck", "evening", "walk",
+    "smoother", "bank", "changes", "discretise", "march", "path", "moving", "drive", "stuck", "evening", "walk",
     "selftest", "stepwise", "message", "live", "cells", "entries",
 )  # fmt: skip
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True

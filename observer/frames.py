@@ -225,7 +225,9 @@ class EstimateBlock(_Cut):
     expansion coefficient; `innovation_K` (K, s) and its standard deviation `innovation_sigma_K`, NaN where no
     value arrived; `sensor_quality` (K, s); `quality` (K,), of type `EstimateQuality`; `law_W` (K, m_e), each
     heat by its law at the temperature of the moment; `learned`, `learned_sigma` (K, l), what has been learnt
-    of the machine, in the units of its names.
+    of the machine, in the units of its names; `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and
+    `error_bound_um` like the error, what each is not off by more than (see `observer.estimators.bank`), NaN
+    where no bound is known.
     """
 
     time_s: FloatArray
@@ -242,6 +244,9 @@ class EstimateBlock(_Cut):
     law_W: FloatArray
     learned: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     learned_sigma: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    heat_bound_W: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    field_bound_K: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    error_bound_um: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         return len(self.time_s)

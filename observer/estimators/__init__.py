@@ -5,12 +5,15 @@ from __future__ import annotations
 from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
+from observer.tables.integrity import Integrity
 
 
-def build_estimator(plant: Plant, settings: EstimatorSettings, *, screens: bool = False) -> Estimator:
+def build_estimator(
+    plant: Plant, settings: EstimatorSettings, integrity: Integrity | None = None
+) -> Estimator:
     """Return the estimator the settings ask for; what it does not need is not imported.
 
-    With `screens` the compiled Kalman filter looks for sensor faults before it corrects.
+    With `integrity` the compiled Kalman filter looks for sensor faults before it corrects.
 
     Raises `UserError` where no gain to be trusted exists for this plant.
     """
@@ -28,4 +31,4 @@ def build_estimator(plant: Plant, settings: EstimatorSettings, *, screens: bool 
         return FilterpyEstimator(plant, settings)
     from observer.estimators.kalman import KalmanEstimator  # noqa: PLC0415
 
-    return KalmanEstimator(plant, settings, screens=screens)
+    return KalmanEstimator(plant, settings, integrity)

@@ -19,6 +19,8 @@ from observer.tables.estimator import EstimatorSettings
 class Scratch:
     """What kernels change on the way, as records that live as long as the estimator."""
 
+    bank: Any = None
+
     def __init__(self, arrays: packing.PlantArrays, initial: EstimatorState) -> None:
         """Allocate it for a plant."""
         self.bundle = Bundle.of(packing.thaw(initial)._asdict())
@@ -26,13 +28,28 @@ class Scratch:
         self.work = packing.scratch(arrays)
         self.work_record, self.running_record = record(self.work), record(self.running)
 
+    def take(self, state: EstimatorState) -> None:
+        """Stand at a state."""
+        packing.thaw_into(self.running, state)
+
+    def state(self, time_s: float) -> EstimatorState:
+        """Where it stands."""
+        return packing.freeze(self.running, time_s)
+
+    def keep(self) -> Any:
+        """Return where it stands, to be put back."""
+        return self.bundle.octets.tobytes()
+
+    def put_back(self, kept: Any) -> None:
+        """Stand where it stood."""
+        self.bundle.put_back(kept)
+
 
 class BlockEstimator(ABC):
     """An `Estimator`, but for what it does with a chunk of steps."""
 
-    def __init__(self, plant: Plant, settings: EstimatorSettings, *, screens: bool = False) -> None:
-        """Bring the plant into the kernels' form, once; `screens`: see `observer.kernels.screening`."""
-        self._screens = screens
+    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
+        """Bring the plant into the kernels' form, once."""
         self.plant = self._plant = plant
         self.gate_sigma = float(settings.gate_sigma)
         self._arrays = packing.pack_plant(plant)
@@ -47,20 +64,20 @@ class BlockEstimator(ABC):
 
     def initial(self) -> EstimatorState:
         """Return the state before the first measurement."""
-        return packing.initial_state(self._plant, screens=self._screens)
+        return packing.initial_state(self._plant)
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         """Take K steps; a run of K is, to the last bit, K runs of one."""
         if not hasattr(self._own, "scratch"):
             self._own.scratch = self.scratch()
         scratch: Scratch = self._own.scratch
-        packing.thaw_into(scratch.running, state)
+        scratch.take(state)
         results = packing.empty_results(self._plant, len(inputs))
         for chunk in chunks(self._steps, inputs):
             out = packing.cut(results, chunk.part)
             self.take(chunk, record(chunk.inputs), scratch, out, record(out))
         time_s = float(inputs.time_s[-1]) if len(inputs) else state.time_s
-        return packing.freeze(scratch.running, time_s), packing.to_block(self._plant, inputs.time_s, results)
+        return scratch.state(time_s), packing.to_block(self._plant, inputs.time_s, results)
 
     def scratch(self) -> Scratch:
         """Allocate what kernels change on the way; each thread has its own."""

@@ -2,24 +2,96 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+from observer.estimators import packing
+from observer.estimators.bank import Bank
 from observer.estimators.by_block import BlockEstimator, Scratch
 from observer.estimators.packing import Results
+from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
-from observer.kernels import run_kalman
+from observer.kernels import put_bounds, run_kalman, run_until_due
+from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
+from observer.tables.integrity import Integrity
 
 
 class KalmanEstimator(BlockEstimator):
     """Time-varying Kalman filter of the augmented state [x | δ]; the heat of a source is its law + δ.
 
     x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd, then one correction by all sensors that are present and pass
-    the gate. Source: Kalman (1960).
+    the gate. Source: Kalman (1960). With `integrity`, readings are screened before they correct
+    (`observer.kernels.screening`), and a bank of filters stands beside it (`observer.estimators.bank`).
     """
 
-    def take(self, chunk: Chunk, inputs: Any, scratch: Scratch, _out: Results, results: Any) -> None:
+    def __init__(
+        self, plant: Plant, settings: EstimatorSettings, integrity: Integrity | None = None
+    ) -> None:
+        """Bring the plant into the kernels' form, once."""
+        super().__init__(plant, settings)
+        self._integrity = integrity
+
+    def initial(self) -> EstimatorState:
+        """Return the state before the first measurement."""
+        state = packing.initial_state(self._plant, screens=self._integrity is not None)
+        return state if self._integrity is None else replace(state, bank=self._bank().octets)
+
+    def scratch(self) -> Scratch:
+        """Allocate what kernels change on the way; each thread has its own."""
+        if self._integrity is None:
+            return super().scratch()
+        return Screening(self._arrays, self.initial(), self._bank())
+
+    def _bank(self) -> Bank:
+        assert self._integrity is not None
+        return Bank(self._plant, self._integrity, self.plant_record, self._steps.beside())
+
+    def take(self, chunk: Chunk, inputs: Any, scratch: Scratch, out: Results, results: Any) -> None:
         """Take a chunk's steps by the compiled filter."""
-        run_kalman(
-            self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
-            results, scratch.work_record,
-        )  # fmt: skip
+        if not isinstance(scratch, Screening):
+            run_kalman(
+                self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
+                results, scratch.work_record,
+            )  # fmt: skip
+            return
+        bank, k = scratch.bank, 0
+        while k < len(chunk.step):
+            k = run_until_due(
+                self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
+                results, scratch.work_record, bank.gathered_record, bank.held_record, bank.design.sigmas, k,
+            )  # fmt: skip
+            if bank.is_due:
+                scratch.step_bank(out, k - 1, chunk.inputs.time_s[k - 1])
+                put_bounds(results, k - 1, bank.held_record, bank.design.sigmas)
+
+
+class Screening(Scratch):
+    """What kernels change on the way, with a bank beside it."""
+
+    def __init__(self, arrays: packing.PlantArrays, initial: EstimatorState, bank: Bank) -> None:
+        """Allocate it for a plant."""
+        super().__init__(arrays, initial)
+        self.bank: Bank = bank
+
+    def step_bank(self, results: Results, k: int, time_s: float) -> None:
+        """Step the bank after step k of the estimate."""
+        self.bank.step(self.running, self.running_record, results, k, float(time_s))
+
+    def take(self, state: EstimatorState) -> None:
+        """Stand at a state."""
+        super().take(state)
+        self.bank.take(state.bank)
+
+    def state(self, time_s: float) -> EstimatorState:
+        """Where it stands."""
+        return replace(super().state(time_s), bank=self.bank.octets)
+
+    def keep(self) -> Any:
+        """Return where it stands, to be put back."""
+        return super().keep(), self.bank.keep()
+
+    def put_back(self, kept: Any) -> None:
+        """Stand where it stood."""
+        super().put_back(kept[0])
+        self.bank.put_back(kept[1])

@@ -38,6 +38,7 @@ class LiveEstimator:
         if not self._folds:
             own["field"] = self._block.over("field_degC", made.field.shape)
             own["field_sigma"] = self._block.over("field_sigma_K", made.field.shape)
+            own["field_bound"] = self._block.over("field_bound_K", made.field.shape)
         self.results = made._replace(**own)
         results = self._results_record = record(self.results)
         kalman = isinstance(estimator, KalmanEstimator)
@@ -46,7 +47,7 @@ class LiveEstimator:
                 inputs_record, math.nan, self._table_of, np.zeros(1, np.int64), estimator.plant_record,
                 self._scratch.running_record, estimator.gate_sigma, results, self._scratch.work_record,
                 None if kalman else self._take, self._name if self._folds or plant.learnt else None,
-                self._block["time_s"], self._block.octets,
+                self._block["time_s"], self._block.octets, *self._bounded(),
             )
         )  # fmt: skip
 
@@ -54,6 +55,17 @@ class LiveEstimator:
         """The table of steps of this length."""
         self._chunk = self._estimator.single(self._inputs, length_s)
         return self._chunk.table
+
+    def _bounded(self) -> tuple[Any, Any, float, Callable[[], None] | None]:
+        """What is gathered for the bank, the bounds it holds, how many σ they are at least, and its step."""
+        bank = self._scratch.bank
+        if bank is None:
+            return None, None, 0.0, None
+        return bank.gathered_record, bank.held_record, bank.design.sigmas, self._step_bank
+
+    def _step_bank(self) -> None:
+        """Step the bank, which is due."""
+        self._scratch.step_bank(self.results, 0, self._inputs.time_s[0])
 
     def _take(self) -> None:
         """Take the step whose inputs are there, where the kernel does not know how."""
@@ -67,31 +79,34 @@ class LiveEstimator:
         self._learned[0][...], self._learned[1][...] = packing.learned_of(plant, self.results)
         if self._folds:
             named = packing.to_block(plant, self._inputs.time_s, self.results)
-            for name in ("field_degC", "field_sigma_K", "error_um", "error_sigma_um"):
+            for name in _FOLDED:
                 self._block[name][...] = getattr(named, name)
 
-    def keep(self) -> tuple[bytes, float]:
+    def keep(self) -> tuple[Any, float]:
         """Return where it stands, to be put back."""
-        return self._scratch.bundle.octets.tobytes(), self._block["time_s"][0]
+        return self._scratch.keep(), self._block["time_s"][0]
 
-    def put_back(self, kept: tuple[bytes, float]) -> None:
+    def put_back(self, kept: tuple[Any, float]) -> None:
         """Stand where it stood."""
-        self._scratch.bundle.put_back(kept[0])
+        self._scratch.put_back(kept[0])
         self._block["time_s"][0] = kept[1]
 
     @property
     def state(self) -> EstimatorState:
         """Where it stands."""
-        return packing.freeze(self._scratch.running, float(self._block["time_s"][0]))
+        return self._scratch.state(float(self._block["time_s"][0]))
 
     def take(self, state: EstimatorState) -> None:
         """Stand at a state."""
-        packing.thaw_into(self._scratch.running, state)
+        self._scratch.take(state)
         self._block["time_s"][0] = state.time_s
 
 
 class EstimatorTick(NamedTuple):
-    """What the kernel takes: `other` takes the step if it is not the Kalman filter's, `finish` ends it."""
+    """What the kernel takes: `other` takes the step if it is not the Kalman filter's, `finish` ends it.
+
+    With a bank, `step_bank` steps it when it is due.
+    """
 
     inputs: Any
     length_s: float
@@ -106,15 +121,23 @@ class EstimatorTick(NamedTuple):
     finish: Callable[[], None] | None
     time_s: FloatArray
     octets: Any
+    gathered: Any
+    held: Any
+    sigmas: float
+    step_bank: Callable[[], None] | None
 
 
 _SAME = {
     "heat": "heat_W", "heat_sigma": "heat_sigma_W", "law": "law_W", "innovation": "innovation_K",
     "innovation_sigma": "innovation_sigma_K", "sensor_quality": "sensor_quality", "quality": "quality",
+    "heat_bound": "heat_bound_W",
 }  # fmt: skip
 """Results that a block has as they are, by their names there."""
+_FOLDED = (
+    "field_degC", "error_um", "field_sigma_K", "error_sigma_um", "field_bound_K", "error_bound_um"
+)  # fmt: skip
 _ORDER = (
-    "heat_W", "heat_sigma_W", "law_W", "field_degC", "error_um", "field_sigma_K", "error_sigma_um",
+    "heat_W", "heat_sigma_W", "law_W", *_FOLDED, "heat_bound_W",
     "innovation_K", "innovation_sigma_K", "time_s", "learned", "learned_sigma", "sensor_quality", "quality",
 )  # fmt: skip
 """The columns of a block as they lie in memory: kernels write field and error as one array."""

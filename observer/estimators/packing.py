@@ -134,6 +134,8 @@ class Results(NamedTuple):
     law: FloatArray
     learned: FloatArray
     learned_sigma: FloatArray
+    heat_bound: FloatArray
+    field_bound: FloatArray
 
 
 def padded_width(columns: int) -> int:
@@ -289,17 +291,19 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
 
 
 def empty_results(plant: Plant, steps: int) -> Results:
-    """Allocate results for that many steps; the kernels write every row of them.
+    """Allocate results for that many steps; the kernels write every row of them but the bounds, which are not
+    known where nothing else is said.
 
     The numbers are one piece of memory: the system gives a large one in large pages, at a fifth of the price.
     """
     m_e, s = int(plant.estimated.sum()), plant.rows.sensors
     wide, learnt = len(plant.rows.C) - s, plant.learnt
-    widths = [m_e, m_e, wide, wide, s, 1, s, m_e, learnt, learnt]
+    widths = [m_e, m_e, wide, wide, s, 1, s, m_e, learnt, learnt, m_e, wide]
     numbers, columns, at = np.empty(steps * sum(widths)), [], 0
     for width in widths:
         columns.append(numbers[at : at + steps * width].reshape(steps, width))
         at += steps * width
+    columns[-1][...] = columns[-2][...] = np.nan
     heat, heat_sigma, field, field_sigma, innovation, likelihood, innovation_sigma, *others = columns
     return Results(
         heat,
@@ -325,6 +329,7 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
     g = plant.rows.grid
     error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
     learned, learned_sigma = learned_of(plant, results)
+    _, error_bound_um = fold(plant.rows.restraint, results.field[:, g:], results.field_bound[:, g:])
     return EstimateBlock(
         time_s=time_s,
         heat_W=results.heat,
@@ -340,6 +345,9 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
         law_W=results.law,
         learned=learned,
         learned_sigma=learned_sigma,
+        heat_bound_W=results.heat_bound,
+        field_bound_K=results.field_bound[:, :g],
+        error_bound_um=error_bound_um,
     )
 
 

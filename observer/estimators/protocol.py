@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 from observer.kernels.remembered import GUARD, VERDICT
@@ -21,7 +22,9 @@ class EstimatorState:
     (s,) for how long, and `opened_K` (s,) how far off it was when the state was last opened for it; `silent`
     counts the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.
     `around` (n_x + m_e + 2 s,) is where the effects of what is learnt are taken, with what each sensor would
-    read there without and with a lag; empty where nothing is learnt.
+    read there without and with a lag; empty where nothing is learnt. `guard` (s, c) and `verdict` are what the
+    screening of readings remembers (`observer.kernels.remembered`), `bank` where the filters beside it stand
+    (`observer.estimators.bank`), as octets; without screening they are empty.
     """
 
     x_hat: FloatArray
@@ -36,6 +39,7 @@ class EstimatorState:
     around: FloatArray = field(default_factory=lambda: np.zeros(0))
     guard: FloatArray = field(default_factory=lambda: np.zeros((0, GUARD)))
     verdict: FloatArray = field(default_factory=lambda: np.zeros(VERDICT))
+    bank: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
 
 
 class Estimator(Protocol):

@@ -49,6 +49,12 @@ class StepCache:
         self._known: dict[float, tuple[StepMatrices, FloatArray]] = {}
         self._last: tuple[list[float], Any] | None = None
 
+    def beside(self) -> StepCache:
+        """Return one that remembers the same steps, and a last table of its own."""
+        own = StepCache(self._plant)
+        own._known = self._known
+        return own
+
     def get(self, dt_s: float) -> tuple[StepMatrices, FloatArray]:
         """Return the step of that length and the noise of what does not move."""
         if dt_s not in self._known:

@@ -45,8 +45,8 @@ def _load(way: str) -> tuple[Any, Any]:
     """Return where the entries and where the records are."""
     if way == "interpreted":
         modules = (
-            "entries", "changes", "discretise", "moving", "path", "selftest", "stepwise", "message", "live",
-            "cells",
+            "entries", "bank", "changes", "discretise", "moving", "path", "selftest", "stepwise", "message",
+            "live", "cells",
         )  # fmt: skip
         entries: dict[str, Any] = {}
         for name in modules:
@@ -81,6 +81,10 @@ def record(fields: Any) -> Any:
 
 
 run_kalman = _entries["run_kalman"]
+run_bank = _entries["run_bank"]
+run_until_due = _entries["run_until_due"]
+pour = _entries["pour"]
+put_bounds = _entries["put_bounds"]
 run_fixed_gain = _entries["run_fixed_gain"]
 run_forward = _entries["run_forward"]
 run_backward = _entries["run_backward"]
@@ -106,7 +110,8 @@ read_rows = _entries["read_rows"]
 
 __all__ = [
     "DONE", "WAY", "add_columns", "average_on", "compare_ways", "discretise", "drive_on", "encode",
-    "find_heats_stepwise", "follow_path", "march", "number_steps", "put_reading", "read_rows", "record",
-    "run_backward", "run_changes_backward", "run_changes_forward", "run_fixed_gain", "run_forward",
-    "run_kalman", "run_selftest", "run_tolerances", "step_frame", "tick_on", "walk_on",
+    "find_heats_stepwise", "follow_path", "march", "number_steps", "pour", "put_bounds", "put_reading",
+    "read_rows", "record", "run_backward", "run_bank", "run_changes_backward", "run_changes_forward",
+    "run_fixed_gain", "run_forward", "run_kalman", "run_selftest", "run_tolerances", "run_until_due",
+    "step_frame", "tick_on", "walk_on",
 ]  # fmt: skip

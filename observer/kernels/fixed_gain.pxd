@@ -11,5 +11,5 @@ cdef inline void correct_covariance(double[::1] R_K2, double[:, ::1] C, unsigned
 @cython.locals(complete=bint, alive=Py_ssize_t)
 cdef inline (Py_ssize_t, bint) key_of(Inputs u, Py_ssize_t k, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] suspect, Py_ssize_t rung) noexcept nogil
 cdef inline void correct_state(double[:, :, ::1] K, Py_ssize_t chosen, unsigned char[::1] accepted, double[::1] nu, double[::1] x) noexcept nogil
-@cython.locals(key=Py_ssize_t, complete=bint, started=bint, correcting=bint, steady=bint, known=bint, released=bint, reopened=bint, drastic=bint, roughly=bint)
+@cython.locals(key=Py_ssize_t, complete=bint, started=bint, correcting=bint, steady=bint, known=bint, released=bint, share=double, drastic=bint, roughly=bint)
 cdef (Py_ssize_t, Py_ssize_t, Py_ssize_t) observe(PlantArrays p, StepTable t, Rungs rungs, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, bint optimal, GainTable gains, Results out, Py_ssize_t first, Py_ssize_t resumed, Work work, Columns c, Allowed allowed) noexcept nogil

@@ -195,10 +195,10 @@ def observe(p, t, rungs, u, step, state, gate_sigma, optimal, gains, out, first,
             return k, key, _STARTED if started else _PREDICTED
         if released:
             add_prior(p, P, 1.0)
-        reopened = reopen(
+        share = reopen(
             p, C, u.dt_s[k], usable, accepted, nu, state.suspect, state.refused_s, state.opened_K, P
         )
-        if reopened or released:
+        if released or share > 0.0:
             compare(p, u, k, state, work)
         if correcting and (optimal or started or released):
             drastic = is_drastic(p, work)

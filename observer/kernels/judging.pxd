@@ -10,7 +10,7 @@ cdef inline bint gate(double[::1] nu, double[::1] S, unsigned char[::1] usable, 
 @cython.locals(due=bint)
 cdef inline void hold_back(double[::1] nu, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] suspect, double[::1] refused_s, double[::1] opened_K) noexcept nogil
 @cython.locals(share=double)
-cdef inline bint reopen(PlantArrays p, double[:, ::1] C, double dt_s, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] nu, double[::1] suspect, double[::1] refused_s, double[::1] opened_K, double[:, ::1] P) noexcept nogil
+cdef inline double reopen(PlantArrays p, double[:, ::1] C, double dt_s, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] nu, double[::1] suspect, double[::1] refused_s, double[::1] opened_K, double[:, ::1] P) noexcept nogil
 cdef inline void doubt_nut(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] lost_s, double[:, ::1] P) noexcept nogil
 @cython.locals(variance=double)
 cdef double _share_of_prior(PlantArrays p, double[:, ::1] C, Py_ssize_t i, double nu) noexcept nogil
@@ -24,5 +24,5 @@ cdef inline void move_rows(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1]
 cdef inline bint write_values(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
 cdef inline bint write_sigmas(Running state, Py_ssize_t k, Work work, Results out) noexcept nogil
 cdef inline void clear(double[:, ::1] P) noexcept nogil
-@cython.locals(opened=bint, reopened=bint)
+@cython.locals(opened=bint, share=double)
 cdef inline bint judge_sensors(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil

@@ -106,7 +106,7 @@ def hold_back(nu, usable, accepted, suspect, refused_s, opened_K):
 
 
 def reopen(p, C, dt_s, usable, accepted, nu, suspect, refused_s, opened_K, P):
-    """Count for how long each sensor has been refused; return whether P was opened for one of them.
+    """Count for how long each sensor has been refused; return by what share of its prior P was opened.
 
     A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
     After 20 s and three samples, and then every minute, P gets the share of its prior that would let the
@@ -126,10 +126,9 @@ def reopen(p, C, dt_s, usable, accepted, nu, suspect, refused_s, opened_K, P):
             if usable[i] and isinf(opened_K[i]) and suspect[i] >= RELEASE_AFTER_STEPS:
                 share = max(share, _share_of_prior(p, C, i, nu[i]))
                 opened_K[i] = nu[i]
-    if share == 0.0:
-        return False
-    add_prior(p, P, share)
-    return True
+    if share > 0.0:
+        add_prior(p, P, share)
+    return share
 
 
 def judge_sensors(p, u, k, gate_sigma, state, work):
@@ -139,11 +138,11 @@ def judge_sensors(p, u, k, gate_sigma, state, work):
         add_prior(p, state.P, 1.0)
     else:
         hold_back(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
-    reopened = reopen(
+    share = reopen(
         p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.suspect, state.refused_s,
         state.opened_K, state.P,
     )  # fmt: skip
-    return reopened or opened
+    return opened or share > 0.0
 
 
 def doubt_nut(p, u, k, lost_s, P):

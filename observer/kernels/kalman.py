@@ -69,12 +69,17 @@ def judge_and_correct(p, u, k, gate_sigma, state, work):
 
 
 def filter_steps(p, t, u, step, state, gate_sigma, out, work):
-    """Run the Kalman filter over the K steps of `u`, changing `state` and filling `out`.
+    """Run the Kalman filter over the K steps of `u` (see `filter_part`)."""
+    filter_part(p, t, u, step, state, gate_sigma, out, work, 0, len(step))
+
+
+def filter_part(p, t, u, step, state, gate_sigma, out, work, first, end):
+    """Run the Kalman filter from step `first` up to `end`, changing `state` and filling `out`.
 
     `step` (K,) is where each step's length is in the table `t`. A step whose laws or known inputs are no
     numbers cannot be computed: it leaves the state as it is and is invalid.
     """
-    for k in range(len(step)):
+    for k in range(first, end):
         if start_or_predict(p, t, step[k], u, k, state, work) == SKIPPED:
             skip(u, k, work.usable, state, out)
             continue

@@ -6,6 +6,7 @@ memory belongs to the part that takes the steps.
 
 from __future__ import annotations
 
+from observer.kernels.bank import gather, put_bounds
 from observer.kernels.codes import NO_PRODUCT, OF_NOTHING, OF_SPEED, TICKS_PER_S
 from observer.kernels.drive import fill_inputs
 from observer.kernels.kalman import filter_steps
@@ -131,6 +132,10 @@ def estimate_frame(own):
             own.plant, own.table, own.inputs, own.step, own.running, own.gate_sigma, own.results, own.work
         )
     own.time_s[0] = own.inputs.time_s[0]
+    if own.step_bank is not None:
+        if gather(own.inputs, 0, own.gathered):
+            own.step_bank()
+        put_bounds(own.results, 0, own.held, own.sigmas)
     if own.finish is not None:
         own.finish()
 

@@ -193,6 +193,33 @@ cdef class Results(Record):
     cdef public double[:, ::1] law
     cdef public double[:, ::1] learned
     cdef public double[:, ::1] learned_sigma
+    cdef public double[:, ::1] heat_bound
+    cdef public double[:, ::1] field_bound
+
+
+cdef class Gathered(Record):
+    cdef public double[::1] span
+    cdef public double[::1] law_J
+    cdef public double[::1] jump_W2
+    cdef public double[::1] z_first
+    cdef public double[::1] z_last
+    cdef public Py_ssize_t[::1] moving
+    cdef public double[::1] weight
+    cdef public double[:, ::1] B
+    cdef public double[:, ::1] plain_B
+    cdef public double[:, ::1] C
+    cdef public double[::1] y_degC
+    cdef public unsigned char[::1] seen
+    cdef public unsigned char[::1] free
+    cdef public double[::1] loss
+
+
+cdef class Held(Record):
+    cdef public double[::1] heat_W
+    cdef public double[::1] field
+    cdef public double[::1] heat_sigma_W
+    cdef public double[::1] field_sigma
+    cdef public double[::1] limit
 
 
 cdef class GainTable(Record):

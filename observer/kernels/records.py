@@ -74,6 +74,14 @@ class Results(Record):
     """Results."""
 
 
+class Gathered(Record):
+    """Gathered."""
+
+
+class Held(Record):
+    """Held."""
+
+
 class GainTable(Record):
     """Gain table."""
 

@@ -1,5 +1,5 @@
 cdef double JUMP_SIGMA, LEAST_JUMP_K, DRIFT_K_S, _YOUNG_S, _QUIET_S, _FEW, _MEAN_S, _PATIENCE, _PATIENCE_S
-cdef double _EQUAL_K, _EQUAL_SIGMA, _REFUSED_S, _UNREST, _UNREST_SHARE, _EXCESS_S, _READMIT_S, _READMIT_SIGMA
+cdef double _EQUAL_K, _EQUAL_SIGMA, _BACK, _TELLING, _UNREST, _UNREST_SHARE, _EXCESS_S, _READMIT_S, _READMIT_SIGMA
 cdef double _READMIT_K2, _COMMON_K2, _APART_K2, _SURPRISE_K2, _HOLD_S, _SETTLING_S, _SURPRISED_S, _TRUST_AIR_K
 
 @cython.locals(opened=bint)
@@ -16,14 +16,16 @@ cdef bint decide(PlantArrays p, Inputs u, Py_ssize_t k, Running state) noexcept 
 cdef Py_ssize_t swapped_with(PlantArrays p, double[:, ::1] guard) noexcept nogil
 cdef void exclude(Inputs u, Py_ssize_t k, Py_ssize_t i, Py_ssize_t cause, Running state) noexcept nogil
 cdef inline void forget_step(double[:, ::1] guard, Py_ssize_t i) noexcept nogil
-@cython.locals(equal=bint, factor=double, free=Py_ssize_t)
+@cython.locals(equal=bint, factor=double, variance_K2=double, free=Py_ssize_t)
 cdef void open_all(PlantArrays p, Inputs u, Py_ssize_t k, double mean_K, Running state) noexcept nogil
 @cython.locals(product=double, square=double, factor=double)
 cdef double gain_of(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] guard) noexcept nogil
 cdef Py_ssize_t offset_of(PlantArrays p, Py_ssize_t i) noexcept nogil
 cdef bint open_offset(PlantArrays p, Py_ssize_t i, double variance_K2, double[:, ::1] P) noexcept nogil
 cdef void open_common(PlantArrays p, double variance_K2, double[:, ::1] P) noexcept nogil
-@cython.locals(released=bint, reopened=bint)
+@cython.locals(released=bint, share=double)
 cdef bint refuse(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil
-@cython.locals(readmitted=bint, near=bint, share=double)
+@cython.locals(sigma_K=double, back_K=double, proves=bint, near=bint)
+cdef inline void look_for_return(Py_ssize_t i, double since_s, double[:, ::1] guard, Work work) noexcept nogil
+@cython.locals(readmitted=bint, share=double)
 cdef bint remember(PlantArrays p, Inputs u, Py_ssize_t k, Py_ssize_t i, Running state, Work work) noexcept nogil

@@ -4,23 +4,25 @@ A temperature on steel changes slowly, so an innovation that steps from one samp
 the sensor, of several, or of what they share. The pattern of the steps says which: one or some alone are
 excluded; equal steps of all are a common offset (a reference junction); two readings that take each other's
 place are swapped; steps in proportion to the rise above the air are a gain; any other step of all cannot be
-explained. A sensor that departs slowly is excluded once it has been refused for a minute. An excluded sensor
-comes back only after it has agreed for ten minutes with what was estimated without it, and with its offset
-open: agreement alone proves little where the rest knows little (Brown and Chin 1998).
+explained. Who is at fault where readings depart slowly, the bank beside the estimate finds out
+(`observer.estimators.bank`). An excluded sensor comes back only after it has agreed for ten minutes with what
+was estimated without it, and with its offset open. Agreement proves little where the rest knows little, so
+the sensor must have stepped back first, or the rest must know four times better than it was off; readings
+that were exchanged stay out until the service is reset (Brown and Chin 1998).
 """
 
 from __future__ import annotations
 
 from observer.kernels.codes import GOOD, OFFSET
 from observer.kernels.judging import add_prior, gate, hold_back, reopen
-from observer.kernels.libm import exp, isfinite, sqrt
+from observer.kernels.libm import exp, isfinite, isnan, sqrt
 from observer.kernels.remembered import (
     AGE_S,
     AGREES_S,
+    BACK,
     CAUSE,
     COMMON_K,
     COMMON_S,
-    DEPARTED,
     EXCESS_K,
     EXCESS_SIGMA_K,
     FACTOR,
@@ -32,6 +34,9 @@ from observer.kernels.remembered import (
     LATCH_S,
     MEAN,
     NO_OFFSET,
+    OPENED_COMMON_K2,
+    OPENED_K2,
+    OPENED_PRIOR,
     OTHER,
     OUT_S,
     PENDING,
@@ -40,6 +45,7 @@ from observer.kernels.remembered import (
     SEEN,
     SETTLING_S,
     SINCE_S,
+    SIZE_K,
     STEP_K,
     STEPS,
     SWAPPED,
@@ -58,10 +64,10 @@ _FEW = 5.0
 _MEAN_S = 15.0
 _PATIENCE, _PATIENCE_S = 3.0, 2.0
 _EQUAL_K, _EQUAL_SIGMA = 0.12, 4.0
-_REFUSED_S = 60.0
 _UNREST, _UNREST_SHARE = 1.0 / 30.0, 0.3
 _EXCESS_S = 30.0
 _READMIT_S, _READMIT_SIGMA, _READMIT_K2 = 600.0, 3.0, 1.0
+_BACK, _TELLING = 0.3, 4.0
 _COMMON_K2, _APART_K2, _SURPRISE_K2 = 0.01, 9.0, 4.0
 _HOLD_S, _SETTLING_S, _SURPRISED_S = 60.0, 120.0, 600.0
 _TRUST_AIR_K = 0.5
@@ -173,7 +179,8 @@ def exclude(u, k, i, cause, state):
     """Leave sensor i out from now on."""
     guard = state.guard
     guard[i, CAUSE], guard[i, OUT_S], guard[i, AGREES_S] = cause, 0.0, 0.0
-    guard[i, EXCESS_K] = guard[i, STEP_K]
+    guard[i, EXCESS_K] = guard[i, SIZE_K] = guard[i, STEP_K]
+    guard[i, BACK] = 0.0
     if guard[i, STEPS] == 0.0:
         guard[i, FIRST_S] = u.time_s[k]
     forget_step(guard, i)
@@ -197,13 +204,16 @@ def open_all(p, u, k, mean_K, state):
             free += 1 if offset_of(p, i) >= 0 else -len(guard)
     if equal and free > 0:
         open_common(p, _COMMON_K2, state.P)
+        verdict[OPENED_COMMON_K2] += _COMMON_K2
         if verdict[COMMON_K] == 0.0:
             verdict[COMMON_S] = u.time_s[k]
         verdict[COMMON_K] += mean_K
         return
     for i in range(len(guard)):
         if guard[i, CAUSE] == 0.0:
-            open_offset(p, i, _APART_K2 + guard[i, STEP_K] * guard[i, STEP_K], state.P)
+            variance_K2 = _APART_K2 + guard[i, STEP_K] * guard[i, STEP_K]
+            open_offset(p, i, variance_K2, state.P)
+            guard[i, OPENED_K2] += variance_K2
     if verdict[LATCH] == 0.0:
         verdict[LATCH_S] = u.time_s[k]
     verdict[LATCH] = NO_OFFSET if equal else (UNEQUAL if factor == 0.0 else GAIN)
@@ -263,38 +273,52 @@ def open_common(p, variance_K2, P):
 def refuse(p, u, k, gate_sigma, state, work):
     """Refuse what lies beyond the gate; return whether P was opened.
 
-    While the model may be wrong it gives way to the sensors, and the estimate settles. Later a sensor that
-    has been refused for a minute is excluded; only where most are refused at once, without a step, has
-    something surprised model and sensors alike: then field and offsets are open, and the estimate settles.
+    While the model may be wrong it gives way to the sensors, and the estimate settles. Later only where most
+    are refused at once, without a step, has something surprised model and sensors alike: then field and
+    offsets are open, and the estimate settles.
     """
     verdict = state.verdict
     released = gate(work.nu, work.S_nu, work.usable, state.suspect, gate_sigma, work.accepted)
     if released:
         add_prior(p, state.P, 1.0)
+        verdict[OPENED_PRIOR] = 1.0
     if verdict[AGE_S] < _YOUNG_S:
         if not released:
             hold_back(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
-        reopened = reopen(
+        share = reopen(
             p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.suspect, state.refused_s,
             state.opened_K, state.P,
         )  # fmt: skip
-        if released or reopened:
+        verdict[OPENED_PRIOR] += share
+        if released or share > 0.0:
             verdict[SETTLING_S] = max(verdict[SETTLING_S], _SETTLING_S)
-        return released or reopened
+        return released or share > 0.0
     if released:
         open_common(p, _SURPRISE_K2, state.P)
+        verdict[OPENED_COMMON_K2] += _SURPRISE_K2
         verdict[SETTLING_S] = _SURPRISED_S
     for i in range(len(work.usable)):
         if work.usable[i] and work.accepted[i]:
             state.refused_s[i], state.opened_K[i] = 0.0, 0.0
         elif work.usable[i] or state.refused_s[i] > 0.0:
             state.refused_s[i] += u.dt_s[k]
-            if work.usable[i] and state.refused_s[i] > _REFUSED_S:
-                state.guard[i, STEP_K] = work.nu[i]
-                exclude(u, k, i, DEPARTED, state)
-                work.usable[i] = work.accepted[i] = False
-                verdict[HOLD_S] = _HOLD_S
+            verdict[HOLD_S] = _HOLD_S
     return released
+
+
+def look_for_return(i, since_s, guard, work):
+    """Count for how long excluded sensor i agrees with the rest, where that proves something."""
+    sigma_K = sqrt(work.S_nu[i])
+    back_K = guard[i, MEAN] - work.nu[i]
+    if guard[i, SEEN] >= _FEW and abs(back_K - guard[i, SIZE_K]) <= _BACK * abs(guard[i, SIZE_K]):
+        guard[i, BACK] = 1.0
+    guard[i, MEAN] += (1.0 - exp(-since_s / _MEAN_S)) * (work.nu[i] - guard[i, MEAN])
+    if guard[i, SEEN] == 0.0:
+        guard[i, MEAN] = work.nu[i]
+    guard[i, SEEN] += 1.0
+    proves = guard[i, BACK] > 0.0 or _TELLING * sigma_K <= abs(guard[i, SIZE_K])
+    near = abs(work.nu[i]) <= _READMIT_SIGMA * sigma_K and guard[i, CAUSE] != SWAPPED
+    guard[i, AGREES_S] = guard[i, AGREES_S] + since_s if near and proves else 0.0
 
 
 def remember(p, u, k, i, state, work):
@@ -306,12 +330,14 @@ def remember(p, u, k, i, state, work):
     guard[i, SINCE_S] = 0.0
     if guard[i, CAUSE] != 0.0:
         guard[i, OUT_S] += since_s
+        if isnan(guard[i, EXCESS_K]):
+            guard[i, EXCESS_K] = guard[i, SIZE_K] = work.nu[i]
         guard[i, EXCESS_K] += (1.0 - exp(-since_s / _EXCESS_S)) * (work.nu[i] - guard[i, EXCESS_K])
         guard[i, EXCESS_SIGMA_K] = sqrt(work.S_nu[i])
-        near = abs(work.nu[i]) <= _READMIT_SIGMA * sqrt(work.S_nu[i])
-        guard[i, AGREES_S] = guard[i, AGREES_S] + since_s if near else 0.0
+        look_for_return(i, since_s, guard, work)
         if guard[i, AGREES_S] >= _READMIT_S and open_offset(p, i, _READMIT_K2, state.P):
             guard[i, CAUSE], readmitted = 0.0, True
+            guard[i, OPENED_K2] += _READMIT_K2
             forget_step(guard, i)
     elif work.accepted[i]:
         share = (1.0 - exp(-since_s / _MEAN_S)) * p.R_K2[i] / work.S_nu[i]  # little from what was not known

@@ -55,6 +55,10 @@ cdef class EstimatorTick(Record):
     cdef public object finish
     cdef public double[::1] time_s
     cdef public unsigned char[::1] octets
+    cdef public Gathered gathered
+    cdef public Held held
+    cdef public double sigmas
+    cdef public object step_bank
 
 
 cdef class TestTick(Record):

@@ -56,5 +56,7 @@ class Machine:
 
     def estimator(self) -> Estimator:
         """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
-        settings = self.config.estimator
-        return build_estimator(self.plant, settings, screens=self.config.integrity.enabled)
+        integrity = self.config.integrity
+        return build_estimator(
+            self.plant, self.config.estimator, integrity if integrity.enabled else None
+        )

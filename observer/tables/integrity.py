@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from observer.tables.quantities import Section
+from typing import Annotated
+
+from pydantic import Field
+
+from observer.tables.quantities import Flag, NonNegative, Positive, Section
 
 
 class Integrity(Section):
     """How sensor faults are found: readings that no heat can explain are excluded before they correct.
 
     Only by the compiled Kalman filter; the other estimators refuse what lies beyond their gate.
+    `fault_per_hour` is how likely a sensor fails unnoticed in an hour, `common_fault_per_hour` what all
+    readings have in common; `common_drift_K_sqrt_h` how far a common offset may walk in an hour. An
+    estimate is good only where no bound of the field is beyond `limit_K`, and none of the error beyond
+    `limit_um`; without a limit the bounds are told, and do not matter.
     """
 
-    enabled: bool = True
+    enabled: Flag = True
+    fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-4
+    common_fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-5
+    common_drift_K_sqrt_h: Annotated[NonNegative, Field(le=100.0)] = 0.3
+    limit_K: Positive | None = None
+    limit_um: Positive | None = None

@@ -1,0 +1,176 @@
+"""A bank of filters beside the estimate, each without some of the sensors: what they take, and the bounds.
+
+The bank steps seldom: what drives the plant is gathered over the estimate's own steps, and a step of the bank
+is one over all of them. Every filter is the Kalman filter itself, with sensors that it may not use.
+"""
+
+from __future__ import annotations
+
+from observer.kernels.codes import ESTIMATE_DEGRADED, ESTIMATE_INVALID
+from observer.kernels.judging import add_prior, step_is_finite
+from observer.kernels.kalman import filter_part
+from observer.kernels.libm import NAN, isfinite, sqrt
+from observer.kernels.remembered import (
+    CAUSE,
+    COMMON_K,
+    OPENED_COMMON_K2,
+    OPENED_K2,
+    OPENED_PRIOR,
+    PENDING,
+)
+from observer.kernels.screening import open_common, open_offset
+from observer.kernels.step import project, residual, sensor_covariance
+
+# What of a span is gathered beside arrays: how long it is, how long it shall be, and the worst that was degraded.
+SPAN_S, DUE_S, DEGRADED = 0, 1, 2
+OF_SPAN = 3
+
+
+def gather(u, k, g):
+    """Take step k into the span; return whether the bank is due."""
+    if not step_is_finite(u, k):
+        return False
+    dt_s = u.dt_s[k]
+    if g.span[SPAN_S] == 0.0:
+        for q in range(len(g.z_first)):
+            g.z_first[q] = u.z_start[k, q]
+    g.span[SPAN_S] += dt_s
+    g.span[DEGRADED] = max(g.span[DEGRADED], u.degraded[k])
+    for j in range(len(g.law_J)):
+        g.law_J[j] += u.law_W[k, j] * dt_s
+        g.jump_W2[j] += u.law_jump_W[k, j] * u.law_jump_W[k, j]
+    for q in range(len(g.z_last)):
+        g.z_last[q] = u.z_end[k, q]
+    for i in range(len(g.moving)):
+        weight = abs(u.law_W[k, g.moving[i]]) * dt_s
+        g.weight[i] += weight
+        for a in range(g.B.shape[1]):
+            g.B[i, a] += weight * u.moving_B[k, i, a]
+            g.plain_B[i, a] += dt_s * u.moving_B[k, i, a]
+        for r in range(g.C.shape[1]):
+            g.C[i, r] = u.moving_C[k, i, r]
+    for i in range(len(g.y_degC)):
+        if u.usable[k, i]:
+            g.y_degC[i], g.seen[i] = u.y_degC[k, i], True
+    g.loss[0] += u.loss_1_s[k] * dt_s
+    g.loss[1] += u.loss_1_s[k] * u.loss_degC[k] * dt_s
+    g.loss[2] = u.loss_degC[k]
+    return g.span[SPAN_S] >= g.span[DUE_S]
+
+
+def pour(g, state, u):
+    """Make one step of the span; the readings in doubt of an estimate that stands at `state` are left out."""
+    span_s = g.span[SPAN_S]
+    u.dt_s[0] = span_s
+    u.degraded[0] = int(g.span[DEGRADED])
+    for j in range(len(g.law_J)):
+        u.law_W[0, j], u.law_jump_W[0, j] = g.law_J[j] / span_s, sqrt(g.jump_W2[j])
+        g.law_J[j], g.jump_W2[j] = 0.0, 0.0
+    for q in range(len(g.z_first)):
+        u.z_start[0, q], u.z_end[0, q] = g.z_first[q], g.z_last[q]
+    for i in range(len(g.moving)):
+        for a in range(g.B.shape[1]):
+            u.moving_B[0, i, a] = (
+                g.B[i, a] / g.weight[i] if g.weight[i] > 0.0 else g.plain_B[i, a] / span_s
+            )
+            g.B[i, a], g.plain_B[i, a] = 0.0, 0.0
+        g.weight[i] = 0.0
+        for r in range(g.C.shape[1]):
+            u.moving_C[0, i, r] = g.C[i, r]
+    for i in range(len(g.y_degC)):
+        doubted = state.guard[i, CAUSE] != 0.0 or state.guard[i, PENDING] > 0.0 or state.suspect[i] > 0.0
+        u.y_degC[0, i], g.free[i] = g.y_degC[i], g.seen[i] and not doubted
+        g.seen[i] = False
+    u.loss_1_s[0] = g.loss[0] / span_s
+    u.loss_degC[0] = g.loss[1] / g.loss[0] if g.loss[0] > 0.0 else g.loss[2]
+    g.loss[0], g.loss[1] = 0.0, 0.0
+    g.span[SPAN_S], g.span[DEGRADED] = 0.0, 0.0
+
+
+def open_again(p, state, P):
+    """Open P as that of the estimate was opened since the last step of the bank."""
+    if state.verdict[OPENED_PRIOR] > 0.0:
+        add_prior(p, P, min(1.0, state.verdict[OPENED_PRIOR]))
+    if state.verdict[OPENED_COMMON_K2] > 0.0:
+        open_common(p, state.verdict[OPENED_COMMON_K2], P)
+    for i in range(len(state.guard)):
+        if state.guard[i, OPENED_K2] > 0.0:
+            open_offset(p, i, state.guard[i, OPENED_K2], P)
+
+
+def tell_left_out(p, u, uses, free, common_K, state, work, misfit, left_K):
+    """How far each reading that a filter has not used is from what it expects, in K and in standard deviations.
+    """
+    for i in range(len(free)):
+        misfit[i] = left_K[i] = 0.0
+        if not free[i] or uses[i] or state.flags[0] == 0:
+            continue
+        sensor_covariance(work.C, i, state.P, work.g)
+        variance_K2 = project(work.C, i, work.g, i) + p.R_K2[i]
+        left_K[i] = residual(p, work.C, u, 0, i, state.x) - common_K
+        misfit[i] = left_K[i] / sqrt(variance_K2)
+
+
+def run_bank(p, t, u, step, g, own, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, left_K, S):
+    """Step every filter over the span: filter f takes the sensors that `uses[f]` names.
+
+    In filter `own` what all offsets have in common walks. `u` is filled from what was gathered in `g`.
+    `misfit` and `left_K` (F, s) are filled with what readings say that filters have not used, `S` (s, s) with the covariance
+    of the first one's innovations.
+    """
+    for f in range(len(filters)):
+        state = filters[f]
+        for i in range(len(g.free)):
+            u.usable[0, i] = g.free[i] and uses[f, i]
+        state.verdict[COMMON_K] = main.verdict[COMMON_K]
+        open_again(p, main, state.P)
+        if f == own and state.flags[0] != 0:
+            open_common(p, walk_K2, state.P)
+        result = results[f]
+        filter_part(p, t, u, step, state, gate_sigma, result, work, 0, 1)
+        if f == 0:
+            for i in range(len(S)):
+                for j in range(i, len(S)):
+                    S[i, j] = S[j, i] = work.S[i, j]
+                S[i, i] += p.R_K2[i]
+        tell_left_out(p, u, uses[f], g.free, state.verdict[COMMON_K], state, work, misfit[f], left_K[f])
+    main.verdict[OPENED_PRIOR] = main.verdict[OPENED_COMMON_K2] = 0.0
+    for i in range(len(main.guard)):
+        main.guard[i, OPENED_K2] = 0.0
+
+
+def put_bounds(out, k, held, sigmas):
+    """The bounds of step k: what the bank has found last, and no less than `sigmas` standard deviations, which
+    are no less than those with a drift of all readings.
+
+    Beyond a limit an estimate is not good.
+    """
+    beyond = False
+    for j in range(len(held.heat_W)):
+        out.heat_sigma[k, j] = max(out.heat_sigma[k, j], held.heat_sigma_W[j])
+        out.heat_bound[k, j] = max(held.heat_W[j], sigmas * out.heat_sigma[k, j])
+    for r in range(len(held.field)):
+        out.field_sigma[k, r] = max(out.field_sigma[k, r], held.field_sigma[r])
+        bound = max(held.field[r], sigmas * out.field_sigma[k, r])
+        out.field_bound[k, r] = bound
+        beyond = beyond or (isfinite(held.limit[r]) and not bound <= held.limit[r])
+    if beyond:
+        out.quality[k] = max(out.quality[k], ESTIMATE_DEGRADED)
+    if out.quality[k] == ESTIMATE_INVALID:
+        for j in range(len(held.heat_W)):
+            out.heat_bound[k, j] = NAN
+        for r in range(len(held.field)):
+            out.field_bound[k, r] = NAN
+
+
+def run_until_due(p, t, u, step, state, gate_sigma, out, work, g, held, sigmas, first):
+    """Run the filter on from step `first` until the bank is due; return the step after the last one taken.
+
+    The bounds of a step at which the bank is due are put after it has stepped.
+    """
+    for k in range(first, len(step)):
+        filter_part(p, t, u, step, state, gate_sigma, out, work, k, k + 1)
+        if gather(u, k, g):
+            return k + 1
+        put_bounds(out, k, held, sigmas)
+    return len(step)
