@@ -92,7 +92,7 @@ class ChannelLimits(Section):
     """Limits of one channel, in its own unit; what is not given has a default by the kind of channel.
 
     `rate_per_s` is the fastest change; `above_ambient_K`, `below_ambient_K` how far a thermocouple on the
-    screw may be from the air.
+    screw may be from the air; one that warms little by little may rise half as far again.
     """
 
     low: quantities.Finite | None = None

@@ -1,12 +1,11 @@
-"""A bank of filters beside the estimate: which sensor is at fault, what is left without it, and the bound.
+"""A bank of filters beside the estimate: what is left if a sensor is at fault, and the bound that follows.
 
 Each filter takes all sensors but some: none of them left out, each alone, each pair; one more takes all, and
 what their offsets have in common walks, as a reference junction's drift does. If sensor i is at fault, the
 filter without it is clean, whatever the fault: by how much the estimate is off is then no more than how far
 the two are apart and what the clean one is uncertain by. The largest of these over all faults that are to be
-reckoned with is the bound. Where two are further apart than their own uncertainties explain, the fault is
-there, and the estimate goes on from the clean one. Source: solution separation, Blanch et al. (2012), as
-satellite navigation has it; here the filters are those of the screw.
+reckoned with is the bound. Source: solution separation, Blanch et al. (2012), as satellite navigation has it;
+here the filters are those of the screw. Which sensor is at fault is found in `fault_search`.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from observer.estimators import packing
-from observer.estimators.protocol import EstimatorState
+from observer.estimators.fault_search import Answer, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.kernels import pour, record, run_bank
@@ -34,16 +33,12 @@ RISK_PER_H = 1e-5
 """How likely it may be, in an hour, that an error is beyond its bound."""
 _DUE_S = 5.0
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
-_MISFIT = 4.0  # standard deviations of what the others expect, beyond which a reading is at fault
 _SHARES = 0.5, 0.5  # of the risk: without a fault, and with that of a sensor
-_TRACE = 120  # steps of the bank that are looked back on, ten minutes
-_TOGETHER = (24, 120), 6.0  # over so many, standard deviations that innovations of all have in common
-_HELD_K, _HELD_SIGMA, _HELD_SHARE = 0.7, 4.0, 0.2  # a change that is expected, and what part a held one shows
-_AMBIGUOUS_S = 600.0
-# Standard deviations by which one sensor's fault is to explain more than any other's, if it is a suspect or not.
-_CLEARER, _CLEAREST = 0.5, 2.5
-_HOLD_S, _YOUNG_S, _SETTLED_S = 60.0, 600.0, 1200.0
+_HOLD_S = 60.0
 _NEVER = 1e9  # as a gate: readings are judged by the estimate
+_AFRESH = [
+    of.OUT_S, of.AGREES_S, of.PENDING, of.PENDING_S, of.STEP_K, of.MEAN, of.SEEN, of.UNREST, of.BACK
+]  # fmt: skip
 
 
 class Gathered(NamedTuple):
@@ -114,7 +109,7 @@ class Design:
 
 
 def _sigmas(share: float, fault_per_hour: float) -> float:
-    """How many standard deviations leave a share of the risk, of a fault that is so likely; 0 for a rarer one."""
+    """How many standard deviations leave a share of the risk to a fault that is so likely; 0 if rarer."""
     left = share * RISK_PER_H / max(fault_per_hour, 1e-300)
     return float(norm.isf(0.5 * left)) if left < 1.0 else 0.0
 
@@ -154,6 +149,7 @@ class Bank:
         self._inputs = _one_step(plant)
         self._inputs_record = record(self._inputs)
         self._first = np.zeros(1, np.int64)
+        self._trace = Trace._make(self._own[name] for name in Trace._fields)
         self._misfit, self._left, self._S = np.zeros((F, s)), np.zeros((F, s)), np.zeros((s, s))
 
     @property
@@ -211,123 +207,57 @@ class Bank:
     def _hold(self, results: packing.Results, k: int) -> None:
         """Work out the bounds: over all filters that a fault leaves clean, the farthest they reach."""
         clean, common, found = self.design.alone, self.design.common, self._results
-        for held, drifting, name in (
-            (self.held.heat_W, self.held.heat_sigma_W, "heat"),
-            (self.held.field, self.held.field_sigma, "field"),
-        ):
-            value, sigma = getattr(found, name), getattr(found, f"{name}_sigma")
-            apart = np.abs(getattr(results, name)[k] - value)
-            held[:] = np.max(apart[clean] + self.design.fault_sigmas * sigma[clean], axis=0)
+        for held, drifting, apart, sigma in (
+            (  # from their laws, which the bank knows as means over its steps
+                self.held.heat_W, self.held.heat_sigma_W,
+                (results.heat[k] - results.law[k]) - (found.heat - found.law), found.heat_sigma,
+            ),
+            (self.held.field, self.held.field_sigma, results.field[k] - found.field, found.field_sigma),
+        ):  # fmt: skip
+            held[:] = np.max(np.abs(apart[clean]) + self.design.fault_sigmas * sigma[clean], axis=0)
             drifting[:] = np.nan_to_num(np.hypot(apart[common], sigma[common]), nan=0.0)
 
-    def _note(self, main: packing.Running) -> None:
-        """Note what was read and expected, and what all innovations have in common, in standard deviations."""
-        own, free = self._own, self.gathered.free != 0
-        if main.verdict[of.AGE_S] < _SETTLED_S:
-            own["count"][0] = 0
-            return
-        at = int(own["count"][0]) % _TRACE
-        own["count"][0] += 1
-        own["all"][at] = 0.0
-        each = self.design.alone, np.arange(len(free))
-        left_K, misfit, nu = self._left[each], self._misfit[each], self._results.innovation[0]
-        self._sigma_K = np.divide(left_K, misfit, out=np.full(len(free), np.inf), where=misfit != 0.0)
-        there = free & np.isfinite(nu)
-        if there.sum() > 1:
-            weight = np.linalg.inv(self._S[np.ix_(there, there)])
-            own["all"][at] = float((weight @ nu[there]).sum() / np.sqrt(weight.sum()))
-        own["read"][at] = np.where(free, self._inputs.y_degC[0] - main.verdict[of.COMMON_K], np.nan)
-        own["expected"][at] = own["read"][at] - left_K
-
-    def _together(self) -> bool:
-        """Whether all innovations have more in common than chance makes."""
-        lengths, most = _TOGETHER
-        count, own = int(self._own["count"][0]), self._own["all"]
-        last = own[(count - 1 - np.arange(_TRACE)) % _TRACE]
-        return any(count >= n and abs(last[:n].sum()) > most * np.sqrt(n) for n in lengths)
-
-    def _held_values(self) -> list[int]:
-        """Which sensors were to change by what the others say, and did not."""
-        own, count = self._own, int(self._own["count"][0])
-        if count < _TRACE:
-            return []
-        then, now = count % _TRACE, (count - 1) % _TRACE
-        expected = np.abs(own["expected"][now] - own["expected"][then])
-        read = np.abs(own["read"][now] - own["read"][then])
-        changes = expected > np.maximum(_HELD_K, _HELD_SIGMA * self._sigma_K)
-        return [int(i) for i in np.flatnonzero(changes & (read < _HELD_SHARE * expected))]
-
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
-        """Exclude the sensor that alone explains why readings misfit; else wait, and say so in the end."""
-        self._note(main)
-        waited_s, guard, verdict = self._own["waited_s"], main.guard, main.verdict
-        if verdict[of.AGE_S] < _YOUNG_S or verdict[of.LATCH] != 0.0:
-            waited_s[0] = 0.0
-            return
-        there = guard[:, of.CAUSE] == 0.0
-        alone = np.abs(self._misfit[self.design.alone, np.arange(len(guard))])
-        suspects = [int(i) for i in np.flatnonzero((alone > _MISFIT) & there)]
-        held = [i for i in self._held_values() if there[i]]
-        suspects = sorted({*suspects, *held})
-        explaining = self._explaining(suspects, np.flatnonzero(there)) if suspects else []
-        departed = bool((guard[:, of.CAUSE] == of.DEPARTED).any())
-        if self._together():
-            self._latch(of.DRIFTING, verdict, time_s)
-        elif explaining:
-            if departed:
-                self._latch(of.AMBIGUOUS, verdict, time_s)
-            else:
-                self._exclude(explaining[0], main, time_s)
-        elif suspects:
-            verdict[of.HOLD_S] = _HOLD_S
-            waited_s[0] += span_s
-            if waited_s[0] > _AMBIGUOUS_S:
-                self._latch(of.AMBIGUOUS, verdict, time_s)
-            return
-        waited_s[0] = 0.0
-
-    def _latch(self, what: int, verdict: FloatArray, time_s: float) -> None:
-        """Nothing is good any more until somebody has looked."""
-        verdict[of.LATCH], verdict[of.LATCH_S] = what, time_s
-
-    def _explaining(self, suspects: list[int], there: NDArray[np.int64]) -> list[int]:
-        """The sensor without which the others agree, and clearly better than without any other.
-
-        One that is a suspect itself, by what the others expect of it, is to be clearer by less.
-        """
-        left = {int(i): self._left_apart(int(i), there) for i in there}
-        best = min(left, key=lambda i: left[i])
-        rest = min((apart for i, apart in left.items() if i != best), default=np.inf)
-        clear = rest - left[best] >= (_CLEARER if best in suspects else _CLEAREST)
-        return [best] if clear and left[best] <= _MISFIT else []
-
-    def _left_apart(self, i: int, there: NDArray[np.int64]) -> float:
-        """How far the worst of the readings that are left without sensor i is from what the others expect."""
-        others = [int(j) for j in there if j != i and self.design.pair[i, j] >= 0]
-        if len(others) < 2:
-            return float("inf")
-        return float(np.abs(self._misfit[self.design.pair[i, others], others]).max())
+        """Look for a fault, and leave the sensor out that is found; what cannot be told is not good."""
+        each = self.design.alone, np.arange(len(main.guard))
+        read_degC = self._inputs.y_degC[0] - main.verdict[of.COMMON_K]
+        seen = Seen(
+            float(main.verdict[of.AGE_S]),
+            main.guard[:, of.CAUSE] == 0.0,
+            main.guard[:, of.CAUSE] == of.DEPARTED,
+            np.where(self.gathered.free != 0, read_degC, np.nan),
+            self._left[each],
+            self._misfit[each],
+            np.where(self.design.pair >= 0, self._misfit[self.design.pair, each[1]], np.nan),
+            self._results.innovation[0],
+            self._S,
+        )
+        answer = Answer(False, -1, 0)
+        if main.verdict[of.LATCH] == 0.0:
+            answer = search(seen, self._trace, span_s)
+        if answer.doubted:
+            main.verdict[of.HOLD_S] = _HOLD_S
+        if answer.latch:
+            main.verdict[of.LATCH], main.verdict[of.LATCH_S] = answer.latch, time_s
+        if answer.sensor >= 0:
+            self._exclude(answer.sensor, main, time_s)
 
     def _exclude(self, i: int, main: packing.Running, time_s: float) -> None:
         """Go on without sensor i, from the filter that never had it; every other one from its like."""
         design, guard = self.design, main.guard
         guard[i, of.CAUSE], guard[i, of.EXCESS_K] = of.DEPARTED, np.nan
-        for column in (of.OUT_S, of.AGREES_S, of.PENDING, of.PENDING_S, of.STEP_K, of.MEAN, of.SEEN, of.UNREST, of.BACK):
-            guard[i, column] = 0.0
+        guard[i, _AFRESH] = 0.0
         if guard[i, of.STEPS] == 0.0:
             guard[i, of.FIRST_S] = time_s
-        main.verdict[of.HOLD_S] = _HOLD_S
         main.suspect[i] = main.refused_s[i] = main.opened_K[i] = 0.0
         clean = int(design.alone[i])
         _copy(self._runnings[clean], main)
-        for f in (0, design.common):
-            _copy(self._runnings[clean], self._runnings[f])
         for j, without in enumerate(design.pair[i]):
             if without >= 0:
                 _copy(self._runnings[without], self._runnings[design.alone[j]])
-        for f in np.flatnonzero(design.uses[:, i] & (design.uses.sum(axis=1) == len(guard) - 2)):
-            j = int(np.flatnonzero(design.uses[f] == 0)[0])
-            _copy(self._runnings[design.pair[i, j]], self._runnings[f])
+        for f in np.flatnonzero(design.uses[:, i]):
+            if f not in design.alone:
+                _copy(self._runnings[clean], self._runnings[f])
 
 
 def _copy(source: packing.Running, into: packing.Running) -> None:
@@ -337,7 +267,7 @@ def _copy(source: packing.Running, into: packing.Running) -> None:
 
 
 def _between(plant: Plant) -> dict[str, Any]:
-    """What changes at every step: what is gathered, and the bounds found last."""
+    """What is remembered beside the filters: what is gathered, the bounds last found, what has been seen."""
     m, p, M = len(plant.B.T), len(plant.E.T), len(plant.moving)
     n_x, s, R = len(plant.decay_1_s), plant.rows.sensors, len(plant.rows.C)
     moving = np.array([source.index for source in plant.moving], np.int64)
@@ -351,10 +281,7 @@ def _between(plant: Plant) -> dict[str, Any]:
         "heat_W": np.full(m_e, np.nan), "field": np.full(R - s, np.nan),
         "heat_sigma_W": np.zeros(m_e), "field_sigma": np.zeros(R - s),
     }  # fmt: skip
-    trace = {
-        "all": np.zeros(_TRACE), "read": np.full((_TRACE, s), np.nan), "expected": np.full((_TRACE, s), np.nan)
-    }  # fmt: skip
-    return gathered._asdict() | unknown | trace | {"waited_s": np.zeros(1), "count": np.zeros(1, np.int64)}
+    return gathered._asdict() | unknown | Trace.of(s)._asdict()
 
 
 def _one_step(plant: Plant) -> Inputs:

@@ -36,6 +36,9 @@ class Scratch:
         """Where it stands."""
         return packing.freeze(self.running, time_s)
 
+    def step_bank(self, results: packing.Results, k: int, time_s: float) -> None:
+        """Step the bank after step k of the estimate; there is none."""
+
     def keep(self) -> Any:
         """Return where it stands, to be put back."""
         return self.bundle.octets.tobytes()

@@ -25,9 +25,7 @@ class KalmanEstimator(BlockEstimator):
     (`observer.kernels.screening`), and a bank of filters stands beside it (`observer.estimators.bank`).
     """
 
-    def __init__(
-        self, plant: Plant, settings: EstimatorSettings, integrity: Integrity | None = None
-    ) -> None:
+    def __init__(self, plant: Plant, settings: EstimatorSettings, integrity: Integrity | None = None) -> None:
         """Bring the plant into the kernels' form, once."""
         super().__init__(plant, settings)
         self._integrity = integrity

@@ -22,9 +22,9 @@ class EstimatorState:
     (s,) for how long, and `opened_K` (s,) how far off it was when the state was last opened for it; `silent`
     counts the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.
     `around` (n_x + m_e + 2 s,) is where the effects of what is learnt are taken, with what each sensor would
-    read there without and with a lag; empty where nothing is learnt. `guard` (s, c) and `verdict` are what the
-    screening of readings remembers (`observer.kernels.remembered`), `bank` where the filters beside it stand
-    (`observer.estimators.bank`), as octets; without screening they are empty.
+    read there without and with a lag; empty where nothing is learnt. `guard` (s, c) and `verdict` are what
+    the screening of readings remembers (`observer.kernels.remembered`), `bank` where the filters beside it
+    stand (`observer.estimators.bank`), as octets; without screening they are empty.
     """
 
     x_hat: FloatArray

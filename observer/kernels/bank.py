@@ -21,7 +21,7 @@ from observer.kernels.remembered import (
 from observer.kernels.screening import open_common, open_offset
 from observer.kernels.step import project, residual, sensor_covariance
 
-# What of a span is gathered beside arrays: how long it is, how long it shall be, and the worst that was degraded.
+# What of a span is gathered beside arrays: how long it is and shall be, and the worst that was degraded.
 SPAN_S, DUE_S, DEGRADED = 0, 1, 2
 OF_SPAN = 3
 
@@ -70,9 +70,7 @@ def pour(g, state, u):
         u.z_start[0, q], u.z_end[0, q] = g.z_first[q], g.z_last[q]
     for i in range(len(g.moving)):
         for a in range(g.B.shape[1]):
-            u.moving_B[0, i, a] = (
-                g.B[i, a] / g.weight[i] if g.weight[i] > 0.0 else g.plain_B[i, a] / span_s
-            )
+            u.moving_B[0, i, a] = g.B[i, a] / g.weight[i] if g.weight[i] > 0.0 else g.plain_B[i, a] / span_s
             g.B[i, a], g.plain_B[i, a] = 0.0, 0.0
         g.weight[i] = 0.0
         for r in range(g.C.shape[1]):
@@ -99,8 +97,7 @@ def open_again(p, state, P):
 
 
 def tell_left_out(p, u, uses, free, common_K, state, work, misfit, left_K):
-    """How far each reading that a filter has not used is from what it expects, in K and in standard deviations.
-    """
+    """How far each reading that a filter has not used is from what it expects, in K and in σ."""
     for i in range(len(free)):
         misfit[i] = left_K[i] = 0.0
         if not free[i] or uses[i] or state.flags[0] == 0:
@@ -111,12 +108,14 @@ def tell_left_out(p, u, uses, free, common_K, state, work, misfit, left_K):
         misfit[i] = left_K[i] / sqrt(variance_K2)
 
 
-def run_bank(p, t, u, step, g, own, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, left_K, S):
+def run_bank(
+    p, t, u, step, g, own, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, left_K, S
+):
     """Step every filter over the span: filter f takes the sensors that `uses[f]` names.
 
     In filter `own` what all offsets have in common walks. `u` is filled from what was gathered in `g`.
-    `misfit` and `left_K` (F, s) are filled with what readings say that filters have not used, `S` (s, s) with the covariance
-    of the first one's innovations.
+    `misfit` and `left_K` (F, s) are filled with what readings say that filters have not used, `S` (s, s)
+    with the covariance of the first one's innovations.
     """
     for f in range(len(filters)):
         state = filters[f]
@@ -140,8 +139,8 @@ def run_bank(p, t, u, step, g, own, walk_K2, filters, uses, main, gate_sigma, re
 
 
 def put_bounds(out, k, held, sigmas):
-    """The bounds of step k: what the bank has found last, and no less than `sigmas` standard deviations, which
-    are no less than those with a drift of all readings.
+    """The bounds of step k: what the bank has found last, and no less than `sigmas` standard deviations,
+    which are no less than those with a drift of all readings.
 
     Beyond a limit an estimate is not good.
     """

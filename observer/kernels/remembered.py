@@ -20,7 +20,7 @@ JUMPED, SWAPPED, DEPARTED, RESTLESS = 1, 2, 3, 4
 
 # What is remembered of all: for how long all inputs have been known, how long the estimate still settles and
 # is still held not good, what cannot be explained, since when; the common offset, since when; the factor of a
-# gain; in how many steps each of both; by how much of the prior, and how much in common, it was opened of late.
+# gain; in how many steps each of both; how much of the prior was added of late, and how much in common.
 AGE_S, SETTLING_S, HOLD_S, LATCH, LATCH_S, COMMON_K, COMMON_S, FACTOR, LATCH_STEPS, COMMON_STEPS = (
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
 )  # fmt: skip

@@ -165,7 +165,9 @@ def _scores(state, i, scores):
         scores[0] = max(scores[0], min(abs(mean) * sure, abs(mean) / (_BIAS[w] + lasting)))
         scores[1] = max(scores[1], min(product * sure, product / (_COLOUR[w] + lasting * lasting)))
         scores[2] = max(scores[2], min((square - 1.0) * sure / sqrt(2.0), (square - 1.0) / _NOISE))
-    clean = abs(state.sensor[i, 0, 0]) < _CLEAN * _BIAS[0] and state.sensor[i, 0, 1] < _CLEAN * _COLOUR[0]
+    lasting = _LASTING * sqrt(state.sensor[i, 0, 4])
+    clean = abs(state.sensor[i, 0, 0]) < _CLEAN * (_BIAS[0] + lasting)
+    clean = clean and state.sensor[i, 0, 1] < _CLEAN * (_COLOUR[0] + lasting * lasting)
     if (
         clean
         and state.sensor[i, 0, 2] < 1.0 + _CLEAN * _NOISE

@@ -1,6 +1,6 @@
-cdef double _OUTAGE
+cdef double _OUTAGE, _GRADUAL_K, _WARMED
 
-@cython.locals(ambient_degC=double)
+@cython.locals(ambient_degC=double, above_K=double)
 cdef Py_ssize_t _breach(Expected plan, Memory memory, Py_ssize_t j, double cell, double since_s) noexcept nogil
 @cython.locals(gap_s=double, breach=Py_ssize_t)
 cdef bint _take_cell(Expected plan, Memory memory, Py_ssize_t j, double cell, bint faulted, double true_s) noexcept nogil

@@ -10,6 +10,7 @@ from observer.kernels.evening import even_out
 from observer.kernels.libm import INFINITY, NAN, isfinite, isnan
 from observer.kernels.stuck import is_stuck
 
+_GRADUAL_K, _WARMED = 5.0, 1.5
 _OUTAGE = 3.0  # a gap this many times the usual one says nothing about how often a channel comes
 
 
@@ -22,7 +23,10 @@ def _breach(plan, memory, j, cell, since_s):
     if since_s >= 0.0 and abs(cell - memory.value[j]) > plan.rate_per_s[j] * since_s + plan.slack[j]:
         return 3
     ambient_degC = plan.ambient_degC if plan.ambient < 0 else memory.value[plan.ambient]
-    if cell - ambient_degC > plan.above_K[j]:
+    above_K = plan.above_K[j]
+    if abs(cell - memory.value[j]) <= _GRADUAL_K:  # it warms, and no wrong unit does so little by little
+        above_K = _WARMED * above_K
+    if cell - ambient_degC > above_K:
         return 4
     if ambient_degC - cell > plan.below_K[j]:
         return 5

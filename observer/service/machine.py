@@ -57,6 +57,4 @@ class Machine:
     def estimator(self) -> Estimator:
         """Design the estimator. Raises `UserError` where no gain to be trusted exists."""
         integrity = self.config.integrity
-        return build_estimator(
-            self.plant, self.config.estimator, integrity if integrity.enabled else None
-        )
+        return build_estimator(self.plant, self.config.estimator, integrity if integrity.enabled else None)
