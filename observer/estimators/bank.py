@@ -1,7 +1,8 @@
 """A bank of filters beside the estimate: what is left if a sensor is at fault, and the bound that follows.
 
-Each filter takes all sensors but some: none of them left out, each alone, each pair; one more takes all, and
-what their offsets have in common walks, as a reference junction's drift does. If sensor i is at fault, the
+Each filter takes all sensors but some: none of them left out, each alone, each pair, all; one more takes
+them all, and their offsets walk, each and in common, as those of thermocouples and of a reference junction
+drift. The estimate is at least as uncertain as that one, and as some part of how far a clean one is away. If sensor i is at fault, the
 filter without it is clean, whatever the fault: by how much the estimate is off is then no more than how far
 the two are apart and what the clean one is uncertain by. The largest of these over all faults that are to be
 reckoned with is the bound. Source: solution separation, Blanch et al. (2012), as satellite navigation has it;
@@ -33,7 +34,7 @@ RISK_PER_H = 1e-5
 """How likely it may be, in an hour, that an error is beyond its bound."""
 _DUE_S = 5.0
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
-_SHARES = 0.5, 0.5  # of the risk: without a fault, and with that of a sensor
+_TRUSTED = 1.5  # standard deviations that a clean filter may be away
 _HOLD_S = 60.0
 _NEVER = 1e9  # as a gate: readings are judged by the estimate
 _AFRESH = [
@@ -61,8 +62,8 @@ class Gathered(NamedTuple):
 
 
 class Held(NamedTuple):
-    """The bounds found last, of the heats and of the reported rows, the standard deviations of both where all
-    readings may drift, 0 where that is not known, and the limits of these rows.
+    """The bounds found last, of the heats and of the reported rows, the least standard deviations of both, 0
+    where that is not known, and the limits of these rows.
     """
 
     heat_W: FloatArray
@@ -74,43 +75,49 @@ class Held(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """What a bank is made of: which sensors each filter uses (F, s), and which filter is the one with a walk.
+    """What a bank is made of: which sensors each filter uses (F, s), and which one lets offsets drift.
 
-    `alone` (s,) are the filters without one sensor, `pair` (s, s) those without two, -1 where there is none.
-    `sigmas` is how many standard deviations bound what no fault explains, `fault_sigmas` those of the filters
-    that a fault leaves clean. `walk_K2_s` is what the common offset's variance grows by in a second.
+    `alone` (s,) are the filters without one sensor, `pair` (s, s) those without two, -1 where there is none;
+    the last one has none. `sigmas` is how many standard deviations bound what no fault explains, `clean` the
+    filters that are to be reckoned with as clean, and `fault_sigmas` (c, 1) theirs. `walk_K2_s` is what the
+    variance of offsets that drift grows by in a second.
     """
 
     uses: NDArray[np.uint8]
-    common: int
+    drifting: int
     alone: NDArray[np.int64]
     pair: NDArray[np.int64]
     sigmas: float
-    fault_sigmas: float
+    clean: NDArray[np.int64]
+    fault_sigmas: FloatArray
     walk_K2_s: float
 
     @classmethod
     def of(cls, sensors: int, settings: Integrity) -> Design:
         """The bank of so many sensors."""
         pairs = list(combinations(range(sensors), 2)) if sensors * (sensors - 1) // 2 <= _MOST_PAIRS else []
-        uses = np.ones((2 + sensors + len(pairs), sensors), np.uint8)
+        uses = np.ones((3 + sensors + len(pairs), sensors), np.uint8)
+        uses[-1] = 0
         alone = 1 + np.arange(sensors)
         uses[alone, np.arange(sensors)] = 0
         pair = np.full((sensors, sensors), -1)
         for at, (i, j) in enumerate(pairs, 2 + sensors):
             uses[at, [i, j]] = 0
             pair[i, j] = pair[j, i] = at
-        none, each = _SHARES
+        sigmas = [_sigmas(sensors * settings.fault_per_hour)] * sensors
+        clean = alone
+        if settings.common_fault_per_hour > RISK_PER_H:
+            sigmas.append(_sigmas(settings.common_fault_per_hour))
+            clean = np.append(alone, len(uses) - 1)
         return cls(
-            uses, 1 + sensors, alone, pair, _sigmas(none, 1.0),
-            _sigmas(each, sensors * settings.fault_per_hour),
-            settings.common_drift_K_sqrt_h**2 / 3600.0,
+            uses, 1 + sensors, alone, pair, _sigmas(1.0), clean, np.array(sigmas)[:, None],
+            settings.drift_K_sqrt_h**2 / 3600.0,
         )  # fmt: skip
 
 
-def _sigmas(share: float, fault_per_hour: float) -> float:
-    """How many standard deviations leave a share of the risk to a fault that is so likely; 0 if rarer."""
-    left = share * RISK_PER_H / max(fault_per_hour, 1e-300)
+def _sigmas(fault_per_hour: float) -> float:
+    """How many standard deviations leave half of the risk to a fault that is so likely; 0 if it is rarer."""
+    left = 0.5 * RISK_PER_H / max(fault_per_hour, 1e-300)
     return float(norm.isf(0.5 * left)) if left < 1.0 else 0.0
 
 
@@ -196,26 +203,33 @@ class Bank:
         design = self.design
         run_bank(
             self._plant_record, self._steps.table([span_s]), self._inputs_record, self._first,
-            self.gathered_record, design.common, design.walk_K2_s * span_s, self._filter_records,
+            self.gathered_record, design.drifting, design.walk_K2_s * span_s, self._filter_records,
             design.uses, main_record, _NEVER, self._result_records, self._work, self._misfit,
             self._left, self._S,
         )  # fmt: skip
         self._hold(results, k)
+        if not self._runnings[-1].flags[0] and self._runnings[0].flags[0]:
+            self._runnings[-1].flags[0] = 1  # by laws and air alone, from where all were at first
+            _copy(self._runnings[0], self._runnings[-1])
         if self._excludes:
             self._act(main, span_s, time_s)
 
     def _hold(self, results: packing.Results, k: int) -> None:
         """Work out the bounds: over all filters that a fault leaves clean, the farthest they reach."""
-        clean, common, found = self.design.alone, self.design.common, self._results
-        for held, drifting, apart, sigma in (
+        clean, drifting, found = self.design.clean, self.design.drifting, self._results
+        for held, spread, apart, sigma in (
             (  # from their laws, which the bank knows as means over its steps
                 self.held.heat_W, self.held.heat_sigma_W,
                 (results.heat[k] - results.law[k]) - (found.heat - found.law), found.heat_sigma,
             ),
             (self.held.field, self.held.field_sigma, results.field[k] - found.field, found.field_sigma),
         ):  # fmt: skip
-            held[:] = np.max(np.abs(apart[clean]) + self.design.fault_sigmas * sigma[clean], axis=0)
-            drifting[:] = np.nan_to_num(np.hypot(apart[common], sigma[common]), nan=0.0)
+            far = np.abs(apart[clean])
+            held[:] = np.max(far + self.design.fault_sigmas * sigma[clean], axis=0)
+            known = np.hypot(apart[drifting], sigma[drifting])
+            spread[:] = np.nan_to_num(
+                np.fmax(known, np.max(far[: len(self.design.alone)], axis=0) / _TRUSTED), nan=0.0
+            )
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
         """Look for a fault, and leave the sensor out that is found; what cannot be told is not good."""

@@ -109,11 +109,11 @@ def tell_left_out(p, u, uses, free, common_K, state, work, misfit, left_K):
 
 
 def run_bank(
-    p, t, u, step, g, own, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, left_K, S
+    p, t, u, step, g, drifting, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, left_K, S
 ):
     """Step every filter over the span: filter f takes the sensors that `uses[f]` names.
 
-    In filter `own` what all offsets have in common walks. `u` is filled from what was gathered in `g`.
+    In filter `drifting` each offset walks, and what all have in common. `u` is filled from what `g` gathered.
     `misfit` and `left_K` (F, s) are filled with what readings say that filters have not used, `S` (s, s)
     with the covariance of the first one's innovations.
     """
@@ -123,8 +123,10 @@ def run_bank(
             u.usable[0, i] = g.free[i] and uses[f, i]
         state.verdict[COMMON_K] = main.verdict[COMMON_K]
         open_again(p, main, state.P)
-        if f == own and state.flags[0] != 0:
+        if f == drifting and state.flags[0] != 0:
             open_common(p, walk_K2, state.P)
+            for i in range(len(g.free)):
+                open_offset(p, i, walk_K2, state.P)
         result = results[f]
         filter_part(p, t, u, step, state, gate_sigma, result, work, 0, 1)
         if f == 0:

@@ -14,7 +14,8 @@ class Integrity(Section):
 
     Only by the compiled Kalman filter; the other estimators refuse what lies beyond their gate.
     `fault_per_hour` is how likely a sensor fails unnoticed in an hour, `common_fault_per_hour` what all
-    readings have in common; `common_drift_K_sqrt_h` how far a common offset may walk in an hour. An
+    readings have in common: where it is likelier than 1e-5, bounds hold by laws and air alone.
+    `drift_K_sqrt_h` is how far the offset of a reading, and what all have in common, may walk in an hour. An
     estimate is good only where no bound of the field is beyond `limit_K`, and none of the error beyond
     `limit_um`; without a limit the bounds are told, and do not matter.
     """
@@ -22,6 +23,6 @@ class Integrity(Section):
     enabled: Flag = True
     fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-4
     common_fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-5
-    common_drift_K_sqrt_h: Annotated[NonNegative, Field(le=100.0)] = 0.3
+    drift_K_sqrt_h: Annotated[NonNegative, Field(le=100.0)] = 0.3
     limit_K: Positive | None = None
     limit_um: Positive | None = None
