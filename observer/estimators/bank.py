@@ -2,11 +2,12 @@
 
 Each filter takes all sensors but some: none of them left out, each alone, each pair, all; one more takes
 them all, and their offsets walk, each and in common, as those of thermocouples and of a reference junction
-drift. The estimate is at least as uncertain as that one, and as some part of how far a clean one is away. If sensor i is at fault, the
-filter without it is clean, whatever the fault: by how much the estimate is off is then no more than how far
-the two are apart and what the clean one is uncertain by. The largest of these over all faults that are to be
-reckoned with is the bound. Source: solution separation, Blanch et al. (2012), as satellite navigation has it;
-here the filters are those of the screw. Which sensor is at fault is found in `fault_search`.
+drift. If sensor i is at fault, the filter without it is clean, whatever the fault: by how much the estimate
+is off is then no more than how far the two are apart and what the clean one is uncertain by. The largest of
+these over all faults that are to be reckoned with is the bound. Where tolerances are allowed for, the
+estimate is at least as uncertain as the filter with the walk, and as some part of how far a clean one is
+away. Source: solution separation, Blanch et al. (2012), as satellite navigation has it; here the filters are
+those of the screw. Which sensor is at fault is found in `fault_search`.
 """
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ class Bank:
         self._plant, self._plant_record, self._steps = plant, plant_record, steps
         s, wide = plant.rows.sensors, len(plant.rows.C) - plant.rows.sensors
         self.design = Design.of(s, settings)
-        self._excludes = plant.learnt > 0  # else the model is taken as exact, and no difference is trusted
+        self._allows = plant.learnt > 0  # else the model is taken as exact, and no difference is trusted
         initial = packing.initial_state(plant)
         F = len(self.design.uses)
         each = packing.thaw(initial)._asdict()
@@ -176,6 +177,13 @@ class Bank:
         if len(octets) == own + len(self._filters.octets):
             self._own.octets[:], self._filters.octets[:] = octets[:own], octets[own:]
 
+    def begin_at(self, x: FloatArray, P: FloatArray, around: FloatArray) -> None:
+        """Have every filter stand at the same state."""
+        self._octets = None
+        for state in self._runnings:
+            state.flags[0] = 1
+            state.x[:], state.P[:, : len(P)], state.around[:] = x, P, around
+
     def keep(self) -> tuple[bytes, bytes]:
         """Return where it stands, to be put back; the filters are copied only after they stepped."""
         if self._octets is None:
@@ -211,25 +219,27 @@ class Bank:
         if not self._runnings[-1].flags[0] and self._runnings[0].flags[0]:
             self._runnings[-1].flags[0] = 1  # by laws and air alone, from where all were at first
             _copy(self._runnings[0], self._runnings[-1])
-        if self._excludes:
+        if self._allows:
             self._act(main, span_s, time_s)
 
     def _hold(self, results: packing.Results, k: int) -> None:
-        """Work out the bounds: over all filters that a fault leaves clean, the farthest they reach."""
-        clean, drifting, found = self.design.clean, self.design.drifting, self._results
-        for held, spread, apart, sigma in (
-            (  # from their laws, which the bank knows as means over its steps
-                self.held.heat_W, self.held.heat_sigma_W,
-                (results.heat[k] - results.law[k]) - (found.heat - found.law), found.heat_sigma,
-            ),
-            (self.held.field, self.held.field_sigma, results.field[k] - found.field, found.field_sigma),
-        ):  # fmt: skip
-            far = np.abs(apart[clean])
-            held[:] = np.max(far + self.design.fault_sigmas * sigma[clean], axis=0)
-            known = np.hypot(apart[drifting], sigma[drifting])
-            spread[:] = np.nan_to_num(
-                np.fmax(known, np.max(far[: len(self.design.alone)], axis=0) / _TRUSTED), nan=0.0
-            )
+        """Work out the bounds: over all filters that a fault leaves clean, the farthest they reach.
+
+        Heats are compared from their laws, which the bank knows as means over its steps.
+        """
+        design, held, found = self.design, self.held, self._results
+        heat_W = np.abs((results.heat[k] - results.law[k]) - (found.heat - found.law))
+        field = np.abs(results.field[k] - found.field)
+        for bound, apart, sigma in (
+            (held.heat_W, heat_W, found.heat_sigma),
+            (held.field, field, found.field_sigma),
+        ):
+            bound[:] = np.max(apart[design.clean] + design.fault_sigmas * sigma[design.clean], axis=0)
+        if self._allows:
+            drifted = np.hypot(field[design.drifting], found.field_sigma[design.drifting])
+            away = field[design.alone].max(axis=0) / _TRUSTED
+            held.field_sigma[:] = np.nan_to_num(np.fmax(drifted, away), nan=0.0)
+            held.heat_sigma_W[:] = np.nan_to_num(found.heat_sigma[design.drifting], nan=0.0)
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
         """Look for a fault, and leave the sensor out that is found; what cannot be told is not good."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any
 
 from observer.estimators import packing
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk, StepCache, chunks
-from observer.frames import EstimateBlock, Inputs, Layout
+from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 from observer.kernels import record
 from observer.kernels.layout import Bundle
 from observer.model.plant import Plant
@@ -68,6 +69,12 @@ class BlockEstimator(ABC):
     def initial(self) -> EstimatorState:
         """Return the state before the first measurement."""
         return packing.initial_state(self._plant)
+
+    def at(
+        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray
+    ) -> EstimatorState:
+        """Return a state with field, heats and what is learnt replaced."""
+        return replace(state, x_hat=x_hat, P=P, around=around)
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         """Take K steps; a run of K is, to the last bit, K runs of one."""

@@ -10,7 +10,6 @@ not carried, since that was to make up for what it lacked.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +46,11 @@ def told(plant: Plant, state: EstimatorState, inputs: Inputs, estimate: Estimate
     if not (state.started and np.isfinite(value).all() and np.isfinite(state.P).all()):
         return None
     H = _rows(plant, inputs, estimate.law_W[-1], heats, lags)
-    return Told(plant.layout.position_m, heats, lags, value, H @ state.P @ H.T)
+    covariance = H @ state.P @ H.T
+    sigma = np.concatenate([estimate.field_sigma_K[-1], estimate.heat_sigma_W[-1]])
+    beyond = np.maximum(sigma**2 - np.diag(covariance)[: len(sigma)], 0.0)  # what a bank adds beside P
+    covariance[np.arange(len(sigma)), np.arange(len(sigma))] += beyond
+    return Told(plant.layout.position_m, heats, lags, value, covariance)
 
 
 def taken(plant: Plant, estimator: Estimator, known: Told, inputs: Inputs) -> EstimatorState | None:
@@ -77,7 +80,7 @@ def taken(plant: Plant, estimator: Estimator, known: Told, inputs: Inputs) -> Es
     if plant.learning is not None:
         held = len(plant.decay_1_s) + len(sources) + plant.learning.arrays.held
     x, P = _replaced(state.x_hat, state.P, H, nu, known.covariance[np.ix_(said, said)], held)
-    return replace(state, x_hat=x, P=P, around=_around(plant, inputs, x, state.around))
+    return estimator.at(state, x, P, _around(plant, inputs, x, state.around))
 
 
 def _rows(

@@ -11,6 +11,7 @@ from observer.estimators.by_block import BlockEstimator, Scratch
 from observer.estimators.packing import Results
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
+from observer.frames import FloatArray
 from observer.kernels import put_bounds, run_kalman, run_until_due
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
@@ -34,6 +35,17 @@ class KalmanEstimator(BlockEstimator):
         """Return the state before the first measurement."""
         state = packing.initial_state(self._plant, screens=self._integrity is not None)
         return state if self._integrity is None else replace(state, bank=self._bank().octets)
+
+    def at(
+        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray
+    ) -> EstimatorState:
+        """Return a state with field, heats and what is learnt replaced, in the bank too."""
+        replaced = super().at(state, x_hat, P, around)
+        if self._integrity is None:
+            return replaced
+        bank = self._bank()
+        bank.begin_at(x_hat, P, around)
+        return replace(replaced, bank=bank.octets)
 
     def scratch(self) -> Scratch:
         """Allocate what kernels change on the way; each thread has its own."""

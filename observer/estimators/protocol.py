@@ -52,5 +52,10 @@ class Estimator(Protocol):
     def initial(self) -> EstimatorState:
         """The state before the first measurement."""
 
+    def at(
+        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray
+    ) -> EstimatorState:
+        """Return a state with field, heats and what is learnt replaced."""
+
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         """K steps; a run of K is, to the last bit, K runs of one."""
