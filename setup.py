@@ -23,8 +23,8 @@ BUILD = Path("build/kernels")
 PARTS = (
     "codes", "records", "tick_records", "arithmetic", "covariance", "coupling", "advance", "remembered",
     "judging", "screening", "learning", "step", "kalman", "allowing", "columns", "cruise", "fixed_gain",
-    "smoother", "bank", "changes", "discretise", "march", "path", "moving", "drive", "stuck", "evening", "walk",
-    "selftest", "stepwise", "message", "live", "cells", "entries",
+    "smoother", "bank", "changes", "discretise", "march", "path", "moving", "drive", "stuck", "evening",
+    "walk", "selftest", "stepwise", "message", "live", "cells", "entries",
 )  # fmt: skip
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True
 # cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False

@@ -5,9 +5,9 @@ them all, and their offsets walk, each and in common, as those of thermocouples 
 drift. If sensor i is at fault, the filter without it is clean, whatever the fault: by how much the estimate
 is off is then no more than how far the two are apart and what the clean one is uncertain by. The largest of
 these over all faults that are to be reckoned with is the bound. Where tolerances are allowed for, the
-estimate is at least as uncertain as the filter with the walk, and as some part of how far a clean one is
-away. Source: solution separation, Blanch et al. (2012), as satellite navigation has it; here the filters are
-those of the screw. Which sensor is at fault is found in `fault_search`.
+estimate is more uncertain by what drifts make, and never less than some part of how far a clean one is away.
+Source: solution separation, Blanch et al. (2012), as satellite navigation has it; here the filters are those
+of the screw. Which sensor is at fault is found in `fault_search`.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ class Gathered(NamedTuple):
 
 
 class Held(NamedTuple):
-    """The bounds found last, of the heats and of the reported rows, the least standard deviations of both, 0
-    where that is not known, and the limits of these rows.
+    """The bounds found last, of the heats and of the reported rows, what drifts add to the variances of both,
+    and the limits of these rows.
     """
 
     heat_W: FloatArray
     field: FloatArray
-    heat_sigma_W: FloatArray
-    field_sigma: FloatArray
+    heat_drift_W2: FloatArray
+    field_drift2: FloatArray
     limit: FloatArray
 
 
@@ -236,10 +236,18 @@ class Bank:
         ):
             bound[:] = np.max(apart[design.clean] + design.fault_sigmas * sigma[design.clean], axis=0)
         if self._allows:
-            drifted = np.hypot(field[design.drifting], found.field_sigma[design.drifting])
+            held.heat_drift_W2[:] = self._drift(found.heat_sigma, 0.0)
+            apart = found.field[design.drifting] - found.field[0]
             away = field[design.alone].max(axis=0) / _TRUSTED
-            held.field_sigma[:] = np.nan_to_num(np.fmax(drifted, away), nan=0.0)
-            held.heat_sigma_W[:] = np.nan_to_num(found.heat_sigma[design.drifting], nan=0.0)
+            more = np.fmax(self._drift(found.field_sigma, apart), away**2 - found.field_sigma[0] ** 2)
+            held.field_drift2[:] = np.fmax(more, 0.0)
+
+    def _drift(self, sigma: FloatArray, apart: FloatArray | float) -> FloatArray:
+        """What offsets that drift add to the variances of an estimate: by how much more the filter is
+        uncertain that lets them, and how far it is `apart`; 0 where that is not known.
+        """
+        more = np.maximum(sigma[self.design.drifting] ** 2 - sigma[0] ** 2, 0.0) + np.square(apart)
+        return np.asarray(np.nan_to_num(more, nan=0.0))
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
         """Look for a fault, and leave the sensor out that is found; what cannot be told is not good."""
@@ -303,7 +311,7 @@ def _between(plant: Plant) -> dict[str, Any]:
     m_e = int(plant.estimated.sum())
     unknown = {
         "heat_W": np.full(m_e, np.nan), "field": np.full(R - s, np.nan),
-        "heat_sigma_W": np.zeros(m_e), "field_sigma": np.zeros(R - s),
+        "heat_drift_W2": np.zeros(m_e), "field_drift2": np.zeros(R - s),
     }  # fmt: skip
     return gathered._asdict() | unknown | Trace.of(s)._asdict()
 

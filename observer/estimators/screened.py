@@ -24,7 +24,8 @@ def _of_all(layout: Layout, state: EstimatorState, *, now: bool) -> list[tuple[F
         if own[of.CAUSE] if now else own[of.STEPS]:
             fault, other = Fault.EXCLUDED, name
             if own[of.CAUSE] == of.SWAPPED:
-                fault, other = Fault.SWAPPED, f"{name}, {layout.sensors[int(own[of.OTHER])]}"
+                both = sorted((layout.sensors.index(name), int(own[of.OTHER])))
+                fault, other = Fault.SWAPPED, ", ".join(layout.sensors[i] for i in both)
             excess_K, sigma_K = float(own[of.EXCESS_K]), float(own[of.EXCESS_SIGMA_K])
             found.append(
                 (Finding(fault, other, float(own[of.FIRST_S]), excess_K, sigma_K), int(own[of.STEPS]))

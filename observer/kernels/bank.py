@@ -6,6 +6,7 @@ is one over all of them. Every filter is the Kalman filter itself, with sensors 
 
 from __future__ import annotations
 
+from observer.kernels.arithmetic import squared
 from observer.kernels.codes import ESTIMATE_DEGRADED, ESTIMATE_INVALID
 from observer.kernels.judging import add_prior, step_is_finite
 from observer.kernels.kalman import filter_part
@@ -141,17 +142,17 @@ def run_bank(
 
 
 def put_bounds(out, k, held, sigmas):
-    """The bounds of step k: what the bank has found last, and no less than `sigmas` standard deviations,
-    which are no less than those with a drift of all readings.
+    """The bounds of step k: what the bank has found last, and no less than `sigmas` standard deviations, of
+    which readings that drift make a part.
 
     Beyond a limit an estimate is not good.
     """
     beyond = False
     for j in range(len(held.heat_W)):
-        out.heat_sigma[k, j] = max(out.heat_sigma[k, j], held.heat_sigma_W[j])
+        out.heat_sigma[k, j] = sqrt(squared(out.heat_sigma[k, j]) + held.heat_drift_W2[j])
         out.heat_bound[k, j] = max(held.heat_W[j], sigmas * out.heat_sigma[k, j])
     for r in range(len(held.field)):
-        out.field_sigma[k, r] = max(out.field_sigma[k, r], held.field_sigma[r])
+        out.field_sigma[k, r] = sqrt(squared(out.field_sigma[k, r]) + held.field_drift2[r])
         bound = max(held.field[r], sigmas * out.field_sigma[k, r])
         out.field_bound[k, r] = bound
         beyond = beyond or (isfinite(held.limit[r]) and not bound <= held.limit[r])

@@ -217,8 +217,8 @@ cdef class Gathered(Record):
 cdef class Held(Record):
     cdef public double[::1] heat_W
     cdef public double[::1] field
-    cdef public double[::1] heat_sigma_W
-    cdef public double[::1] field_sigma
+    cdef public double[::1] heat_drift_W2
+    cdef public double[::1] field_drift2
     cdef public double[::1] limit
 
 
