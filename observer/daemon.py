@@ -175,6 +175,7 @@ def _service(
         else None,
         air=machine.plant.known.ambient,
         forecaster=Forecaster(machine, instance, publisher.forecast) if forecasts else None,
+        sensors={sensor.channel: sensor.name for sensor in config.sensor},
     )
 
 

@@ -227,7 +227,7 @@ class EstimateBlock(_Cut):
     heat by its law at the temperature of the moment; `learned`, `learned_sigma` (K, l), what has been learnt
     of the machine, in the units of its names; `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and
     `error_bound_um` like the error, what each is not off by more than (see `observer.estimators.bank`), NaN
-    where no bound is known.
+    where no bound is known, as everywhere in a block that is made without them.
     """
 
     time_s: FloatArray
@@ -247,6 +247,17 @@ class EstimateBlock(_Cut):
     heat_bound_W: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     field_bound_K: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     error_bound_um: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Say of bounds that are not given that none is known."""
+        bounds = {
+            "heat_bound_W": self.heat_W,
+            "field_bound_K": self.field_degC,
+            "error_bound_um": self.error_um,
+        }
+        for name, like in bounds.items():
+            if not getattr(self, name).size:
+                object.__setattr__(self, name, np.full(like.shape, np.nan))
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -88,11 +88,14 @@ class _Figures(Collector):
         for name, words, label, of, key, factor in (
             ("heat_watts", "Heat that enters the screw.", "source", "sources", "heat_W", 1.0),
             ("heat_sigma_watts", "Its standard deviation.", "source", "sources", "heat_sigma_W", 1.0),
+            ("heat_bound_watts", "Its bound.", "source", "sources", "heat_bound_W", 1.0),
             ("heat_law_watts", "The heat by its law.", "source", "sources", "law_W", 1.0),
             ("temperature_celsius", "Temperature.", "position_m", "position_m", "field_degC", 1.0),
             ("temperature_sigma_celsius", "Its sigma.", "position_m", "position_m", "field_sigma_K", 1.0),
+            ("temperature_bound_celsius", "Its bound.", "position_m", "position_m", "field_bound_K", 1.0),
             ("error_meters", "Thermal error.", "position_m", "position_m", "error_um", 1e-6),
             ("error_sigma_meters", "Its sigma.", "position_m", "position_m", "error_sigma_um", 1e-6),
+            ("error_bound_meters", "Its bound.", "position_m", "position_m", "error_bound_um", 1e-6),
             ("innovation_celsius", "Reading less expected.", "sensor", "sensors", "innovation_K", 1.0),
         ):
             pairs = zip(estimate.get(of, ()), estimate.get(key, ()), strict=False)

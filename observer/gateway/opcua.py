@@ -102,7 +102,7 @@ def values(latest: Latest) -> Iterator[Value]:
 def _of_estimate(estimate: Mapping[str, Any], quality: str) -> Iterator[Value]:
     time_s = estimate["time_s"]
     for i, name in enumerate(estimate["sources"]):
-        for leaf, key in (("Heat_W", "heat_W"), ("Sigma_W", "heat_sigma_W"), ("Law_W", "law_W")):
+        for leaf, key in _OF_HEAT.items():
             yield Value(("Heat", name, leaf), float(estimate[key][i]), quality, time_s)
     for part, keys in _CURVES.items():
         for leaf, key in keys.items():
@@ -122,9 +122,15 @@ def _of_learned(learned: Mapping[str, Any], quality: str) -> Iterator[Value]:
             yield Value(("Learned", name, leaf), number, quality, learned["time_s"])
 
 
+_OF_HEAT = {"Heat_W": "heat_W", "Sigma_W": "heat_sigma_W", "Bound_W": "heat_bound_W", "Law_W": "law_W"}
 _CURVES = {
-    "Field": {"Position_m": "position_m", "Temperature_degC": "field_degC", "Sigma_K": "field_sigma_K"},
-    "Error": {"Error_um": "error_um", "Sigma_um": "error_sigma_um"},
+    "Field": {
+        "Position_m": "position_m",
+        "Temperature_degC": "field_degC",
+        "Sigma_K": "field_sigma_K",
+        "Bound_K": "field_bound_K",
+    },
+    "Error": {"Error_um": "error_um", "Sigma_um": "error_sigma_um", "Bound_um": "error_bound_um"},
 }
 
 

@@ -36,8 +36,8 @@ _WHO_MAY: Any = {
 }  # fmt: skip
 _JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
 _ARRAYS = (
-    "heat_W", "heat_sigma_W", "law_W", "field_degC", "field_sigma_K", "error_um", "error_sigma_um",
-    "innovation_K", "innovation_sigma_K",
+    "heat_W", "heat_sigma_W", "heat_bound_W", "law_W", "field_degC", "field_sigma_K", "field_bound_K",
+    "error_um", "error_sigma_um", "error_bound_um", "innovation_K", "innovation_sigma_K",
 )  # fmt: skip
 _ENTRIES = len(_ARRAYS) + 8
 
@@ -105,7 +105,7 @@ class EstimateEncoder:
             "field_degC": _pair("position_m", _typed(layout.position_m)),
             "innovation_K": _pair("sensors", sensors),
         }
-        self._widths = dict(zip(_ARRAYS, (m, m, m, g, g, error, error, s, s), strict=True))
+        self._widths = dict(zip(_ARRAYS, (m, m, m, m, g, g, g, error, error, error, s, s), strict=True))
         self._pieces = [
             cbor2.dumps(dict.fromkeys(range(_ENTRIES)))[:1] + cbor2.dumps("time_s") + _FLOAT64_MARK,
             cbor2.dumps("sequence"),
@@ -147,8 +147,11 @@ class EstimateEncoder:
 
     def heat(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `heat` document."""
-        pairs = zip(_rounded(block.heat_W[k]), _rounded(block.heat_sigma_W[k]), strict=True)
-        sources = [{"heat_W": heat_W, "sigma_W": sigma_W} for heat_W, sigma_W in pairs]
+        columns = block.heat_W[k], block.heat_sigma_W[k], block.heat_bound_W[k]
+        sources = [
+            {"heat_W": heat_W, "sigma_W": sigma_W, "bound_W": bound_W}
+            for heat_W, sigma_W, bound_W in zip(*map(_rounded, columns), strict=True)
+        ]
         return self._json(block, k, sequence, {"sources": dict(zip(self._sources, sources, strict=True))})
 
     def field(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
@@ -157,6 +160,7 @@ class EstimateEncoder:
             "position_m": self._position_m,
             "temperature_degC": _rounded(block.field_degC[k]),
             "sigma_K": _rounded(block.field_sigma_K[k]),
+            "bound_K": _rounded(block.field_bound_K[k]),
         }
         return self._json(block, k, sequence, body)
 
@@ -166,6 +170,7 @@ class EstimateEncoder:
             "position_m": self._position_m,
             "error_um": _rounded(block.error_um[k]),
             "sigma_um": _rounded(block.error_sigma_um[k]),
+            "bound_um": _rounded(block.error_bound_um[k]),
         }
         return self._json(block, k, sequence, body)
 

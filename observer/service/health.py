@@ -5,18 +5,21 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.protocol import DriverStatus
-from observer.estimators.selftest import Finding
+from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock, Quality
 from observer.service.reasons import channel_sentence, sentence, unexplained
 from observer.service.record import RecordStatus
 
 _CLOCK_STEP_S = 0.5
+_DIGITS = 4
 _FIGURES = re.compile(r"(?<![\w.])[-+]?\d[\d.]*(?:e[-+]?\d+)?")  # and no digit of a name, as of t3
+_LEFT_OUT = {Fault.EXCLUDED: "K", Fault.SWAPPED: "K", Fault.LEAPT: "m"}
+"""What has a channel left out, and the unit of what that reads too much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +28,8 @@ class Facts:
 
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
     valid estimate has been there; `failure` is what the last cycle failed with; `findings` what the self-test
-    says; `notices` are more reasons; `gap` what is known of the open-loop prediction's.
+    says; `notices` are more reasons; `gap` what is known of the open-loop prediction's; `sensors` are the
+    names of the channels that are sensors'.
     """
 
     time_s: float
@@ -43,6 +47,7 @@ class Facts:
     findings: tuple[Finding, ...] = ()
     notices: tuple[str, ...] = ()
     gap: Mapping[str, Any] | None = None
+    sensors: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +56,9 @@ class Health:
 
     `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `quality` that of the estimates, which is
     `invalid` before the first; `reasons` are sentences for people. Of each channel its `quality`, the `age_s`
-    of its last usable value (None before the first) and its `fault`.
+    of its last usable value (None before the first) and its `fault`; one that comes as it should and is left
+    out of the estimate is `excluded`. What is left out has an `excess`: by how much it reads too much, as
+    `value`, its standard deviation `sigma` (both None while not known), and their `unit`.
     """
 
     time_s: float
@@ -126,15 +133,33 @@ def _state(facts: Facts, has_reasons: bool) -> str:
 def _channels(facts: Facts) -> dict[str, dict[str, Any]]:
     if facts.frame is None:
         return {}
-    frame = facts.frame
-    return {
-        name: {
-            "quality": Quality(frame.quality[-1, j]).label,
-            "age_s": round(float(frame.age_s[-1, j]), 3) if math.isfinite(frame.age_s[-1, j]) else None,
+    frame, excess = facts.frame, _excess(facts)
+    channels = {}
+    for j, name in enumerate(frame.channels):
+        quality, age_s = Quality(frame.quality[-1, j]), float(frame.age_s[-1, j])
+        if name in excess and quality == Quality.GOOD:
+            quality = Quality.EXCLUDED
+        channels[name] = {
+            "quality": quality.label,
+            "age_s": round(age_s, 3) if math.isfinite(age_s) else None,
             "fault": facts.faults.get(name),
+            **excess.get(name, {}),
         }
-        for j, name in enumerate(frame.channels)
-    }
+    return channels
+
+
+def _excess(facts: Facts) -> dict[str, dict[str, Any]]:
+    """Of the channels that are left out, what they read too much."""
+    channels = {sensor: channel for channel, sensor in facts.sensors.items()}
+    found = {}
+    for finding in facts.findings:
+        if (unit := _LEFT_OUT.get(finding.fault)) is not None:
+            first, _, _ = finding.subject.partition(", ")  # of two that were exchanged, the one it tells of
+            name = first if finding.fault is Fault.LEAPT else channels.get(first, first)
+            value = round(finding.value, _DIGITS) if math.isfinite(finding.value) else None
+            sigma = round(finding.expected, _DIGITS) if finding.expected > 0.0 else None
+            found[name] = {"excess": {"value": value, "sigma": sigma, "unit": unit}}
+    return found
 
 
 def _unexplained(facts: Facts) -> Iterator[str]:
@@ -150,7 +175,7 @@ def _reasons(facts: Facts, channels: Mapping[str, Mapping[str, Any]]) -> Iterato
         yield f"the estimator's step failed: {facts.failure}"
     for name, channel in channels.items():
         quality, fault = channel["quality"], channel["fault"]
-        if quality != Quality.GOOD.label:
+        if quality not in (Quality.GOOD.label, Quality.EXCLUDED.label):  # of these a finding tells
             yield channel_sentence(name, quality, fault)
     yield from map(sentence, facts.findings)
     for name, (status, _) in facts.drivers.items():

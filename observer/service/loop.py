@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import structlog
@@ -107,7 +107,8 @@ class Service:
 
     `notify` tells the service manager (`sd_notify`), `instance` names a start, `start` is where the estimator
     goes on from, None if cold; `air` is the place of the ambient among the known inputs. With `alone` it
-    makes sure, before the first tick, that no other has the axis.
+    makes sure, before the first tick, that no other has the axis. `sensors` are the names of the channels
+    that are sensors'.
     """
 
     drivers: tuple[Driver, ...]
@@ -131,6 +132,7 @@ class Service:
     alarms: AlarmDesk | None = None
     air: int = 0
     forecaster: Forecaster | None = None
+    sensors: Mapping[str, str] = field(default_factory=dict)
 
 
 async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -385,6 +387,7 @@ class _Cycles:
             self._pipeline.findings,
             self._notices(),
             None if service.gap is None else service.gap.figures,
+            service.sensors,
         )
         health = assess(facts)
         self._tell_alarms(facts)

@@ -115,11 +115,13 @@ def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
 
 
 def heat_columns(layout: Layout, found: EstimateBlock | HeatHistory) -> dict[str, Column]:
-    """The time and the heats as the columns of a table."""
+    """The time and the heats as the columns of a table; of estimates with their bounds."""
     columns: dict[str, Column] = {TIME: found.time_s}
     for j, name in enumerate(layout.sources):
         columns[f"heat_{name}_W"] = found.heat_W[:, j]
         columns[f"heat_{name}_sigma_W"] = found.heat_sigma_W[:, j]
+        if isinstance(found, EstimateBlock):
+            columns[f"heat_{name}_bound_W"] = found.heat_bound_W[:, j]
     return columns
 
 
@@ -130,10 +132,12 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
     for j, mm in enumerate(places):
         columns[f"field_{mm}_degC"] = block.field_degC[:, j]
         columns[f"field_{mm}_sigma_K"] = block.field_sigma_K[:, j]
+        columns[f"field_{mm}_bound_K"] = block.field_bound_K[:, j]
     if layout.has_error:
         for j, mm in enumerate(places):
             columns[f"error_{mm}_um"] = block.error_um[:, j]
             columns[f"error_{mm}_sigma_um"] = block.error_sigma_um[:, j]
+            columns[f"error_{mm}_bound_um"] = block.error_bound_um[:, j]
     for j, name in enumerate(layout.sensors):
         columns[f"innovation_{name}_K"] = block.innovation_K[:, j]
         columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]

@@ -42,7 +42,8 @@ def block(time_s: float, quality: str = "good") -> EstimateBlock:
         error_um=row([[0.0, 8.0, 12.0]]), error_sigma_um=row([[0.0, 1.0, 2.0]]),
         innovation_K=row([[0.125, np.nan]]), sensor_quality=row([[0, 1]], np.int8),
         quality=row([QUALITIES.index(quality)], np.int8), innovation_sigma_K=row([[0.05, 0.05]]),
-        law_W=row([[25.0, 3.0]]),
+        law_W=row([[25.0, 3.0]]), heat_bound_W=row([[2.5, 1.25]]), field_bound_K=row([[0.5, 0.75, 1.5]]),
+        error_bound_um=row([[0.0, 4.0, 9.0]]),
     )  # fmt: skip
 
 

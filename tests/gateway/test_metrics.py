@@ -39,6 +39,10 @@ def test_a_scrape_has_every_figure_with_its_quality():
     assert found["ballscrew_up"] == {_of(): 1.0}
     assert found["ballscrew_heat_watts"][_of(source="nut", quality="good")] == 26.5
     assert found["ballscrew_heat_sigma_watts"][_of(source="left", quality="good")] == 0.25
+    assert found["ballscrew_heat_bound_watts"][_of(source="left", quality="good")] == 1.25
+    assert found["ballscrew_temperature_bound_celsius"][_of(position_m="1", quality="good")] == 1.5
+    error_bound_m = found["ballscrew_error_bound_meters"][_of(position_m="0.5", quality="good")]
+    assert error_bound_m == pytest.approx(4e-6)
     assert found["ballscrew_temperature_celsius"][_of(position_m="0.5", quality="good")] == 25.5
     assert found["ballscrew_error_meters"][_of(position_m="1", quality="good")] == pytest.approx(12e-6)
     assert list(found["ballscrew_innovation_celsius"].values()) == [0.125]  # what is not known is not there

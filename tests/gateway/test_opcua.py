@@ -61,6 +61,10 @@ async def test_estimates_have_their_quality_as_status(quality, status):
             if quality == "good":
                 curve = await _read(client, "Field", "Temperature_degC")
                 assert curve.Value.Value == [21.0, 25.5, 22.0]
+                bounds = [await _read(client, *p) for p in (("Heat", "nut", "Bound_W"), ("Field", "Bound_K"))]
+                assert [bound.Value.Value for bound in bounds] == [2.5, [0.5, 0.75, 1.5]]
+                error = await _read(client, "Error", "Bound_um")
+                assert error.Value.Value == [0.0, 4.0, 9.0]
                 await _until_read(client, "Sensors", "t2", "Innovation_K", status=ua.StatusCodes.BadNoData)
 
 

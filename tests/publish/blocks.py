@@ -20,5 +20,6 @@ def block(
         rng.uniform(0, 1, (1, g)), rng.normal(5, 1, (1, e)), rng.uniform(0, 1, (1, e)),
         rng.normal(0, 0.1, (1, s)), np.zeros((1, s), np.int8), np.array([quality], np.int8),
         rng.uniform(0.05, 0.1, (1, s)), rng.normal(50, 9, (1, m)), rng.normal(0, 0.3, (1, learnt)),
-        rng.uniform(0.1, 0.3, (1, learnt)),
+        rng.uniform(0.1, 0.3, (1, learnt)), rng.uniform(3, 6, (1, m)), rng.uniform(1, 3, (1, g)),
+        rng.uniform(1, 3, (1, e)),
     )  # fmt: skip

@@ -29,10 +29,13 @@ DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 ARRAYS = (
     "heat_W",
     "heat_sigma_W",
+    "heat_bound_W",
     "field_degC",
     "field_sigma_K",
+    "field_bound_K",
     "error_um",
     "error_sigma_um",
+    "error_bound_um",
     "innovation_K",
     "innovation_sigma_K",
     "law_W",
@@ -57,7 +60,8 @@ def _estimates(draw):
         numbers(k, e), numbers(k, len(sensors)),
         draw(hnp.arrays(np.int8, (k, len(sensors)), elements=st.integers(0, 3))),
         draw(hnp.arrays(np.int8, k, elements=st.integers(0, 4))),
-        numbers(k, len(sensors)), numbers(k, len(sources)),
+        numbers(k, len(sensors)), numbers(k, len(sources)), heat_bound_W=numbers(k, len(sources)),
+        field_bound_K=numbers(k, g), error_bound_um=numbers(k, e),
     )  # fmt: skip
 
 
@@ -76,12 +80,15 @@ def _as_a_map(layout: Layout, block: EstimateBlock, k: int, sequence: int) -> by
             "sources": list(layout.sources),
             "heat_W": typed(block.heat_W[k]),
             "heat_sigma_W": typed(block.heat_sigma_W[k]),
+            "heat_bound_W": typed(block.heat_bound_W[k]),
             "law_W": typed(block.law_W[k]),
             "position_m": typed(layout.position_m),
             "field_degC": typed(block.field_degC[k]),
             "field_sigma_K": typed(block.field_sigma_K[k]),
+            "field_bound_K": typed(block.field_bound_K[k]),
             "error_um": typed(block.error_um[k]),
             "error_sigma_um": typed(block.error_sigma_um[k]),
+            "error_bound_um": typed(block.error_bound_um[k]),
             "sensors": list(layout.sensors),
             "innovation_K": typed(block.innovation_K[k]),
             "innovation_sigma_K": typed(block.innovation_sigma_K[k]),
@@ -138,7 +145,7 @@ def test_documents_are_those_of_the_contract():
     heat, field, error = (json.loads(e(one, 0, 3)) for e in (encoder.heat, encoder.field, encoder.error))
     assert list(heat) == ["time_s", "sequence", "instance", "sources", "quality"]
     assert list(heat["sources"]) == ["nut", "left_bearing"]
-    assert list(heat["sources"]["nut"]) == ["heat_W", "sigma_W"]
+    assert list(heat["sources"]["nut"]) == ["heat_W", "sigma_W", "bound_W"]
     assert list(field) == [
         "time_s",
         "sequence",
@@ -146,20 +153,33 @@ def test_documents_are_those_of_the_contract():
         "position_m",
         "temperature_degC",
         "sigma_K",
+        "bound_K",
         "quality",
     ]
-    assert list(error) == ["time_s", "sequence", "instance", "position_m", "error_um", "sigma_um", "quality"]
+    assert list(error) == [
+        "time_s",
+        "sequence",
+        "instance",
+        "position_m",
+        "error_um",
+        "sigma_um",
+        "bound_um",
+        "quality",
+    ]
     assert (heat["time_s"], heat["sequence"], heat["quality"]) == (1.8e9, 3, "degraded")
     # six decimals are kept, of every quantity its own
     for shown, meant in (
         ([source["heat_W"] for source in heat["sources"].values()], one.heat_W),
         ([source["sigma_W"] for source in heat["sources"].values()], one.heat_sigma_W),
+        ([source["bound_W"] for source in heat["sources"].values()], one.heat_bound_W),
         (field["position_m"], LAYOUT.position_m),
         (field["temperature_degC"], one.field_degC),
         (field["sigma_K"], one.field_sigma_K),
+        (field["bound_K"], one.field_bound_K),
         (error["position_m"], LAYOUT.position_m),
         (error["error_um"], one.error_um),
         (error["sigma_um"], one.error_sigma_um),
+        (error["bound_um"], one.error_bound_um),
     ):
         np.testing.assert_array_equal(shown, np.round(np.ravel(meant), 6))
         assert not np.array_equal(shown, np.round(np.ravel(meant), 5))
@@ -242,4 +262,21 @@ def test_nan_in_a_document_is_refused():
 def test_a_layout_without_expansion_has_no_error():
     layout = replace(LAYOUT, has_error=False)
     message = decode_estimate(EstimateEncoder(layout, "ab12cd34").cbor(block(layout=layout), 0, 0))
-    assert len(message["error_um"]) == 0
+    assert len(message["error_um"]) == len(message["error_bound_um"]) == 0
+
+
+def test_of_a_block_that_is_made_without_bounds_none_is_known():
+    one, encoder = block(), EstimateEncoder(LAYOUT, "ab12cd34")
+    columns = {name: getattr(one, name) for name in EstimateBlock.__dataclass_fields__ if "bound" not in name}
+    bare = EstimateBlock(**columns)
+    message = decode_estimate(encoder.cbor(bare, 0, 7))
+    for name, like in (
+        ("heat_bound_W", "heat_W"),
+        ("field_bound_K", "field_degC"),
+        ("error_bound_um", "error_um"),
+    ):
+        assert message[name].shape == message[like].shape
+        assert np.isnan(message[name]).all()
+    heat, field, error = (json.loads(e(bare, 0, 7)) for e in (encoder.heat, encoder.field, encoder.error))
+    assert [source["bound_W"] for source in heat["sources"].values()] == [None] * 2
+    assert field["bound_K"] == error["bound_um"] == [None] * 3

@@ -118,6 +118,53 @@ def test_a_channel_that_is_not_good_is_named(quality):
     to_json(health.document())
 
 
+SENSORS = {"t1_degC": "t1", "t2_degC": "t2"}
+
+
+def _left_out(finding: Finding, **changes):
+    """The channels of a health document while a finding holds."""
+    health = assess(_facts(findings=(finding,), sensors=SENSORS, **changes))
+    return json.loads(to_json(health.document()))["channels"], health
+
+
+@pytest.mark.parametrize(
+    ("finding", "channel", "excess"),
+    [
+        (Finding(Fault.EXCLUDED, "t2", 5.0, 3.00004, 0.2), "t2_degC",
+         {"value": 3.0, "sigma": 0.2, "unit": "K"}),
+        (Finding(Fault.SWAPPED, "t1, t2", 5.0, -4.5, 0.1), "t1_degC",
+         {"value": -4.5, "sigma": 0.1, "unit": "K"}),
+        # it has only just been left out, and nothing has come of it since
+        (Finding(Fault.EXCLUDED, "t1", 5.0, np.nan, 0.0), "t1_degC",
+         {"value": None, "sigma": None, "unit": "K"}),
+        (Finding(Fault.LEAPT, "nut_position_m", 5.0, -0.05, 0.0), "nut_position_m",
+         {"value": -0.05, "sigma": None, "unit": "m"}),
+    ],
+)  # fmt: skip
+def test_what_is_left_out_is_excluded_with_what_it_reads_too_much(finding, channel, excess):
+    channels, health = _left_out(finding)
+    assert channels.pop(channel) == {"quality": "excluded", "age_s": 0.1, "fault": None, "excess": excess}
+    assert all(other == {"quality": "good", "age_s": 0.1, "fault": None} for other in channels.values())
+    assert health.reasons == (sentence(finding),)  # which says it once
+    assert health.essence != assess(_facts()).essence
+
+
+def test_a_channel_that_is_left_out_and_missing_is_missing():
+    frame = _facts().frame
+    quality = np.where(np.arange(frame.quality.shape[1]) == 1, Quality.MISSING, frame.quality)
+    channels, _ = _left_out(
+        Finding(Fault.EXCLUDED, "t2", 5.0, 3.0, 0.2), frame=replace(frame, quality=quality)
+    )
+    assert channels["t2_degC"]["quality"] == "missing"
+    assert channels["t2_degC"]["excess"] == {"value": 3.0, "sigma": 0.2, "unit": "K"}
+
+
+@pytest.mark.parametrize("fault", [f for f in Fault if f not in (Fault.EXCLUDED, Fault.SWAPPED, Fault.LEAPT)])
+def test_what_is_doubted_and_used_has_no_excess(fault):
+    channels, _ = _left_out(Finding(fault, "t2", 5.0, 3.0, 0.2))
+    assert channels["t2_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
+
+
 def test_ages_and_counts_do_not_make_a_report_new():
     assert assess(_facts()).essence == assess(_facts(cycles=9, time_s=11.0)).essence
     assert assess(_facts()).essence != assess(_facts(clock_offset_s=9.0)).essence

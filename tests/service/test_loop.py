@@ -11,6 +11,7 @@ import numpy as np
 from drivers.protocol import DriverStatus
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
+from observer.kernels.remembered import CAUSE, EXCESS_K, EXCESS_SIGMA_K, GUARD, JUMPED
 from observer.service.clock import ServiceClock
 from observer.service.gap import Departure
 from observer.service.loop import Service, serve
@@ -150,6 +151,34 @@ async def test_readings_from_the_future_or_the_past_are_not_believed():
     health = service.publisher.healths[-1]
     assert health["channels"]["t1_degC"]["fault"] is None
     assert _ticks(service)[0] < 1010
+
+
+class _LeavesOut(FakeEstimator):
+    """Has the second sensor excluded."""
+
+    def run(self, state, inputs):
+        state, block = super().run(state, inputs)
+        guard = np.zeros((2, GUARD))
+        guard[1, [CAUSE, EXCESS_K, EXCESS_SIGMA_K]] = JUMPED, 3.0, 0.2
+        return replace(state, guard=guard), block
+
+
+async def test_a_sensor_that_is_left_out_stands_at_its_channel():
+    driver = FakeDriver([(0.0, dict.fromkeys(CHANNELS, 20.0), {})] * 3)
+    estimator = _LeavesOut()
+    estimator.notes = []
+    service = replace(_service([driver]), estimator=estimator, sensors={"t1_degC": "t1", "t2_degC": "t2"})
+
+    def told():
+        return {
+            n: c["excess"]
+            for h in service.publisher.healths
+            for n, c in h["channels"].items()
+            if "excess" in c
+        }
+
+    await _serve(service, told)
+    assert told() == {"t2_degC": {"value": 3.0, "sigma": 0.2, "unit": "K"}}
 
 
 async def test_health_on_change_and_every_five_seconds():

@@ -1,6 +1,7 @@
 """A replay's files: every column of the contract, complete or not there, the same each time."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from observer.files.logs import Log, read_log
 from observer.frames import Reading
 from observer.service.align import Aligner, frames_of_log
 from observer.service.pipeline import Pipeline
-from observer.service.replay import estimates_of, write_results
+from observer.service.replay import estimates_of, result_columns, write_results
 from tests.service.fakes import FakeDrive, FakeEstimator
 from tests.service.streams import CHANNELS, plan, play, write
 
@@ -21,6 +22,10 @@ def _log(rows: int = 10_000) -> Log:
     values = rng.normal(25, 2, (rows, 3))
     values[rng.random((rows, 3)) < 0.05] = np.nan
     return Log(Path("run.csv"), np.cumsum(rng.uniform(0.1, 1, rows)), CHANNELS, values)
+
+
+def _blocks(log: Log):
+    return estimates_of(log, plan(), Pipeline(FakeDrive(), FakeEstimator()), lambda done, total: None)
 
 
 def _replay(log: Log, output: Path, suffix: str = ".csv", told=None):
@@ -35,13 +40,30 @@ def test_columns_are_those_of_the_contract(tmp_path):
     _replay(_log(50), tmp_path)
     head = (tmp_path / "estimates.csv").read_text().splitlines()[0].split(",")
     assert head == [
-        "time_s", "heat_nut_W", "heat_nut_sigma_W",
-        "field_0_degC", "field_0_sigma_K", "field_2.225_degC", "field_2.225_sigma_K",
-        "field_50_degC", "field_50_sigma_K",
-        "error_0_um", "error_0_sigma_um", "error_2.225_um", "error_2.225_sigma_um",
-        "error_50_um", "error_50_sigma_um",
+        "time_s", "heat_nut_W", "heat_nut_sigma_W", "heat_nut_bound_W",
+        "field_0_degC", "field_0_sigma_K", "field_0_bound_K",
+        "field_2.225_degC", "field_2.225_sigma_K", "field_2.225_bound_K",
+        "field_50_degC", "field_50_sigma_K", "field_50_bound_K",
+        "error_0_um", "error_0_sigma_um", "error_0_bound_um",
+        "error_2.225_um", "error_2.225_sigma_um", "error_2.225_bound_um",
+        "error_50_um", "error_50_sigma_um", "error_50_bound_um",
         "innovation_t1_K", "quality_t1", "innovation_t2_K", "quality_t2", "quality",
     ]  # fmt: skip
+
+
+def test_each_bound_stands_in_its_column_and_is_empty_where_none_is_known():
+    layout, (block,) = FakeEstimator().layout, _blocks(_log(3))
+    bounds = {"heat": np.array([[1.0], [np.nan], [2.0]]), "field": 3.0 + np.arange(9.0).reshape(3, 3)}
+    told = replace(
+        block, heat_bound_W=bounds["heat"], field_bound_K=bounds["field"], error_bound_um=-bounds["field"]
+    )
+    columns = result_columns(layout, told)
+    np.testing.assert_array_equal(columns["heat_nut_bound_W"], bounds["heat"][:, 0])
+    for j, mm in enumerate(("0", "2.225", "50")):
+        np.testing.assert_array_equal(columns[f"field_{mm}_bound_K"], bounds["field"][:, j])
+        np.testing.assert_array_equal(columns[f"error_{mm}_bound_um"], -bounds["field"][:, j])
+    unknown = result_columns(layout, block)
+    assert all(np.isnan(unknown[name]).all() for name in unknown if "bound" in name)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
