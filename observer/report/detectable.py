@@ -1,4 +1,4 @@
-"""The smallest fault of each sensor that is noticed, and what a further sensor would buy: `observer check`."""
+"""The least fault of each sensor that is noticed, and what a further sensor would buy: `observer check`."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _sample_s(config: Config) -> FloatArray:
 
 
 def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
-    """What a further thermocouple does for the sensor whose slow fault must be largest, where it does most."""
+    """What a further thermocouple, where it helps most, does for the sensor that hides the largest fault."""
     worst = int(np.argmax(slow_K))
     there_m = [s.position_m for s in config.sensor if s.position_m is not None]
     left_K: dict[float, float] = {}

@@ -46,7 +46,7 @@ def noticed(plant: Plant, shift: Sequence[Stage], sample_s: FloatArray) -> Notic
     """
     s = plant.rows.sensors
     sigma_K = _of_readings(plant, shift, np.ones((1, s)), sample_s, JUMP_STEP_S)
-    own_K = np.full((s, s), np.nan)
+    own_K: FloatArray | None = np.full((s, s), np.nan)
     if plant.learnt and sigma_K is not None:
         own_K = _of_readings(plant, shift, 1.0 - np.eye(s), np.maximum(sample_s, DUE_S), SLOW_STEP_S)
     if sigma_K is None or own_K is None:

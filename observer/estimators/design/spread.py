@@ -54,8 +54,8 @@ class Spread(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """A moment of a shift: the `plant` with its nuts where they stand, the `stage`, the states `x` (n_x,), the
-    derivatives `H` (f, s, n) of readings by phases of a sweep, and the covariances `P` (v, n, n) about then.
+    """A moment of a shift: the `plant` with its nuts where they stand, the `stage`, the states `x` (n_x,); by
+    phases of a sweep, readings by the states, `H` (f, s, n); and the covariances `P` (v, n, n) about then.
     """
 
     plant: Plant
@@ -136,7 +136,7 @@ def moments(
     dt_s: float,
     told_1_K: FloatArray | None = None,
 ) -> Iterator[Moment]:
-    """Yield every `EVERY`th moment of a shift from `FROM_S` on, with tolerances `sigma` (v, L), by steps `dt_s`.
+    """Yield moments of a shift from `FROM_S` on, each `EVERY` steps `dt_s`, with tolerances `sigma` (v, L).
 
     The gain is `K`, or the Kalman filter's. With `told_1_K` (v, s) each case has a noise of its own, of which
     that is one over the standard deviation: 0 for a reading that is not used.
