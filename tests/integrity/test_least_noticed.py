@@ -17,6 +17,7 @@ from tests.truth.machine.machine import SENSORS
 
 MACHINES = (0, 1)
 """At the fault the first stands, and the nut of the second moves."""
+DRIFTS_S = 1500.0
 
 
 @cache
@@ -51,3 +52,15 @@ def test_twice_the_least_is_noticed_in_time_at_the_right_sensor(sensor: str, num
 def test_a_fifth_of_the_least_is_not_noticed(sensor: str) -> None:
     """A reading that is off by a tolerance is none that is at fault."""
     assert judged(jump(sensor, 0.2), 0).out == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_drift_to_twice_the_least_slow_fault_is_noticed_on_its_way(sensor: str, number: int) -> None:
+    """Which sensor it is, is not always told."""
+    most_K = 2.0 * said_of(sensor)["slow_K"]
+    drift = of.drift((sensor,), most_K * 3600.0 / DRIFTS_S, most_K)
+    found = judged(Fault(f"{sensor} drifts", "slow single", (sensor,), drift), number)
+    assert found.bad_s is not None
+    assert found.bad_s <= DRIFTS_S
