@@ -33,7 +33,8 @@ from observer.tables.integrity import Integrity
 
 RISK_PER_H = 1e-5
 """How likely it may be, in an hour, that an error is beyond its bound."""
-_DUE_S = 5.0
+DUE_S = 5.0
+"""How often the bank steps."""
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
 _TRUSTED = 1.5  # standard deviations that a clean filter may be away
 _HOLD_S = 60.0
@@ -304,7 +305,7 @@ def _between(plant: Plant) -> dict[str, Any]:
     n_x, s, R = len(plant.decay_1_s), plant.rows.sensors, len(plant.rows.C)
     moving = np.array([source.index for source in plant.moving], np.int64)
     gathered = Gathered(
-        np.array([0.0, _DUE_S, 0.0]), np.zeros(m), np.zeros(m), np.zeros(p), np.zeros(p), moving, np.zeros(M),
+        np.array([0.0, DUE_S, 0.0]), np.zeros(m), np.zeros(m), np.zeros(p), np.zeros(p), moving, np.zeros(M),
         np.zeros((M, n_x)), np.zeros((M, n_x)), np.zeros((M, R)), np.zeros(s), np.zeros(s, bool),
         np.zeros(s, bool), np.zeros(3),
     )  # fmt: skip

@@ -22,6 +22,7 @@ from observer.model.rod.sources import footprints
 from observer.model.rod.supports import force_N
 from observer.model.rod.truncation import tail_left
 from observer.model.transient import transient_error_K_W
+from observer.report.detectable import detectable
 from observer.report.doubts import doubts
 from observer.report.tolerances import tolerances
 from observer.tables.sections import Source
@@ -65,6 +66,7 @@ def findings(config: Installation) -> dict[str, Any]:
         "supports": _supports(config, plant),
         "nodes": _nodes(config),
         **tolerances(config),
+        **detectable(config),
         "warnings": [
             *doubts(config),
             *design.warnings,

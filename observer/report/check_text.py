@@ -8,6 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from observer.report.detectable import buys
 from observer.report.tolerances import SHIFT_SAID, advice
 
 
@@ -40,9 +41,12 @@ def as_text(found: dict[str, Any]) -> RenderableType:
         table.add_row(f"node {name}", f"follows within {seconds:.3g} s; 1 W warms it by {rise:.3g} K")
     table.add_row("tolerances", SHIFT_SAID)
     table.add_row("improve first", Text(advice(found["improve_first"])))
+    if found["not_screened"]:
+        table.add_row("faults in values", Text(found["not_screened"]))
     warnings = [Text(f"warning: {w}", style="yellow") for w in found["warnings"]]
     costs = [_costs(found["tolerances"])] if found["tolerances"] else []
-    return Group(table, *costs, *(warnings or [Text("no warnings", style="green")]))
+    least = _least(found["minimal_detectable"], found["further_sensor"])
+    return Group(table, *costs, *least, *(warnings or [Text("no warnings", style="green")]))
 
 
 def _costs(rows: list[dict[str, Any]]) -> Table:
@@ -60,6 +64,21 @@ def _costs(rows: list[dict[str, Any]]) -> Table:
         given = "" if row["tolerance"] is None else f"{row['tolerance']:g}"
         table.add_row(row["key"], given, *(f"{value:.3g}" for value in values))
     return table
+
+
+def _least(rows: dict[str, dict[str, Any]], further: dict[str, Any] | None) -> list[RenderableType]:
+    """The smallest fault of each sensor that is noticed, and what a further sensor would buy."""
+    if not rows:
+        return []
+    table = Table(show_header=True, box=None, pad_edge=False, header_style="bold")
+    table.add_column("sensor", no_wrap=True)
+    for name in ("jump noticed, K", "within, s", "slow fault noticed, K"):
+        table.add_column(name, justify="right")
+    for name, row in rows.items():
+        slow = "–" if row["slow_K"] is None else f"{row['slow_K']:.3g}"
+        table.add_row(Text(name), f"{row['fault_K']:.3g}", f"{row['time_s']:.3g}", slow)
+    said = buys(further)
+    return [table, Text(said)] if said else [table]
 
 
 def _weakest(found: dict[str, Any]) -> str:

@@ -42,8 +42,7 @@ def tolerances(config: Config) -> dict[str, Any]:
 
     Both are empty where the estimator has no gain, or where it would take long.
     """
-    if build_plant(config).modes > MOST_MODES:
-        config = config.model_copy(update={"model": config.model.model_copy(update={"modes": MOST_MODES})})
+    config = few_modes(config)
     plant = build_plant(config, learns=True)
     keys = np.array([Kind(kind).key for kind in plant.parameters.kind], np.str_)
     cases = [np.ones(len(keys))]
@@ -58,6 +57,13 @@ def tolerances(config: Config) -> dict[str, Any]:
         for i, (key, value) in enumerate(zip((CONFIGURED, *KEYS, ALL), values, strict=True))
     ]
     return {"tolerances": rows, "improve_first": _first(found)}
+
+
+def few_modes(config: Config) -> Config:
+    """The configuration with no more modes than have a part in a σ."""
+    if build_plant(config).modes <= MOST_MODES:
+        return config
+    return config.model_copy(update={"model": config.model.model_copy(update={"modes": MOST_MODES})})
 
 
 def _row(plant: Plant, found: Spread, i: int, key: str, value: float | None) -> dict[str, Any]:

@@ -7,16 +7,13 @@ import numpy as np
 import pytest
 
 from observer import installation
-from observer.discovery.experiment import Habits, Phase, frames_of
 from observer.estimators.design.spread import spread
-from observer.model import simulate
 from observer.model.build import build_plant
-from observer.model.cycle import SHIFT, SPEED_RPM, standard_shift
+from observer.model.cycle import standard_shift
 from observer.report.tolerances import KEYS, advice, tolerances
-from observer.service.machine import Machine
+from tests.estimators.shift import simulated
 
 CONFIG = Path(__file__).parents[2] / "config"
-LOW_m, HIGH_m, AIR_degC = 0.15, 0.80, 22.0
 
 
 def demo(left=1.0, **estimator):
@@ -39,19 +36,9 @@ def by_covariance(config):
 
 def by_estimator(config):
     """Mean σ from ten minutes on of the estimator over a simulated log of the shift."""
-    machine = Machine.of(config, learns=True)
-    middle_m = (LOW_m + HIGH_m) / 2
-    phases = [
-        Phase(duration_s, SPEED_RPM * works, *((LOW_m, HIGH_m) if works else (middle_m, middle_m + 1e-4)))
-        for duration_s, works in SHIFT
-    ]
-    frames = frames_of(config, phases, Habits(SPEED_RPM, SPEED_RPM, LOW_m, HIGH_m, 0.01, AIR_degC))
-    _, u = machine.drive.run(machine.drive.initial(), frames)
-    plant, s = machine.plant, machine.plant.rows.sensors
-    _, rows = simulate.simulate(plant, simulate.start(plant, AIR_degC, u.law_W[0]), u)
-    noise_K = np.random.default_rng(1).standard_normal((len(u), s)) * np.sqrt(plant.noise_R_K2)
+    machine, u = simulated(config)
     estimator = machine.estimator()
-    _, block = estimator.run(estimator.initial(), u._replace(y_degC=rows[:, :s] + noise_K))
+    _, block = estimator.run(estimator.initial(), u)
     late = block.time_s >= 600.0
     sigmas = (block.heat_sigma_W, block.field_sigma_K, block.error_sigma_um)
     heat, field, error = (sigma[late].mean(axis=0) for sigma in sigmas)

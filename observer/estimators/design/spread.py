@@ -9,7 +9,7 @@ field that the shift makes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -51,6 +51,18 @@ class Spread(NamedTuple):
     heat_W: FloatArray
     field_K: FloatArray
     error_um: FloatArray | None
+
+
+class Moment(NamedTuple):
+    """A moment of a shift: the `plant` with its nuts where they stand, the `stage`, the states `x` (n_x,); by
+    phases of a sweep, readings by the states, `H` (f, s, n); and the covariances `P` (v, n, n) about then.
+    """
+
+    plant: Plant
+    stage: Stage
+    x: FloatArray
+    H: FloatArray
+    P: FloatArray
 
 
 class _Step(NamedTuple):
@@ -109,11 +121,31 @@ def _over(
     dt_s: float,
 ) -> Spread:
     """The mean σ with tolerances `sigma` (v, L)."""
+    found = [_sigmas(each, a) for each in moments(plant, a, shift, sigma, K, dt_s)]
+    heat, field, error = (np.mean(column, axis=0) for column in zip(*found, strict=True))
+    there = len(plant.rows.C) > plant.rows.error_slice.start
+    return Spread(heat, field.mean(axis=1), error.mean(axis=1) if there else None)
+
+
+def moments(
+    plant: Plant,
+    a: LearningArrays,
+    shift: Sequence[Stage],
+    sigma: FloatArray,
+    K: FloatArray | None,
+    dt_s: float,
+    told_1_K: FloatArray | None = None,
+) -> Iterator[Moment]:
+    """Yield moments of a shift from `FROM_S` on, each `EVERY` steps `dt_s`, with tolerances `sigma` (v, L).
+
+    The gain is `K`, or the Kalman filter's. With `told_1_K` (v, s) each case has a noise of its own, of which
+    that is one over the standard deviation: 0 for a reading that is not used.
+    """
     n_x, m_e, L, s = len(plant.decay_1_s), int(plant.estimated.sum()), len(a.kind), plant.rows.sensors
     first = n_x + m_e
     P, x, law_W = _start(plant, a, shift[0], sigma, at_rest=K is None), _settled(plant, shift[0]), None
     last = np.tile(plant.rows.C[:s] @ x + plant.rows.F[:s] @ shift[0].z, (2, 1))
-    fade, found, t_s, count = np.exp(-dt_s / WANDER_S), [], 0.0, 0
+    fade, t_s, count = np.exp(-dt_s / WANDER_S), 0.0, 0
     F, H = np.eye(first + L) * fade, np.zeros((s, first + L))
     Q = np.zeros((len(sigma), first + L, first + L))
     Q[:, range(first, first + L), range(first, first + L)] = sigma**2 * (1.0 - fade**2)
@@ -133,17 +165,19 @@ def _over(
             F[:n_x, first : first + a.machine] = step.hold @ drives[:, : a.machine]
             x = step.A[:n_x, :n_x] @ x + step.hold @ step.driven
             last = _see(plant, a, stage, x, last, dt_s, H)
-            rows = (H + passing).reshape(-1, first + L)
+            seen = H + passing
             before = F @ P @ F.T + Q
-            P = _corrected(before, rows, noise_R, K, a, first)
+            if told_1_K is None:
+                P = _corrected(before, seen.reshape(-1, first + L), noise_R, K, a, first)
+            else:  # rows in standard deviations: a reading that is not used is a row of nothing
+                rows = told_1_K[:, None, :, None] * seen / np.sqrt(len(seen))
+                rows = rows.reshape(len(sigma), -1, first + L)
+                P = _corrected(before, rows, np.ones(rows.shape[1]), None, a, first)
             t_s, count = t_s + dt_s, count + 1
             if (
                 t_s >= FROM_S and count % EVERY == 0
             ):  # samples come all through the step: their P lies between those at its end
-                found.append(_sigmas(plant, a, stage, x, 0.5 * (before + P)))
-    heat, field, error = (np.mean(column, axis=0) for column in zip(*found, strict=True))
-    there = len(plant.rows.C) > plant.rows.error_slice.start
-    return Spread(heat, field.mean(axis=1), error.mean(axis=1) if there else None)
+                yield Moment(plant, stage, x, seen, 0.5 * (before + P))
 
 
 def _settled(plant: Plant, stage: Stage) -> FloatArray:
@@ -242,7 +276,8 @@ def _corrected(
     P: FloatArray, H: FloatArray, R_K2: FloatArray, K: FloatArray | None, a: LearningArrays, first: int
 ) -> FloatArray:
     """The covariances after a correction by all sensors: by K, which knows of no parameter, or by the Kalman
-    gain, which leaves the parameters that are considered only as they are (Schmidt 1966).
+    gain, which leaves the parameters that are considered only as they are (Schmidt 1966). H is (r, n), or
+    (v, r, n) where each case has its own.
     """
     if K is not None:
         left = np.eye(P.shape[1])
@@ -250,7 +285,7 @@ def _corrected(
         P = left @ P @ left.T
         P[:, :first, :first] += (K * R_K2) @ K.T
         return P
-    PH = P @ H.T
+    PH = P @ H.swapaxes(-1, -2)
     told = PH @ np.linalg.solve(H @ PH + np.diag(R_K2), PH.swapaxes(1, 2))
     held = first + a.held
     told[:, held[:, None], held] = 0.0
@@ -258,10 +293,9 @@ def _corrected(
     return np.asarray(0.5 * (P + P.swapaxes(1, 2)))
 
 
-def _sigmas(
-    plant: Plant, a: LearningArrays, stage: Stage, x: FloatArray, P: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _sigmas(now: Moment, a: LearningArrays) -> tuple[FloatArray, FloatArray, FloatArray]:
     """σ of heats (v, m_e), field (v, g) and thermal error (v, g or 0)."""
+    plant, stage, x, P = now.plant, now.stage, now.x, now.P
     n_x, estimated, g = len(x), np.flatnonzero(plant.estimated), plant.rows.grid
     heats = np.eye(len(estimated), P.shape[1], n_x)
     for q in np.flatnonzero(a.kind == Kind.LAW):

@@ -1,0 +1,112 @@
+"""The least fault of each sensor that is noticed, and what a further sensor would buy: `observer check`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators.design.detectable import noticed, slow_fault_K
+from observer.frames import FloatArray
+from observer.model.build import build_plant
+from observer.model.cycle import standard_shift
+from observer.report.tolerances import WORTH_A_WORD, few_modes
+
+PLACES = 11
+"""Where a further thermocouple is tried: every tenth of the screw."""
+NEAREST_M = 0.02
+"""No nearer than that to one that is there."""
+_FURTHER = "a further one"  # no name that a configuration may have
+
+
+def detectable(config: Config) -> dict[str, Any]:
+    """Return `minimal_detectable`, by sensor `fault_K`, the least jump that is noticed, `time_s`, within what
+    time, and `slow_K`, the least fault that comes slowly, None where nothing looks for it; `further_sensor`,
+    what one more would make of the largest of these; and `not_screened`, why there is nothing of the kind.
+    """
+    reason, found = _why_not(config), None
+    if reason is None:
+        config = few_modes(config)
+        plant = build_plant(config, learns=True)
+        found = noticed(plant, standard_shift(config, plant), _sample_s(config))
+        reason = "not worked out: there are too many states" if found is None else None
+    if found is None:
+        return {"minimal_detectable": {}, "further_sensor": None, "not_screened": reason}
+    rows = {
+        sensor.name: {"fault_K": jump_K, "time_s": time_s, "slow_K": _finite(slow_K)}
+        for sensor, jump_K, time_s, slow_K in zip(
+            config.sensor, *(column.tolist() for column in found), strict=True
+        )
+    }
+    further = _further(config, found.slow_K) if np.isfinite(found.slow_K).all() else None
+    return {"minimal_detectable": rows, "further_sensor": further, "not_screened": None}
+
+
+def _why_not(config: Config) -> str | None:
+    """Why no reading is screened, None where they are."""
+    if not config.integrity.enabled:
+        return "nothing is screened: [integrity] enabled = false; readings are refused by the gate alone"
+    if not config.estimator.learns:
+        kind = config.estimator.kind
+        said = f'engine = "{config.estimator.engine}"' if kind == "kalman" else f'kind = "{kind}"'
+        return f"nothing is screened: {said}; only the compiled Kalman filter does, others have their gate"
+    return None
+
+
+def _sample_s(config: Config) -> FloatArray:
+    """How often each sensor has a sample (s,): at the ticks of the estimator after its own."""
+    period_s = config.estimator.period_s
+    own_s = [config.sample_s.get(sensor.channel, period_s) for sensor in config.sensor]
+    return np.array([period_s * max(1, math.ceil(each / period_s - 1e-9)) for each in own_s])
+
+
+def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
+    """What a further thermocouple, where it helps most, does for the sensor that hides the largest fault."""
+    worst = int(np.argmax(slow_K))
+    there_m = [s.position_m for s in config.sensor if s.position_m is not None]
+    left_K: dict[float, float] = {}
+    for x_m in np.linspace(0.0, config.screw.length_m, PLACES).round(6).tolist():
+        if min((abs(x_m - each) for each in there_m), default=math.inf) < NEAREST_M:
+            continue
+        more = _with_another(config, x_m)
+        plant = build_plant(more, learns=True)
+        least_K = slow_fault_K(plant, standard_shift(more, plant), _sample_s(more), worst)
+        if least_K is None:
+            return None
+        left_K[x_m] = least_K
+    if not left_K:
+        return None
+    best_m = min(left_K, key=lambda x_m: left_K[x_m])
+    return {
+        "position_m": best_m,
+        "sensor": config.sensor[worst].name,
+        "slow_K_now": float(slow_K[worst]),
+        "slow_K_then": left_K[best_m],
+    }
+
+
+def _with_another(config: Config, x_m: float) -> Config:
+    """The configuration with one thermocouple more on the screw, like its first and read as often."""
+    new = {"name": _FURTHER, "position_m": x_m, "on": None}
+    return config.model_copy(update={"sensor": (*config.sensor, config.sensor[0].model_copy(update=new))})
+
+
+def buys(further: dict[str, Any] | None) -> str:
+    """Return a sentence of what a further sensor would buy; no word where nothing was worked out."""
+    if further is None:
+        return ""
+    now_K, then_K, sensor = further["slow_K_now"], further["slow_K_then"], further["sensor"]
+    if then_K > (1.0 - WORTH_A_WORD) * now_K:
+        return (
+            f"no further thermocouple on the screw would bring {sensor}'s slow fault far below {now_K:.3g} K"
+        )
+    return (
+        f"a thermocouple at {further['position_m']:.3g} m would bring {sensor}'s slow fault from {now_K:.3g} "
+        f"to {then_K:.3g} K"
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

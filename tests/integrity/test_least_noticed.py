@@ -1,0 +1,66 @@
+"""What `check` says is noticed is noticed on rough machines, and much smaller is not."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import pytest
+
+from observer.report.detectable import detectable
+from tests.integrity import faults as of
+from tests.integrity.catalogue import TWICE, Fault, catalogue, minimal_detectable_K
+from tests.integrity.judge import RIG, judged
+from tests.integrity.promise import TWICE_THE_LEAST
+from tests.learning.machines import config_of
+from tests.truth.machine.machine import SENSORS
+
+MACHINES = (0, 1)
+"""At the fault the first stands, and the nut of the second moves."""
+DRIFTS_S = 1500.0
+
+
+@cache
+def said_of(sensor: str) -> dict[str, Any]:
+    """What `check` says of a sensor of the machine that is judged."""
+    return dict(detectable(config_of(RIG))["minimal_detectable"][sensor])
+
+
+def jump(sensor: str, share: float) -> Fault:
+    """A part of the least jump that is noticed."""
+    size_K = share * said_of(sensor)["fault_K"]
+    return Fault(f"{sensor} {share:g} of its least", "jump of one", (sensor,), of.offset((sensor,), size_K))
+
+
+def test_the_campaign_tries_each_sensor_at_twice_its_least() -> None:
+    assert set(minimal_detectable_K()) == set(SENSORS)
+    own = {name: fault for name, fault in catalogue().items() if fault.group == TWICE_THE_LEAST}
+    assert set(own) == set(TWICE)
+    assert [fault.sensors for fault in own.values()] == [(name,) for name in SENSORS]
+
+
+@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_twice_the_least_is_noticed_in_time_at_the_right_sensor(sensor: str, number: int) -> None:
+    found = judged(jump(sensor, 2.0), number)
+    assert (found.bad_s, found.right) == (0.0, "yes")
+    assert found.named_s is not None
+    assert found.named_s <= said_of(sensor)["time_s"] + 1.0
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_fifth_of_the_least_is_not_noticed(sensor: str) -> None:
+    """A reading that is off by a tolerance is none that is at fault."""
+    assert judged(jump(sensor, 0.2), 0).out == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_drift_to_twice_the_least_slow_fault_is_noticed_on_its_way(sensor: str, number: int) -> None:
+    """Which sensor it is, is not always told."""
+    most_K = 2.0 * said_of(sensor)["slow_K"]
+    drift = of.drift((sensor,), most_K * 3600.0 / DRIFTS_S, most_K)
+    found = judged(Fault(f"{sensor} drifts", "slow single", (sensor,), drift), number)
+    assert found.bad_s is not None
+    assert found.bad_s <= DRIFTS_S

@@ -1,0 +1,188 @@
+"""What `check` says of the least fault that is noticed: by the filters themselves, and in words."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from observer import installation
+from observer.config import Config
+from observer.estimators import bank
+from observer.estimators.fault_search import MISFIT, Seen
+from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
+from observer.model.build import build_plant
+from observer.report.check import findings
+from observer.report.check_text import as_text
+from observer.report.detectable import buys, detectable
+from tests.estimators.shift import simulated
+
+ROOT = Path(__file__).parents[2]
+NAMES = [f"t{i}" for i in range(1, 6)]
+PROBABLY = 1.64
+"""Standard deviations below which 95 % of a normal distribution lie."""
+
+
+def demo(**tables: dict[str, Any]) -> Config:
+    """The demo's configuration, with other values in some tables."""
+    config = installation.load(ROOT / "config" / "demo.toml")
+    changed = {name: getattr(config, name).model_copy(update=keys) for name, keys in tables.items()}
+    return config.model_copy(update=changed)
+
+
+@cache
+def of_demo() -> dict[str, Any]:
+    return detectable(demo(estimator={"period_s": 1.0}))
+
+
+def column(found: dict[str, Any], key: str) -> list[float]:
+    return [row[key] for row in found["minimal_detectable"].values()]
+
+
+def text_of(config: Any) -> str:
+    console = Console(width=110, highlight=False)
+    with console.capture() as printed:
+        console.print(as_text(findings(config)))
+    return printed.get()
+
+
+def test_the_least_faults_are_by_the_sigma_that_estimate_and_bank_have_over_the_shift(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """To some per cent: steps of 10 s and 30 s, where the filter has one a second and the bank of 5 s."""
+    sigma_K: list[Any] = []
+    plain = bank.search
+
+    def watched(seen: Seen, *args: Any) -> Any:
+        if seen.age_s >= 600.0:
+            sigma_K.append(seen.left_K / seen.misfit)
+        return plain(seen, *args)
+
+    monkeypatch.setattr(bank, "search", watched)
+    machine, u = simulated(demo(estimator={"period_s": 1.0}))
+    estimator = machine.estimator()
+    _, block = estimator.run(estimator.initial(), u)
+    innovation_K = block.innovation_sigma_K[block.time_s >= 600.0].mean(axis=0)
+    jump_K = (JUMP_SIGMA + PROBABLY) * innovation_K + DRIFT_K_S * 1.0
+    np.testing.assert_allclose(column(of_demo(), "fault_K"), jump_K, rtol=0.03)
+    slow_K = (MISFIT + PROBABLY) * np.mean(sigma_K, axis=0)
+    np.testing.assert_allclose(column(of_demo(), "slow_K"), slow_K, rtol=0.03)
+
+
+def test_each_sensor_has_its_row_with_its_keys() -> None:
+    rows = of_demo()["minimal_detectable"]
+    assert list(rows) == NAMES
+    assert all({"fault_K", "time_s", "slow_K"} <= set(row) for row in rows.values())
+
+
+@pytest.mark.parametrize(("period_s", "time_s"), [(0.5, 2.5), (1.0, 3.0), (5.0, 15.0)])
+def test_a_jump_is_decided_after_three_samples_and_two_seconds(period_s: float, time_s: float) -> None:
+    """The first of them comes up to a sample after the jump."""
+    assert column(detectable(demo(estimator={"period_s": period_s})), "time_s") == [time_s] * 5
+
+
+def test_a_sensor_that_comes_seldom_is_decided_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type(demo()), "sample_s", {"t3_degC": 1.7})
+    assert column(detectable(demo()), "time_s") == [2.5, 2.5, 6.0, 2.5, 2.5]
+
+
+def test_noise_hides_jumps() -> None:
+    config = demo()
+    noisy = tuple(
+        s.model_copy(update={"noise_K": 0.3 if s.name == "t2" else s.noise_K}) for s in config.sensor
+    )
+    found = column(detectable(config.model_copy(update={"sensor": noisy})), "fault_K")
+    assert found[1] == pytest.approx((JUMP_SIGMA + PROBABLY) * 0.3, rel=0.05)
+    assert max(found[:1] + found[2:]) < 0.6
+
+
+def test_the_least_step_is_what_is_noticed_of_sensors_without_noise() -> None:
+    config = demo(tolerance={"lag_s": 0.0}, estimator={"field_noise_K_sqrt_s": 1e-4})
+    quiet = tuple(s.model_copy(update={"noise_K": 0.005}) for s in config.sensor)
+    found = column(detectable(config.model_copy(update={"sensor": quiet})), "fault_K")
+    assert found == pytest.approx([0.15 + 0.01 + PROBABLY * 0.005] * 5, abs=0.02)
+
+
+def test_a_further_thermocouple_does_what_it_is_said_to_do() -> None:
+    config = demo(estimator={"period_s": 1.0})
+    said = of_demo()["further_sensor"]
+    slow_K = dict(zip(NAMES, column(of_demo(), "slow_K"), strict=True))
+    assert slow_K[said["sensor"]] == said["slow_K_now"] == max(slow_K.values())
+    new = config.sensor[0].model_copy(
+        update={"name": "t6", "channel": "t6", "position_m": said["position_m"]}
+    )
+    then = detectable(config.model_copy(update={"sensor": (*config.sensor, new)}))["minimal_detectable"]
+    assert then[said["sensor"]]["slow_K"] == pytest.approx(said["slow_K_then"])
+    assert said["slow_K_then"] < 0.5 * said["slow_K_now"]
+    assert buys(said) == (
+        f"a thermocouple at {said['position_m']:.3g} m would bring {said['sensor']}'s slow fault from "
+        f"{said['slow_K_now']:.3g} to {said['slow_K_then']:.3g} K"
+    )
+
+
+def test_no_place_is_praised_that_helps_little() -> None:
+    said = buys({"position_m": 0.5, "sensor": "t1", "slow_K_now": 2.0, "slow_K_then": 1.95})
+    assert said.startswith("no further thermocouple")
+    assert buys(None) == ""
+
+
+def test_a_further_thermocouple_stands_where_none_is() -> None:
+    config = demo()
+    at_ends = {"t1": 0.01, "t5": 0.99}
+    sensors = tuple(
+        s.model_copy(update={"position_m": at_ends.get(s.name, s.position_m)}) for s in config.sensor
+    )
+    found = detectable(config.model_copy(update={"sensor": sensors}))["further_sensor"]
+    assert all(abs(found["position_m"] - s.position_m) >= 0.02 for s in sensors)
+
+
+def test_a_model_without_tolerances_is_held_against_no_slow_fault() -> None:
+    config = demo()
+    known = dict.fromkeys(config.tolerance.model_dump(), 0.0)
+    config = demo(tolerance=known)
+    assert build_plant(config, learns=True).learnt == 0
+    found = detectable(config)
+    assert column(found, "slow_K") == [None] * 5
+    assert found["further_sensor"] is None
+    assert max(column(found, "fault_K")) < 0.6
+    assert "–" in next(line for line in text_of(config).splitlines() if line.startswith("t1 "))
+
+
+@pytest.mark.parametrize(
+    ("tables", "reason"),
+    [
+        ({"integrity": {"enabled": False}}, "[integrity] enabled = false"),
+        ({"estimator": {"kind": "luenberger"}}, 'kind = "luenberger"'),
+        ({"estimator": {"engine": "constant"}}, 'engine = "constant"'),
+        ({"estimator": {"engine": "filterpy"}}, 'engine = "filterpy"'),
+    ],
+)
+def test_where_nothing_is_screened_nothing_is_promised_and_the_reason_is_said(
+    tables: dict[str, dict[str, Any]], reason: str
+) -> None:
+    found = detectable(demo(**tables))
+    assert (found["minimal_detectable"], found["further_sensor"]) == ({}, None)
+    assert "nothing is screened" in found["not_screened"]
+    assert reason in found["not_screened"]
+
+
+def test_the_text_has_the_table_and_the_sentence_or_the_reason() -> None:
+    said = text_of(demo())
+    assert "sensor  jump noticed, K  within, s  slow fault noticed, K\nt1 " in said
+    assert "would bring t1's slow fault from" in said
+    assert "faults in values" not in said
+    without = text_of(demo(integrity={"enabled": False}))
+    assert "jump noticed" not in without
+    assert "nothing is screened: [integrity] enabled = false" in without
+
+
+def test_too_many_states_are_said_not_to_be_worked_out() -> None:
+    config = demo()
+    many = [s.model_copy(update={"name": f"s{i}{s.name}"}) for i in range(14) for s in config.sensor]
+    found = detectable(config.model_copy(update={"sensor": tuple(many)}))
+    assert found["minimal_detectable"] == {}
+    assert "too many states" in found["not_screened"]
