@@ -99,7 +99,7 @@ class Process:
                 self._machine.advance(STEP_S)
             if not self._faults.silence_can:
                 position_m = self._machine.nut_position_m(loop.time() - start_s - step * STEP_S)
-                axis.send(position_m, speed_rpm(self._machine.time_s), STEP_S)
+                axis.send(position_m + self._faults.homed_off_m, speed_rpm(self._machine.time_s), STEP_S)
             if before // self._steps_per_period != step // self._steps_per_period:
                 self._sample()
                 if self._truth:
@@ -107,11 +107,9 @@ class Process:
                     self._truth.put(heats(self._machine.time_s), self._sequence)
 
     def _sample(self) -> None:
-        """Read the thermocouples into the registers; a stuck one keeps its last value."""
-        fresh = self._machine.thermocouples_degC()
-        fresh.update({name: self._last[name] for name in self._faults.stuck if name in fresh})
-        self._last = fresh
-        self._server.registers = self._encode(fresh, self._faults)
+        """Read the thermocouples into the registers."""
+        self._last = self._faults.read_degC(self._machine.thermocouples_degC(), self._last)
+        self._server.registers = self._encode(self._last, self._faults)
 
     async def _listen(self, axis: AxisBus) -> None:
         """Obey commands until the input ends."""

@@ -98,6 +98,7 @@ class Compensator:
         line = compensation.line_through(plan, state.ends_um)
         on_line = line.offset_um + line.slope_um_m * (plan.machine_m - plan.reference_m)
         sigma_um = np.interp(plan.screw_m, self._grid_m, block.error_sigma_um[0])
+        bound_um = compensation.bound_of(plan, self._grid_m, block)
         return {
             "reference_m": plan.reference_m,
             "offset_um": round(line.offset_um, 6),
@@ -106,6 +107,7 @@ class Compensator:
             "position_m": np.round(plan.machine_m, 9).tolist(),
             "error_um": np.round(state.table_um, 6).tolist(),
             "sigma_um": np.round(sigma_um, 6).tolist(),
+            "bound_um": None if np.isnan(bound_um).any() else np.round(bound_um, 6).tolist(),
             "limited": state.limited,
         }
 
@@ -127,5 +129,6 @@ class Compensator:
 
 
 _VALUES = (
-    "reference_m", "offset_um", "slope_um_m", "off_line_um", "position_m", "error_um", "sigma_um", "limited"
+    "reference_m", "offset_um", "slope_um_m", "off_line_um", "position_m", "error_um", "sigma_um", "bound_um",
+    "limited",
 )  # fmt: skip

@@ -4,7 +4,8 @@ Pure: estimates go in, frozen states come out. Everything is the *error* in the 
 the nut stands minus where its encoder says it stands. The table and the line follow the estimate at a
 limited rate, with a limited gradient, and only while the compensation is armed. It is armed by hand, and the
 first estimate that is not good, that comes late, or that lies beyond the absolute limit, disarms it for good:
-nothing but a hand arms it again.
+nothing but a hand arms it again. So does the first whose bound, of how far a sensor's fault may have taken
+it, is beyond that limit, or is not known though the estimator has bounds.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Plan:
     `screw_m`, `machine_m` (n,) are the table's points on the screw and in the machine, whose zero is `zero_m`
     on the screw and which runs in its `direction`, +1 or −1. `reference_m` is the line's reference in the
     machine's coordinates, `reference` the point of the table next to it; `fit` (2, n) gives a line's offset
-    and slope by least squares.
+    and slope by least squares. `bounded` says that the estimator knows bounds, so that none is a doubt.
     """
 
     screw_m: FloatArray
@@ -50,6 +51,7 @@ class Plan:
     gradient_um_m: float
     limit_um: float
     late_s: float
+    bounded: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,7 @@ def plan_of(config: Config) -> Plan:
         gradient_um_m=settings.gradient_limit_um_m,
         limit_um=settings.limit_um,
         late_s=LATE_PERIODS * config.estimator.period_s,
+        bounded=config.integrity.enabled and config.estimator.screens,
     )
 
 
@@ -106,6 +109,13 @@ def initial(plan: Plan) -> CompensationState:
 def table_of(plan: Plan, grid_m: FloatArray, error_um: FloatArray) -> FloatArray:
     """Return the error at the table's points (n,) from that on the grid (g,), in the machine's direction."""
     return np.asarray(plan.direction * np.interp(plan.screw_m, grid_m, error_um))
+
+
+def bound_of(plan: Plan, grid_m: FloatArray, block: EstimateBlock) -> FloatArray:
+    """Return the bound of an estimate's error at the table's points (n,); NaN where it is not known."""
+    if not block.error_bound_um.size:
+        return np.full(len(plan.screw_m), np.nan)
+    return np.asarray(np.interp(plan.screw_m, grid_m, block.error_bound_um[0]))
 
 
 def line_of(plan: Plan, table_um: FloatArray) -> Line:
@@ -166,14 +176,27 @@ def advance(
         line.offset_um + line.slope_um_m * (x_m - plan.reference_m) for x_m in plan.machine_m[[0, -1]]
     )
     largest_um = max(float(np.abs(whole_um).max()), abs(first_um), abs(last_um))
-    if largest_um > plan.limit_um:
-        return off(
-            state, f"the error of {largest_um:.0f} µm is beyond limit_um = {plan.limit_um:g}; arm again"
-        )
+    why = _why_beyond(plan, largest_um, bound_of(plan, grid_m, block))
+    if why is not None:
+        return off(state, f"{why}; arm again")
     table_um = toward(state.table_um, wanted_um, plan.rate_um_s * elapsed_s)
     ends_um = toward(state.ends_um, np.array([first_um, last_um]), plan.rate_um_s * elapsed_s)
     limited = not (np.array_equal(table_um, whole_um) and np.allclose(ends_um, [first_um, last_um]))
     return CompensationState(None, time_s, table_um, ends_um, limited)
+
+
+def _why_beyond(plan: Plan, error_um: float, bound_um: FloatArray) -> str | None:
+    """Say why an error that is as large, with these bounds at the table's points, is not to be used; None
+    where it may be.
+    """
+    if error_um > plan.limit_um:
+        return f"the error of {error_um:.0f} µm is beyond limit_um = {plan.limit_um:g}"
+    if np.isnan(bound_um).any():
+        return "the error's bound is not known" if plan.bounded else None
+    widest_um = float(bound_um.max())
+    if widest_um <= plan.limit_um:
+        return None
+    return f"the error's bound of {widest_um:.0f} µm is beyond compensation.limit_um = {plan.limit_um:g} µm"
 
 
 def off(state: CompensationState, reason: str) -> CompensationState:

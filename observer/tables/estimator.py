@@ -43,3 +43,8 @@ class EstimatorSettings(Section):
     def learns(self) -> bool:
         """Whether the estimator is one that takes tolerances into its state."""
         return self.kind == "kalman" and self.engine == "compiled"
+
+    @property
+    def screens(self) -> bool:
+        """Whether the estimator is one that can screen readings, and bound what their faults do to it."""
+        return self.kind == "kalman" and self.engine == "compiled"

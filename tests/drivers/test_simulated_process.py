@@ -168,6 +168,27 @@ async def test_its_faults_reach_the_drivers_as_faults():
         assert len({values["t2_degC"] for values in last}) == 1
 
 
+async def test_wrong_values_reach_the_drivers_as_any_others():
+    warm = machine("--warm-minutes", "20")
+    async with warm as plant, running(plant.thermocouples()) as tc, running(plant.axis()) as axis:
+        before = {name: await tc.good(name) for name in ("t1_degC", "t2_degC", "t3_degC")}
+        assert before["t1_degC"] > before["t2_degC"] + 2.0
+        told = {"offset_K": {"t3_degC": 3.0}, "exchanged": ["t1_degC", "t2_degC"]}
+        assert await plant.fault(**told) == {"faults": told}
+        values = (await tc.more(4))[-1].values
+        assert values["t1_degC"] == pytest.approx(before["t2_degC"], abs=0.5)
+        assert values["t2_degC"] == pytest.approx(before["t1_degC"], abs=0.5)
+        assert values["t3_degC"] == pytest.approx(before["t3_degC"] + 3.0, abs=0.5)
+        await plant.fault(exchanged=["t1_degC", "t2_degC"], offset_K={"t1_degC": 3.0})
+        values = (await tc.more(4))[-1].values  # the offset is that of what is read, not of the plug
+        assert values["t1_degC"] == pytest.approx(before["t2_degC"] + 3.0, abs=0.5)
+        await axis.good("nut_position_m")
+        await plant.fault(homed_off_m=0.2)
+        await axis.more(20)
+        pairs = itertools.pairwise([r.values["nut_position_m"] for r in axis.readings if not r.faults])
+        assert max(abs(b - a) for a, b in pairs) == pytest.approx(0.2, abs=0.05)
+
+
 async def test_a_module_of_another_make():
     async with machine("--map", "icpdas_m7018") as plant, running(plant.thermocouples("icpdas_m7018")) as tc:
         assert 20.0 < await tc.good("t5_degC") < 60.0

@@ -27,14 +27,25 @@ LAYOUT = Layout(("nut",), GRID, ("a",), True)
 
 
 def machine(**keys: Any) -> Config:
+    return with_tables({}, **keys)
+
+
+def with_tables(tables: dict[str, Any], **keys: Any) -> Config:
     nut = {"name": "nut", "shape": "nut", "length_m": 0.05, "stroke_m": [0.1, 0.3], "position_channel": "x_m"}
     made = table(source=[nut], compensation=ON | keys)
-    return parse(made | {"screw": made["screw"] | {"expansion_1_K": 11.8e-6}})
+    return parse(made | {"screw": made["screw"] | {"expansion_1_K": 11.8e-6}} | tables)
 
 
-def estimate(error_um: FloatArray, time_s: float = 100.0, quality: int = 0) -> EstimateBlock:
+def estimate(
+    error_um: FloatArray, time_s: float = 100.0, quality: int = 0, bound_um: float = 3.0
+) -> EstimateBlock:
     made = block(time_s, quality=quality, layout=LAYOUT)
-    return replace(made, error_um=error_um[None, :], error_sigma_um=np.full((1, len(GRID)), 0.5))
+    return replace(
+        made,
+        error_um=error_um[None, :],
+        error_sigma_um=np.full((1, len(GRID)), 0.5),
+        error_bound_um=np.full((1, len(GRID)), bound_um),
+    )
 
 
 def followed(plan: Plan, error_um: FloatArray, seconds: float, state: CompensationState | None = None):
@@ -155,6 +166,56 @@ def test_an_error_beyond_the_absolute_limit_switches_it_off(sign: float) -> None
     assert compensation.plan_of(machine()).limit_um == 200.0
 
 
+def test_a_bound_beyond_the_limit_switches_it_off_and_keeps_it_from_being_armed() -> None:
+    plan = compensation.plan_of(machine(limit_um=20.0))
+    error_um = np.full(9, 5.0)
+    state = compensation.advance(
+        plan, compensation.initial(plan), estimate(error_um, 100.0, bound_um=20.0), GRID, arm=True
+    )
+    assert state.armed
+    wide = estimate(error_um, 100.5)
+    wide.error_bound_um[0, 4] = 41.0  # one place of the travel is enough
+    lost = compensation.advance(plan, state, wide, GRID)
+    assert lost.reason == "the error's bound of 41 µm is beyond compensation.limit_um = 20 µm; arm again"
+    back = compensation.advance(plan, lost, estimate(error_um, 101.0), GRID)
+    assert not back.armed
+    wide.time_s[0] = 101.5
+    assert not compensation.advance(plan, back, wide, GRID, arm=True).armed
+    outside = estimate(error_um, 102.0)
+    outside.error_bound_um[0, [0, 1, -2, -1]] = 41.0  # 0.35 m is beyond the travel, which ends at 0.3 m
+    assert compensation.advance(plan, back, outside, GRID, arm=True).armed
+
+
+@pytest.mark.parametrize("nowhere", [np.full((1, 9), np.nan), np.zeros((0, 0))])
+def test_where_bounds_are_to_be_had_one_that_is_not_known_switches_it_off(nowhere: FloatArray) -> None:
+    plan = compensation.plan_of(machine())
+    state = followed(plan, np.full(9, 5.0), 5.0)
+    unknown = replace(estimate(np.full(9, 5.0), state.time_s + 0.5), error_bound_um=nowhere)
+    lost = compensation.advance(plan, state, unknown, GRID)
+    assert lost.reason == "the error's bound is not known; arm again"
+    assert not compensation.advance(plan, lost, unknown, GRID, arm=True).armed
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"integrity": {"enabled": False}},
+        {"estimator": {"kind": "luenberger"}},
+        {"estimator": {"engine": "constant"}},
+        {"estimator": {"engine": "filterpy"}},
+    ],
+    ids=str,
+)
+def test_an_estimator_without_bounds_compensates_as_ever(tables: dict[str, Any]) -> None:
+    config = with_tables(tables)
+    compensator = Compensator(config, GRID)
+    compensator.arm()
+    document = compensator.step(estimate(np.full(9, 5.0), 10.0, bound_um=np.nan), at(config, 10.0, 0.2), 0)
+    assert document["armed"] is True
+    assert document["sigma_um"] == pytest.approx([0.5] * 21)
+    assert document["bound_um"] is None
+
+
 def test_an_estimate_that_comes_late_or_backwards_switches_it_off() -> None:
     plan = compensation.plan_of(machine())
     state = followed(plan, np.full(9, 2.0), 5.0)
@@ -190,6 +251,7 @@ def test_the_document_is_null_while_off_and_whole_while_armed() -> None:
     assert (document["reference_m"], document["offset_um"]) == (pytest.approx(0.2), pytest.approx(-10.0))
     assert document["off_line_um"] == pytest.approx(0.0, abs=1e-5)
     assert document["sigma_um"] == pytest.approx([0.5] * 21)
+    assert document["bound_um"] == pytest.approx([3.0] * 21)
     assert document["nut"] == {
         "position_m": pytest.approx(0.15), "error_um": pytest.approx(-12.5), "sigma_um": pytest.approx(0.5)
     }  # fmt: skip

@@ -34,6 +34,10 @@ HELD_UP_S = (
 # A heat that may be anything at the start is known, and the estimate good, within seconds; from the demo's
 # 8 W it takes half a minute until the sensors tell more than that.
 UNKNOWN_W = 100.0
+# Such heats leave the bound of the error wide for minutes, beyond the default limit_um of a compensation.
+COMPENSATION = {
+    "enabled": True, "controller_compensates": False, "position_feedback": "motor", "limit_um": 1000.0
+}  # fmt: skip
 START_S = 2 * PATIENCE_S  # libraries are loaded, and being good has to be earned
 
 
@@ -54,10 +58,18 @@ class Machine:
 
 
 @contextmanager
-def machine() -> Iterator[Machine]:
-    """A running machine that has been warm for a minute; it ends when its standard input closes."""
+def machine(warm_minutes: float = 1.0) -> Iterator[Machine]:
+    """A running machine that has been warm for so long; it ends when its standard input closes."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "drivers.simulated", "--warm-minutes", "1", "--period", "0.05"],
+        [
+            sys.executable,
+            "-m",
+            "drivers.simulated",
+            "--warm-minutes",
+            str(warm_minutes),
+            "--period",
+            "0.05",
+        ],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

@@ -12,7 +12,7 @@ import pytest
 
 from observer.files.logs import read_log
 from tests.publish.router import free_port
-from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
+from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for, until
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(180)]
 
@@ -33,9 +33,7 @@ def test_a_clock_that_is_set(tmp_path, step_s):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = {
-            "enabled": True, "controller_compensates": False, "position_feedback": "motor"
-        }  # fmt: skip
+        table["compensation"] = COMPENSATION
         with Daemon(tmp_path, table, LAUNCHER) as daemon, Subscriber(endpoint) as seen:
             seen.wait_until_good()
             command = ["arm", "--connect", endpoint, "--machine", "demo", "--axis", "x"]

@@ -17,7 +17,17 @@ from observer.publish.watch import KEYS
 from tests.patience import PATIENCE_S
 from tests.publish.people import published
 from tests.publish.router import free_port
-from tests.system.plant import ROOT, START_S, Daemon, Subscriber, machine, table_for, until, write
+from tests.system.plant import (
+    COMPENSATION,
+    ROOT,
+    START_S,
+    Daemon,
+    Subscriber,
+    machine,
+    table_for,
+    until,
+    write,
+)
 from tests.system.terminal import Terminal
 from tests.system.test_recording import _assert_same, _replay, _rows
 
@@ -39,9 +49,7 @@ def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_pat
 
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = {
-            "enabled": True, "controller_compensates": False, "position_feedback": "motor"
-        }  # fmt: skip
+        table["compensation"] = COMPENSATION
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
             seen.wait_until_good()
             for kind, text in (("arm", "armed"), ("reset", "the estimator starts afresh")):

@@ -10,7 +10,7 @@ import pytest
 
 from tests.patience import PATIENCE_S, Stopwatch
 from tests.publish.router import free_port
-from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for, until
+from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for, until
 
 pytestmark = pytest.mark.system
 
@@ -25,9 +25,7 @@ def test_a_fault_switches_a_compensation_off_until_somebody_arms_it_again(tmp_pa
     demo = ("--machine", "demo", "--axis", "x")
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = {
-            "enabled": True, "controller_compensates": False, "position_feedback": "motor"
-        }  # fmt: skip
+        table["compensation"] = COMPENSATION
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
             heard.wait_until_good()
 

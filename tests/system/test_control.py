@@ -11,7 +11,7 @@ import pytest
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
 from tests.service.a_control import simulated_control
-from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
+from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for
 
 pytestmark = pytest.mark.system
 RATE_UM_S = 10.0
@@ -22,8 +22,7 @@ def test_a_control_is_written_to_while_armed_and_goes_to_zero_whatever_happens_t
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant, simulated_control("--rate-um-s", str(RATE_UM_S)) as control:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = {
-            "enabled": True, "controller_compensates": False, "position_feedback": "motor",
+        table["compensation"] = COMPENSATION | {
             "rate_limit_um_s": 50.0, "control": {"kind": "modbus", "host": "127.0.0.1", "port": control.port},
         }  # fmt: skip
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:

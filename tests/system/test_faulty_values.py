@@ -1,0 +1,103 @@
+"""Values that are wrong and look like any other, on a running service: the control is let go in time."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.patience import PATIENCE_S, Stopwatch, until
+from tests.publish.router import free_port
+from tests.service.a_control import simulated_control
+from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+FOLLOWING, LET_GO = 1, 0
+RELEASED_S = 5.0
+WARM_MINUTES = 20.0  # by then thermocouples differ by kelvins
+JUDGED_S = 21.0  # of the first 20 s after a start, or after an input was lost, no value is called wrong
+SENSORS = tuple(f"t{number}_degC" for number in range(1, 6))
+CASES = {
+    "all +4 K": ({"offset_K": dict.fromkeys(SENSORS, 4.0)}, "all sensors began to read 4.0"),
+    "one +3 K": ({"offset_K": {"t3_degC": 3.0}}, "t3 reads 3.0"),
+    "exchanged": ({"exchanged": ["t1_degC", "t2_degC"]}, "t1, t2 have taken each other's place"),
+    "homed anew": ({"homed_off_m": 0.05}, "nut_position_m has leapt by +0.0"),
+}
+
+
+def _arm(endpoint: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "observer", "arm", "--connect", endpoint]
+    command += ["--machine", "demo", "--axis", "x"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+
+def _undisturbed_s(heard: Subscriber) -> float:
+    """For how long everything has been there that the estimate needs."""
+    times_s = [e["time_s"] for e in heard.estimates]
+    disturbed_s = [e["time_s"] for e in heard.estimates if e["quality"] not in ("starting", "good")]
+    return times_s[-1] - max([times_s[0], *disturbed_s])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
+    """Or the table that it follows is not off by more than its bound."""
+    faults, finding = CASES[case]
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine(WARM_MINUTES) as plant, simulated_control("--rate-um-s", "1000") as control:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["compensation"] = COMPENSATION | {
+            "rate_limit_um_s": 500.0,
+            "gradient_limit_um_m": 1000.0,
+            "control": {"kind": "modbus", "host": "127.0.0.1", "port": control.port},
+        }
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
+
+            def newest():
+                return heard.documents["compensation"][-1]
+
+            heard.wait_until_good()
+            until(lambda: _undisturbed_s(heard) > JUDGED_S)
+            done = _arm(endpoint)
+            assert done.returncode == 0, done.stdout + done.stderr
+            until(lambda: control.tell()["state"] == FOLLOWING and control.largest_um > 20.0)
+            until(lambda: newest()["armed"] and not newest()["limited"])
+            before = newest()
+
+            watch = Stopwatch(plant.pid, daemon.process.pid, control.process.pid)
+            plant.fault(**faults)
+            released_s = watch.until(lambda: control.tell()["state"] != FOLLOWING)
+            assert control.tell()["reason"] == LET_GO  # its dead-man had not to do it
+            assert released_s < RELEASED_S
+            until(lambda: not newest()["armed"])
+            assert "arm again" in newest()["reason"]
+            until(lambda: any(finding in reason for reason in heard.health()["reasons"]))
+            for document in heard.documents["compensation"]:
+                if document["armed"] and document["time_s"] > before["time_s"]:
+                    off_um = np.abs(np.subtract(document["error_um"], before["error_um"]))
+                    assert (off_um <= document["bound_um"]).all()
+            until(lambda: control.largest_um == 0.0)
+            assert _arm(endpoint).returncode == 1  # as long as the fault is new, it cannot be armed
+            daemon.stop()
+
+
+def test_a_bound_beyond_the_limit_is_told_and_nothing_is_written(tmp_path):
+    """Heats that may be anything are good long before a sensor's fault could not hide in them."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant, simulated_control() as control:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["compensation"] = COMPENSATION | {
+            "limit_um": 60.0, "control": {"kind": "modbus", "host": "127.0.0.1", "port": control.port}
+        }  # fmt: skip
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
+            heard.wait_until_good()
+            refused = _arm(endpoint)
+            assert refused.returncode == 1
+            told = json.loads(refused.stdout)["text"]
+            assert told.startswith("not armed: the error's bound of ")
+            assert "µm is beyond compensation.limit_um = 60 µm" in told
+            assert not heard.documents["compensation"][-1]["armed"]
+            assert control.tell()["writes"] == 0
+            daemon.stop()
