@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from observer import installation
+from observer.estimators import build_estimator
 from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
@@ -37,7 +38,7 @@ def by_covariance(config):
 def by_estimator(config):
     """Mean σ from ten minutes on of the estimator over a simulated log of the shift."""
     machine, u = simulated(config)
-    estimator = machine.estimator()
+    estimator = build_estimator(machine.plant, config.estimator)  # a bank adds what drifts make
     _, block = estimator.run(estimator.initial(), u)
     late = block.time_s >= 600.0
     sigmas = (block.heat_sigma_W, block.field_sigma_K, block.error_sigma_um)
