@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from observer.estimators import packing
-from observer.estimators.fault_search import Answer, Seen, Trace, search
+from observer.estimators.fault_search import YOUNG_S, Answer, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.kernels import pour, record, run_bank
@@ -120,7 +120,7 @@ class Design:
 def _sigmas(fault_per_hour: float) -> float:
     """How many standard deviations leave half of the risk to a fault that is so likely; 0 if it is rarer."""
     left = 0.5 * RISK_PER_H / max(fault_per_hour, 1e-300)
-    return float(norm.isf(0.5 * left)) if left < 1.0 else 0.0
+    return NormalDist().inv_cdf(1.0 - 0.5 * left) if left < 1.0 else 0.0
 
 
 class Bank:
@@ -216,14 +216,14 @@ class Bank:
             design.uses, main_record, _NEVER, self._result_records, self._work, self._misfit,
             self._left, self._S,
         )  # fmt: skip
-        self._hold(results, k)
+        self._hold(results, k, float(main.verdict[of.AGE_S]))
         if not self._runnings[-1].flags[0] and self._runnings[0].flags[0]:
             self._runnings[-1].flags[0] = 1  # by laws and air alone, from where all were at first
             _copy(self._runnings[0], self._runnings[-1])
         if self._allows:
             self._act(main, span_s, time_s)
 
-    def _hold(self, results: packing.Results, k: int) -> None:
+    def _hold(self, results: packing.Results, k: int, age_s: float) -> None:
         """Work out the bounds: over all filters that a fault leaves clean, the farthest they reach.
 
         Heats are compared from their laws, which the bank knows as means over its steps.
@@ -239,8 +239,10 @@ class Bank:
         if self._allows:
             held.heat_drift_W2[:] = self._drift(found.heat_sigma, 0.0)
             apart = found.field[design.drifting] - found.field[0]
-            away = field[design.alone].max(axis=0) / _TRUSTED
-            more = np.fmax(self._drift(found.field_sigma, apart), away**2 - found.field_sigma[0] ** 2)
+            more = self._drift(found.field_sigma, apart)
+            if age_s >= YOUNG_S:  # before, filters without a sensor have yet to find the field
+                away = field[design.alone].max(axis=0) / _TRUSTED
+                more = np.fmax(more, away**2 - found.field_sigma[0] ** 2)
             held.field_drift2[:] = np.fmax(more, 0.0)
 
     def _drift(self, sigma: FloatArray, apart: FloatArray | float) -> FloatArray:

@@ -26,7 +26,8 @@ _TOGETHER = (24, 120), 6.0  # over so many, standard deviations that all innovat
 _HELD_K, _HELD_SIGMA, _HELD_SHARE = 0.7, 4.0, 0.2
 # Standard deviations by which one sensor's fault explains more than any other's, of a suspect and of another.
 _CLEARER, _CLEAREST = 0.5, 2.5
-_YOUNG_S, _SETTLED_S = 600.0, 1200.0  # before, the model may be wrong
+YOUNG_S, _SETTLED_S = 600.0, 1200.0
+"""Before, the model may be wrong."""
 _AMBIGUOUS_S = 600.0
 _ENOUGH = 3  # sensors, of which one can be told to be wrong
 
@@ -80,7 +81,7 @@ class Answer(NamedTuple):
 def search(seen: Seen, trace: Trace, span_s: float) -> Answer:
     """Note what was seen over the last `span_s`, and say which sensor is at fault."""
     _note(seen, trace)
-    if seen.age_s < _YOUNG_S:
+    if seen.age_s < YOUNG_S:
         trace.waited_s[0] = 0.0
         return Answer(False, -1, 0)
     if _together(trace):

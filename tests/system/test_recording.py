@@ -44,12 +44,15 @@ def _columns(message: dict[str, Any]) -> dict[str, np.float32]:
     for j, name in enumerate(message["sources"]):
         columns[f"heat_{name}_W"] = message["heat_W"][j]
         columns[f"heat_{name}_sigma_W"] = message["heat_sigma_W"][j]
+        columns[f"heat_{name}_bound_W"] = message["heat_bound_W"][j]
     for j, x_m in enumerate(message["position_m"]):
         mm = f"{1000 * round(float(x_m), 6):.10g}"  # the message has the position as float32
         columns[f"field_{mm}_degC"] = message["field_degC"][j]
         columns[f"field_{mm}_sigma_K"] = message["field_sigma_K"][j]
+        columns[f"field_{mm}_bound_K"] = message["field_bound_K"][j]
         columns[f"error_{mm}_um"] = message["error_um"][j]
         columns[f"error_{mm}_sigma_um"] = message["error_sigma_um"][j]
+        columns[f"error_{mm}_bound_um"] = message["error_bound_um"][j]
     for j, name in enumerate(message["sensors"]):
         columns[f"innovation_{name}_K"] = message["innovation_K"][j]
     return columns
