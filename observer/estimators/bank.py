@@ -21,12 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators import packing
-from observer.estimators.fault_search import YOUNG_S, Answer, Seen, Trace, search
+from observer.estimators.fault_search import Answer, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.kernels import pour, record, run_bank
 from observer.kernels import remembered as of
+from observer.kernels.bank import DUE_S as DUE
+from observer.kernels.bank import SPAN_S
 from observer.kernels.layout import Bundle
+from observer.kernels.screening import DECIDED_S, YOUNG_S
 from observer.model.discretise import quantise
 from observer.model.plant import Plant
 from observer.tables.integrity import Integrity
@@ -37,7 +40,6 @@ DUE_S = 5.0
 """How often the bank steps."""
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
 _TRUSTED = 1.5  # standard deviations that a clean filter may be away
-_HOLD_S = 60.0
 _NEVER = 1e9  # as a gate: readings are judged by the estimate
 _AFRESH = [
     of.OUT_S, of.AGREES_S, of.PENDING, of.PENDING_S, of.STEP_K, of.MEAN, of.SEEN, of.UNREST, of.BACK
@@ -128,7 +130,7 @@ class Bank:
 
     def __init__(self, plant: Plant, settings: Integrity, plant_record: Any, steps: StepCache) -> None:
         """Allocate it for a plant."""
-        self._plant, self._plant_record, self._steps = plant, plant_record, steps
+        self._plant_record, self._steps = plant_record, steps
         s, wide = plant.rows.sensors, len(plant.rows.C) - plant.rows.sensors
         self.design = Design.of(s, settings)
         self._allows = plant.learnt > 0  # else the model is taken as exact, and no difference is trusted
@@ -164,7 +166,7 @@ class Bank:
     @property
     def is_due(self) -> bool:
         """Whether so much has been gathered that the filters are to step."""
-        return bool(self.gathered.span[0] >= self.gathered.span[1])
+        return bool(self.gathered.span[SPAN_S] >= self.gathered.span[DUE])
 
     @property
     def octets(self) -> NDArray[np.uint8]:
@@ -271,7 +273,7 @@ class Bank:
         if main.verdict[of.LATCH] == 0.0:
             answer = search(seen, self._trace, span_s)
         if answer.doubted:
-            main.verdict[of.HOLD_S] = _HOLD_S
+            main.verdict[of.HOLD_S] = DECIDED_S
         if answer.latch:
             main.verdict[of.LATCH], main.verdict[of.LATCH_S] = answer.latch, time_s
         if answer.sensor >= 0:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from observer.frames import BoolArray, FloatArray
 from observer.kernels.remembered import AMBIGUOUS, DRIFTING
+from observer.kernels.screening import YOUNG_S
 
 MISFIT = 4.0
 """Standard deviations of what the others expect, beyond which a reading is at fault."""
@@ -26,8 +27,7 @@ _TOGETHER = (24, 120), 6.0  # over so many, standard deviations that all innovat
 _HELD_K, _HELD_SIGMA, _HELD_SHARE = 0.7, 4.0, 0.2
 # Standard deviations by which one sensor's fault explains more than any other's, of a suspect and of another.
 _CLEARER, _CLEAREST = 0.5, 2.5
-YOUNG_S, _SETTLED_S = 600.0, 1200.0
-"""Before, the model may be wrong."""
+_SETTLED_S = 1200.0  # before, innovations say more of the model than of the readings
 _AMBIGUOUS_S = 600.0
 _ENOUGH = 3  # sensors, of which one can be told to be wrong
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from observer.estimators import packing
 from observer.estimators.bank import Bank
@@ -34,7 +38,12 @@ class KalmanEstimator(BlockEstimator):
     def initial(self) -> EstimatorState:
         """Return the state before the first measurement."""
         state = packing.initial_state(self._plant, screens=self._integrity is not None)
-        return state if self._integrity is None else replace(state, bank=self._bank().octets)
+        return state if self._integrity is None else replace(state, bank=self._begin)
+
+    @cached_property
+    def _begin(self) -> NDArray[np.uint8]:
+        """A bank before the first measurement."""
+        return self._bank().octets
 
     def at(
         self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray

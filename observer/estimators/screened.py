@@ -7,6 +7,11 @@ from observer.estimators.selftest import Fault, Finding
 from observer.frames import Layout
 from observer.kernels import remembered as of
 
+_LATCHED = {of.GAIN: Fault.GAIN, of.DRIFTING: Fault.DRIFTING, of.AMBIGUOUS: Fault.AMBIGUOUS}
+"""What is said of what needs a person; unequal steps, and equal ones that no offset takes up, are none of
+these.
+"""
+
 
 def findings(layout: Layout, state: EstimatorState) -> tuple[Finding, ...]:
     """What is found now."""
@@ -24,8 +29,7 @@ def _of_all(layout: Layout, state: EstimatorState, *, now: bool) -> list[tuple[F
         if own[of.CAUSE] if now else own[of.STEPS]:
             fault, other = Fault.EXCLUDED, name
             if own[of.CAUSE] == of.SWAPPED:
-                both = sorted((layout.sensors.index(name), int(own[of.OTHER])))
-                fault, other = Fault.SWAPPED, ", ".join(layout.sensors[i] for i in both)
+                fault, other = Fault.SWAPPED, f"{name}, {layout.sensors[int(own[of.OTHER])]}"
             excess_K, sigma_K = float(own[of.EXCESS_K]), float(own[of.EXCESS_SIGMA_K])
             found.append(
                 (Finding(fault, other, float(own[of.FIRST_S]), excess_K, sigma_K), int(own[of.STEPS]))
@@ -37,7 +41,10 @@ def _of_all(layout: Layout, state: EstimatorState, *, now: bool) -> list[tuple[F
         )
         found.append((finding, int(verdict[of.COMMON_STEPS])))
     if verdict[of.LATCH]:
-        fault = Fault.GAIN if verdict[of.LATCH] == of.GAIN else Fault.UNEXPLAINED
+        fault = _LATCHED.get(int(verdict[of.LATCH]), Fault.UNEXPLAINED)
         finding = Finding(fault, "", float(verdict[of.LATCH_S]), float(verdict[of.FACTOR]), 1.0)
         found.append((finding, int(verdict[of.LATCH_STEPS])))
+    if max(verdict[of.HOLD_S], verdict[of.SETTLING_S]) > 0.0 if now else verdict[of.HELD_STEPS] > 0.0:
+        finding = Finding(Fault.SETTLING, "", float(verdict[of.HELD_S]), 0.0, 0.0)
+        found.append((finding, int(verdict[of.HELD_STEPS])))
     return found

@@ -47,6 +47,9 @@ class Fault(IntEnum):
     SHARED_OFFSET = 11
     GAIN = 12
     UNEXPLAINED = 13
+    DRIFTING = 14
+    AMBIGUOUS = 15
+    SETTLING = 16
 
 
 @dataclass(frozen=True, slots=True)

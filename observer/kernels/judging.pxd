@@ -16,7 +16,7 @@ cdef inline void doubt_nut(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] lo
 cdef double _share_of_prior(PlantArrays p, double[:, ::1] C, Py_ssize_t i, double nu) noexcept nogil
 cdef void add_prior(PlantArrays p, double[:, ::1] P, double share) noexcept nogil
 cdef inline Py_ssize_t judge(Inputs u, Py_ssize_t k, unsigned char[::1] usable, unsigned char[::1] accepted, Running state, Results out) noexcept nogil
-cdef inline Py_ssize_t judge_screening(double[::1] verdict) noexcept nogil
+cdef inline Py_ssize_t judge_screening(double[::1] verdict, double time_s) noexcept nogil
 cdef void skip(Inputs u, Py_ssize_t k, unsigned char[::1] usable, Running state, Results out) noexcept nogil
 cdef inline void write_innovations(double[::1] nu, double[::1] S, unsigned char[::1] usable, Py_ssize_t k, Results out) noexcept nogil
 cdef void invalidate(Results out, Py_ssize_t k) noexcept nogil

@@ -22,6 +22,9 @@ from observer.kernels.remembered import (
     CAUSE,
     COMMON_K,
     COMMON_STEPS,
+    HELD_S,
+    HELD_STEPS,
+    HELD_UNTIL_S,
     HOLD_S,
     LATCH,
     LATCH_STEPS,
@@ -212,11 +215,16 @@ def judge(u, k, usable, accepted, state, out):
         return ESTIMATE_STALE
     if u.degraded[k] != 0 or good < len(usable) - excluded:
         return ESTIMATE_DEGRADED
-    return judge_screening(state.verdict) if len(state.guard) > 0 else ESTIMATE_GOOD
+    return judge_screening(state.verdict, u.time_s[k]) if len(state.guard) > 0 else ESTIMATE_GOOD
 
 
-def judge_screening(verdict):
+def judge_screening(verdict, time_s):
     """The quality that is left where something is not explained, was decided just now, or still settles."""
+    if verdict[HOLD_S] > 0.0 or verdict[SETTLING_S] > 0.0:
+        if time_s > verdict[HELD_UNTIL_S]:
+            verdict[HELD_S] = time_s
+        verdict[HELD_UNTIL_S] = time_s + max(verdict[HOLD_S], verdict[SETTLING_S])
+        verdict[HELD_STEPS] += 1.0
     verdict[LATCH_STEPS] += 1.0 if verdict[LATCH] != 0.0 else 0.0
     verdict[COMMON_STEPS] += 1.0 if verdict[COMMON_K] != 0.0 else 0.0
     if verdict[LATCH] != 0.0 or verdict[HOLD_S] > 0.0:

@@ -25,7 +25,9 @@ AGE_S, SETTLING_S, HOLD_S, LATCH, LATCH_S, COMMON_K, COMMON_S, FACTOR, LATCH_STE
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
 )  # fmt: skip
 OPENED_PRIOR, OPENED_COMMON_K2 = 10, 11
-VERDICT = 12
+# Since when the estimate settles or is held back, until when, and in how many steps it ever was.
+HELD_S, HELD_UNTIL_S, HELD_STEPS = 12, 13, 14
+VERDICT = 15
 
 # What is not explained: unequal steps of all, a gain, a step that could be taken up by no offset, a drift of
 # all, and a departure that more than one sensor explains, or none.

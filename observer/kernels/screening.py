@@ -58,18 +58,18 @@ JUMP_SIGMA = 6.0
 LEAST_JUMP_K = 0.15
 DRIFT_K_S = 0.02
 """How fast an innovation may change by what the model does not know, as a law that is wrong by a third."""
-_YOUNG_S = 600.0  # for so long after a start, or after an input was lost, the model may be the wrong one
+YOUNG_S = 600.0  # for so long after a start, or after an input was lost, the model may be the wrong one
 _QUIET_S = 20.0  # the first steps after a start are not judged
 _FEW = 5.0
 _MEAN_S = 15.0
-_PATIENCE, _PATIENCE_S = 3.0, 2.0
+LASTS_SAMPLES, LASTS_S = 3.0, 2.0
 _EQUAL_K, _EQUAL_SIGMA = 0.12, 4.0
 _UNREST, _UNREST_SHARE = 1.0 / 30.0, 0.3
 _EXCESS_S = 30.0
 _READMIT_S, _READMIT_SIGMA, _READMIT_K2 = 600.0, 3.0, 1.0
 _BACK, _TELLING = 0.3, 4.0
 _COMMON_K2, _APART_K2, _SURPRISE_K2 = 0.01, 9.0, 4.0
-_HOLD_S, _SETTLING_S, _SURPRISED_S = 60.0, 120.0, 600.0
+DECIDED_S, _SETTLING_S, _SURPRISED_S = 60.0, 120.0, 600.0
 _TRUST_AIR_K = 0.5
 
 
@@ -128,7 +128,7 @@ def is_decided(guard):
     """Whether a step has lasted for so long that it is none of a single sample."""
     decided = False
     for i in range(len(guard)):
-        lasted = guard[i, PENDING] >= _PATIENCE and guard[i, PENDING_S] >= _PATIENCE_S
+        lasted = guard[i, PENDING] >= LASTS_SAMPLES and guard[i, PENDING_S] >= LASTS_S
         decided = decided or lasted or guard[i, UNREST] >= _UNREST_SHARE
     return decided
 
@@ -143,7 +143,7 @@ def decide(p, u, k, state):
             if guard[i, PENDING] > 0.0:
                 stepped += 1
                 mean_K += guard[i, STEP_K]
-    verdict[HOLD_S] = _HOLD_S
+    verdict[HOLD_S] = DECIDED_S
     if stepped == present and present > 1:
         open_all(p, u, k, mean_K / present, state)
         for i in range(len(guard)):
@@ -282,7 +282,7 @@ def refuse(p, u, k, gate_sigma, state, work):
     if released:
         add_prior(p, state.P, 1.0)
         verdict[OPENED_PRIOR] = 1.0
-    if verdict[AGE_S] < _YOUNG_S:
+    if verdict[AGE_S] < YOUNG_S:
         if not released:
             hold_back(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
         share = reopen(
@@ -302,7 +302,7 @@ def refuse(p, u, k, gate_sigma, state, work):
             state.refused_s[i], state.opened_K[i] = 0.0, 0.0
         elif work.usable[i] or state.refused_s[i] > 0.0:
             state.refused_s[i] += u.dt_s[k]
-            verdict[HOLD_S] = _HOLD_S
+            verdict[HOLD_S] = DECIDED_S
     return released
 
 

@@ -177,7 +177,7 @@ def _reasons(facts: Facts, channels: Mapping[str, Mapping[str, Any]]) -> Iterato
         quality, fault = channel["quality"], channel["fault"]
         if quality not in (Quality.GOOD.label, Quality.EXCLUDED.label):  # of these a finding tells
             yield channel_sentence(name, quality, fault)
-    yield from map(sentence, facts.findings)
+    yield from dict.fromkeys(map(sentence, facts.findings))
     for name, (status, _) in facts.drivers.items():
         if not status.connected:
             why = f": {status.last_error}" if status.last_error else ""

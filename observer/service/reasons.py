@@ -55,6 +55,8 @@ def _what(finding: Finding) -> str:
     if finding.fault in (Fault.EXCLUDED, Fault.SHARED_OFFSET):
         way = "high" if value > 0.0 else "low"
         return _SENTENCES[finding.fault].format(subject=subject, value=abs(value), expected=expected, way=way)
+    if finding.fault is Fault.SWAPPED:  # each of the two finds the same
+        subject = ", ".join(sorted(subject.split(", ")))
     return _SENTENCES[finding.fault].format(subject=subject, value=value, expected=expected)
 
 
@@ -85,6 +87,10 @@ _SENTENCES = {
     "junction; it is taken out of them",
     Fault.GAIN: "all sensors began to show {value:.0%} of their rise above the air at once; look at the "
     "converter's range, then reset",
-    Fault.UNEXPLAINED: "all sensors stepped at once, unequally, which no heat does; look at the "
-    "converter, then reset",
+    Fault.UNEXPLAINED: "all sensors stepped at once, which no heat does; look at the converter, then reset",
+    Fault.DRIFTING: "all sensors together depart from what laws and air say, faster than they may drift; "
+    "look at what they share and at the laws, then reset",
+    Fault.AMBIGUOUS: "the sensors do not agree with each other, and which of them is wrong cannot be told; "
+    "look at all of them, then reset",
+    Fault.SETTLING: "the estimate settles, after readings that stepped, came back, or do not agree",
 }

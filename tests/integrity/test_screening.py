@@ -128,3 +128,10 @@ def test_without_integrity_all_is_believed_again() -> None:
     """The switch switches: what was good before this was there is so again."""
     found = judged(catalogue()["all +4 K"], 0, "[integrity]\nenabled = false\n")
     assert found.wrong > 0.9 * found.good > 0
+
+
+def test_a_drift_of_all_is_named_as_one_and_what_is_held_back_has_a_reason() -> None:
+    found = found_of("all +3 K in 10 min", 1)
+    assert "all sensors together depart" in found[Found.DRIFTING]
+    assert Found.UNEXPLAINED not in found
+    assert "the estimate settles" in found_of("t5 +3 K", 1)[Found.SETTLING]

@@ -16,7 +16,7 @@ from observer.estimators.bank import DUE_S
 from observer.estimators.design.spread import MOST_WORK, moments
 from observer.estimators.fault_search import MISFIT
 from observer.frames import FloatArray
-from observer.kernels.screening import _PATIENCE, _PATIENCE_S, DRIFT_K_S, JUMP_SIGMA, LEAST_JUMP_K
+from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA, LASTS_S, LASTS_SAMPLES, LEAST_JUMP_K
 from observer.model.cycle import Stage
 from observer.model.plant import Plant
 
@@ -91,6 +91,6 @@ def _decided_s(sample_s: float) -> float:
     may begin just after one.
     """
     lasted_s, samples = 0.0, 1
-    while samples < _PATIENCE or lasted_s < _PATIENCE_S:
+    while samples < LASTS_SAMPLES or lasted_s < LASTS_S:
         lasted_s, samples = lasted_s + sample_s, samples + 1
     return lasted_s + sample_s
