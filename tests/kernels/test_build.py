@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import math
 import os
 import re
@@ -95,3 +96,19 @@ def test_functions_answer_as_in_c_where_python_raises() -> None:
     assert libm.exp(1e4) == libm.expm1(1e4) == math.inf
     assert libm.exp(-1e4) == 0.0
     assert (libm.lrint(2.0), libm.lrint(16.0)) == (2, 16)
+
+
+def test_no_name_stands_in_two_kernel_files():
+    """They are compiled as one, so that the second would change what the first means."""
+    apart = {"__init__.py", "layout.py", "octets.py", "libm.py"}
+    seen: dict[str, str] = {}
+    for path in sorted((ROOT / "observer/kernels").glob("*.py")):
+        if path.name in apart:
+            continue
+        for node in ast.parse(path.read_text()).body:
+            targets = node.targets if isinstance(node, ast.Assign) else []
+            names = {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                names.add(node.name)
+            for name in names:
+                assert seen.setdefault(name, path.name) == path.name, f"{name} in {seen[name]}, {path.name}"
