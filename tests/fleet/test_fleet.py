@@ -57,8 +57,9 @@ def _run(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def _done(output: Path) -> dict[Path, int]:
-    """What is done, and when it was."""
-    return {path: path.stat().st_mtime_ns for path in output.rglob(DONE) if ".work" not in path.parts}
+    """What is done, and when it was. Folders that are in work move, so nobody may walk through them."""
+    machines = (folder for folder in output.glob("*/") if folder.name != ".work")
+    return {path: path.stat().st_mtime_ns for folder in machines for path in folder.rglob(DONE)}
 
 
 def _workers(parent: int) -> list[int]:
