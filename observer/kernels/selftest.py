@@ -38,7 +38,7 @@ _MOTION_ENOUGH = 1.0  # strokes
 _LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES = 0.005, 8.0, 30.0
 # … between samples that are no further apart; and within what part a way is the whole of what is allowed.
 _LEAP_S, _WHOLE = 5.0, 0.05
-
+_PAUSE = 1.5  # times the usual between two samples: then some may have been held up
 
 DISAGREE = 1.5
 """Ratio of the way a nut makes to what speed and lead allow, beyond which the two disagree …"""
@@ -48,9 +48,9 @@ FALLS_SHORT = 0.5
 # What is remembered of a nut's way beside the first five: the last whole way made at a steady speed, one that
 # fell short after it, what samples usually leave, by how much the position has leapt, how many samples there
 # were; the largest way between samples of standstill, and how many of these there were; the leap, if way and
-# speed have disagreed since.
-WAS, SHORT, USUAL, LEAP, SAMPLES, HIDDEN, STOOD, ASTRAY = 5, 6, 7, 8, 9, 10, 11, 12
-OF_MOTION = 13
+# speed have disagreed since; the usual time between samples, and for how long samples may have been held up.
+WAS, SHORT, USUAL, LEAP, SAMPLES, HIDDEN, STOOD, ASTRAY, EVERY_S, LATE_S = 5, 6, 7, 8, 9, 10, 11, 12, 13, 14
+OF_MOTION = 15
 OF_SENSOR, OF_HEAT = 4, 2
 """How many tests a sensor and a heat have."""
 
@@ -87,20 +87,25 @@ def _look_for_leap(memory, way_m, driven_m_s, since_s):
 
     Beyond what the faster of both speeds allows it has; short of what a steady speed makes it has if the
     nut went on the same way before and after: it cannot have turned twice. A leap back undoes it, and
-    any leap where way and speed have disagreed since.
+    any leap where way and speed have disagreed since. After a pause samples may come late: for as long as
+    they were held up, they say where the nut was up to that time before.
     """
     if not (0.0 < since_s <= _LEAP_S) or isnan(driven_m_s) or isnan(memory[4]) or isnan(way_m):
-        memory[WAS], memory[SHORT] = 0.0, 0.0
+        memory[WAS], memory[SHORT], memory[LATE_S] = 0.0, 0.0, 0.0
         return
+    held_up_s = since_s - _PAUSE * memory[EVERY_S] if memory[SAMPLES] > 0.0 else 0.0
+    memory[LATE_S] = max(memory[LATE_S] - since_s, held_up_s, 0.0)
+    memory[EVERY_S] += (since_s - memory[EVERY_S]) / min(memory[SAMPLES] + 1.0, 64.0)
+    late_m = max(driven_m_s, memory[4]) * memory[LATE_S]
     most_m = max(driven_m_s, memory[4]) * since_s
     if driven_m_s == 0.0 and memory[4] == 0.0:  # it may have moved between two samples of the speed, …
         most_m = memory[HIDDEN] if memory[STOOD] >= _LEAP_SAMPLES else abs(way_m)  # … as it did before
         memory[HIDDEN] = max(memory[HIDDEN], abs(way_m))
         memory[STOOD] += 1.0
-    least_m = max(_LEAP_M, _LEAP_USUAL * memory[USUAL])
+    least_m = max(_LEAP_M, _LEAP_USUAL * memory[USUAL]) + late_m
     beyond_m = abs(way_m) - most_m
     steady = most_m > least_m and abs(driven_m_s - memory[4]) <= _WHOLE * driven_m_s
-    whole = steady and beyond_m > -_WHOLE * most_m - _LEAP_M
+    whole = steady and beyond_m > -_WHOLE * most_m - _LEAP_M - late_m
     leap_m, short_m = 0.0, memory[SHORT]
     if short_m != 0.0 and whole and way_m * memory[WAS] > 0.0:
         leap_m = short_m
@@ -114,7 +119,7 @@ def _look_for_leap(memory, way_m, driven_m_s, since_s):
         memory[LEAP] += leap_m
         if back or abs(memory[LEAP]) <= 2.0 * least_m:
             memory[LEAP], memory[ASTRAY] = 0.0, 0.0
-    else:
+    elif late_m == 0.0:
         memory[USUAL] += (max(beyond_m, 0.0) - memory[USUAL]) / max(min(memory[SAMPLES], 64.0), 1.0)
     if memory[SHORT] == 0.0:
         memory[WAS] = way_m if whole and leap_m == 0.0 else 0.0

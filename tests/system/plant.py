@@ -226,7 +226,11 @@ class Subscriber:
         def good() -> float | None:
             return next((e["time_s"] for e in self.estimates[start:] if e["quality"] == "good"), None)
 
-        return float(until(good, timeout_s))
+        try:
+            return float(until(good, timeout_s))
+        except AssertionError as error:
+            error.add_note(f"what it says of itself: {json.dumps(self.health())}")
+            raise
 
     def wait_for_more(self, count: int) -> None:
         """Wait for so many more estimates."""
