@@ -24,7 +24,7 @@ MISFIT = 4.0
 _TRACE = 120  # steps of the bank that are looked back on, ten minutes
 _TOGETHER = (24, 120), 6.0  # over so many, standard deviations that all innovations have in common
 # A change that is expected, in K and in standard deviations, and what part of it a held reading shows.
-_HELD_K, _HELD_SIGMA, _HELD_SHARE = 0.7, 4.0, 0.2
+_HELD_K, _HELD_SIGMA, _HELD_SHARE = 0.7, 4.0 * np.sqrt(2.0), 0.2
 # Standard deviations by which one sensor's fault explains more than any other's, of a suspect and of another.
 _CLEARER, _CLEAREST = 0.5, 2.5
 _SETTLED_S = 1200.0  # before, innovations say more of the model than of the readings
