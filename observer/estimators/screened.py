@@ -7,7 +7,10 @@ from observer.estimators.selftest import Fault, Finding
 from observer.frames import Layout
 from observer.kernels import remembered as of
 
-_LATCHED = {of.GAIN: Fault.GAIN, of.DRIFTING: Fault.DRIFTING, of.AMBIGUOUS: Fault.AMBIGUOUS}
+_LATCHED = {
+    of.GAIN: Fault.GAIN, of.DRIFTING: Fault.DRIFTING, of.AMBIGUOUS: Fault.AMBIGUOUS,
+    of.AIR_LEAPT: Fault.AIR_LEAPT,
+}  # fmt: skip
 """What is said of what needs a person; unequal steps, and equal ones that no offset takes up, are none of
 these.
 """

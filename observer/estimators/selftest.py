@@ -30,7 +30,7 @@ twenty machines that are as their tolerances say.
 
 class Fault(IntEnum):
     """What may fail, of a sensor (the first four), a heat (two), all heats, or a nut (two); then what the
-    screening of readings has found of a sensor (two), or of all of them.
+    screening of readings has found of a sensor (two), of all of them, or of the air.
     """
 
     BIASED = 0
@@ -50,6 +50,7 @@ class Fault(IntEnum):
     DRIFTING = 14
     AMBIGUOUS = 15
     SETTLING = 16
+    AIR_LEAPT = 17
 
 
 @dataclass(frozen=True, slots=True)

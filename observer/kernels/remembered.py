@@ -27,8 +27,10 @@ AGE_S, SETTLING_S, HOLD_S, LATCH, LATCH_S, COMMON_K, COMMON_S, FACTOR, LATCH_STE
 OPENED_PRIOR, OPENED_COMMON_K2 = 10, 11
 # Since when the estimate settles or is held back, until when, and in how many steps it ever was.
 HELD_S, HELD_UNTIL_S, HELD_STEPS = 12, 13, 14
-VERDICT = 15
+# The air's last reading, for how long it has not changed, and by how much it has leapt.
+AIR_degC, AIR_S, AIR_OFF_K = 15, 16, 17
+VERDICT = 18
 
 # What is not explained: unequal steps of all, a gain, a step that could be taken up by no offset, a drift of
-# all, and a departure that more than one sensor explains, or none.
-UNEQUAL, GAIN, NO_OFFSET, DRIFTING, AMBIGUOUS = 1, 2, 3, 4, 5
+# all, a departure that more than one sensor explains, or none, and a leap of the air's reading.
+UNEQUAL, GAIN, NO_OFFSET, DRIFTING, AMBIGUOUS, AIR_LEAPT = 1, 2, 3, 4, 5, 6

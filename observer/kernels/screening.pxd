@@ -1,10 +1,13 @@
 cdef double JUMP_SIGMA, LEAST_JUMP_K, DRIFT_K_S, YOUNG_S, _QUIET_S, _FEW, _MEAN_S, LASTS_SAMPLES, LASTS_S
 cdef double _EQUAL_K, _EQUAL_SIGMA, _BACK, _TELLING, _UNREST, _UNREST_SHARE, _EXCESS_S, _READMIT_S, _READMIT_SIGMA
 cdef double _READMIT_K2, _COMMON_K2, _APART_K2, _SURPRISE_K2, DECIDED_S, _SETTLING_S, _SURPRISED_S, _TRUST_AIR_K
+cdef double _LEAST_LEAP_K, _LEAP_K_S
 
 @cython.locals(opened=bint)
 cdef bint screen(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil
 cdef inline void pass_time(Inputs u, Py_ssize_t k, double[::1] verdict) noexcept nogil
+@cython.locals(air_degC=double, leap_K=double)
+cdef inline void watch_air(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] verdict) noexcept nogil
 @cython.locals(judged=bint, step_K=double, limit_K=double)
 cdef inline void look_at(Py_ssize_t i, double[:, ::1] guard, double[::1] verdict, Running state, Work work) noexcept nogil
 cdef inline void settle(double[:, ::1] guard, Py_ssize_t i) noexcept nogil

@@ -19,6 +19,9 @@ from observer.kernels.libm import exp, isfinite, isnan, sqrt
 from observer.kernels.remembered import (
     AGE_S,
     AGREES_S,
+    AIR_LEAPT,
+    AIR_OFF_K,
+    AIR_S,
     BACK,
     CAUSE,
     COMMON_K,
@@ -51,6 +54,7 @@ from observer.kernels.remembered import (
     SWAPPED,
     UNEQUAL,
     UNREST,
+    AIR_degC,
     VALUE_degC,
 )
 
@@ -71,12 +75,14 @@ _BACK, _TELLING = 0.3, 4.0
 _COMMON_K2, _APART_K2, _SURPRISE_K2 = 0.01, 9.0, 4.0
 DECIDED_S, _SETTLING_S, _SURPRISED_S = 60.0, 120.0, 600.0
 _TRUST_AIR_K = 0.5
+_LEAST_LEAP_K, _LEAP_K_S = 2.0, 0.01  # of the air's reading, and for each second that it has not changed
 
 
 def screen(p, u, k, gate_sigma, state, work):
     """Which usable sensors may correct; return whether P was opened: then they are to be compared anew."""
     guard, verdict, dt_s = state.guard, state.verdict, u.dt_s[k]
     pass_time(u, k, verdict)
+    watch_air(p, u, k, verdict)
     for i in range(len(guard)):
         guard[i, SINCE_S] += dt_s
         look_at(i, guard, verdict, state, work)
@@ -97,6 +103,29 @@ def pass_time(u, k, verdict):
     verdict[AGE_S] = verdict[AGE_S] + u.dt_s[k] if u.degraded[k] == 0 else 0.0
     verdict[SETTLING_S] = max(0.0, verdict[SETTLING_S] - u.dt_s[k])
     verdict[HOLD_S] = max(0.0, verdict[HOLD_S] - u.dt_s[k])
+
+
+def watch_air(p, u, k, verdict):
+    """Find a leap of the air's reading, which no air makes; a leap back undoes it."""
+    if len(p.learn.kind) == 0:
+        return
+    air_degC = u.z_end[k, p.learn.ambient]
+    leap_K = air_degC - verdict[AIR_degC]
+    verdict[AIR_S] += u.dt_s[k]
+    if leap_K == 0.0 or not isfinite(air_degC):
+        return
+    if verdict[AGE_S] > u.dt_s[k] and abs(leap_K) > _LEAST_LEAP_K + _LEAP_K_S * verdict[AIR_S]:
+        verdict[AIR_OFF_K] += leap_K
+        if verdict[LATCH] == 0.0:
+            verdict[LATCH], verdict[LATCH_S] = AIR_LEAPT, u.time_s[k]
+        if abs(verdict[AIR_OFF_K]) <= _LEAST_LEAP_K:
+            verdict[AIR_OFF_K] = 0.0
+        if verdict[LATCH] == AIR_LEAPT:
+            verdict[FACTOR] = verdict[AIR_OFF_K]
+            if verdict[AIR_OFF_K] == 0.0:
+                verdict[LATCH] = 0.0
+                verdict[SETTLING_S] = max(verdict[SETTLING_S], _SETTLING_S)
+    verdict[AIR_degC], verdict[AIR_S] = air_degC, 0.0
 
 
 def look_at(i, guard, verdict, state, work):

@@ -92,5 +92,7 @@ _SENTENCES = {
     "look at what they share and at the laws, then reset",
     Fault.AMBIGUOUS: "the sensors do not agree with each other, and which of them is wrong cannot be told; "
     "look at all of them, then reset",
+    Fault.AIR_LEAPT: "the air's temperature has leapt by {value:+.1f} K, which no air does; look at its "
+    "sensor, then reset",
     Fault.SETTLING: "the estimate settles, after readings that stepped, came back, or do not agree",
 }

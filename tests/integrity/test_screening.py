@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,9 @@ from observer.service.align import frames_of_log
 from observer.service.machine import Machine
 from observer.service.reasons import sentence
 from tests.integrity.catalogue import catalogue
-from tests.integrity.days import day_of
+from tests.integrity.days import FAULT_S, day_of
 from tests.integrity.judge import RIG, faulty, judged
-from tests.learning.cover import log_of
+from tests.learning.cover import estimates, log_of
 from tests.learning.machines import config_of
 
 MACHINES = (0, 1)
@@ -86,6 +87,21 @@ def test_a_nut_that_is_homed_anew_is_not_good_until_a_reset(name: str, number: i
     assert found.bad_s in (0.0, 1.0)  # while it moves, the way of the next second must tell
     assert found.good <= 1
     assert f"leapt by {'-' if '-' in name else '+'}0.05" in found_of(name, number)[Found.LEAPT]
+
+
+@pytest.mark.parametrize("number", MACHINES)
+def test_a_leap_of_the_air_is_no_air(number: int) -> None:
+    """Nothing is good until a reset, or until the reading leaps back."""
+    found = judged(catalogue()["ambient +5 K"], number)
+    assert (found.good, found.bad_s) == (0, 0.0)
+    assert re.search(r"leapt by \+[45]\.\d K", found_of("ambient +5 K", number)[Found.AIR_LEAPT])
+    day = day_of(number)
+    off = faulty(day, catalogue()["ambient +5 K"], number)
+    since_s = day.time_s - day.time_s[0] - FAULT_S
+    back = off._replace(air_degC=np.where(since_s > 300.0, day.air_degC, off.air_degC))
+    block = estimates(config_of(RIG), back)
+    assert set(block.quality[(since_s >= 0.0) & (since_s < 300.0)]) == {EstimateQuality.DEGRADED}
+    assert (block.quality[since_s > 900.0] == EstimateQuality.GOOD).any()
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
