@@ -29,7 +29,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Tests start some hundred processes: one whose libraries are compiled anew takes twice as long until it works.
 unexport PYTHONDONTWRITEBYTECODE
 
-CODE := observer drivers tests benchmarks docs build_kernels.py $(wildcard setup.py)
+CODE := observer drivers tests campaigns benchmarks docs build_kernels.py $(wildcard setup.py)
 COMPILE := $(UV) pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate \
 	--no-emit-index-url --generate-hashes
 BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint requirements-build.lock \
@@ -88,28 +88,28 @@ soak: $(READY)  ## an hour of the service with faults and clients coming and goi
 	$(BIN)/python -m tests.soak $(ARGS)
 
 learning-campaign: $(READY)  ## what learning is worth on 144 machines, or go on where it was stopped
-	$(BIN)/python -m tests.learning.trial
+	$(BIN)/python -m campaigns.learning.trial
 
 identify-campaign: $(READY)  ## do the true heats of 16 logs lie within their bands? Or go on
-	$(BIN)/python -m tests.learning.histories
+	$(BIN)/python -m campaigns.learning.histories
 
 gap-campaign: $(READY)  ## months of machines in which something appears, or nothing does; or go on
-	$(BIN)/python -m tests.gap.trial
+	$(BIN)/python -m campaigns.gap.trial
 
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
 	$(BIN)/python -m tests.campaign $(ARGS)
 
 rods-campaign: $(READY)  ## search heated rods for what is hidden in them, or go on
-	$(BIN)/python -m tests.rods.trial
+	$(BIN)/python -m campaigns.rods.trial
 
 alarms-campaign: $(READY)  ## how often alarms of heats are false on simulated months, and how early wear is reported
-	$(BIN)/python -m tests.alarms.trial $(ARGS)
+	$(BIN)/python -m campaigns.alarms.trial $(ARGS)
 
 alarms-observed: $(READY)  ## every alarm of rough machines by the real observer, over simulated weeks; or go on
-	$(BIN)/python -m tests.alarms.observed
+	$(BIN)/python -m campaigns.alarms.observed
 
 forecast-campaign: $(READY)  ## do temperatures and error of the next hour lie within their bands? Or go on
-	$(BIN)/python -m tests.forecast.trial
+	$(BIN)/python -m campaigns.forecast.trial
 
 integrity: $(READY)  ## is what is called good right, whatever is wrong with the readings? 60 faults, 12 machines; or go on
 	$(BIN)/python -m tests.integrity.trial $(ARGS)

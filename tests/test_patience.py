@@ -18,7 +18,7 @@ import pytest
 from tests import patience
 from tests.patience import Stopwatch, computed_s, eventually, until
 
-TESTS = Path(__file__).parent
+ROOT = Path(__file__).parents[1]
 # Where a test sleeps, and why it does not wait for an event there.
 SLEEPS = {
     "patience.py until": "between two looks",
@@ -59,8 +59,9 @@ def sleeps(node: ast.AST, place: str = "") -> Iterator[str]:
 def test_tests_sleep_nowhere_else():
     """Wait with `until` or `eventually` of `tests/patience.py`, or say above why a test sleeps."""
     found = {
-        f"{path.relative_to(TESTS)} {place}"
-        for path in TESTS.rglob("*.py")
+        f"{path.relative_to(ROOT / folder)} {place}"
+        for folder in ("tests", "campaigns")
+        for path in (ROOT / folder).rglob("*.py")
         for place in sleeps(ast.parse(path.read_text(encoding="utf-8")))
     }
     assert found == SLEEPS.keys()

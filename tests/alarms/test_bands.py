@@ -6,11 +6,11 @@ import math
 
 import pytest
 
+from campaigns.alarms.months import Story
+from campaigns.alarms.trial import watched
 from observer.alarms import bands
 from observer.alarms.bands import Window
 from observer.tables.alarms import AlarmSettings
-from tests.alarms.months import Story
-from tests.alarms.trial import watched
 
 
 def _window(hour: float, heat_W: float, law_W: float = 10.0, rise_K: float = 5.0) -> Window:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from campaigns.alarms.trial import PAGE
 from observer.alarms.kinds import KINDS
-from tests.alarms.trial import PAGE
 
 
 def test_the_page_says_of_each_kind_what_the_program_does():

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 from rich.console import Console
 
+from campaigns.resumable import Rows, go_on, read_rows, show
 from tests.campaign.summary import rough_summary, summary, typical_summary
 from tests.campaign.suspects import SuspectRow, suspect_summary, try_suspect
 from tests.campaign.trial import Row, rows_of, try_entry
-from tests.resumable import Rows, go_on, read_rows, show
 from tests.truth.machine.entries import (
     FIRST_SEED,
     Entry,

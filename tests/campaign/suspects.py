@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.resumable import Cells
 from observer.discovery.candidates import library
 from observer.discovery.crew import ALONE
 from observer.discovery.search import tried
@@ -26,7 +27,6 @@ from observer.installation import parse
 from observer.service.align import AlignPlan, frames_of_log
 from observer.service.misread import read_rightly
 from tests.campaign.summary import Share
-from tests.resumable import Cells
 from tests.truth.machine.entries import Entry
 from tests.truth.machine.generate import runs_of
 from tests.truth.machine.logs import configuration

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from campaigns.resumable import append_rows, go_on, with_tables
 from observer.effects.catalogue import KINDS
 from tests.campaign import __main__ as command
 from tests.campaign import trial
@@ -24,7 +25,6 @@ from tests.campaign.summary import (
     rough_summary,
     summary,
 )
-from tests.resumable import append_rows, go_on, with_tables
 from tests.truth.machine.effects import LIBRARY, Effect
 from tests.truth.machine.entries import Entry, campaign, rough_campaign
 from tests.truth.machine.generate import Case

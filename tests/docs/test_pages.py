@@ -85,7 +85,8 @@ def _check(table: dict[str, Any], place: str) -> None:
 @pytest.mark.parametrize("page", ["path-of-a-reading.md", "verification.md"])
 def test_files_named_in_a_page_exist(page: str) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
-    named = set(re.findall(r"`((?:observer|drivers|tests|benchmarks|config|docs)/[\w./-]+\.\w+)`", text))
+    folders = "observer|drivers|tests|campaigns|benchmarks|config|docs"
+    named = set(re.findall(rf"`((?:{folders})/[\w./-]+\.\w+)`", text))
     assert named, "the page names no files"
     assert not [name for name in sorted(named) if not (ROOT / name).exists()]
 

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from campaigns.learning.trial import FIRST_SEED, KNOWN
 from observer.estimators.design.gains import everything
 from observer.frames import EstimateBlock
 from observer.model.discretise import augmented, quantise, step_matrices
@@ -14,7 +15,6 @@ from observer.service.machine import Machine
 from tests.estimators.test_learning import FOLLOWS_S, drives, readings
 from tests.learning.cover import judged, log_of
 from tests.learning.machines import Rough, config_of, day, draw
-from tests.learning.trial import FIRST_SEED, KNOWN
 
 KIND = {"luenberger": 'kind = "luenberger"\n', "constant": 'engine = "constant"\n'}
 

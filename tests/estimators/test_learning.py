@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from campaigns.learning.trial import FIRST_SEED, KNOWN
 from observer.frames import EstimateBlock
 from observer.model import simulate
 from observer.model.build import build_plant
@@ -16,7 +17,6 @@ from observer.service.align import frames_of_log
 from observer.service.machine import Machine
 from tests.learning.cover import calibrated, estimates, judged, log_of
 from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day, draw
-from tests.learning.trial import FIRST_SEED, KNOWN
 
 ALL = (
     '[estimator]\nlearn = ["convection", "ambient_K", "end_W_K", "law", "offset_K", "position_m", "lag_s"]\n'

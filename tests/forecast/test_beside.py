@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from tests.forecast.beside import PERIOD_S, ticks
+from campaigns.forecast.beside import PERIOD_S, ticks
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

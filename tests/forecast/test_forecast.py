@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from campaigns.forecast.days import AT_S, drawn_day, forecasts
+from campaigns.forecast.trial import judged
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import AIR_K_sqrt_h, ahead, drift_scale, runner
 from observer.forecast.document import document, forecast
@@ -16,8 +18,6 @@ from observer.forecast.settling import settling, warm_up, when
 from observer.frames import EstimateQuality, FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
-from tests.forecast.days import AT_S, drawn_day, forecasts
-from tests.forecast.trial import judged
 from tests.learning.machines import config_of
 
 ROD = """

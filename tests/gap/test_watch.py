@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.gap.months import EFFECTS, Rig
 from observer import app
 from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
@@ -22,7 +23,6 @@ from observer.service.keeper import known_of_gap
 from observer.service.machine import Machine
 from observer.service.pipeline import Pipeline
 from observer.service.reasons import departure_sentence
-from tests.gap.months import EFFECTS, Rig
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw, work
 from tests.truth.machine.cycles import START_m, programme

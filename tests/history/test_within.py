@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from campaigns.learning.histories import FIRST_SEED, covered, identified
+from campaigns.learning.trial import KNOWN
 from observer.effects.base import Unnamed
 from observer.effects.terms import AmbientShift
 from observer.frames import Inputs
@@ -20,9 +22,7 @@ from observer.service.machine import Machine
 from observer.tables.estimator import EstimatorSettings
 from tests.history.test_stacked import DT_S, held, logged
 from tests.learning.cover import log_of
-from tests.learning.histories import FIRST_SEED, covered, identified
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
-from tests.learning.trial import KNOWN
 
 OPEN_GATE = EstimatorSettings(gate_sigma=1e9)
 

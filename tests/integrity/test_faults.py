@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from campaigns.resumable import read_rows
 from observer.frames import EstimateBlock, EstimateQuality
 from tests.integrity import faults as of
 from tests.integrity import trial
@@ -16,7 +17,6 @@ from tests.integrity.promise import short_of
 from tests.integrity.trial import COLUMNS, chosen, row_of, table
 from tests.learning.cover import estimates
 from tests.learning.machines import config_of
-from tests.resumable import read_rows
 from tests.truth.machine.cycles import Phase
 from tests.truth.machine.machine import SENSORS
 

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from campaigns.resumable import go_on, read_rows, show
 from tests.integrity.catalogue import GROUP_OF, GROUPS, NEW_PROGRAM, NONE, catalogue
 from tests.integrity.judge import Verdict, judged
 from tests.integrity.promise import MONTH_H, Row, short_of, total
-from tests.resumable import go_on, read_rows, show
 
 MACHINES, CALM, NEW_PROGRAMS = 12, 300, 48
 """How many machines have each fault, how many have none, and how many change their strokes."""

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.learning import histories, trial
-from tests.resumable import read_rows
+from campaigns.learning import histories, trial
+from campaigns.resumable import read_rows
 
 
 @pytest.mark.parametrize("campaign", [trial, histories], ids=["learning", "identify"])

@@ -10,7 +10,7 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from observer.service.align import AlignPlan, frames_of_log
-from tests.rods.truth import Rod, configuration, draw, logged
+from tests.truth.heated_rod import Rod, configuration, draw, logged
 
 CAPACITY_J_K = 127.0
 
@@ -21,7 +21,7 @@ def predicted(rod: Rod, conductance_W_K: float, row_s: float) -> np.ndarray:
     from pathlib import Path
 
     from observer.files.logs import Log
-    from tests.rods.truth import CHANNELS
+    from tests.truth.heated_rod import CHANNELS
 
     effect = {"kind": "attached_mass", "target": "left"}
     effect |= {"capacity_J_K": CAPACITY_J_K, "conductance_W_K": conductance_W_K}

@@ -12,7 +12,10 @@ from pathlib import Path
 
 from tests.mutants.nearest import ROOT, Nearest
 
-COPIED = ("observer", "drivers", "tests", "config", "benchmarks", "docs", "pyproject.toml", "README.md")
+COPIED = (
+    "observer", "drivers", "tests", "campaigns", "benchmarks", "config", "docs", "pyproject.toml",
+    "README.md",
+)  # fmt: skip
 PYTEST = (
     "-q", "-x", "--tb=no", "-p", "no:randomly", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p",
     "no:faulthandler", "--noconftest", "--hypothesis-seed=1", "-W",

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.rods.trial import outcome_of, tried
-from tests.rods.truth import draw, run
+from campaigns.rods.trial import outcome_of, tried
+from tests.truth.heated_rod import draw, run
 
 
 def test_the_truth_comes_to_the_steady_fall_along_a_rod_without_losses() -> None:

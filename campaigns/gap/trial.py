@@ -10,9 +10,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from tests.gap.months import EFFECTS, Found, Rig
+from campaigns.gap.months import EFFECTS, Found, Rig
+from campaigns.resumable import append_rows, read_rows, show
 from tests.learning.machines import AS_CONFIGURED, Rough, draw
-from tests.resumable import append_rows, read_rows, show
 
 FIRST_SEED = 9200
 ROUGH, PLAIN = 12, 1

@@ -1,4 +1,4 @@
-"""How often the alarms of heats are false, and how early they tell of wear: `python -m tests.alarms.trial`.
+"""How often the alarms of heats are false, and how early they report wear: `make alarms-campaign`.
 
 Thresholds were set on seeds below 1000; those of the table are from 6000 on.
 """
@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from campaigns.alarms.months import Story, months
 from observer.alarms import bands
 from observer.tables.alarms import AlarmSettings
-from tests.alarms.months import Story, months
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "alarms.md"
 SEED, MACHINES = 6000, 64

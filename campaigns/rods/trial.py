@@ -9,8 +9,8 @@ from typing import Any
 
 from rich.console import Console
 
-from tests.resumable import Rows, go_on, read_rows, show
-from tests.rods.truth import HIDDEN, draw, write
+from campaigns.resumable import Rows, go_on, read_rows, show
+from tests.truth.heated_rod import HIDDEN, draw, write
 
 FIRST_SEED = 9500
 RODS = 6

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from campaigns.resumable import go_on, read_rows, show
 from tests.learning.cover import QUANTITIES, calibrated, judged
 from tests.learning.housings import HOUSED_CONFIG, draw_housed
 from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day, draw
-from tests.resumable import go_on, read_rows, show
 
 FIRST_SEED = 4000
 KNOWN = (

@@ -11,6 +11,8 @@ from functools import partial
 import numpy as np
 from rich.console import Console
 
+from campaigns.learning.trial import DOCS, KNOWN
+from campaigns.resumable import go_on, read_rows, show
 from observer.config import Config
 from observer.frames import FloatArray
 from observer.history.changes import changes_within
@@ -22,8 +24,6 @@ from observer.service.identify import inputs_of
 from observer.service.machine import Machine
 from tests.learning.cover import FROM_S, TWO_SIDED_95, log_of
 from tests.learning.machines import CONFIG, Day, Rough, config_of, day, draw
-from tests.learning.trial import DOCS, KNOWN
-from tests.resumable import go_on, read_rows, show
 
 FIRST_SEED = 13000
 MACHINES = 16

@@ -1,6 +1,6 @@
 """Coverage of the observers with fixed gains, with and without what they allow for, on rough machines.
 
-`python -m tests.learning.fixed_gains [FIRST_SEED [MACHINES]]` prints a table of the machines it has run.
+`python -m campaigns.learning.fixed_gains [FIRST_SEED [MACHINES]]` prints a table of the machines it has run.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ import sys
 
 import numpy as np
 
+from campaigns.learning.trial import KNOWN
 from tests.learning.cover import QUANTITIES, judged
 from tests.learning.machines import Rough, config_of, day, draw
-from tests.learning.trial import KNOWN
 
 SEED, MACHINES = 12000, 16
 KINDS = {"luenberger": 'kind = "luenberger"\n', "constant gain": 'engine = "constant"\n'}

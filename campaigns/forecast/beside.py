@@ -1,7 +1,7 @@
 """Ticks of an estimator at 10 Hz with the forecaster beside them: how late each was done, in one run.
 
 Forecasts are far more frequent here than in a service, so that ticks with and without one alternate and see
-the same computer. `python -m tests.forecast.beside` prints the figures.
+the same computer. `python -m campaigns.forecast.beside` prints the figures.
 """
 
 from __future__ import annotations

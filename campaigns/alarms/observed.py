@@ -1,4 +1,4 @@
-"""Alarms of rough machines by the real observer: `python -m tests.alarms.observed`, or go on where it was.
+"""Alarms of rough machines by the real observer: `make alarms-observed`, or go on where it was.
 
 The independent truth works for weeks: each day one of three programmes from another temperature, and an hour
 of rest. The daemon's parts make estimates of its logs, a row a second, begun afresh each morning as after a
@@ -21,6 +21,7 @@ import numpy as np
 import structlog
 from rich.console import Console
 
+from campaigns.resumable import go_on, read_rows, show
 from drivers.protocol import DriverStatus
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock
@@ -31,7 +32,6 @@ from observer.service.machine import Machine
 from observer.tables.alarms import AlarmSettings
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, Rough, Specimen, config_of, draw, work
-from tests.resumable import go_on, read_rows, show
 from tests.truth.machine.cycles import RUNS, Phase, START_m, programme
 from tests.truth.machine.machine import stream
 

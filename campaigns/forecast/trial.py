@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from tests.forecast.days import AT_S, KINDS, Forecast, drawn_day, forecasts, settles_s
+from campaigns.forecast.days import AT_S, KINDS, Forecast, drawn_day, forecasts, settles_s
+from campaigns.resumable import go_on, read_rows, show
 from tests.learning.machines import Day
-from tests.resumable import go_on, read_rows, show
 
 FIRST_SEED = 9700
 MACHINES = 96
@@ -42,8 +42,8 @@ SETTLING = (
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "forecast" / "results.csv", DOCS / "explanation" / "forecast.md"
 TIMES = DOCS / "forecast" / "settling.csv"
-MARKS = ("<!-- the campaign's table, written by tests.forecast.trial -->", "<!-- its end -->")
-TIMES_MARKS = ("<!-- when it settles, written by tests.forecast.trial -->", "<!-- end of when -->")
+MARKS = ("<!-- the campaign's table, written by campaigns.forecast.trial -->", "<!-- its end -->")
+TIMES_MARKS = ("<!-- when it settles, written by campaigns.forecast.trial -->", "<!-- end of when -->")
 
 
 def judged(one: Day, found: Forecast, at_s: float) -> tuple[float, ...]:

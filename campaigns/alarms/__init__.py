@@ -1,0 +1,1 @@
+"""How often alarms of heats are false, and how early wear is reported."""

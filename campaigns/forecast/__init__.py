@@ -1,0 +1,1 @@
+"""Do temperatures and error of the next hour lie within their bands?"""

@@ -1,0 +1,1 @@
+"""Months of machines in which something appears, or nothing does: is it reported?"""

@@ -1,0 +1,1 @@
+"""What learning and `identify` are worth on machines that are not what their configuration says."""

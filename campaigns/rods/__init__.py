@@ -1,0 +1,1 @@
+"""Heated rods, and the search for what is hidden in them."""
