@@ -1,14 +1,14 @@
 """Drivers: from registers, frames and recordings to readings with a time and a fault for every channel.
 
-A driver is one file, with its table of the configuration in it, and one name in `DriverSettings`. None
-imports its bus library before it is opened.
+A driver is one file, with its table of the configuration in it, and one name in `DriverSettings`; one from
+outside is named by its table, `kind = "module:Class"`. None imports its bus library before it is opened.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
-from pydantic import Field
+from pydantic import Field, SerializeAsAny, ValidatorFunctionWrapHandler, WrapValidator
 
 from drivers.can import CanSettings
 from drivers.canopen import CanopenSettings
@@ -16,6 +16,21 @@ from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings
 from drivers.mtconnect import MtConnectSettings
 from drivers.opcua import OpcUaSettings
 from drivers.player import PlayerSettings
+from drivers.protocol import DriverTable
+from observer.tables.outside import is_outside, outside
+
+
+def _from_outside(value: Any, known: ValidatorFunctionWrapHandler) -> DriverTable:
+    """Validate a driver's table by the class that its `kind` names, or by one of those known here."""
+    kind = value.get("kind") if isinstance(value, dict) else None
+    if not is_outside(kind):
+        settings: DriverTable = known(value)
+        return settings
+    table = outside(kind)
+    if not (isinstance(table, type) and issubclass(table, DriverTable)):
+        raise ValueError(f"{kind} is no driver's table; name a subclass of drivers.protocol.DriverTable")
+    return table.model_validate(value)
+
 
 DriverSettings = Annotated[
     ModbusTcpSettings
@@ -26,6 +41,8 @@ DriverSettings = Annotated[
     | MtConnectSettings
     | PlayerSettings,
     Field(discriminator="kind"),
+    WrapValidator(_from_outside),
+    SerializeAsAny(),
 ]
 
 DRIVER_KINDS: tuple[str, ...] = tuple(

@@ -10,8 +10,7 @@ from pydantic import Field, model_validator
 
 from drivers.devices import CAN_INPUTS, DBC_OF, can_input, dbc_file
 from drivers.places import CanChannel, CanTable, Signals, check_channels
-from drivers.protocol import Driver
-from drivers.settings import ChannelName, InputOr
+from drivers.protocol import ChannelName, Driver, InputOr
 from observer.frames import Reading
 from observer.tables.quantities import File
 
@@ -60,7 +59,7 @@ class CanSettings(CanTable):
 
     def decodes(self, recording: Path, name: str) -> Iterator[Reading]:
         """The readings in a recording of the bus, through the decoding of the live one."""
-        from drivers.can_bus import readings_of  # noqa: PLC0415
         from drivers.dbc import load_decoder  # noqa: PLC0415
+        from drivers.recording import readings_of  # noqa: PLC0415
 
         return readings_of(recording, load_decoder(self.signals(name)))

@@ -1,4 +1,4 @@
-"""CAN: a live bus that is reopened for ever, and recordings that go through the same decoding."""
+"""CAN: a live bus that is reopened for ever."""
 
 from __future__ import annotations
 
@@ -6,22 +6,21 @@ import asyncio
 import contextlib
 import dataclasses
 import logging
+import math
 import threading
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import can
+from can.interfaces.slcan import slcanBus
 
 from drivers.places import CanTable
 from drivers.protocol import Clock, Decoded, Deliver, DriverStatus, faulty
-from drivers.recording import messages_of
-from drivers.slcan import TURN_S, StampedSlcanBus
 from drivers.stamps import DeviceClock, wall_time
 from observer.frames import Reading
 
-# What python-can logs about a lost bus is told by the exceptions below and counted in the status.
+# What python-can logs about a lost bus also comes as the exceptions below, counted in the status.
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
 RETRY_S = 0.25
@@ -30,9 +29,13 @@ MAX_PENDING = 10_000  # frames that may wait for a busy event loop
 
 # Whose stamps are of this computer's clock: the kernel's, or what python-can puts in the place of none.
 WALL_CLOCKED = {"socketcan", "udp_multicast", "virtual", "robotell", "iscan", "neousys"}
-TURNS_S = {"slcan": TURN_S, "serial": 2**32 * 1e-3, "gs_usb": 2**32 * 1e-6}  # where a counter starts again
+SLCAN_TURN_S = 60.0  # an adapter counts the milliseconds of a minute
+_SLCAN_TURN_MS = 60_000
+_SLCAN_STAMP_DIGITS = 4
+# When the counter of an interface wraps.
+TURNS_S = {"slcan": SLCAN_TURN_S, "serial": 2**32 * 1e-3, "gs_usb": 2**32 * 1e-6}
 
-# What a bus can die of: its own errors, the file below it, and frames that are not frames.
+# What ends a bus: its own errors, those of the file below it, and malformed frames.
 BUS_ERRORS = (can.CanError, OSError)
 Take = Callable[[can.Message | None], None]  # None: something arrived that is no frame
 Pump = Callable[[can.BusABC, Take, threading.Event], None]
@@ -49,7 +52,7 @@ def stamps_of(wire: CanTable) -> Stamps:
 
 
 def receive(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
-    """Take every frame off the bus, without ever sending one, until told to stop."""
+    """Take every frame off the bus, without ever sending one, until `stop` is set."""
     while not stop.is_set():
         receive_once(bus, take, RECEIVE_TIMEOUT_S)
 
@@ -192,13 +195,32 @@ def open_bus(wire: CanTable) -> can.BusABC:
     return can.Bus(channel=wire.channel, interface=wire.interface, **options)
 
 
-def readings_of(recording: Path, decode: Decode) -> Iterator[Reading]:
-    """Replay a CAN recording through the decoding of the live bus, with the recording's own times.
+class StampedSlcanBus(slcanBus):
+    """A serial CAN adapter of the Lawicel kind, with the time stamps that it appends to its lines.
 
-    Raises `UserError` when the recording cannot be read or was cut off; what came before the cut has been
-    given by then.
+    python-can skips such a stamp and gives every frame the time of its reading; here `timestamp` is the
+    adapter's own, in seconds, or NaN where none came.
     """
-    for frame in messages_of(recording):
-        decoded = decode(frame)
-        if decoded is not None and decoded[0]:
-            yield Reading(frame.timestamp, *decoded)
+
+    _line: str | None = None
+
+    def _read(self, timeout: float | None) -> str | None:
+        self._line = super()._read(timeout)
+        return self._line
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        message, filtered = super()._recv_internal(timeout)
+        if message is not None:
+            message.timestamp = stamp_of(self._line or "", message)
+        return message, filtered
+
+
+def stamp_of(line: str, message: can.Message) -> float:
+    """The stamp at the end of a frame's line, in seconds of the adapter's minute; NaN where there is none."""
+    data = 0 if message.is_remote_frame else 2 * message.dlc
+    digits = line.rstrip("\r")[(10 if message.is_extended_id else 5) + data :]
+    try:
+        count_ms = int(digits, 16)
+    except ValueError:
+        return math.nan
+    return 1e-3 * count_ms if len(digits) == _SLCAN_STAMP_DIGITS and count_ms < _SLCAN_TURN_MS else math.nan

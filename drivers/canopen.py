@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, model_validator
 
 from drivers.places import CanTable
-from drivers.protocol import Decoded, Driver
-from drivers.settings import ChannelName
+from drivers.protocol import ChannelName, Decoded, Driver
 from observer.tables.quantities import Count, Finite
 
 if TYPE_CHECKING:  # the bus library only when it is used

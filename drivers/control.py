@@ -10,11 +10,11 @@ from typing import Protocol
 
 
 class ControlError(Exception):
-    """The control cannot be reached, refuses, or does not do what it was told; the text says which."""
+    """The control cannot be reached, refuses, or does not obey; the text says which."""
 
 
 @dataclass(frozen=True, slots=True)
-class Correction:
+class AxisCorrection:
     """The thermal error that a control takes out, in the machine's coordinates; it subtracts it.
 
     A line, error(x) = offset + slope · (x − reference), and a table over equidistant places from `first_um`
@@ -31,15 +31,15 @@ class Correction:
 
 @dataclass(frozen=True, slots=True)
 class ReadBack:
-    """What the control says it was told, whether it follows that, and if not, why not in words."""
+    """The correction that the control holds, whether it follows it, and if not, the reason in words."""
 
-    correction: Correction
+    correction: AxisCorrection
     following: bool
     reason: str | None = None
 
 
-class Control(Protocol):
-    """A control that takes out an error, at its own rate, and goes to zero when nobody tells it any more.
+class ControlLink(Protocol):
+    """A control that takes out an error, at its own rate, and ramps to zero when the sign of life stops.
 
     Each function waits for an answer at most for a time of its own and raises `ControlError`.
     """
@@ -47,7 +47,7 @@ class Control(Protocol):
     def open(self) -> None:
         """Connect, and have the control off, whatever it was before."""
 
-    def write(self, correction: Correction, valid_s: float) -> None:
+    def write(self, correction: AxisCorrection, valid_s: float) -> None:
         """Have a correction followed for `valid_s`, and a sign of life advance."""
 
     def read_back(self) -> ReadBack:

@@ -12,9 +12,9 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from drivers.control import ControlError, Correction, ReadBack
+from drivers.control import AxisCorrection, ControlError, ReadBack
 
-logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # it is all told by `ControlError`
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # `ControlError` carries it all
 
 LAYOUT = 1
 OFF, FOLLOW = 0, 1
@@ -29,7 +29,7 @@ _REASONS = {
 }
 
 
-class ModbusControl:
+class ModbusControlLink:
     """A control over Modbus TCP; to be used from one thread."""
 
     def __init__(self, host: str, port: int, unit_id: int, first_register: int, timeout_s: float) -> None:
@@ -51,7 +51,7 @@ class ModbusControl:
             raise ControlError(f"{self._where} cannot be reached; is the control on?")
         self._write([LAYOUT, OFF])
 
-    def write(self, correction: Correction, valid_s: float) -> None:
+    def write(self, correction: AxisCorrection, valid_s: float) -> None:
         """Have a correction followed for `valid_s`. Raises `ControlError`."""
         self._beat = (self._beat + 1) & 0xFFFF
         count = len(correction.error_nm)
@@ -78,9 +78,9 @@ class ModbusControl:
         error = struct.unpack(f">{len(table) // 4}i", table)
         if command == FOLLOW and count == len(error) and beat != self._beat and state == _FOLLOWING:
             raise ControlError(f"{self._where} does not see the sign of life advance")
-        correction = Correction(reference, offset, slope, first, last, error)
-        told = _REASONS.get(reason, f"reason {reason}") if reason else None
-        return ReadBack(correction, state == _FOLLOWING and command == FOLLOW and count == len(error), told)
+        correction = AxisCorrection(reference, offset, slope, first, last, error)
+        text = _REASONS.get(reason, f"reason {reason}") if reason else None
+        return ReadBack(correction, state == _FOLLOWING and command == FOLLOW and count == len(error), text)
 
     def release(self) -> None:
         """Have the control go to zero by its own ramp, and hang up. Raises `ControlError`."""

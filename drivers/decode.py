@@ -18,7 +18,7 @@ MAX_REGISTERS = 125  # of one read request (Modbus Application Protocol 1.1b3, 6
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class RegisterBlock:
     """Contiguous registers that one request reads."""
 
     function: str
@@ -63,25 +63,25 @@ def decode(words: Mapping[int, int], channel: ModbusChannel) -> tuple[float, str
     return value, None
 
 
-def spans(channel: ModbusChannel) -> list[Block]:
+def spans(channel: ModbusChannel) -> list[RegisterBlock]:
     """The registers a channel needs; each span is read in one request, so no value is torn."""
-    needed = [Block(channel.function, channel.register_, WORDS[channel.type])]
+    needed = [RegisterBlock(channel.function, channel.register_, WORDS[channel.type])]
     if channel.status_register is not None:
-        needed.append(Block(channel.function, channel.status_register, 1))
+        needed.append(RegisterBlock(channel.function, channel.status_register, 1))
     return needed
 
 
-def read_plan(channels: Sequence[ModbusChannel]) -> tuple[Block, ...]:
+def read_plan(channels: Sequence[ModbusChannel]) -> tuple[RegisterBlock, ...]:
     """The fewest requests that read these channels without touching a register nobody asked for."""
     needed = {span for channel in channels for span in spans(channel)}
-    plan: list[Block] = []
+    plan: list[RegisterBlock] = []
     for span in sorted(needed, key=lambda b: (b.function, b.first, b.count)):
         end = span.first + span.count
         if plan and plan[-1].function == span.function and span.first <= plan[-1].first + plan[-1].count:
             first = plan[-1].first
             count = max(end, first + plan[-1].count) - first
             if count <= MAX_REGISTERS:
-                plan[-1] = Block(span.function, first, count)
+                plan[-1] = RegisterBlock(span.function, first, count)
                 continue
         plan.append(span)
     return tuple(plan)

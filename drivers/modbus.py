@@ -10,8 +10,7 @@ from pydantic import Field, model_validator
 from drivers.decode import spans
 from drivers.devices import MODBUS_INPUTS, modbus_input
 from drivers.places import Device, ModbusChannel, check_channels
-from drivers.protocol import Driver
-from drivers.settings import ChannelName, DriverTable, InputOr, PollPeriod, Text, Timeout
+from drivers.protocol import ChannelName, Driver, DriverTable, InputOr, PollPeriod, Text, Timeout
 from observer.tables.quantities import Count, Number
 
 

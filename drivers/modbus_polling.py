@@ -1,25 +1,155 @@
-"""Polling a Modbus device, TCP or RTU, for ever: one reading each period, whatever happens on the wire."""
+"""A Modbus device, TCP or RTU, polled for ever: one reading each period, whatever happens on the wire.
+
+The one file that knows pymodbus as a driver; reads only. pymodbus's own retries and reconnects are off. A
+connection that did not answer in time is not used again before a late reply can no longer be taken for the
+next one: over TCP it is closed, on a serial line the link stays quiet until nothing has arrived for a while
+(an RTU reply carries no number that says which request it answers).
+"""
 
 from __future__ import annotations
 
 import asyncio
 import dataclasses
+import logging
 from math import nan
 
-from drivers.decode import Block, decode, read_plan, spans
-from drivers.modbus_link import (
-    BadReplyError,
-    DeviceExceptionError,
-    LinkLostError,
-    LinkTimeoutError,
-    ModbusLink,
-)
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+
+from drivers.decode import RegisterBlock, decode, read_plan, spans
 from drivers.places import Device, ModbusChannel
 from drivers.protocol import Clock, Deliver, DriverStatus, faulty
 from observer.frames import Reading
 
-_ASK_AGAIN_S = 0.1
+# Everything pymodbus logs also comes as the exceptions below, which are counted in the driver's status.
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+
+CONNECT_TIMEOUT_S = 0.5  # a peer that comes back between two attempts is found by the next
 RETRY_S = 0.25  # pause between attempts to connect, so that a returned peer is met within a second
+_ASK_AGAIN_S = 0.1
+
+
+class LinkTimeoutError(Exception):
+    """The device did not answer in time."""
+
+
+class LinkLostError(Exception):
+    """The connection is gone."""
+
+
+class BadReplyError(Exception):
+    """The device answered, but not what was asked."""
+
+
+class DeviceExceptionError(Exception):
+    """The device answered with a Modbus exception code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"Modbus exception {code}")
+        self.code = code
+
+
+class ModbusLink:
+    """One connection; `lost` is set when it ends, whoever ended it. Made anew for each connection.
+
+    `heard_s` is when the last bytes came, by the clock `now`.
+    """
+
+    def __init__(self, device: Device, now: Clock) -> None:
+        self.lost = asyncio.Event()
+        self.heard_s = now()
+        self._now = now
+        self._unit_id = device.unit_id
+        self._quiet_s = device.quiet_s
+        self._last_byte_s = 0.0
+        client = AsyncModbusSerialClient if device.serial else AsyncModbusTcpClient
+        self._client: AsyncModbusTcpClient | AsyncModbusSerialClient = client(
+            device.address,
+            **device.options,
+            timeout=device.timeout_s,
+            retries=0,
+            reconnect_delay=0,
+            trace_connect=self._connection_changed,
+            trace_packet=self._bytes_passed,
+        )
+
+    def _connection_changed(self, connected: bool) -> None:
+        if not connected:
+            self.lost.set()
+
+    def _bytes_passed(self, sending: bool, data: bytes) -> bytes:
+        if not sending:
+            self.heard_s = self._now()
+            self._last_byte_s = asyncio.get_running_loop().time()
+        return data
+
+    async def open(self) -> None:
+        """Connect, once. Raises `LinkLostError` with the reason when that fails."""
+        try:
+            connected = await asyncio.wait_for(self._client.connect(), CONNECT_TIMEOUT_S)
+        except TimeoutError:
+            raise LinkLostError("no answer to the attempt to connect") from None
+        except (OSError, ValueError, ModbusException) as error:
+            raise LinkLostError(str(error)) from None
+        if not connected:
+            raise LinkLostError("cannot connect")
+
+    def close(self) -> None:
+        """Close the connection; `lost` is set."""
+        self._client.close()
+        self.lost.set()
+
+    async def read(self, block: RegisterBlock) -> dict[int, int]:
+        """Read the registers of a block, by address.
+
+        Raises `LinkTimeoutError`, `LinkLostError`, `BadReplyError` or `DeviceExceptionError`; after the
+        first two the link must not be used before `settle`.
+        """
+        client = self._client
+        read = client.read_holding_registers if block.function == "holding" else client.read_input_registers
+        answer = asyncio.ensure_future(read(block.first, count=block.count, device_id=self._unit_id))
+        lost = asyncio.ensure_future(self.lost.wait())
+        try:
+            await asyncio.wait({answer, lost}, return_when=asyncio.FIRST_COMPLETED)
+            if not answer.done():
+                raise LinkLostError("connection closed by the device")
+            response = answer.result()
+        except ModbusException as error:
+            if self.lost.is_set():
+                raise LinkLostError("connection closed by the device") from None
+            raise LinkTimeoutError(str(error)) from None
+        finally:
+            answer.cancel()
+            lost.cancel()
+        return _registers(response, block)
+
+    async def settle(self) -> bool:
+        """After a timeout, make a late reply harmless; False when that needs a new connection."""
+        if self._quiet_s is None:
+            return False
+        loop = asyncio.get_running_loop()
+        quiet_from_s = loop.time()
+        while not self.lost.is_set():
+            quiet_from_s = max(quiet_from_s, self._last_byte_s)
+            remaining_s = quiet_from_s + self._quiet_s - loop.time()
+            if remaining_s <= 0:
+                return True
+            await asyncio.sleep(remaining_s)
+        return False
+
+
+def _registers(response: ModbusPDU, block: RegisterBlock) -> dict[int, int]:
+    """The registers in a response, by address, after checking that it answers this very request."""
+    if isinstance(response, ExceptionResponse):
+        raise DeviceExceptionError(response.exception_code)
+    expected_function = 3 if block.function == "holding" else 4
+    if response.function_code != expected_function or len(response.registers) != block.count:
+        raise BadReplyError(
+            f"asked for {block.count} registers by function {expected_function}, "
+            f"got {len(response.registers)} by function {response.function_code}"
+        )
+    return {block.first + i: word for i, word in enumerate(response.registers)}
 
 
 class ModbusDriver:
@@ -99,7 +229,7 @@ class ModbusDriver:
         """
         await self._connected.wait()
         words: dict[str, dict[int, int]] = {"holding": {}, "input": {}}
-        faults: dict[Block, str] = {}
+        faults: dict[RegisterBlock, str] = {}
         heard_s: float | None = None
         for block in self._plan:
             link = self._link
@@ -137,7 +267,7 @@ class ModbusDriver:
         self.status = dataclasses.replace(self.status, errors=self.status.errors + 1, last_error=str(error))
 
     def _reading(
-        self, words: dict[str, dict[int, int]], block_faults: dict[Block, str], time_s: float
+        self, words: dict[str, dict[int, int]], block_faults: dict[RegisterBlock, str], time_s: float
     ) -> Reading:
         """Decode every channel; a channel with a register that was not read takes that request's fault."""
         values: dict[str, float] = {}
@@ -153,7 +283,7 @@ class ModbusDriver:
         return Reading(time_s, values, faults)
 
 
-def _touches(channel: ModbusChannel, block: Block) -> bool:
+def _touches(channel: ModbusChannel, block: RegisterBlock) -> bool:
     """Whether a block holds a register that the channel needs."""
     return any(
         span.function == block.function and block.first <= span.first < block.first + block.count

@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from drivers.places import MtConnectAgent, MtConnectChannel
-from drivers.protocol import Driver
-from drivers.settings import ChannelName, DriverTable, PollPeriod, Text, Timeout
+from drivers.protocol import ChannelName, Driver, DriverTable, PollPeriod, Text, Timeout
 
 
 class MtConnectSettings(DriverTable):

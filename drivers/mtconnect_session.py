@@ -20,15 +20,15 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from drivers.places import MtConnectAgent, MtConnectChannel
-from drivers.polled import Answer, LostError
+from drivers.polled import LostError, PolledValue
 
-logging.getLogger("httpx").setLevel(logging.WARNING)  # it tells of every request otherwise
+logging.getLogger("httpx").setLevel(logging.WARNING)  # it reports every request otherwise
 
 LARGEST_BYTES = 2_000_000  # a probe of a large machining centre has some 200 kB
 _ROOT = re.compile(r"\{urn:mtconnect\.org:MTConnect(Devices|Streams|Error):[12]\.\d+\}MTConnect\1")
 _NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
 _UNAVAILABLE = "UNAVAILABLE"
-_CLOCK_STEP_S = 1.0  # many agents tell the time of a document in whole seconds
+_CLOCK_STEP_S = 1.0  # many agents give the time of a document in whole seconds
 FACTORS = {
     "": 1.0, "COUNT": 1.0, "CELSIUS": 1.0, "PERCENT": 1.0, "REVOLUTION/MINUTE": 1.0, "DEGREE": 1.0,
     "NEWTON": 1.0, "NEWTON_METER": 1.0, "WATT": 1.0, "AMPERE": 1.0, "VOLT": 1.0, "HERTZ": 1.0,
@@ -64,7 +64,7 @@ async def connect(agent: MtConnectAgent) -> MtConnectSession:
 
 
 class MtConnectSession:
-    """An agent that has told its data items."""
+    """An agent whose data items are known."""
 
     def __init__(self, client: httpx.AsyncClient, agent: MtConnectAgent) -> None:
         self.problem: str | None = None
@@ -90,7 +90,7 @@ class MtConnectSession:
         problems = [f"channel {channel}: {item}" for channel, item in wrong.items()]
         self.problem = problems[0] if problems else None
 
-    async def ask(self) -> Mapping[str, Answer]:
+    async def ask(self) -> Mapping[str, PolledValue]:
         """What each item is now. Raises `LostError`."""
         root = await self._get("current", "Streams")
         header = _header(root)
@@ -154,12 +154,12 @@ def document(data: bytes, kind: str, url: str) -> Element:
     try:
         root: Element = fromstring(data, forbid_dtd=True)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
-        told = re.sub(r"\s+", " ", str(error))[:120]
-        raise LostError("bad_reply", f"{url} is no XML that can be trusted: {told}") from None
+        reason = re.sub(r"\s+", " ", str(error))[:120]
+        raise LostError("bad_reply", f"{url} is no XML that can be trusted: {reason}") from None
     found = _ROOT.fullmatch(root.tag)
     if found is not None and found[1] == "Error":
-        told = next((" ".join((e.text or "").split())[:120] for e in root.iter() if _name(e) == "Error"), "")
-        raise LostError("bad_reply", f"{url}: the agent refuses: {told}")
+        text = next((" ".join((e.text or "").split())[:120] for e in root.iter() if _name(e) == "Error"), "")
+        raise LostError("bad_reply", f"{url}: the agent refuses: {text}")
     if found is None or found[1] != kind:
         raise LostError(
             "bad_reply", f"{url} is no MTConnect{kind} document of version 1 or 2, but {root.tag[:80]}"
@@ -170,7 +170,7 @@ def document(data: bytes, kind: str, url: str) -> Element:
 def _item(place: MtConnectChannel, elements: list[Element]) -> _Item | str:
     """What the probe says of a channel's item, or a sentence why it cannot be had."""
     if not elements:
-        return f"the agent has no data item {place.item}; mend its item"
+        return f"the agent has no data item {place.item}; fix its item"
     if len(elements) > 1:
         return f"the agent has {len(elements)} data items {place.item}; name the device"
     item = elements[0]
@@ -184,21 +184,21 @@ def _item(place: MtConnectChannel, elements: list[Element]) -> _Item | str:
     return _Item(factor, equals)
 
 
-def _answer(item: _Item | str, place: MtConnectChannel, elements: list[Element]) -> Answer:
+def _answer(item: _Item | str, place: MtConnectChannel, elements: list[Element]) -> PolledValue:
     """What an item says now."""
     if isinstance(item, str):
-        return Answer(fault="unknown_item")
+        return PolledValue(fault="unknown_item")
     if len(elements) != 1:
-        return Answer(fault="ambiguous" if elements else "missing")
+        return PolledValue(fault="ambiguous" if elements else "missing")
     text, stamp_s = (elements[0].text or "").strip(), _seconds(elements[0].get("timestamp"))
     if text == _UNAVAILABLE or len(elements[0]):
-        return Answer(fault="unavailable" if text == _UNAVAILABLE else "wrong_type", stamp_s=stamp_s)
+        return PolledValue(fault="unavailable" if text == _UNAVAILABLE else "wrong_type", stamp_s=stamp_s)
     if item.equals is not None:
-        return Answer(place.scale * float(text == item.equals) + place.offset, stamp_s=stamp_s)
+        return PolledValue(place.scale * float(text == item.equals) + place.offset, stamp_s=stamp_s)
     if not _NUMBER.fullmatch(text):
-        return Answer(fault="wrong_type", stamp_s=stamp_s)
+        return PolledValue(fault="wrong_type", stamp_s=stamp_s)
     value = place.scale * item.factor * float(text) + place.offset
-    return Answer(value, stamp_s=stamp_s) if isfinite(value) else Answer(fault="not_finite")
+    return PolledValue(value, stamp_s=stamp_s) if isfinite(value) else PolledValue(fault="not_finite")
 
 
 def _header(root: Element) -> Mapping[str, str]:

@@ -14,8 +14,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from drivers.places import OpcUaChannel, OpcUaServer
-from drivers.protocol import Driver
-from drivers.settings import ChannelName, DriverTable, PollPeriod, Text, Timeout
+from drivers.protocol import ChannelName, Driver, DriverTable, PollPeriod, Text, Timeout
 from observer.tables.quantities import File
 
 
@@ -71,7 +70,7 @@ class OpcUaSettings(DriverTable):
     def file_problems(self, _name: str) -> list[str]:
         """Say which files are not there."""
         return [
-            f"{key}: {file} is no file; mend the path"
+            f"{key}: {file} is no file; fix the path"
             for key, file in self.files.items()
             if not os.path.isfile(file)  # one in a folder that this user may not look into is none either
         ]

@@ -32,9 +32,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, RSAPublicKey
 
 from drivers.places import OpcUaChannel, OpcUaServer
-from drivers.polled import Answer, LostError
+from drivers.polled import LostError, PolledValue
 
-# Everything asyncua logs is also told by its exceptions, and then counted in the driver's status.
+# Everything asyncua logs also comes as its exceptions, which are counted in the driver's status.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
 _GOOD_BYE_S = 0.2
@@ -84,10 +84,10 @@ def _why_not(error: Exception, server: OpcUaServer) -> str:
             return " asks for a name; give user and password_file"
         return f" refuses the user {server.user}; look at user and password_file"
     if isinstance(error, _CERTIFICATE):
-        return f" does not trust {server.certificate} ({_told(error)}); have it trusted there"
+        return f" does not trust {server.certificate} ({_reason(error)}); have it trusted there"
     if server.certificate is None and "No matching endpoint" in str(error):
         return " asks for encryption; give certificate, private_key and server_certificate"
-    return f": {_told(error)}"
+    return f": {_reason(error)}"
 
 
 async def _secure(client: Client, server: OpcUaServer) -> None:
@@ -104,7 +104,7 @@ async def _secure(client: Client, server: OpcUaServer) -> None:
         if not isinstance(private, RSAPrivateKey) or not isinstance(public, RSAPublicKey):
             raise ValueError(f"{_FILES} cannot be used (they are not of RSA); {_WANTED}")
         if private.public_key() != certificate.public_key():
-            raise ValueError(f"{server.private_key} is not the key of {server.certificate}; mend private_key")
+            raise ValueError(f"{server.private_key} is not the key of {server.certificate}; fix private_key")
         if name := _name_in(certificate):
             client.application_uri = name  # servers compare it with the certificate (part 4, 6.1.3)
         policy = getattr(security_policies, f"SecurityPolicy{server.policy}")
@@ -138,7 +138,7 @@ class OpcUaSession:
         self._server = server
         self._nodes = [client.get_node(place.node) for place in server.channels.values()]
 
-    async def ask(self) -> Mapping[str, Answer]:
+    async def ask(self) -> Mapping[str, PolledValue]:
         """Read every node in one request. Raises `LostError`."""
         url = self._server.url
         try:
@@ -147,7 +147,7 @@ class OpcUaSession:
         except TimeoutError:
             raise LostError("timeout", f"{url} does not answer in time") from None
         except (OSError, ValueError, UaError) as error:
-            raise LostError("disconnected", f"{url}: {_told(error)}") from None
+            raise LostError("disconnected", f"{url}: {_reason(error)}") from None
         if len(found) != len(self._nodes):
             raise LostError("bad_reply", f"{url}: asked for {len(self._nodes)} values, got {len(found)}")
         self.problem = None
@@ -160,19 +160,19 @@ class OpcUaSession:
         """End the session."""
         await _end(self._client)
 
-    def _answer(self, channel: str, place: OpcUaChannel, data: ua.DataValue) -> Answer:
+    def _answer(self, channel: str, place: OpcUaChannel, data: ua.DataValue) -> PolledValue:
         stamp_s = _seconds(data.SourceTimestamp)
         if data.StatusCode is not None and (fault := _fault(data.StatusCode)) is not None:
             if fault.startswith("bad_node"):
-                self.problem = f"channel {channel}: the server has no node {place.node}; mend its node"
-            return Answer(fault=fault, stamp_s=stamp_s)
+                self.problem = f"channel {channel}: the server has no node {place.node}; fix its node"
+            return PolledValue(fault=fault, stamp_s=stamp_s)
         number = None if data.Value is None else data.Value.Value
         if isinstance(number, bool | int | float):
             value = place.scale * float(number) + place.offset
-            return Answer(value, stamp_s=stamp_s) if isfinite(value) else Answer(fault="not_finite")
+            return PolledValue(value, stamp_s=stamp_s) if isfinite(value) else PolledValue(fault="not_finite")
         kind = "nothing" if number is None else type(number).__name__
         self.problem = f"channel {channel}: {place.node} holds {kind}, not a number; name another node"
-        return Answer(fault="wrong_type", stamp_s=stamp_s)
+        return PolledValue(fault="wrong_type", stamp_s=stamp_s)
 
 
 def _fault(status: ua.StatusCode) -> str | None:
@@ -198,5 +198,5 @@ async def _end(client: Client) -> None:
         client.disconnect_socket()
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return str(error) or type(error).__name__

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.settings import (
+from drivers.protocol import (
     DriverTable,
     FaultName,
     PollPeriod,
@@ -107,7 +107,7 @@ class OpcUaChannel(Settings):
             raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
         name = self.node.rpartition(";")[2] if self.node.startswith("ns=") else self.node
         if name.startswith("i=") and not re.fullmatch(r"i=\d{1,10}", name):
-            raise ValueError(f'{self.node} is no node: after "i=" stands a number; mend it')
+            raise ValueError(f'{self.node} is no node: "i=" must be followed by a number; fix it')
         return self
 
 

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from drivers.protocol import Clock, Deliver, Driver, DriverStatus, faulty
-from drivers.settings import ChannelName, DriverTable
+from drivers.protocol import ChannelName, Clock, Deliver, Driver, DriverStatus, DriverTable, faulty
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.frames import Reading

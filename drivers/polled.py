@@ -30,7 +30,7 @@ class LostError(Exception):
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Answer:
+class PolledValue:
     """What a server said of a channel: a value or a fault, and the source's own time where it gave one."""
 
     value: float = nan
@@ -43,7 +43,7 @@ class Session(Protocol):
 
     problem: str | None
 
-    async def ask(self) -> Mapping[str, Answer]:
+    async def ask(self) -> Mapping[str, PolledValue]:
         """Ask for every channel. Raises `LostError`."""
 
     async def close(self) -> None:
@@ -63,9 +63,9 @@ class SourceTimes:
         self._stamps_s: dict[str, float] = {}
         self._before_s = nan
 
-    def readings(self, answers: Mapping[str, Answer], arrival_s: float) -> list[Reading]:
+    def readings(self, answers: Mapping[str, PolledValue], arrival_s: float) -> list[Reading]:
         """The answers as readings, one for each time, oldest first."""
-        at: dict[float, dict[str, Answer]] = {}
+        at: dict[float, dict[str, PolledValue]] = {}
         for channel, answer in answers.items():
             at.setdefault(self._time_s(channel, answer.stamp_s, arrival_s), {})[channel] = answer
         self._before_s = arrival_s

@@ -1,13 +1,32 @@
-"""What every driver is to the rest of the house, however its wire works."""
+"""What every driver is: a table of the configuration, and a source of readings, however its wire works.
+
+A driver is a table `[drivers.<name>]` whose `kind` selects it. Every kind names the channels it delivers; a
+channel either takes an input of a ready device map (`device = "wago_750_458"`, `channels = { t1_degC = 0 }`)
+or spells its place out (`channels.t1_degC = { register = 0, scale = 0.1 }`). All of it is checked without
+importing any bus library.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from math import nan
-from typing import Protocol
+from pathlib import Path
+from typing import Annotated, Protocol, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+)
 
 from observer.frames import Reading
+from observer.tables.quantities import Count, Finite, Number, checked_channel
 
 Deliver = Callable[[Reading], None]
 Clock = Callable[[], float]
@@ -50,3 +69,83 @@ def faulty(channels: Iterable[str], fault: str, time_s: float) -> Reading:
     """A reading that says why each of these channels has no value."""
     faults = dict.fromkeys(channels, fault)
     return Reading(time_s, dict.fromkeys(faults, nan), faults)
+
+
+def _any_base(code: object) -> object:
+    """Let codes be written as in device manuals; keys of TOML tables are strings, `0x7FFF` among them."""
+    try:
+        return int(code, 0) if isinstance(code, str) and len(code) <= 12 else code
+    except ValueError:
+        return code
+
+
+ChannelName = Annotated[
+    str,
+    Field(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_.-]+$"),
+    AfterValidator(checked_channel),
+]
+Input = Annotated[Count, Field(ge=0, le=63)]
+Scale = Annotated[Finite, Field(ge=-1e9, le=1e9)]
+PollPeriod = Annotated[Number, Field(ge=0.005, le=3600)]
+Timeout = Annotated[Number, Field(ge=0.01, le=60)]
+Register = Annotated[Count, Field(ge=0, le=0xFFFF)]
+Word = Annotated[Count, BeforeValidator(_any_base), Field(ge=0, le=0xFFFF_FFFF)]
+Text = Annotated[str, Field(min_length=1, max_length=256, pattern=r"^[^\x00-\x1f\x7f]+$")]
+FaultName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
+
+Place = TypeVar("Place")
+
+
+def _which(value: object) -> str:
+    return UNION_TAGS[0] if isinstance(value, int) else UNION_TAGS[1]
+
+
+# An input of a ready map or a place written out, distinguished before either is checked, so that an error is
+# about the one that was meant. The tags appear in the location of such an error.
+UNION_TAGS = ("input", "place")
+InputOr = Annotated[
+    Annotated[Input, Tag(UNION_TAGS[0])] | Annotated[Place, Tag(UNION_TAGS[1])], Discriminator(_which)
+]
+
+
+class Settings(BaseModel):
+    """A table under `[drivers.…]`: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class DriverTable(Settings):
+    """A table `[drivers.<name>]`: what a kind of driver says of itself, and how it is opened."""
+
+    @property
+    @abstractmethod
+    def delivered(self) -> tuple[str, ...] | None:
+        """The channels it delivers; None where only opening it shows them."""
+
+    @property
+    def sample_s(self) -> float | None:
+        """How often each channel comes; None where that is not known."""
+        return None
+
+    @abstractmethod
+    def open(self, name: str) -> Driver:
+        """Make the driver; its bus library is imported here, and nothing is connected before `run`.
+
+        Raises `UserError` where a file that the table names cannot be used.
+        """
+
+    def file_problems(self, _name: str) -> list[str]:
+        """What is wrong with the files that the table names, as “key: a sentence”."""
+        return []
+
+    def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
+        """The addresses that each channel reads, the register last, where two channels could share some."""
+        return {}
+
+    def steps(self) -> dict[str, float]:
+        """The step between two neighbouring values of each channel that comes as a whole number."""
+        return {}
+
+    def decodes(self, _recording: Path, _name: str) -> Iterator[Reading] | None:
+        """The readings in a recording of the bus; None where this kind of driver has no recordings."""
+        return None

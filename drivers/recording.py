@@ -1,6 +1,6 @@
-"""CAN recordings: every frame of a file, and an honest word when the file was cut off.
+"""CAN recordings: every frame of a file, and an error where the file was cut off.
 
-python-can reads a truncated file without an error. Vector's formats say how they end: an `.asc` with its
+python-can reads a truncated file without an error. Vector's formats mark their end: an `.asc` with its
 last trigger block closed, a `.blf` with its own length in the header.
 """
 
@@ -15,14 +15,16 @@ from pathlib import Path
 import can
 from can.io.blf import BLFParseError
 
+from drivers.can_bus import Decode
 from observer.errors import LogError
+from observer.frames import Reading
 
 _REMEDY = "copy the recording again, or convert what is left of it to a new file"
 # What the readers of python-can raise when bytes make no sense.
 _DAMAGE = (BLFParseError, can.CanError, sqlite3.Error, struct.error, zlib.error, LookupError, EOFError)
 _BLF_HEADER = 144
 _TAIL = 200
-# Formats of which a complete file can be told from a cut one only by its last line.
+# Formats in which only the last line shows whether the file is complete.
 LINE_FORMATS = (".log", ".csv", ".trc")
 
 
@@ -110,3 +112,15 @@ def _tail(path: Path) -> bytes:
         size = file.seek(0, 2)
         file.seek(max(0, size - _TAIL))
         return file.read()
+
+
+def readings_of(recording: Path, decode: Decode) -> Iterator[Reading]:
+    """Replay a CAN recording through the decoding of the live bus, with the recording's own times.
+
+    Raises `UserError` when the recording cannot be read or was cut off; what came before the cut has been
+    given by then.
+    """
+    for frame in messages_of(recording):
+        decoded = decode(frame)
+        if decoded is not None and decoded[0]:
+            yield Reading(frame.timestamp, *decoded)

@@ -1,8 +1,8 @@
 """When a frame was on the wire: the stamp its adapter or kernel gave it, in the service's time.
 
-A stamp is of another clock than the service's. Where that is this computer's own, its difference to now is
-how long ago a frame came. Where it is an adapter's, only differences mean anything: the frame that took the
-shortest way of all lately tells how far the two clocks are apart. No time is later than the arrival.
+A stamp comes from another clock than the service's. If that is this computer's own, its difference to now is
+the age of the frame. If it is an adapter's, only differences mean anything: the recent frame with the
+shortest delay gives the offset between the two clocks. No time is later than the arrival.
 """
 
 from __future__ import annotations

@@ -204,7 +204,7 @@ def _steering(config: Installation) -> Steering | None:
     settings = config.compensation
     if (at := settings.control) is None or not settings.enabled:
         return None
-    from drivers.control_modbus import ModbusControl  # noqa: PLC0415  (the bus library only when it is used)
+    from drivers.control_modbus import ModbusControlLink  # noqa: PLC0415  (the bus library only when it is used)
 
-    control = ModbusControl(at.host, at.port, at.unit_id, at.first_register, at.timeout_s)
+    control = ModbusControlLink(at.host, at.port, at.unit_id, at.first_register, at.timeout_s)
     return Steering(control, LATE_PERIODS * config.estimator.period_s)

@@ -16,10 +16,16 @@ import threading
 
 from pydantic import ValidationError
 
-from drivers.simulated.faults import Command, Faults
-from drivers.simulated.machine import Machine, heats, speed_rpm
-from drivers.simulated.truth import TruthPublisher
-from drivers.simulated.wires import AxisBus, PtyWire, ThermocoupleServer, icpdas_m7018, wago_750_458
+from drivers.simulated.faults import FaultCommand, Faults
+from drivers.simulated.machine import SimulatedMachine, heats, speed_rpm
+from drivers.simulated.wires import (
+    AxisBus,
+    PtyWire,
+    ThermocoupleServer,
+    TruthPublisher,
+    icpdas_m7018,
+    wago_750_458,
+)
 
 STEP_S = 0.02  # also the cycle of the CAN frame
 WARM_STEP_S = 0.1
@@ -40,11 +46,11 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-class Process:
+class MachineProcess:
     """The machine and its wires."""
 
     def __init__(self, args: argparse.Namespace) -> None:
-        self._machine = Machine(args.seed)
+        self._machine = SimulatedMachine(args.seed)
         self._args = args
         self._encode = MAPS[args.map]
         self._steps_per_period = max(1, round(args.period / STEP_S))
@@ -58,7 +64,7 @@ class Process:
             self._machine.advance(WARM_STEP_S)
 
     async def run(self) -> None:
-        """Run until told to stop."""
+        """Run until SIGTERM, SIGINT or the end of standard input."""
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._commands.put_nowait, None)
@@ -117,7 +123,7 @@ class Process:
             if not line.strip():
                 continue
             try:
-                self._faults = Command.model_validate_json(line).fault
+                self._faults = FaultCommand.model_validate_json(line).fault
             except ValidationError as error:
                 print(f"command refused: {error}", file=sys.stderr, flush=True)
                 continue
@@ -145,7 +151,7 @@ class Process:
 def main() -> None:
     """Start the machine."""
     logging.basicConfig(level=logging.CRITICAL)
-    asyncio.run(Process(arguments()).run())
+    asyncio.run(MachineProcess(arguments()).run())
 
 
 if __name__ == "__main__":

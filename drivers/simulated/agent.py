@@ -83,7 +83,7 @@ class Agent:
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers GET, honestly or as told."""
+    """Answers GET, honestly, or with the fault that was set."""
 
     agent: Agent
     protocol_version = "HTTP/1.1"

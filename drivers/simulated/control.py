@@ -1,7 +1,7 @@
 """`python -m drivers.simulated.control`: a control with a compensation of its own, behind Modbus TCP.
 
-It trusts nobody: it goes toward what it is told at its own rate, refuses what is beyond its limit, and goes
-to zero when the sign of life stands still, until it has been told to be off once. It says its port in one
+It trusts nobody: it moves towards the commanded table at its own rate, refuses what is beyond its limit, and
+ramps to zero when the sign of life stops, until it has been switched off once. It says its port in one
 JSON line, obeys lines on standard input (`{"alter": true}` has it hold something else than was written,
 `{"off": true}` is the operator's switch, `{}` only asks) with what it is doing, and ends when that is closed.
 It shares nothing with the client but the page that describes the registers.
@@ -35,7 +35,7 @@ def signed(high: int, low: int) -> int:
     return number - (1 << 32) if number >> 31 else number
 
 
-class Compensation:
+class RateLimitedTable:
     """The table in force and what it goes to, µm."""
 
     def __init__(self, rate_um_s: float, limit_um: float, longest_s: float) -> None:
@@ -46,7 +46,7 @@ class Compensation:
         self.fastest_um_s = 0.0
         self._left_s = 0.0
 
-    def told(self, words: list[int]) -> ExcCodes | None:
+    def write(self, words: list[int]) -> ExcCodes | None:
         """Take a writing from the first register on; None where it is accepted."""
         self.writes += 1
         if len(words) >= 2 and words[:2] == [1, 0]:
@@ -56,7 +56,7 @@ class Compensation:
         if words[:2] != [1, 1] or count < 2 or len(words) != 16 + 2 * count:
             self.stop(STRANGE)
             return ExcCodes.ILLEGAL_VALUE
-        if self.reason != NOTHING:  # it must be told to be off first
+        if self.reason != NOTHING:  # it must be switched off first
             return ExcCodes.DEVICE_BUSY
         table_um = [signed(*words[16 + 2 * i : 18 + 2 * i]) * 1e-3 for i in range(count)]
         if max(abs(um) for um in table_um) > self.limit_um:
@@ -93,11 +93,11 @@ class Compensation:
         }  # fmt: skip
 
 
-class Process:
+class ControlProcess:
     """The control and its wire."""
 
     def __init__(self, args: argparse.Namespace) -> None:
-        self._compensation = Compensation(args.rate_um_s, args.limit_um, args.dead_man_s)
+        self._compensation = RateLimitedTable(args.rate_um_s, args.limit_um, args.dead_man_s)
         self._port = args.port
         self._altered = False
 
@@ -146,7 +146,7 @@ class Process:
         if function in WRITES:
             if address != 0:
                 return ExcCodes.ILLEGAL_ADDRESS
-            return it.told([int(word) for word in written or []])
+            return it.write([int(word) for word in written or []])
         table = [word for um in it.now_um for word in divmod(round(1e3 * um) & 0xFFFFFFFF, 1 << 16)]
         largest = divmod(round(1e3 * max([0.0, *map(abs, it.now_um)])), 1 << 16)
         state = [1, it.state, it.reason, it.beat, *largest, len(it.now_um), 0, *table]
@@ -164,7 +164,7 @@ def main() -> None:
     parser.add_argument("--limit-um", type=float, default=300.0, help="what it refuses to go beyond")
     parser.add_argument("--dead-man-s", type=float, default=2.0, help="how long a sign of life holds at most")
     logging.basicConfig(level=logging.CRITICAL)
-    asyncio.run(Process(parser.parse_args()).run())
+    asyncio.run(ControlProcess(parser.parse_args()).run())
 
 
 if __name__ == "__main__":

@@ -1,25 +1,30 @@
-"""The simulated machine's wires: a Modbus TCP server for its thermocouples and a CAN bus on a pty pair."""
+"""The simulated machine's wires: Modbus TCP for its thermocouples, CAN on a pty pair, Zenoh for its truth."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import os
 import select
+import threading
 import time
 import tty
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 import cantools
+import zenoh
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers.simulated.faults import Faults
-from drivers.simulated.mishaps import Mishaps
+from drivers.simulated.faults import Faults, Mishaps
+from drivers.simulated.machine import TrueHeats
 
 HANG_UP_POLL_S = 0.05
+RETRY_S = 0.25
 WAGO_OPEN, WAGO_OVER = 0x60, 0x42
 
 
@@ -180,3 +185,66 @@ class AxisBus:
     def close(self) -> None:
         """Leave the bus."""
         os.close(self._device)
+
+
+class TruthPublisher:
+    """A publisher with a session of its own, opened as soon as there is a router; only the newest goes out.
+
+    Everything that can block is in a daemon thread, so the machine neither waits for a router nor for the
+    end of a session with a router that no longer answers.
+    """
+
+    def __init__(self, endpoint: str, key: str) -> None:
+        self._endpoint = endpoint
+        self._key = key
+        self._next: str | None = None
+        self._wake = threading.Event()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._live, name="truth", daemon=True)
+        self._thread.start()
+
+    def put(self, true: TrueHeats, sequence: int) -> None:
+        """Publish these heats, with the time of now."""
+        self._next = json.dumps(
+            {
+                "time_s": time.time(),
+                "sequence": sequence,
+                "sources": {
+                    key.removesuffix("_W"): {"heat_W": heat_W, "sigma_W": 0.0}
+                    for key, heat_W in asdict(true).items()
+                },
+                "quality": "good",
+            }
+        )
+        self._wake.set()
+
+    def close(self) -> None:
+        """End the session, without waiting long for it."""
+        self._stop.set()
+        self._wake.set()
+        self._thread.join(timeout=1.0)
+
+    def _live(self) -> None:
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([self._endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        session = None
+        while session is None and not self._stop.is_set():
+            try:
+                session = zenoh.open(config)
+            except zenoh.ZError:
+                self._stop.wait(RETRY_S)
+        if session is None:
+            return
+        with session:
+            publisher = session.declare_publisher(
+                self._key,
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+            while not self._stop.is_set():
+                self._wake.wait()
+                self._wake.clear()
+                if self._next is not None and not self._stop.is_set():
+                    publisher.put(self._next)

@@ -6,6 +6,7 @@ from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 from observer.tables.integrity import Integrity
+from observer.tables.outside import is_outside, outside
 
 
 def build_estimator(
@@ -17,6 +18,9 @@ def build_estimator(
 
     Raises `UserError` where no gain to be trusted exists for this plant.
     """
+    if is_outside(settings.kind):
+        made: Estimator = outside(settings.kind)(plant, settings)
+        return made
     if settings.kind == "luenberger":
         from observer.estimators.luenberger import LuenbergerEstimator  # noqa: PLC0415
 

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from drivers import DRIVER_KINDS
-from drivers.settings import UNION_TAGS
+from drivers.protocol import UNION_TAGS
 from observer.effects.catalogue import KINDS
 from observer.errors import SeveralError
 from observer.installation.known_keys import every_key, keys_at, suggestion, within
@@ -119,7 +119,8 @@ def _words(detail: ErrorDetails, path: Path) -> str:
     elif kind.startswith("union_tag"):
         named = given.get("kind") if isinstance(given, dict) else None
         stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
-        message = f"{stated}; give one of {', '.join(KINDS if path[0] == 'effect' else DRIVER_KINDS)}"
+        kinds = KINDS if path[0] == "effect" else (*DRIVER_KINDS, "module:Class")
+        message = f"{stated}; give one of {', '.join(kinds)}"
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
         message = f"is to be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"
     elif kind in {"too_short", "too_long"} and isinstance(given, list | tuple | dict):

@@ -15,7 +15,7 @@ from typing import Any
 
 import structlog
 
-from drivers.control import Control, ControlError, Correction
+from drivers.control import AxisCorrection, ControlError, ControlLink
 
 _ATTEMPTS = 2
 
@@ -26,14 +26,14 @@ log = structlog.get_logger()
 class _Job:
     """What to write, and until when; None is to let go."""
 
-    correction: Correction | None
+    correction: AxisCorrection | None
     until_s: float
 
 
 class Steering:
     """Writes to one control; the loop waits for nothing in it. `valid_s` is how long a document holds."""
 
-    def __init__(self, control: Control, valid_s: float) -> None:
+    def __init__(self, control: ControlLink, valid_s: float) -> None:
         self._control = control
         self._valid_s = valid_s
         self._changed = threading.Condition()
@@ -41,7 +41,7 @@ class Steering:
         self._closing = False
         self._armed = False
         self._failure: str | None = None
-        self._written: Correction | None = None
+        self._written: AxisCorrection | None = None
         self._held = False
         self._thread = threading.Thread(target=self._live, name="control", daemon=True)
         self._thread.start()
@@ -86,7 +86,7 @@ class Steering:
             if closing:
                 return
 
-    def _try(self, job: _Job, correction: Correction) -> None:
+    def _try(self, job: _Job, correction: AxisCorrection) -> None:
         try:
             self._write(job, correction)
         except Exception as error:  # whatever it is, the loop must hear of it and the control be released
@@ -95,7 +95,7 @@ class Steering:
             self._failure = f"control: {str(error) or type(error).__name__}"
             self._let_go()
 
-    def _write(self, job: _Job, correction: Correction) -> None:
+    def _write(self, job: _Job, correction: AxisCorrection) -> None:
         """Make sure that what was written last still holds, write, and make sure again."""
         if self._written is not None:
             self._check(self._written)
@@ -111,7 +111,7 @@ class Steering:
         self._check(correction)
         self._written = correction
 
-    def _check(self, written: Correction) -> None:
+    def _check(self, written: AxisCorrection) -> None:
         back = self._control.read_back()
         if back.reason is not None or not back.following:
             raise ControlError(f"it does not follow: {back.reason or 'it is off'}")
@@ -138,10 +138,10 @@ class Steering:
         self._held = False
 
 
-def correction_of(document: Mapping[str, Any]) -> Correction:
+def correction_of(document: Mapping[str, Any]) -> AxisCorrection:
     """The document of an armed compensation in a control's whole numbers."""
     places_m = document["position_m"]
-    return Correction(
+    return AxisCorrection(
         reference_um=round(1e6 * document["reference_m"]),
         offset_nm=round(1e3 * document["offset_um"]),
         slope_nm_m=round(1e3 * document["slope_um_m"]),

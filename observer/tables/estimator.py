@@ -4,10 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from observer.tables.outside import is_outside, outside
 from observer.tables.quantities import NonNegative, Number, Positive, Rise, Section
 from observer.tables.tolerance import Learnable
+
+_KINDS = ("kalman", "luenberger")
+
+
+def _known(kind: str) -> str:
+    if is_outside(kind):
+        outside(kind)
+    elif kind not in _KINDS:
+        raise ValueError(f'unknown kind {kind[:60]!r}; give one of {", ".join(_KINDS)}, or "module:Class"')
+    return kind
 
 
 class EstimatorSettings(Section):
@@ -17,7 +28,7 @@ class EstimatorSettings(Section):
     only roughly it allows for.
     """
 
-    kind: Literal["kalman", "luenberger"] = "kalman"
+    kind: Annotated[str, AfterValidator(_known)] = "kalman"
     period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
     # Kalman
     engine: Literal["compiled", "filterpy", "constant"] = "compiled"
@@ -32,7 +43,7 @@ class EstimatorSettings(Section):
     @property
     def allows(self) -> bool:
         """Whether the estimator is one whose σ hold what tolerances cost."""
-        return self.kind == "luenberger" or self.engine != "filterpy"
+        return self.kind == "luenberger" or (self.kind == "kalman" and self.engine != "filterpy")
 
     @property
     def learnt(self) -> tuple[str, ...]:

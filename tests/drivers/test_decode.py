@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.decode import MAX_REGISTERS, Block, bytes_of, decode, raw_of, read_plan, spans
+from drivers.decode import MAX_REGISTERS, RegisterBlock, bytes_of, decode, raw_of, read_plan, spans
 from drivers.devices import modbus_input
 from drivers.places import WORDS, ModbusChannel
 
@@ -148,4 +148,4 @@ def test_a_plan_reads_what_is_needed_and_nothing_else(channels):
 
 def test_neighbours_are_read_together():
     module = [modbus_input("wago_750_458", number) for number in range(8)]
-    assert read_plan(module) == (Block("input", 0, 16),)
+    assert read_plan(module) == (RegisterBlock("input", 0, 16),)

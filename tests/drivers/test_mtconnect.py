@@ -94,7 +94,7 @@ async def test_items_come_in_the_units_of_the_house_and_words_as_one_or_zero():
 
 async def test_what_the_agent_does_not_have_is_said_in_a_sentence_and_the_rest_goes_on():
     wrong = {
-        "nowhere": "the agent has no data item nowhere; mend its item",
+        "nowhere": "the agent has no data item nowhere; fix its item",
         "xtravel": "xtravel is a condition, which is no number; name a sample or an event",
         "xpath": "xpath is in MILLIMETER_3D, which is not known here; name another item",
     }

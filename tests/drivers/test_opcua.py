@@ -83,7 +83,7 @@ async def test_what_is_plainly_good_is_a_value_and_everything_else_a_fault_with_
         assert reading.faults == others
         assert math.isnan(reading.values["name_1"])
         assert math.isnan(reading.values["y_m"])
-        told = "channel y_m: the server has no node ns=2;s=Axis.X.Nowhere; mend its node"
+        told = "channel y_m: the server has no node ns=2;s=Axis.X.Nowhere; fix its node"
         assert cnc.driver.status.last_error == told
 
         for code, fault in STATUSES.items():

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from drivers.polled import Answer, SourceTimes
+from drivers.polled import PolledValue, SourceTimes
 
 PERIOD_S = 0.1
 AHEAD_S = -3600.0  # the source's clock
@@ -22,7 +22,7 @@ def _asked(made_s, delay_s, until_s):
         there = [i for i, at_s in enumerate(made_s) if at_s + delay_s[i] <= now_s]
         if there:
             i = there[-1]
-            answer = Answer(float(i), stamp_s=made_s[i] + AHEAD_S)
+            answer = PolledValue(float(i), stamp_s=made_s[i] + AHEAD_S)
             (reading,) = times.readings({"x_m": answer}, now_s)
             found.setdefault(i, []).append(reading.time_s)
     return found
@@ -51,7 +51,7 @@ def test_no_time_runs_back_or_ahead_where_values_are_held_up():
 def test_without_a_stamp_the_arrival_holds():
     times = SourceTimes()
     for arrival_s in (1.0, 2.0, 3.0):
-        (reading,) = times.readings({"x_m": Answer(1.0), "y_m": Answer(fault="bad")}, arrival_s)
+        (reading,) = times.readings({"x_m": PolledValue(1.0), "y_m": PolledValue(fault="bad")}, arrival_s)
         assert reading.time_s == arrival_s
         assert reading.faults == {"y_m": "bad"}
         assert math.isnan(reading.values["y_m"])

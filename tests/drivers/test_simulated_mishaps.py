@@ -3,8 +3,7 @@
 import asyncio
 import itertools
 
-from drivers.simulated.faults import Faults
-from drivers.simulated.mishaps import Mishaps
+from drivers.simulated.faults import Faults, Mishaps
 
 PERIOD_S = 0.02
 LINES = [b"%d," % number for number in range(1000)]

@@ -5,14 +5,21 @@ import pytest
 
 from drivers.simulated import machine as simulated
 from drivers.simulated.faults import Faults
-from drivers.simulated.machine import PROGRAMME, STROKE_M, Machine, heats, speed_rpm
-from drivers.simulated.screw import Rod, Screw
+from drivers.simulated.machine import (
+    PROGRAMME,
+    STROKE_M,
+    FiniteVolumeScrew,
+    ScrewData,
+    SimulatedMachine,
+    heats,
+    speed_rpm,
+)
 from drivers.simulated.wires import icpdas_m7018, wago_750_458
 
 
 def test_heat_is_conserved_without_a_film():
-    rod = Rod(film_W_m2K=0.0)
-    screw = Screw(rod)
+    rod = ScrewData(film_W_m2K=0.0)
+    screw = FiniteVolumeScrew(rod)
     heat_W = 30.0 * screw.spread(0.3, 0.38)
     for _ in range(100):
         screw.step(0.5, heat_W)
@@ -24,8 +31,8 @@ def test_heat_is_conserved_without_a_film():
 
 def test_the_steady_field_is_the_fin_solution():
     """Heat in at the left end of an insulated-tip fin: θ = q cosh m(L−x) / (k A m sinh m L)."""
-    rod = Rod(cells=400)
-    screw = Screw(rod)
+    rod = ScrewData(cells=400)
+    screw = FiniteVolumeScrew(rod)
     heat_W = np.zeros(rod.cells)
     heat_W[0] = 10.0
     for _ in range(200):
@@ -40,13 +47,13 @@ def test_the_steady_field_is_the_fin_solution():
 
 
 def test_the_share_under_a_stretch_sums_to_one_wherever_it_lies():
-    screw = Screw(Rod())
+    screw = FiniteVolumeScrew(ScrewData())
     for from_m in np.linspace(0.0, 0.92, 50):
         assert screw.spread(from_m, from_m + 0.08).sum() == pytest.approx(1.0, abs=1e-12)
 
 
 def test_the_nut_stays_in_its_stroke_and_moves_by_the_lead():
-    axis = Machine(seed=1)
+    axis = SimulatedMachine(seed=1)
     before_m = axis.nut_position_m()
     moved_m = []
     for _ in range(2000):
@@ -66,12 +73,12 @@ def test_friction_is_not_what_a_nominal_law_says():
     assert all(1.05 < share < 1.15 for share in shares)
     assert len(set(shares)) == 3
     pause_s = PROGRAMME[0][0] + 1.0
-    assert heats(pause_s) == simulated.Heats(0.0, 0.0, 0.0)
+    assert heats(pause_s) == simulated.TrueHeats(0.0, 0.0, 0.0)
 
 
 def test_the_same_seed_gives_the_same_noise():
-    assert Machine(3).thermocouples_degC() == Machine(3).thermocouples_degC()
-    assert Machine(3).thermocouples_degC() != Machine(4).thermocouples_degC()
+    assert SimulatedMachine(3).thermocouples_degC() == SimulatedMachine(3).thermocouples_degC()
+    assert SimulatedMachine(3).thermocouples_degC() != SimulatedMachine(4).thermocouples_degC()
 
 
 def test_modules_show_faults_as_the_real_ones_do():

@@ -8,7 +8,7 @@ from can import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.slcan import TURN_S, stamp_of
+from drivers.can_bus import SLCAN_TURN_S, stamp_of
 from drivers.stamps import FURTHEST_S, DeviceClock, wall_time
 
 PERIOD_S = 0.02
@@ -53,13 +53,13 @@ def test_held_up_frames_get_the_time_of_their_sending(held_s, zero_s, drift):
 
 
 @settings(deadline=None)  # a busy computer is not to fail it
-@given(delays_s, st.floats(0.0, TURN_S))
+@given(delays_s, st.floats(0.0, SLCAN_TURN_S))
 def test_a_counter_that_starts_again_each_minute_is_followed(held_s, zero_s):
     """The counter stands in whole milliseconds; a hold-up now and then, over its turn as well."""
     sent = sending(4000)
     held_s = (([0.0] * 50 + held_s) * 80)[: len(sent)]
-    stamps = [math.floor(1e3 * ((zero_s + s) % TURN_S)) / 1e3 for s in sent]
-    late = late_s(DeviceClock(TURN_S), stamps, arrivals(sent, held_s), sent)
+    stamps = [math.floor(1e3 * ((zero_s + s) % SLCAN_TURN_S)) / 1e3 for s in sent]
+    late = late_s(DeviceClock(SLCAN_TURN_S), stamps, arrivals(sent, held_s), sent)
     assert all(abs(s) < 3e-3 for s in late)
 
 
@@ -102,10 +102,10 @@ def test_one_wrong_stamp_displaces_no_other_frame():
 
 
 def test_a_device_that_says_nothing_for_ten_minutes_is_still_followed():
-    clock = DeviceClock(TURN_S)
+    clock = DeviceClock(SLCAN_TURN_S)
     sent = sending(100) + sending(100, 610.0)
     arrived = arrivals(sent, [0.0] * 120 + [0.1] * 80)
-    assert max(late_s(clock, [s % TURN_S for s in sent], arrived, sent)) < 1e-6
+    assert max(late_s(clock, [s % SLCAN_TURN_S for s in sent], arrived, sent)) < 1e-6
 
 
 @settings(deadline=None)  # a busy computer is not to fail it

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.simulated.machine import Machine as Axis
+from drivers.simulated.machine import SimulatedMachine as Axis
 from drivers.simulated.machine import heats, speed_rpm
 from observer.config import Config
 from observer.frames import EstimateBlock, FloatArray, Reading

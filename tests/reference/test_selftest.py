@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.simulated.screw import Rod
+from drivers.simulated.machine import ScrewData
 from observer.files.logs import Log
 from observer.frames import EstimateQuality, Reading
 from observer.service.align import doubts, frames_of_log
@@ -148,7 +148,7 @@ def test_led_astray_and_back_within_two_minutes() -> None:
 @pytest.mark.parametrize(("film", "told_s"), [(3.0, 60.0), (0.3, 120.0)])
 def test_a_film_that_is_far_off_is_told(film: float, told_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """The heats make up for a wrong film, so no innovation shows it soon; the laws do."""
-    monkeypatch.setattr("drivers.simulated.machine.Rod", lambda: Rod(film_W_m2K=15.0 * film))
+    monkeypatch.setattr("drivers.simulated.machine.ScrewData", lambda: ScrewData(film_W_m2K=15.0 * film))
     ride = live.ride(live.demo(), live.sent(300.0))
     wrong = good_but_wrong(ride, told_s)
     print(f"film x {film}: {len(wrong)} of {len(ride.block)} steps good but wrong after {told_s:g} s")

@@ -8,7 +8,7 @@ import struct
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from drivers.control_modbus import ModbusControl
+from drivers.control_modbus import ModbusControlLink
 from observer.service.steer import Steering, correction_of
 from tests.patience import Stopwatch, until
 from tests.service.a_control import simulated_control
@@ -29,7 +29,7 @@ def document(*error_um: float) -> dict[str, object]:
 
 
 def steering(port: int) -> Steering:
-    return Steering(ModbusControl("127.0.0.1", port, 1, 0, 0.3), VALID_S)
+    return Steering(ModbusControlLink("127.0.0.1", port, 1, 0, 0.3), VALID_S)
 
 
 def hold(steered: Steering, told: dict[str, object], wanted, timeout_s: float = 10.0) -> None:
@@ -150,7 +150,7 @@ def test_a_control_that_is_gone_or_hangs_never_holds_up_who_asks():
     assert steered.close(2.0)
 
 
-class _OffBetween(ModbusControl):
+class _OffBetween(ModbusControlLink):
     """The operator switches it off after it was looked at and before it is written to."""
 
     control = None
