@@ -13,7 +13,10 @@ import numpy as np
 from benchmarks.plants import config_of, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
+from observer.align.aligner import frames_of_log
 from observer.config import Config
+from observer.estimate.identify import inputs_of
+from observer.estimate.machine import Machine
 from observer.files.logs import Log
 from observer.frames import FloatArray, Inputs
 from observer.history.changes import changes_within
@@ -28,9 +31,6 @@ from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.simulate import simulate, start
-from observer.service.align import frames_of_log
-from observer.service.identify import inputs_of
-from observer.service.machine import Machine
 from observer.tables.estimator import EstimatorSettings
 
 STEPS, ROUGH_STEPS, DAY = 1_000, 15_000, 172_800

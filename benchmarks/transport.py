@@ -18,15 +18,15 @@ import zenoh
 from benchmarks.plants import config_of
 from benchmarks.table import Result, judged
 from benchmarks.timing import shown
+from observer.align.aligner import Aligner, AlignPlan
 from observer.config import Config
+from observer.estimate.pipeline import Pipeline
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import EstimateBlock, Reading
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.publish.codec import EstimateEncoder
 from observer.publish.session import session_config
-from observer.service.align import Aligner, AlignPlan
-from observer.service.pipeline import Pipeline
 
 PREFIX = "ballscrew/benchmark/x"
 PERIOD_S = 0.01

@@ -6,35 +6,35 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
+from observer.control.compensation import LATE_PERIODS
+from observer.control.compensator import Compensator
+from observer.control.steering import Steering
 from observer.errors import ConfigError
+from observer.estimate.carry import carried_over
+from observer.estimate.checkpoint import Fit, Snapshot, pack, shifted
+from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
 from observer.gateway.feed import Feed
 from observer.gateway.outlets import Outlets
 from observer.gateway.start import Start
 from observer.installation import Installation, load
+from observer.live.forecasting import Forecaster, is_wanted
+from observer.live.keeper import Keeper, carried, known_of_gap, stored
+from observer.live.lifecycle import run
+from observer.live.loop import Service
+from observer.live.renewal import Renewal, Renewals
+from observer.live.trial import Trial
+from observer.process.clock import ServiceClock
+from observer.process.notify import service_manager
 from observer.publish.codec import config_json
 from observer.publish.session import listening
 from observer.publish.taken import refuse_taken
 from observer.publish.zenoh import ZenohPublisher
-from observer.service.alarms import AlarmDesk
-from observer.service.carry import carried_over
-from observer.service.checkpoint import Fit, Snapshot, pack, shifted
-from observer.service.clock import ServiceClock
-from observer.service.compensate import Compensator
-from observer.service.compensation import LATE_PERIODS
-from observer.service.forecasting import Forecaster, is_wanted
-from observer.service.gap import GapState
-from observer.service.keeper import Keeper, carried, known_of_gap, stored
-from observer.service.lives import run
-from observer.service.loop import Service
-from observer.service.machine import Machine
-from observer.service.notify import service_manager
-from observer.service.record import Recorder
-from observer.service.renew import Renewal, Renewals
-from observer.service.retention import Retention, refuse_shared
-from observer.service.steer import Steering
-from observer.service.trial import Trial
+from observer.quality.alarms import AlarmDesk
+from observer.quality.gap import GapState
+from observer.record.recorder import Recorder
+from observer.record.retention import Retention, refuse_shared
 
 _TRIAL_END_S = 0.2
 

@@ -87,7 +87,7 @@ def _show(subscription: Subscription, plain: bool, done: threading.Event) -> Non
 
 def main() -> None:
     """Show an axis until the standard input closes."""
-    from observer.service.shutdown import leave
+    from observer.process.shutdown import leave
 
     parser = argparse.ArgumentParser(prog="python -m observer.view")
     for name in ("endpoint", "machine", "axis"):

@@ -23,12 +23,12 @@ from rich.console import Console
 
 from campaigns.resumable import go_on, read_rows, show
 from drivers.protocol import DriverStatus
+from observer.align.aligner import frames_of_log
+from observer.estimate.machine import Machine
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock
-from observer.service.alarms import AlarmDesk
-from observer.service.align import frames_of_log
-from observer.service.health import Facts
-from observer.service.machine import Machine
+from observer.quality.alarms import AlarmDesk
+from observer.quality.health import Facts
 from observer.tables.alarms import AlarmSettings
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, Rough, Specimen, config_of, draw, work

@@ -15,13 +15,13 @@ from unittest.mock import patch
 
 import numpy as np
 
+from observer.align.aligner import frames_of_log
+from observer.estimate.machine import Machine
 from observer.forecast.document import forecast
 from observer.frames import FloatArray
-from observer.service import forecasting
-from observer.service.align import frames_of_log
-from observer.service.forecasting import Forecaster
-from observer.service.machine import Machine
-from observer.service.wires import take_short_turns
+from observer.live import forecasting
+from observer.live.forecasting import Forecaster
+from observer.live.wires import take_short_turns
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.align.aligner import frames_of_log
+from observer.estimate.machine import Machine
 from observer.forecast.ahead import Ahead, Runner, ahead, runner
 from observer.forecast.program import Bins, Program, binned, joined, learnt
 from observer.forecast.settling import WarmUp, when
 from observer.frames import FloatArray
-from observer.service.align import frames_of_log
-from observer.service.machine import Machine
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, EXPANSION_um_K_m, Rough, config_of, draw, work
 from tests.truth.machine.cycles import Phase, STEP_s, build_schedule, draw_air, steps_of

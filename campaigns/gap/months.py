@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from observer.align.aligner import frames_of_log
+from observer.estimate.machine import Machine
 from observer.frames import Inputs
-from observer.service.align import frames_of_log
-from observer.service.gap import GapState, GapWatch
-from observer.service.machine import Machine
+from observer.quality.gap import GapState, GapWatch
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Specimen, config_of, work
 from tests.truth.machine.cycles import RUNS, Phase, START_m, programme

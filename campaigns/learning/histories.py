@@ -19,9 +19,9 @@ from observer.history.changes import changes_within
 from observer.history.history import HeatHistory
 from observer.history.identify import heat_history
 from observer.history.options import MethodOptions
-from observer.service.align import frames_of_log
-from observer.service.identify import inputs_of
-from observer.service.machine import Machine
+from observer.align.aligner import frames_of_log
+from observer.estimate.identify import inputs_of
+from observer.estimate.machine import Machine
 from tests.learning.cover import FROM_S, TWO_SIDED_95, log_of
 from tests.learning.machines import CONFIG, Day, Rough, config_of, day, draw
 

@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from observer.align.aligner import doubts, frames_of_log, refuse_empty
 from observer.config import Output
 from observer.errors import LogError, UserError
+from observer.estimate.machine import Machine
+from observer.estimate.open_loop import open_loop_rms_K, predicted, read_program, simulated_columns
 from observer.estimators.protocol import Estimator
 from observer.files.logs import Log, read_log, suffix_of
 from observer.files.results import results_in, write_json
 from observer.frames import EstimateBlock, FloatArray
 from observer.history.options import MethodOptions
 from observer.installation import Installation
-from observer.service.align import doubts, frames_of_log, refuse_empty
-from observer.service.machine import Machine
-from observer.service.open_loop import open_loop_rms_K, predicted, read_program, simulated_columns
 
 Progress = Callable[[int, int], None]
 
@@ -53,11 +53,11 @@ def replay(
     `ready` is what was built of the same configuration before; `picture` says whether there is to be one.
     `accept` is handed to `read_log`. Returns the summary. Raises `LogError` or `ConfigError`.
     """
+    from observer.estimate.checkpoint import Fit
+    from observer.estimate.replay import estimates_of, nut_paths, speeds, start_of, write_results
+    from observer.quality.not_good import NotGood
     from observer.report.collect import ReplaySamples
     from observer.report.overview import write_overview
-    from observer.service.checkpoint import Fit
-    from observer.service.not_good import NotGood
-    from observer.service.replay import estimates_of, nut_paths, speeds, start_of, write_results
 
     log = _recorded(log_path, config, **accept)
     machine, estimator = ready or Ready.of(config)
@@ -92,7 +92,7 @@ def replay(
 
 
 def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
-    from observer.service.can_log import is_can_recording, read_can_log
+    from observer.record.can_log import is_can_recording, read_can_log
 
     if is_can_recording(path):
         return read_can_log(path, config)
@@ -121,15 +121,15 @@ def forecast(
     The program is learnt from the log's end, or given as a log of the input channels. `accept` is handed to
     `read_log`. Returns sentences. Raises `LogError` or `ConfigError`.
     """
+    from observer.estimate.checkpoint import Fit
+    from observer.estimate.replay import estimates_of, start_of
     from observer.files.writer import write_log
     from observer.forecast.document import document, sentences
     from observer.forecast.document import forecast as look_ahead
     from observer.forecast.program import given, learnt
     from observer.frames import EstimateQuality
+    from observer.live.forecasting import Learner, forecast_columns, program_bins
     from observer.report.forecast import write_forecast
-    from observer.service.checkpoint import Fit
-    from observer.service.forecasting import Learner, forecast_columns, program_bins
-    from observer.service.replay import estimates_of, start_of
 
     settings = config.forecast
     log, machine = _recorded(log_path, config, **accept), Machine.of(config, learns=True)
@@ -179,11 +179,11 @@ def identify(
     `suffix` is that of the heats' file; `picture` says whether there is to be one. `accept` is handed to
     `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
+    from observer.estimate.identify import inputs_of, write_history
+    from observer.estimate.replay import nut_paths, speeds
     from observer.history.changes import changes_within
     from observer.history.identify import heat_history
     from observer.report.heat_history import write_heat_history
-    from observer.service.identify import inputs_of, write_history
-    from observer.service.replay import nut_paths, speeds
 
     options.check()
     progress("reading the log")

@@ -58,8 +58,8 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
 
 def wires(config: Installation) -> dict[str, Any]:
     """Return what every device delivers in a few seconds. Raises `UserError` for a file it cannot use."""
-    from observer.service.one_look import look
-    from observer.service.plausibility import Limits
+    from observer.align.plausibility import Limits
+    from observer.live.one_look import look
 
     limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
 

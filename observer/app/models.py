@@ -9,17 +9,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from observer.align.aligner import AlignPlan, doubts, frames_of_log
 from observer.app.logs import channels_of
 from observer.errors import ConfigError, LogError
+from observer.estimate.machine import Machine
 from observer.files.results import results_in, write_json
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
-from observer.service.align import AlignPlan, doubts, frames_of_log
-from observer.service.machine import Machine
 
 if TYPE_CHECKING:  # the other commands start without the search
+    from observer.align.unit_errors import Misread
     from observer.discovery.discover import Discovery
-    from observer.service.misread import Misread
 
 
 def calibrate(
@@ -55,10 +55,10 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
 
     Returns what has been learnt, with σ. Raises `ConfigError` where nothing is learnt or left to go by.
     """
+    from observer.estimate.checkpoint import Fit, UnfitError
+    from observer.estimate.checkpoint import load as load_checkpoint
     from observer.fit.learnt import offered
     from observer.installation.write_back import with_effects, write_back
-    from observer.service.checkpoint import Fit, UnfitError
-    from observer.service.checkpoint import load as load_checkpoint
 
     config, searched = load(config_path), config_path.read_bytes()
     machine, file = Machine.of(config, learns=True), config.checkpoint_file
@@ -178,7 +178,7 @@ class _Runs(NamedTuple):
 
 def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = False) -> _Runs:
     """Read logs; `rightly`, those in which a channel is in another unit in the one expected."""
-    from observer.service.misread import read_rightly
+    from observer.align.unit_errors import read_rightly
 
     _refuse_twice(log_paths)
     plan, runs = AlignPlan.of(config), []
@@ -209,8 +209,8 @@ def _refuse_twice(log_paths: Sequence[Path]) -> None:
 
 def _recent(config: Installation, last_s: float) -> tuple[_Runs, list[str]]:
     """What the service recorded lately, a run for each stretch, and what each is called."""
-    from observer.service.plausibility import doubts_of_log
-    from observer.service.recent import stretches
+    from observer.align.plausibility import doubts_of_log
+    from observer.record.recent import stretches
 
     name = f"{config.machine.name}-{config.machine.axis}"
     runs, odd, names = [], [], []

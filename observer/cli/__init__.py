@@ -12,7 +12,7 @@ from observer.cli import clients, logs, machines
 from observer.cli.output import say
 from observer.errors import UserError
 from observer.fleet.cli import fleet
-from observer.service import shutdown
+from observer.process import shutdown
 
 app = typer.Typer(
     no_args_is_help=True,

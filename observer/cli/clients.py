@@ -24,7 +24,7 @@ from observer.cli.options import (
     TimeoutOption,
 )
 from observer.errors import UserError
-from observer.service import shutdown
+from observer.process import shutdown
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

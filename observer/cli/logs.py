@@ -221,9 +221,9 @@ def discover(
             "discover: name either logs or --recent with a duration, as in --recent 8h, and not both"
         )
     from observer import app as parts
+    from observer.record.recent import duration_s
     from observer.report.progress import advancing
     from observer.report.wording import as_sentences
-    from observer.service.recent import duration_s
 
     recent_s = None if recent is None else duration_s(recent)
     with advancing("discover") as progress:

@@ -18,7 +18,7 @@ from observer.cli.options import (
 )
 from observer.cli.output import say, show
 from observer.errors import UserError
-from observer.service import shutdown
+from observer.process import shutdown
 
 verbs = typer.Typer()
 
@@ -61,17 +61,17 @@ def run(
     """Run the daemon beside the CNC until SIGTERM or Ctrl-C; of several axes, a process for each."""
     if len(config) > 1:
         from observer.fleet.axes import serve_axes
-        from observer.service.messages import configure
+        from observer.process.messages import configure
 
         configure(as_json=log_format == "json")
         shutdown.leave(serve_axes(config, seconds, log_format))
     path = config[0]
-    from observer.service.spare import import_sparingly
+    from observer.process.memory import import_sparingly
 
     import_sparingly()
     from observer.daemon import serve
     from observer.installation import load
-    from observer.service.messages import configure
+    from observer.process.messages import configure
 
     configure(as_json=log_format == "json")
     try:

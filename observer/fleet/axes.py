@@ -22,8 +22,8 @@ import structlog
 
 from observer.errors import ConfigError
 from observer.installation import Installation, load
+from observer.process.notify import service_manager
 from observer.publish.session import listening
-from observer.service.notify import service_manager
 
 log = structlog.get_logger()
 LOOK_S = 0.2

@@ -9,8 +9,8 @@ import threading
 from pathlib import Path
 
 from observer.errors import UserError
-from observer.service.shutdown import leave
-from observer.service.spare import import_sparingly
+from observer.process.memory import import_sparingly
+from observer.process.shutdown import leave
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
     import_sparingly()
     from observer.daemon import serve
     from observer.installation import load
-    from observer.service.messages import configure
+    from observer.process.messages import configure
 
     try:
         config = load(path)

@@ -195,7 +195,7 @@ def _work(
 @contextmanager
 def _ended_by_signals(verb: Verb) -> Iterator[None]:
     """End at Ctrl-C and SIGTERM in good order, with a shell's exit code for it; at a second, at once."""
-    from observer.service.shutdown import arriving, leave
+    from observer.process.shutdown import arriving, leave
 
     heard: list[int] = []
 

@@ -1,6 +1,6 @@
 """`python -m observer.gateway`, as the service starts it."""
 
-from observer.service.spare import import_sparingly
+from observer.process.memory import import_sparingly
 
 import_sparingly()
 

@@ -19,9 +19,9 @@ from observer.gateway.framing import messages
 from observer.gateway.latest import Latest
 from observer.gateway.say import Say
 from observer.gateway.start import OUTLETS, Start
-from observer.service.messages import configure
-from observer.service.shutdown import leave
-from observer.service.spare import leave_in_peace
+from observer.process.memory import leave_in_peace
+from observer.process.messages import configure
+from observer.process.shutdown import leave
 
 _RETRY_S = 1.0
 log = structlog.get_logger()

@@ -1,6 +1,6 @@
 """The walk over rows of readings and ticks: what is remembered of each channel, and the frames.
 
-The records are those of `observer.service.walk`.
+The records are those of `observer.align.walk`.
 """
 
 from __future__ import annotations

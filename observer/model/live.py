@@ -27,7 +27,7 @@ class PathSamples(NamedTuple):
 
 
 class Frame:
-    """The memory of one frame (see `service.walk.Frames`), with a record of each position's samples."""
+    """The memory of one frame (see `align.walk.Frames`), with a record of each position's samples."""
 
     def __init__(self, fields: Fields, channels: tuple[str, ...], positions: Sequence[str]) -> None:
         """Allocate it for frames that lie so."""

@@ -14,6 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from observer.align.aligner import Aligner, AlignPlan, Position
+from observer.align.plausibility import Kind, Limits
 from observer.estimators.carry import taken
 from observer.estimators.carry import told as what_is_known
 from observer.estimators.constant_gain import ConstantGainEstimator
@@ -32,8 +34,6 @@ from observer.model.drive import Drive
 from observer.model.rod import moving
 from observer.model.rod.path import PathState, reversals
 from observer.model.simulate import simulate, start
-from observer.service.align import Aligner, AlignPlan, Position
-from observer.service.plausibility import Kind, Limits
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.made import described, driven, firm, given, noise, state_of, to_and_fro, told, words
 from tests.estimators.plants import rod, small

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from campaigns.resumable import Cells
+from observer.align.aligner import AlignPlan, frames_of_log
+from observer.align.unit_errors import read_rightly
 from observer.discovery.candidates import library
 from observer.discovery.crew import ALONE
 from observer.discovery.search import tried
@@ -24,8 +26,6 @@ from observer.fit.parameters import free_keys
 from observer.fit.problem import Problem
 from observer.fit.runs import prepare
 from observer.installation import parse
-from observer.service.align import AlignPlan, frames_of_log
-from observer.service.misread import read_rightly
 from tests.campaign.summary import Share
 from tests.truth.machine.entries import Entry
 from tests.truth.machine.generate import runs_of

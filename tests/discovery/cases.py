@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
 from observer.files.logs import read_log
 from observer.frames import FloatArray, FrameBlock
@@ -15,7 +16,6 @@ from observer.installation import load, parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from observer.service.align import AlignPlan, frames_of_log
 
 RIG = Path(__file__).parents[1] / "data" / "rig"
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.discovery.discover import discover
 from observer.files.logs import Log
 from observer.installation import parse
-from observer.service.align import AlignPlan, frames_of_log
 from tests.truth.machine.generate import Case, runs_of
 from tests.truth.machine.logs import configuration
 from tests.truth.machine.troubles import _moved

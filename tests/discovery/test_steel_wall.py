@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.discovery.candidates import library
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.proof import prove
@@ -23,7 +24,6 @@ from observer.discovery.signatures import Signature, signatures
 from observer.discovery.verdict import goodness
 from observer.fit.hypothesis import Fit
 from observer.installation import parse
-from observer.service.align import AlignPlan, frames_of_log
 from tests.reference.steel_wall import wall_config, wall_log
 
 pytestmark = pytest.mark.slow

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from observer.align.unit_errors import read_rightly
 from observer.discovery.candidates import library
 from observer.discovery.discover import discover
 from observer.discovery.mistakes import deviance, weigh
@@ -19,7 +20,6 @@ from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
 from observer.fit.hypothesis import fit_effects, fit_null
 from observer.installation import parse
-from observer.service.misread import read_rightly
 from tests.campaign.suspects import judged, suspect_summary, told_of, try_suspect
 from tests.discovery.cases import machine, made_log, table
 from tests.discovery.small import problem_of

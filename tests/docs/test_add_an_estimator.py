@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from observer import installation
+from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Inputs
 from observer.model.plant import Plant
-from observer.service.machine import Machine
 from observer.tables.estimator import EstimatorSettings
 from tests.docs.console import blocks
 from tests.reference.service_path import inputs_of

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from observer import config, installation
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.discovery.candidates import library
 from observer.files.logs import Log, read_log
 from observer.fit.forward import Forward
@@ -17,7 +18,6 @@ from observer.fit.parameters import free_keys
 from observer.fit.runs import prepare
 from observer.fit.tolerance import tolerances
 from observer.frames import EstimateBlock, Quality
-from observer.service.align import AlignPlan, frames_of_log
 from observer.tables import laws
 from tests.reference.service_path import replay
 

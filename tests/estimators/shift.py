@@ -6,10 +6,10 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.experiment import Habits, Phase, frames_of
+from observer.estimate.machine import Machine
 from observer.frames import Inputs
 from observer.model import simulate
 from observer.model.cycle import SHIFT, SPEED_RPM
-from observer.service.machine import Machine
 
 LOW_m, HIGH_m, AIR_degC = 0.15, 0.80, 22.0
 

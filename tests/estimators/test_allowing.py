@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from campaigns.learning.trial import FIRST_SEED, KNOWN
+from observer.align.aligner import frames_of_log
+from observer.estimate.machine import Machine
 from observer.estimators.design.gains import everything
 from observer.frames import EstimateBlock
 from observer.model.discretise import augmented, quantise, step_matrices
-from observer.service.align import frames_of_log
-from observer.service.machine import Machine
 from tests.estimators.test_learning import FOLLOWS_S, drives, readings
 from tests.learning.cover import judged, log_of
 from tests.learning.machines import Rough, config_of, day, draw

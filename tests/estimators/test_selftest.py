@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from observer.align.aligner import frames_of_log
+from observer.estimate.machine import Machine
 from observer.estimators.selftest import Fault
 from observer.files.logs import Log
 from observer.frames import EstimateQuality
-from observer.service.align import frames_of_log
-from observer.service.machine import Machine
 from tests.reference import live
 from tests.truth.shifts import Axis, record, work
 

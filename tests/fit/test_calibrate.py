@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.discovery.result import calibration_result
 from observer.errors import LogError
 from observer.fit.calibrate import Calibration, calibrate
 from observer.fit.identifiability import describe
 from observer.fit.parameters import FILM, replaced
 from observer.fit.tolerance import tolerances
-from observer.service.align import AlignPlan, frames_of_log
 from tests.discovery.cases import machine, made_log, rig
 from tests.learning.cover import log_of
 from tests.learning.machines import Rough, config_of, day, draw

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
 from observer.effects.base import EffectTable
 from observer.effects.bodies import AttachedMass, EndConduction
@@ -21,7 +22,6 @@ from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.rod import moving
 from observer.model.simulate import simulate, simulate_means, start_from_sensors
-from observer.service.align import AlignPlan, frames_of_log
 from tests.discovery.cases import RIG, rig
 
 MODES = 20

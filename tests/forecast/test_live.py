@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from observer import app
+from observer.align.aligner import frames_of_log
 from observer.errors import LogError
+from observer.estimate.machine import Machine
 from observer.files.logs import Log
 from observer.files.writer import write_log
 from observer.installation import load
-from observer.service.align import frames_of_log
-from observer.service.forecasting import Forecaster, is_wanted
-from observer.service.machine import Machine
+from observer.live.forecasting import Forecaster, is_wanted
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 

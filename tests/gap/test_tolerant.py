@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
 from observer.estimators.tolerant import Tolerant, TolerantState, gathered
 from observer.frames import FloatArray, Inputs
@@ -16,7 +17,6 @@ from observer.model.drive import Drive
 from observer.model.learning import Kind
 from observer.model.rod.moving import columns_at
 from observer.model.simulate import simulate, start
-from observer.service.align import AlignPlan, frames_of_log
 from tests.learning.cover import log_of
 from tests.learning.machines import AS_CONFIGURED, CONFIG, config_of, day, draw
 

@@ -12,17 +12,17 @@ import pytest
 
 from campaigns.gap.months import EFFECTS, Rig
 from observer import app
+from observer.align.aligner import frames_of_log
+from observer.estimate.checkpoint import Fit, Snapshot, pack, shifted, unpack
+from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Pipeline
 from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import load
+from observer.live.keeper import known_of_gap
 from observer.model.phases import PHASES
-from observer.service.align import frames_of_log
-from observer.service.checkpoint import Fit, Snapshot, pack, shifted, unpack
-from observer.service.gap import BREAK_S, Departure, GapWatch
-from observer.service.keeper import known_of_gap
-from observer.service.machine import Machine
-from observer.service.pipeline import Pipeline
-from observer.service.reasons import departure_sentence
+from observer.quality.gap import BREAK_S, Departure, GapWatch
+from observer.quality.reasons import departure_sentence
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw, work
 from tests.truth.machine.cycles import START_m, programme

@@ -5,8 +5,11 @@ import pytest
 
 from campaigns.learning.histories import FIRST_SEED, covered, identified
 from campaigns.learning.trial import KNOWN
+from observer.align.aligner import frames_of_log
 from observer.effects.base import Unnamed
 from observer.effects.terms import AmbientShift
+from observer.estimate.identify import inputs_of
+from observer.estimate.machine import Machine
 from observer.frames import Inputs
 from observer.history.changes import Changes, changes_within
 from observer.history.identify import heat_history
@@ -16,9 +19,6 @@ from observer.history.stacked import Prior, stacked_problem
 from observer.history.tikhonov import _dense
 from observer.history.within import less, most_probable
 from observer.model.simulate import simulate, start_from_sensors
-from observer.service.align import frames_of_log
-from observer.service.identify import inputs_of
-from observer.service.machine import Machine
 from observer.tables.estimator import EstimatorSettings
 from tests.history.test_stacked import DT_S, held, logged
 from tests.learning.cover import log_of

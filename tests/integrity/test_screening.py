@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from observer.align.aligner import frames_of_log
+from observer.estimate.machine import Machine
 from observer.estimators.selftest import Fault as Found
 from observer.frames import EstimateQuality, Quality
-from observer.service.align import frames_of_log
-from observer.service.machine import Machine
-from observer.service.reasons import sentence
+from observer.quality.reasons import sentence
 from tests.integrity.catalogue import catalogue
 from tests.integrity.days import FAULT_S, day_of
 from tests.integrity.judge import RIG, faulty, judged

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
+from observer.estimate.machine import Machine
 from observer.files.logs import Log
 from observer.fit.calibrate import calibrate
 from observer.fit.process_noise import fit_noise
 from observer.frames import EstimateBlock, FloatArray
 from observer.installation.write_back import write_back
-from observer.service.align import AlignPlan, frames_of_log
-from observer.service.machine import Machine
 from tests.learning.machines import Day, config_of
 from tests.truth.machine.logs import CHANNELS
 

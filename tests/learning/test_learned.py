@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from observer import app
+from observer.align.aligner import frames_of_log
 from observer.errors import ConfigError
+from observer.estimate.checkpoint import Fit, Snapshot, pack
+from observer.estimate.machine import Machine
 from observer.installation import load
-from observer.service.align import frames_of_log
-from observer.service.checkpoint import Fit, Snapshot, pack
-from observer.service.machine import Machine
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, day, draw
 

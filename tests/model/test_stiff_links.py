@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from observer.service.align import AlignPlan, frames_of_log
 from tests.truth.heated_rod import Rod, configuration, draw, logged
 
 CAPACITY_J_K = 127.0

@@ -130,5 +130,5 @@ NEAREST: dict[str, Nearest] = {
     ),
     "observer/model/rod/path.py": _at("tests/model/test_path.py"),
     "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
-    "observer/service/align.py": _at("tests/service/test_align.py", "tests/service/test_can_log.py"),
+    "observer/align/aligner.py": _at("tests/service/test_align.py", "tests/service/test_can_log.py"),
 }

@@ -16,7 +16,7 @@ from observer.frames import Reading
 from observer.page import rows as subject
 from observer.page.digest import COARSE_S, FINE_S, Digests
 from observer.page.history import history, recordings
-from observer.service.record import Recorder
+from observer.record.recorder import Recorder
 
 CHANNELS = ("t1_degC", "nut_position_m")
 RATE_HZ = 20

@@ -15,12 +15,12 @@ import numpy as np
 
 from drivers.simulated.machine import SimulatedMachine as Axis
 from drivers.simulated.machine import heats, speed_rpm
+from observer.align.aligner import Aligner
 from observer.config import Config
+from observer.estimate.machine import Machine
 from observer.frames import EstimateBlock, FloatArray, Reading
 from observer.installation import load
-from observer.service.align import Aligner
-from observer.service.machine import Machine
-from observer.service.reasons import sentence
+from observer.quality.reasons import sentence
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 EPOCH_S = 1.8e9

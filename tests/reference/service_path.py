@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.files.logs import Log
@@ -16,7 +17,6 @@ from observer.model import simulate
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.service.align import AlignPlan, frames_of_log
 
 
 def log_of(time_s: FloatArray, columns: Mapping[str, FloatArray]) -> Log:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
 from observer.files.logs import read_log
 from observer.fit.runs import joined
@@ -22,7 +23,6 @@ from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from observer.service.align import AlignPlan, frames_of_log
 from tests.truth.machine.catalogue import LADDER, Ladder
 from tests.truth.machine.effects import apply
 from tests.truth.machine.generate import Case, logged, trace

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from drivers.simulated.machine import ScrewData
+from observer.align.aligner import doubts, frames_of_log
+from observer.estimate.machine import Machine
 from observer.files.logs import Log
 from observer.frames import EstimateQuality, Reading
-from observer.service.align import doubts, frames_of_log
-from observer.service.machine import Machine
-from observer.service.reasons import sentence
+from observer.quality.reasons import sentence
 from tests.reference import live
 from tests.reference.live import Arrivals, Ride
 from tests.truth.shifts import Axis, record, work

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from observer.align.aligner import AlignPlan
 from observer.installation import load
-from observer.service.align import AlignPlan
-from observer.service.recent import stretches
+from observer.record.recent import stretches
 from tests.service.recorded import recorded
 from tests.truth.machine import generate
 from tests.truth.machine.effects import Effect

@@ -8,12 +8,12 @@ import sys
 import time
 from pathlib import Path
 
+from observer.live.lifecycle import run
+from observer.live.loop import Service
+from observer.process.clock import ServiceClock
+from observer.process.shutdown import leave
 from observer.publish.zenoh import ZenohPublisher
-from observer.service.clock import ServiceClock
-from observer.service.lives import run
-from observer.service.loop import Service
-from observer.service.record import Recorder
-from observer.service.shutdown import leave
+from observer.record.recorder import Recorder
 from observer.tables.publishing import Publish
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator
 from tests.service.streams import CHANNELS, plan

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from observer.align.aligner import Aligner, AlignPlan
 from observer.frames import FloatArray, FrameBlock, Reading
-from observer.service.align import Aligner, AlignPlan
-from observer.service.record import header, row_of_reading
+from observer.record.recorder import header, row_of_reading
 
 
 def tick_row(time_s: float, channels: Sequence[str]) -> bytes:

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
+from observer.align.aligner import Aligner, AlignPlan, Position
+from observer.align.plausibility import Kind, Limits
 from observer.frames import FrameBlock, Reading
-from observer.service.align import Aligner, AlignPlan, Position
-from observer.service.plausibility import Kind, Limits
-from observer.service.record import header, row_of_reading
+from observer.record.recorder import header, row_of_reading
 
 CHANNELS = ("t1_degC", "t2_degC", "nut_position_m")
 WIDE = np.full(len(CHANNELS), np.inf)  # no limits

@@ -12,8 +12,8 @@ from drivers.protocol import DriverStatus
 from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
-from observer.service.alarms import AlarmDesk
-from observer.service.health import Facts
+from observer.quality.alarms import AlarmDesk
+from observer.quality.health import Facts
 from observer.tables.alarms import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
 from tests.publish.blocks import block

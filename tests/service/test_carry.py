@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from observer.align.aligner import blocks_of_log
 from observer.config import Config
+from observer.estimate.carry import LastStep, carried_over
+from observer.estimate.checkpoint import Fit, Snapshot
+from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.files.toml import read_toml
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import parse
-from observer.service.align import blocks_of_log
-from observer.service.carry import LastStep, carried_over
-from observer.service.checkpoint import Fit, Snapshot
-from observer.service.keeper import carried
-from observer.service.machine import Machine
+from observer.live.keeper import carried
 from tests.discovery.cases import RIG
 
 TABLE = read_toml(RIG / "config.toml")

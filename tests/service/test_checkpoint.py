@@ -13,15 +13,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from observer.align.aligner import frames_of_log
+from observer.control import compensation
+from observer.estimate import checkpoint
+from observer.estimate.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, shifted, unpack
+from observer.estimate.machine import Machine
+from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
-from observer.service import checkpoint, compensation
-from observer.service.align import frames_of_log
-from observer.service.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, shifted, unpack
-from observer.service.keeper import Keeper, carried, stored
-from observer.service.machine import Machine
-from observer.service.replay import estimates_of
+from observer.live.keeper import Keeper, carried, stored
 from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, Record
 
 ROOT = Path(__file__).parents[2]

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.service.clock import ServiceClock
-from observer.service.compensate import Compensator
+from observer.control.compensator import Compensator
+from observer.process.clock import ServiceClock
 from tests.service.test_compensate import GRID, at, estimate, machine
 
 

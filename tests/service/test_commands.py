@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 import structlog
 
+from observer.align.aligner import blocks_of_log, faults_of, frames_of_log
+from observer.control.compensator import Compensator
 from observer.errors import UserError
+from observer.estimate.pipeline import Pipeline
+from observer.estimate.replay import estimates_of
 from observer.exchange import Command, Outcome, PublishStatus
 from observer.files.logs import Log, read_log
 from observer.frames import Reading
-from observer.service.align import blocks_of_log, faults_of, frames_of_log
-from observer.service.clock import ServiceClock
-from observer.service.commands import Commands
-from observer.service.compensate import Compensator
-from observer.service.loop import Service, serve
-from observer.service.pipeline import Pipeline
-from observer.service.record import Recorder
-from observer.service.replay import estimates_of
+from observer.live.commands import Commands
+from observer.live.loop import Service, serve
+from observer.process.clock import ServiceClock
+from observer.record.recorder import Recorder
 from tests.patience import eventually
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
 from tests.service.streams import CHANNELS, plan
@@ -292,7 +292,7 @@ async def test_where_another_service_has_the_axis_it_does_not_start(tmp_path):
 
 
 def test_a_reading_without_values_changes_no_frame():
-    from observer.service.align import Aligner
+    from observer.align.aligner import Aligner
 
     frames = []
     for extra in (False, True):

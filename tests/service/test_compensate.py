@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from observer.config import Config
+from observer.control import compensation
+from observer.control.compensation import CompensationState, Plan
+from observer.control.compensator import Compensator
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Layout
 from observer.installation import parse
-from observer.service import compensation
-from observer.service.compensate import Compensator
-from observer.service.compensation import CompensationState, Plan
 from tests.discovery.cases import frames, table
 from tests.publish.blocks import block
 

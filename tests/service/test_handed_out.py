@@ -9,9 +9,9 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 import pytest
 
+from observer.align.aligner import Aligner
+from observer.estimate.machine import Machine
 from observer.frames import Reading
-from observer.service.align import Aligner
-from observer.service.machine import Machine
 from tests.reference import live
 
 

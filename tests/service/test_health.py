@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from drivers.protocol import DriverStatus
+from observer.align.aligner import Aligner
 from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
 from observer.publish.codec import to_json
-from observer.service.align import Aligner
-from observer.service.health import Facts, assess
-from observer.service.reasons import sentence
-from observer.service.record import RecordStatus
+from observer.quality.health import Facts, assess
+from observer.quality.reasons import sentence
+from observer.record.recorder import RecordStatus
 from tests.service.streams import CHANNELS, plan
 
 

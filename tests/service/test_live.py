@@ -8,14 +8,14 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from observer.align.aligner import Aligner, frames_of_log
+from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Pipeline
 from observer.estimators import fixed_gain
 from observer.files.logs import read_log
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
 from observer.installation import parse
 from observer.model.drive import Drive
-from observer.service.align import Aligner, frames_of_log
-from observer.service.machine import Machine
-from observer.service.pipeline import Pipeline
 from tests.service.streams import play, write
 from tests.service.test_handed_out import arrays_in
 

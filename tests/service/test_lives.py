@@ -4,9 +4,9 @@ import time
 from dataclasses import dataclass, field
 
 from observer.exchange import PublishStatus
-from observer.service.clock import ServiceClock
-from observer.service.lives import run
-from observer.service.loop import Service
+from observer.live.lifecycle import run
+from observer.live.loop import Service
+from observer.process.clock import ServiceClock
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher
 from tests.service.streams import plan
 

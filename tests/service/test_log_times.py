@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from observer import app
+from observer.align.aligner import AlignPlan, frames_of_log
+from observer.align.log_times import doubt_of_times
 from observer.errors import ConfigError
 from observer.files.logs import Log
 from observer.frames import Quality
 from observer.installation import load, parse
-from observer.service.align import AlignPlan, frames_of_log
-from observer.service.log_times import doubt_of_times
 from tests.service.test_logs_in_doubt import CONFIG
 
 HEAD = ("t1_degC", "screw_speed_rpm", "ambient_degC")

@@ -3,11 +3,11 @@
 import pytest
 
 from observer import app
+from observer.align.aligner import doubts, refuse_empty
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.history.options import MethodOptions
 from observer.installation import load
-from observer.service.align import doubts, refuse_empty
 
 CONFIG = """
 [screw]

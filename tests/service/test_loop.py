@@ -9,16 +9,16 @@ from typing import ClassVar
 import numpy as np
 
 from drivers.protocol import DriverStatus
+from observer.estimate.pipeline import Pipeline
+from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
 from observer.kernels.remembered import CAUSE, EXCESS_K, EXCESS_SIGMA_K, GUARD, JUMPED
-from observer.service.clock import ServiceClock
-from observer.service.gap import Departure
-from observer.service.loop import Service, serve
-from observer.service.pipeline import Pipeline
-from observer.service.record import Recorder
-from observer.service.renew import Renewals
-from observer.service.replay import estimates_of
+from observer.live.loop import Service, serve
+from observer.live.renewal import Renewals
+from observer.process.clock import ServiceClock
+from observer.quality.gap import Departure
+from observer.record.recorder import Recorder
 from tests.patience import PATIENCE_S, eventually
 from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
 from tests.service.streams import CHANNELS, plan

@@ -4,7 +4,7 @@ import socket
 import threading
 import uuid
 
-from observer.service.notify import service_manager
+from observer.process.notify import service_manager
 from tests.patience import PATIENCE_S
 
 

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from observer.align.aligner import Aligner, AlignPlan
+from observer.align.plausibility import Breach, Kind, Limits, doubts_of_log, motion_sentence, unit_hint
 from observer.config import ConfigError
 from observer.frames import Quality, Reading
 from observer.installation import parse
-from observer.service.align import Aligner, AlignPlan
-from observer.service.plausibility import Breach, Kind, Limits, doubts_of_log, motion_sentence, unit_hint
 from tests.reference import live
 
 

@@ -6,14 +6,14 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from observer.align.aligner import Aligner, AlignPlan, frames_of_log
+from observer.estimate.pipeline import Pipeline
 from observer.estimators import build_estimator
 from observer.files.logs import read_log
 from observer.frames import EstimateBlock, Reading
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.service.align import Aligner, AlignPlan, frames_of_log
-from observer.service.pipeline import Pipeline
 from tests.service.streams import play, write
 
 POSITIONS_M = (0.05, 0.28, 0.5, 0.72, 0.95)

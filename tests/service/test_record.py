@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from observer.align.aligner import Aligner, faults_of, frames_of_log
 from observer.files.logs import read_log
 from observer.frames import Reading
-from observer.service.align import Aligner, faults_of, frames_of_log
-from observer.service.record import Recorder, header, row_of_reading
-from observer.service.retention import Retention
+from observer.record.recorder import Recorder, header, row_of_reading
+from observer.record.retention import Retention
 from tests.patience import PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
 from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams
@@ -100,7 +100,7 @@ def test_an_unwritable_place_is_told_and_nothing_is_lost_once_it_is_mended(tmp_p
 
 
 def test_rows_beyond_the_bound_are_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr("observer.service.record._CAPACITY_ROWS", 6)
+    monkeypatch.setattr("observer.record.recorder._CAPACITY_ROWS", 6)
     place = tmp_path / "disk"
     place.write_text("")
     recorder = Recorder(place, "m-x", CHANNELS, 1e9, 5.0)
@@ -123,7 +123,7 @@ def test_a_refused_write_leaves_no_part_of_a_row(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         return real(fd, data, offset)
 
-    monkeypatch.setattr("observer.service.part.os.pwrite", full_disk)
+    monkeypatch.setattr("observer.record.part.os.pwrite", full_disk)
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 5.0)
     _rows(recorder, 0, 3)
     _wait(lambda: recorder.status.reason is not None)
@@ -148,7 +148,7 @@ CRASHER = """
 import sys, time
 from pathlib import Path
 from observer.frames import Reading
-from observer.service.record import Recorder
+from observer.record.recorder import Recorder
 recorder = Recorder(Path(sys.argv[1]), "m-x", ("t1_degC",), 1e9, 1.0)
 for k in range(10**9):
     recorder.reading(Reading(time.time(), {"t1_degC": k / 7}))

@@ -3,7 +3,7 @@
 import threading
 
 from observer.errors import ConfigError
-from observer.service.renew import SETTLED_S, Renewals
+from observer.live.renewal import SETTLED_S, Renewals
 from tests.patience import until
 
 

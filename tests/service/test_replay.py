@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from observer.align.aligner import Aligner, frames_of_log
 from observer.errors import LogError
+from observer.estimate.pipeline import Pipeline
+from observer.estimate.replay import estimates_of, result_columns, write_results
 from observer.files.logs import Log, read_log
 from observer.frames import Reading
-from observer.service.align import Aligner, frames_of_log
-from observer.service.pipeline import Pipeline
-from observer.service.replay import estimates_of, result_columns, write_results
 from tests.service.fakes import FakeDrive, FakeEstimator
 from tests.service.streams import CHANNELS, plan, play, write
 

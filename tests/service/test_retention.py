@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from observer.service import retention
-from observer.service.retention import Recording, Retention, tidy, to_remove
+from observer.record import retention
+from observer.record.retention import Recording, Retention, tidy, to_remove
 from observer.tables.keeping import Record
 
 NOW_S = 1.8e9

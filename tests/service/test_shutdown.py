@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from observer.service.shutdown import arriving
+from observer.process.shutdown import arriving
 from tests.patience import Stopwatch, until
 
 WELL = "signals.when_heard(ended.set); print('go', flush=True); ended.wait(30); print('ended', flush=True)"
@@ -19,7 +19,7 @@ ASKED = "signals.when_asked(lambda: print('reload', flush=True)); " + WELL
 DEAF = "signals.when_heard(lambda: None); print('go', flush=True); [time.sleep(0.01) for _ in range(6000)]"
 SCRIPT = """
 import threading, time
-from observer.service.shutdown import StopSignals
+from observer.process.shutdown import StopSignals
 ended = threading.Event()
 with StopSignals(lambda: print("flushed", flush=True)) as signals:
     {body}

@@ -9,7 +9,7 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from drivers.control_modbus import ModbusControlLink
-from observer.service.steer import Steering, correction_of
+from observer.control.steering import Steering, correction_of
 from tests.patience import Stopwatch, until
 from tests.service.a_control import simulated_control
 

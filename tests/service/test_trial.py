@@ -17,7 +17,7 @@ from observer.frames import FrameBlock
 from observer.installation import adopt as adopting
 from observer.installation import load
 from observer.installation.adopt import Adoption, adopt, adoption_of, sha256, undo
-from observer.service.trial import Trial
+from observer.live.trial import Trial
 from tests.discovery.cases import machine, made_log, table
 
 EFFECT = {"kind": "end_conduction", "target": "left", "conductance_W_K": 0.4}

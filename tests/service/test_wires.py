@@ -7,8 +7,8 @@ import time
 
 from drivers.protocol import DriverStatus
 from observer.frames import Reading
-from observer.service import wires as wires_module
-from observer.service.wires import Wires
+from observer.live import wires as wires_module
+from observer.live.wires import Wires
 from tests.patience import eventually as until
 from tests.service.fakes import FakeDriver
 from tests.service.test_loop import _serve, _service

@@ -10,7 +10,7 @@ import pytest
 import structlog
 
 from observer.cli import main
-from observer.service import messages
+from observer.process import messages
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def command(monkeypatch, tmp_path, capfd):
             main()
         return ended.value.code, *capfd.readouterr()
 
-    monkeypatch.setattr("observer.service.shutdown.leave", leave)
+    monkeypatch.setattr("observer.process.shutdown.leave", leave)
     monkeypatch.setattr(messages, "configure", configure)
     monkeypatch.chdir(tmp_path)
     yield run

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from observer.align.aligner import AlignPlan
+from observer.estimate.machine import Machine
 from observer.fit.runs import joined
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
 from observer.installation.adopt import adoption_of
-from observer.service.align import AlignPlan
-from observer.service.machine import Machine
-from observer.service.trial import Trial
+from observer.live.trial import Trial
 from tests.service.recorded import recorded, thinned
 from tests.system.plant import ROOT
 from tests.truth.machine.effects import Effect

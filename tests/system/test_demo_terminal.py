@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from observer.service.shutdown import GRACE_S
+from observer.process.shutdown import GRACE_S
 from tests.patience import PATIENCE_S, Stopwatch
 from tests.publish.router import free_port
 from tests.system.beside_truth import SETTLED_S, SHARE, watched

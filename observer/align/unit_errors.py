@@ -1,0 +1,137 @@
+"""Logs in which a channel stands in another unit than the configuration takes it for, read in that unit.
+
+Only where the values themselves leave no doubt: in the unit that the configuration names they are beyond
+what such a machine can show, and in another one all of them are not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.align.aligner import AlignPlan, frames_of_log
+from observer.align.plausibility import SPEED_RATIOS, Kind, Limits, stroke_of_m, units_of, way_ratio
+from observer.config import Config
+from observer.files.logs import Log
+from observer.frames import FloatArray
+
+MOSTLY, SOMETIMES, ALL = 0.5, 0.05, 0.99
+"""Parts of a channel's values: beyond its limits (a speed is 0 at rest), and within them once converted."""
+FIRST = 5
+"""How many values a temperature has begun with."""
+OFF_STROKE = 0.1
+"""How far beyond a stroke a nut may go, as a part of it."""
+LIKE = 0.25
+"""How far the way that a nut makes may be from what a unit makes of its speed, relative."""
+
+
+class Misread(NamedTuple):
+    """A channel, the unit in which a log has it, and the one that the configuration takes it for."""
+
+    channel: str
+    unit: str
+    expected: str
+
+    @property
+    def text(self) -> str:
+        """What was wrong, what was done about it, and what to do, a sentence without full stop."""
+        return (
+            f"{self.channel} is in {self.unit} where {self.expected} is expected; it was converted for this "
+            f"search, so log it in {self.expected} before the configuration is used"
+        )
+
+
+def read_rightly(log: Log, config: Config) -> tuple[Log, tuple[Misread, ...]]:
+    """Return a log with every channel in the unit that its configuration names, and which were not."""
+    found = []
+    limits = Limits.of(config)
+    order = sorted(range(len(config.channels)), key=lambda j: j != limits.ambient)
+    for j in order:
+        name = config.channels[j]
+        if name not in log.channels:
+            continue
+        column = log.values[:, log.channels.index(name)]
+        told = _unit(limits, j, column, _air_degC(limits, config, log))
+        if told is not None:
+            log = _with(log, name, np.asarray(told[1](column)))  # type: ignore[arg-type]
+            found.append(Misread(name, told[0], _EXPECTED[limits.kinds[j]]))
+    for channel, unit, factor in _by_the_way(log, config):
+        log = _with(log, channel, log.values[:, log.channels.index(channel)] * factor)
+        found.append(Misread(channel, unit, "rpm"))
+    return log, tuple(found)
+
+
+_EXPECTED = dict.fromkeys(Kind, "°C") | {Kind.POSITION: "m", Kind.SPEED: "rpm", Kind.OTHER: "its unit"}
+
+
+_BEGIN_ANYWHERE = (Kind.POSITION, Kind.SPEED, Kind.OTHER)
+
+
+def _unit(
+    limits: Limits, j: int, column: FloatArray, air_degC: float
+) -> tuple[str, Callable[[float], float]] | None:
+    """The unit in which a column (n,) of channel number j is plausible, and the way back from it."""
+    values = column[np.isfinite(column)]
+    if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
+        return None
+    least = SOMETIMES if limits.kinds[j] is Kind.SPEED else MOSTLY
+    if _beyond(limits, j, values, air_degC) < least:
+        return None
+    if limits.kinds[j] not in _BEGIN_ANYWHERE and _beyond(limits, j, values[:FIRST], air_degC) < ALL:
+        return None  # it became so hot; in another unit it would have been from the first row on
+    for unit, back in units_of(limits.kinds[j]):
+        ours = np.asarray(back(values))  # type: ignore[arg-type]
+        if _beyond(limits, j, ours, air_degC) <= 1.0 - ALL and _usual(limits, j, ours):
+            return unit, back
+    return None
+
+
+def _usual(limits: Limits, j: int, values: FloatArray) -> bool:
+    """Whether positions (n,) lie on the stroke, and go along some of it; whatever is no position does."""
+    if limits.kinds[j] is not Kind.POSITION:
+        return True
+    low, high = limits.usual[j]
+    most = np.quantile(values, [1.0 - ALL, ALL])
+    slack = OFF_STROKE * (high - low)
+    return bool(low - slack <= most[0] and most[1] <= high + slack and np.ptp(most) > slack)
+
+
+def _beyond(limits: Limits, j: int, values: FloatArray, air_degC: float) -> float:
+    """The part of values (n,) that is beyond one of the limits."""
+    every = [np.asarray(beyond) for _, beyond in limits.beyond(j, values, air_degC)]
+    return float(np.mean(np.any(every, axis=0)))
+
+
+def _air_degC(limits: Limits, config: Config, log: Log) -> float:
+    if config.ambient.channel not in log.channels:
+        return limits.ambient_degC
+    air_degC = log.values[:, log.channels.index(str(config.ambient.channel))]
+    return float(np.nanmedian(air_degC)) if np.isfinite(air_degC).any() else math.nan
+
+
+def _by_the_way(log: Log, config: Config) -> Iterator[tuple[str, str, float]]:
+    """Speeds that the nut's way shows to be in another unit: channel, unit, and what to multiply by."""
+    moving = [s for s in config.source if s.position_channel and s.speed_channel]
+    if not moving:
+        return
+    paths = [block.path for block in frames_of_log(log, AlignPlan.of(config))]
+    told = set[str]()
+    for source in moving:
+        channel = str(source.speed_channel)
+        ratio = way_ratio(
+            [part[str(source.position_channel)] for part in paths], stroke_of_m(config, source.stroke_m)
+        )
+        for unit, factor in SPEED_RATIOS:
+            if ratio is not None and abs(ratio / factor - 1.0) < LIKE and channel not in told:
+                told.add(channel)
+                yield channel, unit, factor
+
+
+def _with(log: Log, channel: str, column: FloatArray) -> Log:
+    values = log.values.copy()
+    values[:, log.channels.index(channel)] = column
+    return replace(log, values=values)

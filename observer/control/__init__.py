@@ -1,0 +1,1 @@
+"""Compensation of the thermal error, and writing it to a control."""

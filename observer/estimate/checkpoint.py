@@ -1,0 +1,232 @@
+"""Where a service stands, as bytes: drive, estimator and compensation after a step, to the last bit.
+
+A checkpoint is a first line that names its format, the SHA-256 of what follows, and a CBOR document. It holds
+numbers, texts and arrays only, which are taken over field by field where they fit the parts that are there;
+nothing in it is ever run. The same bytes begin a recording made after a warm start, in a file beside it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cbor2
+import numpy as np
+
+from observer.config import Config
+from observer.control import compensation
+from observer.control.compensation import CompensationState
+from observer.estimate.pipeline import Drive
+from observer.estimators.protocol import Estimator, EstimatorState
+from observer.quality.gap import GapState, GapWatch
+
+SINCE_RESTART = "not armed since the restart; arm again"
+_FORMAT = b"ballscrew-observer checkpoint 1\n"
+_MOST_BYTES = 64_000_000
+_MOMENTS = frozenset({"time_s", "last_s", "begin_s"})  # fields that hold a moment of the service's time
+
+
+class UnfitError(Exception):
+    """A checkpoint cannot be gone on from; the message says why, to follow on its name and a colon."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Where a pipeline stood after the step at `tick_s`, what its compensation held, and what was known of
+    the prediction's gap, if there is one.
+    """
+
+    tick_s: float
+    drive: Any
+    estimator: EstimatorState
+    compensation: CompensationState | None = None
+    gap: GapState | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What a checkpoint has to fit: plant and compensation by digest, states by those of a cold start."""
+
+    plant: str
+    drive: Any
+    estimator: EstimatorState
+    setup: str = ""
+    compensation: CompensationState | None = None
+    gap: GapState | None = None
+
+    @classmethod
+    def of(cls, config: Config, drive: Drive[Any], estimator: Estimator, gap: GapWatch | None = None) -> Fit:
+        """What fits these parts."""
+        settings = config.compensation
+        setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]
+        held = compensation.initial(compensation.plan_of(config)) if settings.enabled else None
+        watched = None if gap is None else gap.initial()
+        return cls(config.plant_digest, drive.initial(), estimator.initial(), setup, held, watched)
+
+
+def pack(snapshot: Snapshot, fit: Fit) -> bytes:
+    """A snapshot as bytes; `fit` says of which plant and which compensation."""
+    held = {"setup": fit.setup, "state": _plain(snapshot.compensation)} if snapshot.compensation else None
+    body = cbor2.dumps(
+        {
+            "version": version("ballscrew-observer"),
+            "plant": fit.plant,
+            "tick_s": snapshot.tick_s,
+            "drive": _plain(snapshot.drive),
+            "estimator": _plain(snapshot.estimator),
+            "compensation": held,
+            "gap": _plain(snapshot.gap),
+        }
+    )
+    return _FORMAT + hashlib.sha256(body).digest() + body
+
+
+def unpack(data: bytes, fit: Fit) -> Snapshot:
+    """A snapshot from bytes; raises `UnfitError` where they are damaged, or of another plant or program."""
+    document = _document(data)
+    for key, wanted, remark in (
+        ("version", version("ballscrew-observer"), "it was written by version {} of the program"),
+        ("plant", fit.plant, "it was written under another configuration of the machine"),
+    ):
+        if document.get(key) != wanted:
+            raise UnfitError(remark.format(document.get(key)))
+    tick_s = _filled(0.0, document.get("tick_s"), "tick_s")
+    estimator = _filled(fit.estimator, document.get("estimator"), "estimator")
+    if not all(np.isfinite(array).all() for array in (tick_s, estimator.x_hat, estimator.P)):
+        raise UnfitError("it holds numbers that are not finite")
+    return Snapshot(
+        tick_s,
+        _filled(fit.drive, document.get("drive"), "drive"),
+        estimator,
+        _compensation(document.get("compensation"), fit),
+        _gap(document.get("gap"), fit),
+    )
+
+
+def load(path: Path, fit: Fit) -> Snapshot:
+    """A snapshot from a file; raises `UnfitError`, also where the file is missing or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+    except FileNotFoundError:
+        raise UnfitError("there is none yet") from None
+    except OSError as error:
+        raise UnfitError(f"it cannot be read ({error.strerror})") from None
+    return unpack(data, fit)
+
+
+def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
+    """Return a snapshot as it is; raises `UnfitError` where it is older than a bound, or from the future."""
+    age_s = now_s - snapshot.tick_s
+    if age_s <= 0.0:
+        raise UnfitError(f"it is {-age_s:.3g} s ahead of the computer's clock")
+    if age_s > oldest_s:
+        raise UnfitError(f"it is {age_s:.6g} s old, more than {oldest_s:g} s")
+    return snapshot
+
+
+def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
+    """A snapshot with all its moments moved, for a service whose time was set anew."""
+    drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
+    gap = _moved(snapshot.gap, by_s)
+    return replace(snapshot, tick_s=snapshot.tick_s + by_s, drive=drive, estimator=estimator, gap=gap)
+
+
+def _document(data: bytes) -> Mapping[str, Any]:
+    head, body = data[: len(_FORMAT) + 32], data[len(_FORMAT) + 32 :]
+    if not head.startswith(_FORMAT):
+        raise UnfitError("it is no checkpoint of this program")
+    if hashlib.sha256(body).digest() != head[len(_FORMAT) :]:
+        raise UnfitError("it is damaged (its checksum is wrong)")
+    try:
+        document = cbor2.loads(body)
+    except (cbor2.CBORError, ValueError, OverflowError, RecursionError, MemoryError):
+        document = None
+    if not isinstance(document, dict):
+        raise UnfitError("it is no checkpoint of this program")
+    return document
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses, tuples, arrays and scalars as what CBOR has; floats stay 64 bits wide."""
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, list(value.shape), value.tobytes()]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, tuple | list):
+        return [_plain(one) for one in value]
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    return value
+
+
+def _filled(like: Any, plain: Any, name: str) -> Any:
+    """The value that `plain` stands for, of the kind and shape of `like`; raises `UnfitError` otherwise."""
+    if is_dataclass(like) and not isinstance(like, type):
+        names = [field.name for field in fields(like)]
+        if isinstance(plain, dict) and set(plain) == set(names):
+            return replace(like, **{n: _filled(getattr(like, n), plain[n], f"{name}.{n}") for n in names})
+    elif isinstance(like, np.ndarray):
+        match plain:
+            case [like.dtype.str, [*shape], bytes(data)] if tuple(shape) == like.shape:
+                if len(data) == like.nbytes:
+                    return np.frombuffer(data, like.dtype).reshape(like.shape).copy()
+    elif isinstance(like, tuple):
+        if isinstance(plain, list) and len(plain) == len(like):
+            return tuple(_filled(a, b, name) for a, b in zip(like, plain, strict=True))
+    elif isinstance(like, Mapping):
+        if isinstance(plain, dict) and set(plain) == set(like):
+            return {key: _filled(like[key], plain[key], f"{name}.{key}") for key in like}
+    elif _same_kind(like, plain):
+        return plain
+    raise UnfitError(f"its {name} does not fit this model")
+
+
+def _same_kind(like: Any, plain: Any) -> bool:
+    """Whether a scalar may stand where another one stood."""
+    if isinstance(like, bool) or isinstance(plain, bool):
+        return isinstance(like, bool) and isinstance(plain, bool)
+    numbers = (int, float, np.generic)
+    if isinstance(like, numbers):
+        return isinstance(plain, int | float)
+    return like is None or isinstance(plain, type(like))
+
+
+def _moved(value: Any, by_s: float) -> Any:
+    """Add to every field that holds a moment, wherever it stands."""
+    if isinstance(value, tuple):
+        return tuple(_moved(one, by_s) for one in value)
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    parts = {field.name: getattr(value, field.name) for field in fields(value)}
+    return replace(
+        value, **{n: part + by_s if n in _MOMENTS else _moved(part, by_s) for n, part in parts.items()}
+    )
+
+
+def _compensation(plain: Any, fit: Fit) -> CompensationState | None:
+    """What a compensation held, off; None where there is none, or it was set up otherwise."""
+    if fit.compensation is None or not isinstance(plain, dict) or plain.get("setup") != fit.setup:
+        return None
+    held: CompensationState = _filled(fit.compensation, plain.get("state"), "compensation")
+    if not (np.isfinite(held.table_um).all() and np.isfinite(held.ends_um).all()):
+        return None
+    return replace(held, reason=SINCE_RESTART)
+
+
+def _gap(plain: Any, fit: Fit) -> GapState | None:
+    """What was known of the prediction's gap; None where there is none, or it does not fit."""
+    if fit.gap is None or plain is None:
+        return None
+    try:
+        state: GapState = _filled(fit.gap, plain, "gap")
+    except UnfitError:
+        return None
+    arrays = (state.x, state.theta, state.P, state.sums, state.waiting)
+    return state if all(np.isfinite(array).all() for array in arrays) else None

@@ -1,0 +1,199 @@
+"""A recorded log through the live path: its frames, the same drive and estimator, results as files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from observer.align.aligner import AlignPlan, blocks_of_log
+from observer.config import Config
+from observer.errors import LogError
+from observer.estimate.checkpoint import Fit, Snapshot, UnfitError, load, recent
+from observer.estimate.pipeline import Pipeline
+from observer.files.logs import SUFFIXES, TIME, Log
+from observer.files.results import write_json
+from observer.files.writer import Column, TableWriter
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
+from observer.history.history import HeatHistory
+from observer.model.rod.moving import judge_path
+from observer.quality.not_good import NotGood
+from observer.record.part import START_SUFFIX
+
+Progress = Callable[[int, int], None]
+_SENSOR_LABELS = np.array([quality.label for quality in Quality])
+_LABELS = np.array([quality.label for quality in EstimateQuality])
+
+
+def estimates_of(
+    log: Log,
+    plan: AlignPlan,
+    pipeline: Pipeline[Any],
+    progress: Progress,
+    start: Snapshot | None = None,
+    not_good: NotGood | None = None,
+) -> Iterator[EstimateBlock]:
+    """The estimates of a log in blocks, by a pipeline that begins cold or, with `start`, there.
+
+    `progress` hears the rows done and their total, `not_good` every block with its frames.
+    """
+    if start is not None:
+        pipeline.restore(start.drive, start.estimator)
+        if pipeline.gap is not None and start.gap is not None:
+            pipeline.gap.restore(start.gap)
+    total = len(log) if log.step is None else int(log.step.sum())
+    done = 0
+    last_tick_s = math.nan if start is None else start.tick_s
+    for frames, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s):
+        if afresh:
+            if not_good is not None:
+                not_good.note(pipeline.history)
+            pipeline.reset()
+        block = pipeline.step(frames)
+        if not_good is not None:
+            not_good.take(frames, block)
+        yield block
+        done += len(frames)
+        progress(done, total)
+
+
+def start_of(log: Log, fit: Fit) -> tuple[Snapshot | None, str]:
+    """Where the service stood when it began a recording, None if cold, and a sentence that says so."""
+    suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
+    beside = log.path.with_name(log.path.name.removesuffix(suffix) + START_SUFFIX)
+    if log.step is None or not beside.exists():
+        return None, "cold"
+    try:
+        snapshot = recent(load(beside, fit), float(log.time_s[0]), math.inf)
+    except UnfitError as error:
+        return None, f"cold; {beside.name} is left out, {error}"
+    return snapshot, f"warm, from {beside.name}, {log.time_s[0] - snapshot.tick_s:.3f} s before the first row"
+
+
+def _counts(block: EstimateBlock) -> tuple[Any, ...]:
+    """What a summary adds up, of one block."""
+    heat_W, innovation_K = block.heat_W, block.innovation_K
+    return (
+        len(block),
+        np.bincount(block.quality, minlength=len(EstimateQuality)),
+        np.array([np.bincount(codes, minlength=len(Quality)) for codes in block.sensor_quality.T]),
+        np.isfinite(heat_W).sum(axis=0),
+        np.nansum(heat_W, axis=0),
+        np.isfinite(innovation_K).sum(axis=0),
+        np.nansum(innovation_K, axis=0),
+        np.nansum(innovation_K**2, axis=0),
+    )
+
+
+def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -> dict[str, Any]:
+    """A replay in numbers: the same for the same log and configuration."""
+    totals: list[Any] = [sum(column) for column in zip(*counts, strict=True)]
+    rows, quality, sensor_quality, heats, heat_W, values, sum_K, squares_K2 = totals
+    bias_K, squares_K2 = _mean(sum_K, values), _mean(squares_K2, values)
+    sensors = zip(layout.sensors, squares_K2, bias_K, sensor_quality, strict=True)
+    return {
+        "rows": rows,
+        "duration_s": duration_s,
+        "quality": {q.label: int(n) for q, n in zip(EstimateQuality, quality, strict=True)},
+        "heat_mean_W": dict(zip(layout.sources, _mean(heat_W, heats), strict=True)),
+        "sensors": {
+            name: {
+                "innovation_rms_K": None if square is None else square**0.5,
+                "innovation_bias_K": bias,
+                "quality": {q.label: int(n) for q, n in zip(Quality, codes, strict=True)},
+            }
+            for name, square, bias, codes in sensors
+        },
+    }
+
+
+def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
+    return [float(t / n) if n else None for t, n in zip(total, count, strict=True)]
+
+
+def heat_columns(layout: Layout, found: EstimateBlock | HeatHistory) -> dict[str, Column]:
+    """The time and the heats as the columns of a table; of estimates with their bounds."""
+    columns: dict[str, Column] = {TIME: found.time_s}
+    for j, name in enumerate(layout.sources):
+        columns[f"heat_{name}_W"] = found.heat_W[:, j]
+        columns[f"heat_{name}_sigma_W"] = found.heat_sigma_W[:, j]
+        if isinstance(found, EstimateBlock):
+            columns[f"heat_{name}_bound_W"] = found.heat_bound_W[:, j]
+    return columns
+
+
+def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
+    """The columns of `estimates.csv` for a block."""
+    columns = heat_columns(layout, block)
+    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
+    for j, mm in enumerate(places):
+        columns[f"field_{mm}_degC"] = block.field_degC[:, j]
+        columns[f"field_{mm}_sigma_K"] = block.field_sigma_K[:, j]
+        columns[f"field_{mm}_bound_K"] = block.field_bound_K[:, j]
+    if layout.has_error:
+        for j, mm in enumerate(places):
+            columns[f"error_{mm}_um"] = block.error_um[:, j]
+            columns[f"error_{mm}_sigma_um"] = block.error_sigma_um[:, j]
+            columns[f"error_{mm}_bound_um"] = block.error_bound_um[:, j]
+    for j, name in enumerate(layout.sensors):
+        columns[f"innovation_{name}_K"] = block.innovation_K[:, j]
+        columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]
+    for j, name in enumerate(layout.learned):
+        columns[f"learned_{name}"] = block.learned[:, j]
+        columns[f"learned_{name}_sigma"] = block.learned_sigma[:, j]
+    columns["quality"] = _LABELS[block.quality]
+    return columns
+
+
+def write_results(
+    output: Path,
+    suffix: str,
+    layout: Layout,
+    blocks: Iterator[EstimateBlock],
+    log: Log,
+    digest: str,
+    more: Mapping[str, Any] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """Write `estimates` + suffix and `summary.json` into `output`; both appear complete or not at all.
+
+    Returns the content of `summary.json`: the summary, and `more` that the caller knows of the log. Raises
+    `LogError` where they cannot be written, or when there is no estimate to write.
+    """
+    counts, times = [], []
+    with TableWriter(output / f"estimates{suffix}") as writer:
+        for block in blocks:
+            writer.write(result_columns(layout, block))
+            counts.append(_counts(block))
+            times += block.time_s[[0, -1]].tolist()
+        if not counts:
+            raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
+    numbers = _summary(layout, counts, times[-1] - times[0])
+    summary = {"log": log.path.name, "config": digest, **numbers, **more}
+    write_json(output / "summary.json", summary)
+    return summary
+
+
+def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
+    """Return, per moving source, whether the log tells the nut's path."""
+    found = {}
+    for source in config.source:
+        if source.position_channel is not None:
+            low, high = source.stroke_m or (0.0, config.screw.length_m)
+            column = log.values[:, log.channels.index(source.position_channel)]
+            found[source.name] = judge_path(column, high - low)
+    return found
+
+
+def speeds(config: Config, log: Log) -> Mapping[str, float]:
+    """Return, per source with a speed, the mean of that over the log, whichever way it turns, in rpm."""
+    found = {}
+    for source in config.source:
+        if source.speed_channel is not None:
+            column = np.abs(log.values[:, log.channels.index(source.speed_channel)])
+            if np.isfinite(column).any():
+                found[source.name] = float(np.nanmean(column))
+    return found

@@ -1,0 +1,1 @@
+"""The daemon: drivers, the loop, and what follows each of its steps."""

@@ -1,0 +1,162 @@
+"""The forecast beside the loop: it learns the program from each step, and computes in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import structlog
+
+from observer.align.aligner import frames_of_log
+from observer.errors import LogError
+from observer.estimate.machine import Machine
+from observer.estimate.open_loop import read_program
+from observer.estimators.protocol import EstimatorState
+from observer.forecast.document import Forecast, document, forecast, none
+from observer.forecast.program import Bins, binned, joined, learnt
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, Layout
+
+_ESTIMATED = ("heat_W", "sigma_W", "own_law_W")
+_GATHER_S = 20.0
+_MOST_STEPS = 200_000
+log = structlog.get_logger()
+
+
+class Learner:
+    """Gathers what drove a plant, and the heats, in bins."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._moving = [m.index for m in machine.plant.moving]
+        self._parts: Bins | None = None
+
+    def take(self, inputs: Inputs, block: EstimateBlock) -> None:
+        """Take consecutive steps."""
+        found = binned(inputs, block, self._moving)
+        self._parts = found if self._parts is None else joined([self._parts, found])
+
+    @property
+    def bins(self) -> Bins:
+        """The last bins. Raises `ValueError` before the first step."""
+        if self._parts is None:
+            raise ValueError("the program is not known yet; it is learnt in the first minute")
+        return self._parts
+
+
+class _Step(NamedTuple):
+    inputs: Inputs
+    block: EstimateBlock
+
+
+def is_wanted(machine: Machine) -> bool:
+    """Whether a forecast is computed: as configured, else where every estimated heat has a law."""
+    asked = machine.config.forecast.enabled
+    return (machine.gap() is not None) if asked is None else asked
+
+
+class Forecaster:
+    """Computes a forecast now and then from the newest step; no method waits for it."""
+
+    def __init__(self, machine: Machine, instance: str, publish: Callable[[Mapping[str, Any]], None]) -> None:
+        """`publish` is called in the forecaster's own thread with each document."""
+        self._machine, self._instance, self._publish = machine, instance, publish
+        self._settings = machine.config.forecast
+        self._learner = Learner(machine)
+        self._steps: deque[_Step] = deque(maxlen=_MOST_STEPS)
+        self._newest: EstimatorState | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="forecast", daemon=True)
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+        self._thread.start()
+
+    def step(self, inputs: Inputs, block: EstimateBlock, state: EstimatorState) -> None:
+        """Take a step of the loop and where the estimator stands after it; all of it is frozen."""
+        self._steps.append(_Step(inputs, block))
+        self._newest = state
+
+    def end(self) -> None:
+        """Publish no more; what is being computed is dropped with its thread."""
+        self._closing.set()
+
+    def _run(self) -> None:
+        waited_s, period_s = 0.0, self._settings.period_s
+        pause_s = min(_GATHER_S, period_s)
+        while not self._closing.wait(pause_s):
+            waited_s += pause_s
+            try:
+                last = self._gather()
+                if last is not None and waited_s >= period_s:
+                    waited_s = 0.0
+                    found = self._document(last)
+                    if not self._closing.is_set():
+                        self._publish(found)
+            except Exception:  # a forecast is an extra: the service goes on without
+                log.error("the forecast failed", exc_info=True)
+
+    def _gather(self) -> EstimateBlock | None:
+        steps = [self._steps.popleft() for _ in range(len(self._steps))]
+        if not steps:
+            return None
+        blocks = [s.block for s in steps]
+        self._learner.take(Inputs.joined([s.inputs for s in steps]), _joined(blocks))
+        return blocks[-1]
+
+    def _document(self, last: EstimateBlock) -> dict[str, Any]:
+        state, quality = self._newest, EstimateQuality(int(last.quality[-1]))
+        within_um, plant = self._settings.within_um, self._machine.plant
+        try:
+            if state is None or not state.started:
+                raise ValueError("there is no estimate yet")
+            program = learnt(self._learner.bins)
+            found = forecast(self._machine.config, plant, state, program, self._settings.hours, within_um)
+        except ValueError as error:
+            worse = max(quality, EstimateQuality.STARTING)
+            return none(float(last.time_s[-1]), worse, self._instance, str(error), within_um)
+        return document(found, plant, quality, self._instance, within_um)
+
+
+def _joined(blocks: list[EstimateBlock]) -> EstimateBlock:
+    names = EstimateBlock.__dataclass_fields__
+    return EstimateBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
+
+
+def program_bins(path: Path, machine: Machine) -> Bins:
+    """The bins of a program that is given as a log of the input channels.
+
+    Raises `LogError` where it cannot be read or an input never has a value.
+    """
+    log_ = read_program(path, machine.config)
+    moving, state, parts = [m.index for m in machine.plant.moving], machine.drive.initial(), []
+    for frames in frames_of_log(log_, machine.plan):
+        state, inputs = machine.drive.run(state, frames)
+        found = binned(inputs, None, moving)
+        if len(found.dt_s):
+            free = machine.plant.estimated
+            parts.append(found._replace(**{n: getattr(found, n)[:, free] for n in _ESTIMATED}))
+    if not parts:
+        raise LogError(f"{path}: an input that the model needs never has a value; fill its column")
+    return Bins(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def forecast_columns(layout: Layout, found: Forecast) -> dict[str, FloatArray]:
+    """The columns of `forecast.csv`, named as those of `estimates.csv`."""
+    columns: dict[str, FloatArray] = {}
+    a = found.ahead
+    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
+    for j, mm in enumerate(places):
+        columns[f"field_{mm}_degC"], columns[f"field_{mm}_sigma_K"] = (
+            a.field_degC[:, j],
+            a.field_sigma_K[:, j],
+        )
+    if layout.has_error:
+        for j, mm in enumerate(places):
+            columns[f"error_{mm}_um"], columns[f"error_{mm}_sigma_um"] = (
+                a.error_um[:, j],
+                a.error_sigma_um[:, j],
+            )
+    return columns

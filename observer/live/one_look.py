@@ -1,0 +1,119 @@
+"""One look at the wires, for `observer check --wires`: drivers run for a few seconds, and what came is noted.
+
+A driver is run as the service runs it, so nothing is sent that a normal run would not send.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.protocol import Driver
+from observer.frames import Reading
+from observer.process.clock import ServiceClock
+from observer.quality.remedies import remedy_for
+
+LOOK_S = 5.0
+"""How long is waited for a value of every channel; half as long again as a period, where that is longer."""
+LONGEST_S = 15.0
+ENOUGH = 4
+"""Readings of a driver by which its rate can be told."""
+_END_S = 2.0
+_LOOK_AGAIN_S = 0.05
+
+Implausible = Callable[[str, float], str | None]
+
+
+@dataclass
+class _Seen:
+    """What one driver has delivered: the newest value, fault and arrival of each channel."""
+
+    readings: int = 0
+    first_s: float = math.nan
+    last_s: float = math.nan
+    newest: dict[str, tuple[float, str | None, float]] = field(default_factory=dict)
+    usable: set[str] = field(default_factory=set)
+
+    def take(self, reading: Reading) -> None:
+        """Note a reading."""
+        now_s = time.monotonic()
+        self.readings += 1
+        self.first_s = now_s if math.isnan(self.first_s) else self.first_s
+        self.last_s = now_s
+        for channel, value in reading.values.items():
+            fault = reading.faults.get(channel, None if math.isfinite(value) else "not_a_number")
+            self.newest[channel] = value, fault, now_s
+            if fault is None:
+                self.usable.add(channel)
+
+    def rate_Hz(self) -> float | None:
+        """How often readings came, None where fewer than two did."""
+        spent_s = self.last_s - self.first_s
+        return (self.readings - 1) / spent_s if self.readings > 1 and spent_s > 0 else None
+
+
+def look(drivers: Sequence[Driver], implausible: Implausible, look_s: float = LOOK_S) -> dict[str, Any]:
+    """Run drivers until each of their channels has come, or for `look_s`; return what came, as plain data.
+
+    `implausible(channel, value)` says why a value cannot be right, None where it may be.
+    """
+    return asyncio.run(_look(drivers, implausible, look_s))
+
+
+async def _look(drivers: Sequence[Driver], implausible: Implausible, look_s: float) -> dict[str, Any]:
+    seen = {driver.name: _Seen() for driver in drivers}
+    slowest_s = max((driver.period_s for driver in drivers), default=0.0)
+    end_s = time.monotonic() + min(max(look_s, 1.5 * slowest_s), max(look_s, LONGEST_S))
+    now = ServiceClock().now
+    tasks = [asyncio.create_task(driver.run(seen[driver.name].take, now)) for driver in drivers]
+    while time.monotonic() < end_s and not all(_enough(d, seen[d.name]) for d in drivers):
+        await asyncio.sleep(_LOOK_AGAIN_S)
+    found = {driver.name: _told(driver, seen[driver.name], implausible) for driver in drivers}
+    for driver, task in zip(drivers, tasks, strict=True):
+        if task.done() and not task.cancelled() and task.exception() is not None:
+            found[driver.name]["last_error"] = str(task.exception())
+        task.cancel()
+    with contextlib.suppress(TimeoutError):  # a device that hangs must not hold up the answer
+        await asyncio.wait_for(asyncio.gather(*tasks, return_exceptions=True), _END_S)
+    good = all(c["usable"] for d in found.values() for c in d["channels"].values())
+    return {"good": bool(found) and good, "drivers": found}
+
+
+def _enough(driver: Driver, seen: _Seen) -> bool:
+    return seen.readings >= ENOUGH and seen.usable.issuperset(driver.channels)
+
+
+def _told(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, Any]:
+    now_s, status = time.monotonic(), driver.status
+    return {
+        "connected": status.connected,
+        "errors": status.errors,
+        "last_error": status.last_error,
+        "rate_Hz": seen.rate_Hz(),
+        "period_s": driver.period_s,
+        "channels": {channel: _channel(channel, seen, now_s, implausible) for channel in driver.channels},
+    }
+
+
+def _channel(channel: str, seen: _Seen, now_s: float, implausible: Implausible) -> dict[str, Any]:
+    if channel not in seen.newest:
+        return _judged(None, "never_came", None, None)
+    value, fault, arrived_s = seen.newest[channel]
+    doubt = None if fault else implausible(channel, value)
+    return _judged(None if fault else value, fault, now_s - arrived_s, doubt)
+
+
+def _judged(value: float | None, fault: str | None, age_s: float | None, doubt: str | None) -> dict[str, Any]:
+    return {
+        "value": value,
+        "fault": fault,
+        "age_s": age_s,
+        "implausible": doubt,
+        "usable": fault is None and doubt is None,
+        "remedy": remedy_for(fault, doubt),
+    }

@@ -1,0 +1,114 @@
+"""What ends a service's parts to build them anew: a configuration read again, or a clock that was set."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import structlog
+
+from observer.errors import UserError
+from observer.estimate.carry import LastStep
+from observer.estimate.checkpoint import Snapshot
+from observer.process.clock import stepped
+
+SETTLED_S = 3.0
+"""The new time of a clock that was set is believed once it has been as far for so long …"""
+_SAME_S = 0.1
+"""… to within this."""
+NOTICE_S = 600.0
+"""A configuration that was refused stays a reason in health for so long."""
+
+Prepared = TypeVar("Prepared")
+log = structlog.get_logger()
+
+
+@dataclass(frozen=True, slots=True)
+class Renewal(Generic[Prepared]):
+    """Why the parts are built anew, with what, and where they stood.
+
+    `prepared` is what a configuration that was read again comes to, None for the one in force; `new_time`
+    says that the service's time begins anew as well. `last` is the step before.
+    """
+
+    reason: str
+    prepared: Prepared | None = None
+    new_time: bool = False
+    snapshot: Snapshot | None = None
+    last: LastStep | None = None
+
+
+class Renewals(Generic[Prepared]):
+    """Watches for both; lives longer than the parts. `reload` may be called from any thread."""
+
+    def __init__(self, reread: Callable[[], Prepared] | None = None) -> None:
+        """Take what reads and checks the configuration again; it raises `UserError` where it is refused."""
+        self._reread = reread
+        self._lock = threading.Lock()
+        self._reading = self._asked = False
+        self._ready: Prepared | None = None
+        self._refused: tuple[float, str] | None = None
+        self._since_s: float | None = None
+        self._offset_s = 0.0
+
+    @property
+    def can_reload(self) -> bool:
+        """Whether there is a configuration to read again."""
+        return self._reread is not None
+
+    def reload(self) -> None:
+        """Read the configuration again, beside the running service; asked meanwhile, it is read once more."""
+        with self._lock:
+            self._asked = True
+            if self._reading or self._reread is None:
+                return
+            self._reading = True
+        threading.Thread(target=self._read, args=(self._reread,), name="reload", daemon=True).start()
+
+    def _read(self, reread: Callable[[], Prepared]) -> None:
+        while True:
+            with self._lock:
+                if not self._asked:
+                    self._reading = False
+                    return
+                self._asked = False
+            self._read_once(reread)
+
+    def _read_once(self, reread: Callable[[], Prepared]) -> None:
+        log.info("reading the configuration again")
+        try:
+            self._ready = reread()
+            self._refused = None
+        except UserError as error:
+            self._refuse(str(error))
+        except Exception as error:  # the service goes on with what it has, whatever is wrong with the new one
+            log.error("reading the configuration failed", exc_info=True)
+            self._refuse(repr(error))
+
+    def _refuse(self, why: str) -> None:
+        self._refused = (time.monotonic(), why)
+        log.error("configuration refused; the one in force stays", reason=why)
+
+    def due(self, now_s: float, offset_s: float) -> Renewal[Prepared] | None:
+        """The renewal that is due at a time of the service, None if none is."""
+        ready, self._ready = self._ready, None
+        if ready is not None:
+            return Renewal("the configuration was read again", ready)
+        why = stepped(offset_s)
+        if why is None:
+            self._since_s = None
+        elif self._since_s is None or abs(offset_s - self._offset_s) > _SAME_S:
+            self._since_s, self._offset_s = now_s, offset_s
+        elif now_s - self._since_s >= SETTLED_S:
+            self._since_s = None
+            return Renewal(why, new_time=True)
+        return None
+
+    def notices(self) -> tuple[str, ...]:
+        """What health is to tell of them."""
+        if self._refused is None or time.monotonic() - self._refused[0] > NOTICE_S:
+            return ()
+        return (f"the new configuration was refused, the old one is in force: {self._refused[1]}",)

@@ -1,0 +1,47 @@
+"""The service's time: seconds since the epoch that never go back and never jump."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Callable
+
+STEP_S = 0.5
+"""The computer's clock was set once it is further than this from the service's time."""
+
+
+class ServiceClock:
+    """The epoch as it was at the start, plus what a monotonic clock has counted since.
+
+    When somebody sets the computer's clock, the service's time goes on evenly and `offset_s` tells how far
+    the two are apart.
+    """
+
+    def __init__(
+        self, wall: Callable[[], float] = time.time, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._wall = wall
+        self._monotonic = monotonic
+        self._epoch_s = wall() - monotonic()
+        self._last_s = -math.inf
+
+    def now(self) -> float:
+        """Seconds since the epoch, later than every time given before."""
+        now_s = self._epoch_s + self._monotonic()
+        self._last_s = now_s if now_s > self._last_s else math.nextafter(self._last_s, math.inf)
+        return self._last_s
+
+    def offset_s(self) -> float:
+        """How far the computer's clock is ahead of the service's time."""
+        return self._wall() - (self._epoch_s + self._monotonic())
+
+    async def sleep_until(self, time_s: float) -> None:
+        """Wait until `now` has reached a time."""
+        while (rest_s := time_s - self.now()) > 0:
+            await asyncio.sleep(rest_s)
+
+
+def stepped(offset_s: float) -> str | None:
+    """Say that the computer's clock is not that of the service any more, None while it is."""
+    return f"the computer's clock was set, by {offset_s:+.1f} s" if abs(offset_s) > STEP_S else None

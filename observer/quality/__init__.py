@@ -1,0 +1,1 @@
+"""How good the estimates are, in words: residual beyond the tolerances, health, alarms, remedies."""

@@ -1,0 +1,292 @@
+"""Alarms of a running service: what holds now, from what the loop knows, and what is kept over a restart."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import structlog
+
+from observer.alarms import bands, offsets, plain
+from observer.alarms.bands import Band, Gathering, Window
+from observer.alarms.kinds import KINDS
+from observer.alarms.offsets import Offset
+from observer.alarms.states import Alarm, Condition, acknowledged, advance
+from observer.config import Config
+from observer.files.folders import make_folder, write_whole
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
+from observer.quality.conditions import conditions
+from observer.quality.gap import Departure
+from observer.quality.health import Facts
+from observer.tables.alarms import AlarmSettings
+
+_KEPT_S = 60.0
+_NOTHING = Gathering(0.0, 0.0, 0.0, 0.0, 0.0)
+_MOST_STEP_S = 30.0
+_APART_S = 600.0
+"""Over so long a sensor and the model have to be apart."""
+_LOOK_S = 60.0
+"""Learnt offsets are looked at after so much of good estimates."""
+_BELIEVED = (EstimateQuality.GOOD, EstimateQuality.DEGRADED)
+_FORMAT = 1
+
+log = structlog.get_logger()
+
+
+class Source(NamedTuple):
+    """A source with a law: its name, its place among the estimated ones, and what its band depends on."""
+
+    name: str
+    column: int
+    law: str
+
+
+class Offsets(NamedTuple):
+    """A sensor: its name, the place of its offset among what is learnt if it is, and what is said of it."""
+
+    name: str
+    learned: int | None
+    said: str
+
+
+class AlarmDesk:
+    """Takes every estimate, looks at the facts now and then, and tells what somebody should come for."""
+
+    def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
+        """Begin where the file tells, None where nothing is kept; `layout` is that of the estimates."""
+        self._settings = settings
+        self._sensors = {s.channel: s.name for s in config.sensor}
+        estimated = [s for s in config.source if s.estimate]
+        self._sources = [
+            Source(s.name, i, s.model_dump_json()) for i, s in enumerate(estimated) if s.law is not None
+        ]
+        self._gathering = {source.name: _NOTHING for source in self._sources}
+        self._bands = {source.name: bands.nothing_known() for source in self._sources}
+        said = {s.name: s.model_dump_json() for s in config.sensor}
+        learned = {name: i for i, name in enumerate(layout.learned)}
+        self._known = [
+            Offsets(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
+        ]
+        self._offsets = {sensor.name: Offset() for sensor in self._known}
+        self._apart_K = np.zeros(len(self._known))
+        self._good_s = 0.0
+        self._alarms: dict[str, Alarm] = {}
+        self._file = file
+        self._told: tuple[Any, ...] = ()
+        self._kept_s = -math.inf
+        self._writing: threading.Thread | None = None
+        if file is not None:
+            self._restore(file)
+
+    def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
+        """Take one estimate, for what is usual of heats and sensors."""
+        dt_s = float(frame.dt_s[0])
+        if estimate.quality[0] not in _BELIEVED or not 0.0 < dt_s <= _MOST_STEP_S:
+            return
+        self._see_sensors(estimate, dt_s)
+        rise_K = float(np.mean(estimate.field_degC[0])) - air_degC
+        for source in self._sources:
+            heat_W, law_W = float(estimate.heat_W[0, source.column]), float(estimate.law_W[0, source.column])
+            sigma_W = float(estimate.heat_sigma_W[0, source.column])
+            if not (math.isfinite(heat_W + sigma_W + law_W + rise_K) and law_W > 0.0):
+                continue
+            band = self._bands[source.name]
+            if law_W <= bands.LEAST_SHARE * band.most_W:
+                continue
+            now = self._gathering[source.name]
+            now = Gathering(
+                now.running_s + dt_s, now.heat_J + heat_W * dt_s, now.sigma_J + sigma_W * dt_s,
+                now.law_J + law_W * dt_s, now.rise_Ks + rise_K * dt_s,
+            )  # fmt: skip
+            if now.running_s >= bands.WINDOW_S:
+                self._bands[source.name] = self._learnt(band, now, float(estimate.time_s[0]))
+                now = _NOTHING
+            self._gathering[source.name] = now
+
+    def _see_sensors(self, estimate: EstimateBlock, dt_s: float) -> None:
+        """How far each sensor is from the model, and from time to time what its learnt offset is."""
+        apart_K: FloatArray = estimate.innovation_K[0]
+        share = 1.0 - math.exp(-dt_s / _APART_S)
+        self._apart_K += share * np.where(np.isfinite(apart_K), apart_K - self._apart_K, 0.0)
+        self._good_s += dt_s
+        if self._good_s < _LOOK_S:
+            return
+        hours, self._good_s = self._good_s / 3600.0, 0.0
+        for sensor in self._known:
+            if sensor.learned is not None:
+                self._offsets[sensor.name] = offsets.taken(
+                    self._offsets[sensor.name],
+                    float(estimate.learned[0, sensor.learned]),
+                    float(estimate.learned_sigma[0, sensor.learned]),
+                    hours, self._settings.learn_h, self._settings.sensor_K,
+                )  # fmt: skip
+
+    def _learnt(self, band: Band, whole: Gathering, time_s: float) -> Band:
+        heat_W, sigma_W, law_W, rise_K = (total / whole.running_s for total in whole[1:])
+        window = Window(time_s, heat_W, sigma_W, law_W, rise_K, law_W)
+        return bands.learnt(band, window, self._settings.learn_h, self._settings.deadband)
+
+    def look(self, facts: Facts, departure: Departure | None) -> bool:
+        """Judge what holds now; says whether something changed that is worth telling at once."""
+        holding = [
+            condition
+            for condition in (
+                *conditions(facts, departure, self._sensors),
+                *self._disagreeing(),
+                *self._heats(),
+            )
+            if condition.kind not in self._settings.off
+        ]
+        self._alarms = advance(self._alarms, holding, facts.time_s)
+        told = tuple((name, alarm.state) for name, alarm in self._alarms.items() if alarm.is_raised)
+        changed, before = told != self._told, dict(self._told)
+        for name, state in told:
+            if before.get(name) != state:
+                log.warning("alarm", alarm=name, state=state, reason=self._alarms[name].condition.reason)
+        self._told = told
+        self._keep(facts.time_s, now=changed)
+        return changed
+
+    def acknowledge(self, name: str | None) -> str | None:
+        """Note that somebody has seen an alarm, or all; returns in words why not, None if it is done."""
+        raised = [n for n, alarm in self._alarms.items() if alarm.is_raised]
+        if name is not None and name not in raised:
+            there = ", ".join(raised) or "none"
+            return f"there is no alarm {name}; there are: {there}"
+        self._alarms = acknowledged(self._alarms, name)
+        return None
+
+    def document(self, time_s: float) -> dict[str, Any]:
+        """What is published: the alarms that are raised, and what is known of the heats."""
+        return {
+            "time_s": time_s,
+            "alarms": [_told_of(name, alarm) for name, alarm in self._alarms.items() if alarm.is_raised],
+            "bands": {name: self._band_told(band) for name, band in self._bands.items()},
+        }
+
+    def close(self, timeout_s: float) -> bool:
+        """Keep what is known; says whether that was done in time."""
+        self._keep(math.inf, now=True)
+        if self._writing is not None:
+            self._writing.join(timeout_s)
+        return self._writing is None or not self._writing.is_alive()
+
+    def _band_told(self, band: Band) -> dict[str, Any]:
+        trend = bands.trend_per_day(band)
+        learn_h = self._settings.learn_h
+        known = band.running_h >= learn_h
+        return {
+            "known": known,
+            "learning": None if known else f"{band.running_h:.1f} of {learn_h:g} h of running",
+            "running_h": round(band.running_h, 2),
+            "ratio": round(math.exp(bands.more_than_usual(band)), 4) if known else None,
+            "sigma": round(bands.sigma_of(band), 4) if known else None,
+            "trend_per_day": None if trend is None or not known else round(trend, 5),
+        }
+
+    def _disagreeing(self) -> Iterator[Condition]:
+        """Sensors that are apart from the model, or whose offset has moved."""
+        for sensor, apart_K in zip(self._known, self._apart_K.tolist(), strict=True):
+            known = self._offsets[sensor.name]
+            if known.moved:
+                moved_K = known.now_K - known.usual_K
+                yield Condition(
+                    "sensor_disagrees",
+                    sensor.name,
+                    f"{sensor.name} reads {moved_K:+.2f} K beside what it did in its first "
+                    f"{self._settings.learn_h:g} h, by the offset that is learnt",
+                    "drifting",
+                    {"offset_K": round(known.now_K, 3), "usual_K": round(known.usual_K, 3)},
+                )
+            if abs(apart_K) > self._settings.sensor_K:
+                yield Condition(
+                    "sensor_disagrees",
+                    sensor.name,
+                    f"{sensor.name} reads {apart_K:+.2f} K beside what the model and the other sensors say",
+                    "apart",
+                    {"apart_K": round(apart_K, 3)},
+                )
+
+    def _heats(self) -> Iterator[Condition]:
+        """Heats that are not within their bands."""
+        for name, band in self._bands.items():
+            if band.side == 0:
+                continue
+            told = self._band_told(band)
+            trend = told["trend_per_day"]
+            growth = "" if trend is None else f", {100 * trend:+.1f} % a day"
+            yield Condition(
+                "heat_high" if band.side > 0 else "heat_low",
+                name,
+                f"the heat of {name} is {told['ratio']:.2f} times what was learnt for its speed and "
+                f"temperature in {self._settings.learn_h:g} h of running{growth}",
+                evidence=told,
+            )
+
+    def _keep(self, time_s: float, *, now: bool) -> None:
+        """Write what is known now and then, in a thread of its own: a slow disk holds up no tick."""
+        if self._file is None or not (now or time_s - self._kept_s >= _KEPT_S):
+            return
+        if self._writing is not None and self._writing.is_alive():
+            if not math.isinf(time_s):
+                return
+            self._writing.join(_KEPT_S)
+        self._kept_s = time_s
+        data = json.dumps(self._plain()).encode()
+        self._writing = threading.Thread(target=_write, args=(self._file, data), name="alarms", daemon=True)
+        self._writing.start()
+
+    def _plain(self) -> dict[str, Any]:
+        return {
+            "format": _FORMAT,
+            "bands": {s.name: {"law": s.law, **plain.of_band(self._bands[s.name])} for s in self._sources},
+            "offsets": {s.name: {"said": s.said, **self._offsets[s.name]._asdict()} for s in self._known},
+            "alarms": {n: asdict(alarm) for n, alarm in self._alarms.items() if alarm.is_raised},
+        }
+
+    def _restore(self, file: Path) -> None:
+        """Take what a service before this one has kept, as far as it fits; the rest begins afresh."""
+        try:
+            kept = json.loads(file.read_bytes())
+            if kept["format"] != _FORMAT:
+                raise ValueError(f"format {kept['format']}")
+            for source in self._sources:
+                if (found := kept["bands"].get(source.name)) is not None and found["law"] == source.law:
+                    self._bands[source.name] = plain.band(found)
+            for sensor in self._known:
+                if (found := kept["offsets"].get(sensor.name)) is not None and found["said"] == sensor.said:
+                    self._offsets[sensor.name] = plain.offset(found)
+            self._alarms = {name: plain.alarm(found) for name, found in kept["alarms"].items()}
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            log.warning("what was kept of alarms cannot be used", file=str(file), reason=str(error))
+
+
+def _told_of(name: str, alarm: Alarm) -> dict[str, Any]:
+    condition, kind = alarm.condition, KINDS[alarm.condition.kind]
+    return {
+        "id": name,
+        "kind": condition.kind,
+        "target": condition.target,
+        "severity": kind.severity,
+        "state": alarm.state,
+        "since_s": alarm.since_s,
+        "reason": condition.reason,
+        "remedy": kind.remedy,
+        "evidence": condition.evidence,
+    }
+
+
+def _write(file: Path, data: bytes) -> None:
+    try:
+        make_folder(file.parent)
+        write_whole(file, data)
+    except OSError as error:
+        log.warning("alarms cannot be kept", file=str(file), reason=error.strerror)

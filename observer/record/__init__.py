@@ -1,0 +1,1 @@
+"""Recordings: written beside the loop without loss, kept within bounds, read back."""

@@ -1,0 +1,178 @@
+"""What a service has recorded of the last hours, as the frames that it saw, a run for each stretch.
+
+A file that was full goes on in the next one as if it were one. After a start the service knows no channel any
+more until it has been read, and so do the frames here. Stretches end where nothing was recorded for a while,
+and where the estimator was reset: somebody may have done something to the machine.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from observer.align.aligner import AlignPlan, blocks_of_log
+from observer.errors import ConfigError, LogError
+from observer.files.logs import Log, read_log
+from observer.fit.runs import LEAST_S, joined, part
+from observer.frames import FrameBlock
+from observer.record.part import START_SUFFIX
+from observer.record.retention import Recording, recordings
+from observer.tables.keeping import Record
+
+PAUSE_S = 30.0
+"""A longer pause parts two stretches."""
+ROTATED_S = 2.0
+"""A file that begins so soon after another one, without a start of its own, goes on with it."""
+_UNITS_S = {"min": 60.0, "h": 3600.0, "d": 86_400.0}
+_STAMP = re.compile(r"-(\d{8}T\d{6}Z)(?:-(\d+))?\.csv$")
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Frames without a long pause, and the file that they begin in."""
+
+    path: Path
+    frames: FrameBlock
+
+    def __str__(self) -> str:
+        """The file and the times of day, in UTC."""
+        begin, end = (datetime.fromtimestamp(s, UTC) for s in (self.begin_s, self.end_s))
+        return f"{self.path.name}, {begin:%Y-%m-%d %H:%M} to {end:%Y-%m-%d %H:%M} UTC"
+
+    @property
+    def begin_s(self) -> float:
+        """When it begins."""
+        return float(self.frames.time_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """When it ends."""
+        return float(self.frames.time_s[-1])
+
+
+def duration_s(text: str) -> float:
+    """A duration such as 90min, 8h or 2d in seconds; raises `ConfigError`."""
+    found = re.fullmatch(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*(min|h|d)\s*", text)
+    if found is None or float(found[1]) == 0.0:
+        raise ConfigError(
+            f"--recent: {text!r} is no duration; give a number and min, h or d, as in 90min or 8h"
+        )
+    return float(found[1]) * _UNITS_S[found[2]]
+
+
+def stretches(record: Record, name: str, plan: AlignPlan, last_s: float) -> list[Stretch]:
+    """The stretches of the last `last_s` seconds that a service called `name` has recorded, the oldest first.
+
+    Time counts back from the newest row. A row that is being written is left out. Raises `ConfigError` where
+    no service records, `LogError` where there is too little or a recording cannot be read.
+    """
+    if record.directory is None:
+        raise ConfigError("--recent: the configuration has no record.directory; add [record], or name logs")
+    logs = _logs(record.directory, name, plan, last_s)
+    found = [s for run in _runs(logs) for s in _stretches(run, plan, float(logs[-1].time_s[-1]) - last_s)]
+    long = [s for s in found if s.end_s - s.begin_s >= LEAST_S]
+    if not long:
+        most_s = max((s.end_s - s.begin_s for s in found), default=0.0)
+        raise LogError(
+            f"{record.directory}: the longest stretch recorded in that time lasts {most_s:.0f} s, and "
+            f"{LEAST_S:.0f} s are needed; ask for a longer time, or let the service record for longer"
+        )
+    return long
+
+
+def _logs(folder: Path, name: str, plan: AlignPlan, last_s: float) -> list[Log]:
+    """The recordings that reach into the last seconds, the oldest first; none overlaps another."""
+    try:
+        files = sorted(recordings(folder, name), key=_order)
+    except OSError as error:
+        raise LogError(f"{folder}: cannot be read ({error.strerror}); see record.directory") from None
+    logs: list[Log] = []
+    for file in reversed(files):
+        log = _read(file, plan)
+        if log is None or (logs and log.time_s[-1] >= logs[0].time_s[0]):
+            continue  # it has no row yet, or the clock was set back since
+        if logs and log.time_s[-1] < logs[-1].time_s[-1] - last_s:
+            break
+        logs.insert(0, log)
+    if not logs:
+        raise LogError(
+            f"{folder}: no service called {name} has recorded anything there; run one for some hours, or "
+            "name logs"
+        )
+    return logs
+
+
+def _order(file: Recording) -> tuple[str, int]:
+    stamp = _STAMP.search(file.path.name)
+    return (stamp[1], int(stamp[2] or 1)) if stamp else ("", 0)
+
+
+def _read(file: Recording, plan: AlignPlan) -> Log | None:
+    """A recording as far as it is whole, None where it holds no row or has gone meanwhile."""
+    try:
+        with file.path.open("rb") as opened:
+            if opened.read(1_000_000).count(b"\n") < 2:
+                return None
+    except OSError as error:
+        if isinstance(error, FileNotFoundError):
+            return None
+        raise LogError(f"{file.path}: cannot be read ({error.strerror}); ask as the service's user") from None
+    return read_log(file.path, plan.channels, accept_truncated=True)
+
+
+def _runs(logs: Sequence[Log]) -> Iterator[list[Log]]:
+    """Recordings that belong together: no long pause between them, the ones a file was full after as one."""
+    run: list[Log] = []
+    for log in logs:
+        pause_s = log.time_s[0] - run[-1].time_s[-1] if run else np.inf
+        if pause_s > PAUSE_S:
+            if run:
+                yield run
+            run = [log]
+        elif pause_s <= ROTATED_S and not log.path.with_suffix(START_SUFFIX).exists():
+            run[-1] = _one(run[-1], log)
+        else:
+            run.append(log)
+    if run:
+        yield run
+
+
+def _one(before: Log, after: Log) -> Log:
+    """Two recordings as one."""
+    late = [np.full(len(log), np.nan) if log.late_s is None else log.late_s for log in (before, after)]
+    assert before.step is not None
+    assert after.step is not None
+    order = [after.channels.index(name) for name in before.channels]
+    return replace(
+        before,
+        time_s=np.concatenate([before.time_s, after.time_s]),
+        values=np.concatenate([before.values, after.values[:, order]]),
+        step=np.concatenate([before.step, after.step]),
+        flags=(*(before.flags or ()), *(after.flags or ())),
+        late_s=np.concatenate(late),
+    )
+
+
+def _stretches(run: Sequence[Log], plan: AlignPlan, from_s: float) -> Iterator[Stretch]:
+    """The frames of a run from a time on, parted where nothing came for long, or the estimator was reset."""
+    blocks, starts, count, last_tick_s = list[FrameBlock](), list[int](), 0, math.nan
+    for log in run:
+        for block, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s):
+            blocks.append(block)
+            starts += [count] if afresh else []
+            count, last_tick_s = count + len(block), float(block.time_s[-1])
+    if not blocks:
+        return
+    frames = joined(blocks)
+    wanted = int(np.searchsorted(frames.time_s, from_s))
+    starts += [wanted, *np.flatnonzero(frames.dt_s > PAUSE_S).tolist()]
+    edges = [*sorted({start for start in starts if wanted <= start < count}), count]
+    for begin, end in itertools.pairwise(edges):
+        yield Stretch(run[0].path, part(frames, begin, end))

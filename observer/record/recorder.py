@@ -1,0 +1,208 @@
+"""The lossless recording: one row per reading and one per tick, in the order in which they were used.
+
+A thread of its own writes, so a slow or full disk never holds up the loop. Rows wait in memory while the disk
+refuses them; beyond a bound they are dropped and counted.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+import structlog
+
+from observer.align.aligner import COMMAND_MARK, MISSING_FAULT
+from observer.files.logs import FLAGS, LATE, STEP, TIME
+from observer.frames import Reading
+from observer.record.part import Part
+from observer.record.retention import TRUSTED_AFTER_S, Retention, shortage, tidy
+
+_CAPACITY_ROWS = 100_000
+_BATCH_S = 0.2
+_RETRY_S = 1.0
+_TIDY_S = 60.0
+_PLAIN = "()[]/:+ "
+
+log = structlog.get_logger()
+
+
+@dataclass(frozen=True, slots=True)
+class RecordStatus:
+    """What became of the rows so far; `reason` says in one sentence what is wrong, None if nothing is."""
+
+    path: Path | None = None
+    rows_written: int = 0
+    rows_dropped: int = 0
+    reason: str | None = None
+
+
+class Recorder:
+    """Writes readings and ticks to CSV files named by machine, axis and UTC start.
+
+    A file is complete by itself: when it has grown to `rotate_bytes` the next tick is its last row. All rows
+    are handed to the system at least every 0.2 s and to the disk at least every `sync_s`. After a warm start
+    `start` says where the service stood; it goes beside the first file. What `keep` does not keep is removed.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        name: str,
+        channels: Sequence[str],
+        rotate_bytes: float,
+        sync_s: float,
+        keep: Retention | None = None,
+        start: bytes | None = None,
+    ) -> None:
+        self._directory = directory
+        self._name = name
+        self._channels = tuple(channels)
+        self._rotate_bytes = rotate_bytes
+        self._sync_s = sync_s
+        self._keep = keep
+        self._start = start
+        self._queue: deque[tuple[bytes, bool]] = deque()
+        self._held: list[tuple[bytes, bool]] = []  # taken from the queue, not yet written
+        self._dropped = 0
+        self._file = Part()
+        self._written = 0
+        self._refused: str | None = None
+        self._shortage: str | None = None
+        self._begun_s = time.monotonic()
+        self._tidied_s = -math.inf
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._supervised, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def status(self) -> RecordStatus:
+        """How the recording stands."""
+        reason = self._refused or self._shortage
+        return RecordStatus(self._file.path, self._written, self._dropped, reason)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread that writes is there; without it nothing is recorded."""
+        return self._thread.is_alive()
+
+    def reading(self, reading: Reading) -> None:
+        """Record a reading as the aligner uses it."""
+        self._put(row_of_reading(reading, self._channels), False)
+
+    def tick(self, time_s: float) -> None:
+        """Record a tick of the estimator."""
+        self._put(f"{time_s!r},{',' * len(self._channels)}1,,\n".encode(), True)
+
+    def command(self, time_s: float, name: str, outcome: str) -> None:
+        """Record what somebody asked the service to do, and what came of it, in a row without any value."""
+        entry = f"{COMMAND_MARK}{name}={quote(outcome, safe=_PLAIN)}"
+        self._put(f"{time_s!r},{',' * len(self._channels)},,{entry}\n".encode(), False)
+
+    def close(self, timeout_s: float = 1.0) -> bool:
+        """Write what is left and end; says whether all of it reached the disk in that time."""
+        self._closing.set()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive() and not self._queue and not self._held
+
+    def _put(self, row: bytes, is_tick: bool) -> None:
+        if len(self._queue) + len(self._held) >= _CAPACITY_ROWS:
+            self._dropped += 1
+        else:
+            self._queue.append((row, is_tick))
+
+    def _supervised(self) -> None:
+        """Write until closed; a defect in here is told, and ends the thread, which `alive` shows."""
+        try:
+            self._run()
+        except Exception as error:  # whatever it is, health and watchdog are to know
+            self._refused = f"the thread that writes has ended ({error!r}); restart the service"
+            log.error("recorder ended", exc_info=True)
+
+    def _run(self) -> None:
+        synced_s = time.monotonic()
+        while True:
+            closing = self._closing.wait(_BATCH_S if self._refused is None else _RETRY_S)
+            try:
+                self._drain()
+                if closing or time.monotonic() - synced_s >= self._sync_s:
+                    self._file.sync()
+                    synced_s = time.monotonic()
+                self._refused = None
+            except OSError as error:
+                place = self._file.path or self._directory
+                self._refused = f"{place}: cannot be written ({error.strerror}); free space or mend the place"
+            if closing:
+                self._file.close()
+                return
+            self._tidy()
+
+    def _drain(self) -> None:
+        """Write the rows that wait, a file at a time; a row leaves the queue once the system has it."""
+        for _ in range(len(self._queue)):
+            self._held.append(self._queue.popleft())
+        if self._held and self._file.is_gone:
+            self._file.close()
+        while self._held:
+            if self._file.path is None:
+                self._file.open(self._directory, self._name, header(self._channels), self._start)
+                self._start = None  # it is where the first file begins, and no other
+            count, size, full = 0, self._file.size, False
+            while count < len(self._held) and not full:
+                row, is_tick = self._held[count]
+                count, size = count + 1, size + len(row)
+                full = is_tick and size >= self._rotate_bytes
+            self._file.write(b"".join(row for row, _ in self._held[:count]))
+            self._written += count
+            del self._held[:count]
+            if full:
+                self._file.sync()
+                self._file.close()
+                self._tidied_s = -math.inf
+
+    def _tidy(self) -> None:
+        """Look after age, size and free space now and then, and whenever a file is full."""
+        now_s = time.monotonic()
+        if self._keep is None or self._file.path is None or now_s - self._tidied_s < _TIDY_S:
+            return
+        self._tidied_s = now_s
+        try:
+            trusted = now_s - self._begun_s >= TRUSTED_AFTER_S
+            for path in tidy(self._directory, self._name, self._keep, time.time(), by_age=trusted):
+                log.info("recording removed", path=str(path))
+            self._shortage = shortage(self._directory, self._keep)
+        except OSError as error:
+            self._shortage = f"{self._directory}: cannot be looked after ({error.strerror}); mend the place"
+
+
+def header(channels: Sequence[str]) -> bytes:
+    """The first line of a recording."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow([TIME, *channels, STEP, LATE, FLAGS])
+    return line.getvalue().encode()
+
+
+def row_of_reading(reading: Reading, channels: Sequence[str]) -> bytes:
+    """A reading as a row: the shortest decimals that read back to the same bits, faults by channel."""
+    values = [reading.values.get(name, math.nan) for name in channels]
+    cells = [repr(reading.time_s), *("" if math.isnan(value) else repr(value) for value in values)]
+    late = repr(reading.late_s) if reading.late_s else ""
+    return f"{','.join(cells)},,{late},{flags_of(reading, channels)}\n".encode()
+
+
+def flags_of(reading: Reading, channels: Sequence[str]) -> str:
+    """The faults of a reading as a `flags` cell; a value that is missing without a fault is one too."""
+    flags = []
+    for name in channels:
+        if name in reading.values:
+            missing = MISSING_FAULT if math.isnan(reading.values[name]) else None
+            if fault := reading.faults.get(name) or missing:
+                flags.append(f"{quote(name, safe=_PLAIN)}={quote(fault, safe=_PLAIN)}")
+    return ";".join(flags)

@@ -1,0 +1,154 @@
+"""How long recordings stay: by age, by their size in all, and by the space that is to stay free.
+
+Only files that a service of this name has written to the end are ever removed, the oldest first, never one
+that is being written.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import os
+import re
+import shutil
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from observer.errors import ConfigError
+from observer.record.part import START_SUFFIX
+from observer.tables.keeping import Record
+
+CLOCK_SET_S = 1_600_000_000.0
+"""A file older than this (2020) was written before the computer's clock was set; its age is not known."""
+TRUSTED_AFTER_S = 3600.0
+"""Ages count once the clock has run for so long without a step: a wrong one may make everything look old."""
+_LEAST_FREE_GB = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Retention:
+    """What is kept: files younger than `keep_s`, `keep_bytes` in all, `free_bytes` of the disk left free."""
+
+    keep_s: float = math.inf
+    keep_bytes: float = math.inf
+    free_bytes: float = 0.0
+
+    @classmethod
+    def of(cls, record: Record) -> Retention:
+        """As configured."""
+        return cls(
+            math.inf if record.keep_days is None else record.keep_days * 86_400.0,
+            math.inf if record.keep_GB is None else record.keep_GB * 1e9,
+            record.keep_free_GB * 1e9,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One complete file: its size with what lies beside it, and when its last row was written."""
+
+    path: Path
+    size: int
+    ended_s: float
+
+
+def to_remove(
+    files: Iterable[Recording], keep: Retention, total: int, free: int, now_s: float, *, by_age: bool
+) -> Iterator[Recording]:
+    """Give the files that are to go, the oldest first; without `by_age` the clock cannot be trusted yet.
+
+    `total` and `free` are the bytes of the disk; a small one is not to be emptied for what stays free on a
+    large one.
+    """
+    ordered = sorted(files, key=lambda file: (file.ended_s, file.path.name))
+    in_all, wanted_free = sum(file.size for file in ordered), min(keep.free_bytes, total / 10)
+    for file in ordered:
+        old = by_age and file.ended_s > CLOCK_SET_S and now_s - file.ended_s > keep.keep_s
+        if old or in_all > keep.keep_bytes or free < wanted_free:
+            in_all, free = in_all - file.size, free + file.size
+            yield file
+
+
+def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool) -> tuple[Path, ...]:
+    """Remove what is not kept; returns what went. Raises `OSError`."""
+    gone, disk = [], shutil.disk_usage(folder)
+    files = recordings(folder, name)
+    for file in to_remove(files, keep, disk.total, disk.free, now_s, by_age=by_age):
+        if not is_being_written(file.path):
+            file.path.unlink(missing_ok=True)
+            file.path.with_suffix(START_SUFFIX).unlink(missing_ok=True)
+            gone.append(file.path)
+    return tuple(gone)
+
+
+def shortage(folder: Path, keep: Retention) -> str | None:
+    """Say in a sentence that the disk is nearly full, None while it is not. Raises `OSError`."""
+    disk = shutil.disk_usage(folder)
+    least = min(keep.free_bytes or _LEAST_FREE_GB * 1e9, disk.total / 10)
+    if disk.free >= least:
+        return None
+    return (
+        f"{folder}: only {disk.free / 1e9:.3g} GB are free, less than {least / 1e9:.3g} GB; "
+        "free space, or move recordings elsewhere"
+    )
+
+
+def recordings(folder: Path, name: str) -> list[Recording]:
+    """The files that services of this name have written; links and files of other names are none."""
+    own = re.compile(rf"{re.escape(name)}-\d{{8}}T\d{{6}}Z(-\d+)?\.csv")
+    found = []
+    for path in folder.iterdir():
+        try:
+            about = path.lstat()
+            if own.fullmatch(path.name) and stat.S_ISREG(about.st_mode):
+                found.append(Recording(path, about.st_size + _size(path), about.st_mtime))
+        except FileNotFoundError:
+            continue  # somebody else has removed it meanwhile
+    return found
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether a service holds the file open for writing; one that cannot be asked counts as held."""
+    try:
+        return _is_locked(path)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+
+
+def refuse_shared(folder: Path, name: str) -> None:
+    """Raise `ConfigError` where a service of this name is recording into a folder, as far as locks tell.
+
+    The network may not show it. The two would write over each other's checkpoint.
+    """
+    files: list[Recording] = []
+    with suppress(OSError):  # not there yet, or not to be listed
+        files = recordings(folder, name)
+    for file in files:
+        with suppress(OSError):  # of another user, or on a file system without locks
+            if _is_locked(file.path):
+                raise ConfigError(
+                    f"record.directory: another service called {name} is recording {file.path}; stop it, or "
+                    "name another directory"
+                )
+
+
+def _is_locked(path: Path) -> bool:
+    """Whether somebody has locked a file. Raises `OSError` where that cannot be asked."""
+    fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(fd)
+    return False
+
+
+def _size(path: Path) -> int:
+    beside = path.with_suffix(START_SUFFIX)
+    return beside.lstat().st_size if beside.exists() else 0

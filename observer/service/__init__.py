@@ -1,1 +1,0 @@
-"""The daemon: readings to frames, frames to estimates, live and replayed."""
