@@ -15,8 +15,8 @@ from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.align.aligner import frames_of_log
 from observer.config import Config
-from observer.estimate.identify import inputs_of
 from observer.estimate.machine import Machine
+from observer.estimate.replay import inputs_of
 from observer.files.logs import Log
 from observer.frames import FloatArray, Inputs
 from observer.history.changes import changes_within

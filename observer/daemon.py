@@ -10,7 +10,6 @@ from observer.control.compensation import LATE_PERIODS
 from observer.control.compensator import Compensator
 from observer.control.steering import Steering
 from observer.errors import ConfigError
-from observer.estimate.carry import carried_over
 from observer.estimate.checkpoint import Fit, Snapshot, pack, shifted
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
@@ -23,7 +22,7 @@ from observer.live.forecasting import Forecaster, is_wanted
 from observer.live.keeper import Keeper, carried, known_of_gap, stored
 from observer.live.lifecycle import run
 from observer.live.loop import Service
-from observer.live.renewal import Renewal, Renewals
+from observer.live.renewal import Renewal, Renewals, carried_over
 from observer.live.trial import Trial
 from observer.process.clock import ServiceClock
 from observer.process.notify import service_manager

@@ -13,15 +13,15 @@ from rich.console import Console
 
 from campaigns.learning.trial import DOCS, KNOWN
 from campaigns.resumable import go_on, read_rows, show
+from observer.align.aligner import frames_of_log
 from observer.config import Config
+from observer.estimate.machine import Machine
+from observer.estimate.replay import inputs_of
 from observer.frames import FloatArray
 from observer.history.changes import changes_within
 from observer.history.history import HeatHistory
 from observer.history.identify import heat_history
 from observer.history.options import MethodOptions
-from observer.align.aligner import frames_of_log
-from observer.estimate.identify import inputs_of
-from observer.estimate.machine import Machine
 from tests.learning.cover import FROM_S, TWO_SIDED_95, log_of
 from tests.learning.machines import CONFIG, Day, Rough, config_of, day, draw
 

@@ -55,7 +55,7 @@ def replay(
     """
     from observer.estimate.checkpoint import Fit
     from observer.estimate.replay import estimates_of, nut_paths, speeds, start_of, write_results
-    from observer.quality.not_good import NotGood
+    from observer.quality.reasons import NotGood
     from observer.report.collect import ReplaySamples
     from observer.report.overview import write_overview
 
@@ -179,8 +179,7 @@ def identify(
     `suffix` is that of the heats' file; `picture` says whether there is to be one. `accept` is handed to
     `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
-    from observer.estimate.identify import inputs_of, write_history
-    from observer.estimate.replay import nut_paths, speeds
+    from observer.estimate.replay import inputs_of, nut_paths, speeds, write_history
     from observer.history.changes import changes_within
     from observer.history.identify import heat_history
     from observer.report.heat_history import write_heat_history

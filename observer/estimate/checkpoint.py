@@ -20,7 +20,7 @@ import numpy as np
 from observer.config import Config
 from observer.control import compensation
 from observer.control.compensation import CompensationState
-from observer.estimate.pipeline import Drive
+from observer.estimate.pipeline import FrameDrive
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.quality.gap import GapState, GapWatch
 
@@ -59,7 +59,9 @@ class Fit:
     gap: GapState | None = None
 
     @classmethod
-    def of(cls, config: Config, drive: Drive[Any], estimator: Estimator, gap: GapWatch | None = None) -> Fit:
+    def of(
+        cls, config: Config, drive: FrameDrive[Any], estimator: Estimator, gap: GapWatch | None = None
+    ) -> Fit:
         """What fits these parts."""
         settings = config.compensation
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,11 +18,12 @@ from observer.estimate.pipeline import Pipeline
 from observer.files.logs import SUFFIXES, TIME, Log
 from observer.files.results import write_json
 from observer.files.writer import Column, TableWriter
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Layout, Quality
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Inputs, Layout, Quality
 from observer.history.history import HeatHistory
+from observer.model.drive import Drive
 from observer.model.rod.moving import judge_path
-from observer.quality.not_good import NotGood
-from observer.record.part import START_SUFFIX
+from observer.quality.reasons import NotGood
+from observer.record.retention import START_SUFFIX
 
 Progress = Callable[[int, int], None]
 _SENSOR_LABELS = np.array([quality.label for quality in Quality])
@@ -197,3 +198,62 @@ def speeds(config: Config, log: Log) -> Mapping[str, float]:
             if np.isfinite(column).any():
                 found[source.name] = float(np.nanmean(column))
     return found
+
+
+def inputs_of(log: Iterable[FrameBlock], drive: Drive) -> list[Inputs]:
+    """Return what drives the plant over the frames of a log, by the path that a live reading takes."""
+    state, blocks = drive.initial(), []
+    for frames in log:
+        state, inputs = drive.run(state, frames)
+        blocks.append(inputs)
+    return blocks
+
+
+def write_history(
+    output: Path,
+    layout: Layout,
+    history: HeatHistory,
+    log: Log,
+    more: Mapping[str, Any],
+    suffix: str = ".csv",
+) -> dict[str, Any]:
+    """Write `heat` + suffix and `summary.json` into `output`; return the content of the latter.
+
+    Raises `LogError` where the log holds nothing to learn a heat from.
+    """
+    if not np.isfinite(history.heat_W).any():
+        raise LogError(
+            f"{log.path}: no sensor has a value while all inputs are known, so no heat can be told; check "
+            "the sensors' channels"
+        )
+    with TableWriter(output / f"heat{suffix}") as writer:
+        writer.write(heat_columns(layout, history))
+    names = layout.sources
+    summary = {
+        "log": log.path.name,
+        "rows": len(history),
+        "duration_s": float(history.time_s[-1] - history.time_s[0]),
+        "heat_mean_W": _by_name(names, history.heat_W),
+        "heat_sigma_mean_W": _by_name(names, history.heat_sigma_W),
+        "heat_peak_W": {
+            name: float(np.nanmax(heat)) for name, heat in zip(names, history.heat_W.T, strict=True)
+        },
+        "residual_rms_K": {
+            name: None if mean is None else mean**0.5
+            for name, mean in _by_name(layout.sensors, history.residual_K**2).items()
+        },
+        **history.details,
+        "warnings": list(history.warnings),
+        **more,
+    }
+    write_json(output / "summary.json", summary)
+    return summary
+
+
+def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | None]:
+    """The mean of each column (K, n), None where nothing is known."""
+    known = np.isfinite(values)
+    return {
+        name: float(column[here].mean()) if here.any() else None
+        for name, column, here in zip(names, values.T, known.T, strict=True)
+    }

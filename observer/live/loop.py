@@ -20,9 +20,8 @@ from observer.align.aligner import Aligner, AlignPlan
 from observer.control.compensator import Compensator
 from observer.control.steering import Steering
 from observer.errors import UserError
-from observer.estimate.carry import LastStep
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.pipeline import Drive, Pipeline
+from observer.estimate.pipeline import FrameDrive, Pipeline
 from observer.estimators.protocol import Estimator
 from observer.estimators.selftest import SelfTest
 from observer.exchange import Command, PublishStatus
@@ -30,7 +29,7 @@ from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.live.commands import Commands
 from observer.live.forecasting import Forecaster
 from observer.live.keeper import Keeper
-from observer.live.renewal import Renewal, Renewals
+from observer.live.renewal import LastStep, Renewal, Renewals
 from observer.live.trial import Trial
 from observer.live.wires import Wires
 from observer.quality.alarms import AlarmDesk
@@ -113,7 +112,7 @@ class Service:
 
     drivers: tuple[Driver, ...]
     plan: AlignPlan
-    drive: Drive[Any]
+    drive: FrameDrive[Any]
     estimator: Estimator
     publisher: Publisher
     recorder: Recorder | None

@@ -12,10 +12,10 @@ from drivers.protocol import DriverStatus
 from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock, Quality
+from observer.process.clock import STEP_S
 from observer.quality.reasons import channel_sentence, sentence, unexplained
 from observer.record.recorder import RecordStatus
 
-_CLOCK_STEP_S = 0.5
 _DIGITS = 4
 _FIGURES = re.compile(r"(?<![\w.])[-+]?\d[\d.]*(?:e[-+]?\d+)?")  # and no digit of a name, as of t3
 _LEFT_OUT = {Fault.EXCLUDED: "K", Fault.SWAPPED: "K", Fault.LEAPT: "m"}
@@ -187,6 +187,6 @@ def _reasons(facts: Facts, channels: Mapping[str, Mapping[str, Any]]) -> Iterato
     if facts.publish.reason:
         yield f"publishing: {facts.publish.reason}"
     yield from facts.notices
-    if abs(facts.clock_offset_s) > _CLOCK_STEP_S:
+    if abs(facts.clock_offset_s) > STEP_S:
         step = f"{facts.clock_offset_s:+.1f} s"
         yield f"the computer's clock stepped by {step}; times go on from the service's start"

@@ -22,8 +22,7 @@ from observer.errors import ConfigError, LogError
 from observer.files.logs import Log, read_log
 from observer.fit.runs import LEAST_S, joined, part
 from observer.frames import FrameBlock
-from observer.record.part import START_SUFFIX
-from observer.record.retention import Recording, recordings
+from observer.record.retention import START_SUFFIX, Recording, recordings
 from observer.tables.keeping import Record
 
 PAUSE_S = 30.0

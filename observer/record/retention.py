@@ -18,9 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from observer.errors import ConfigError
-from observer.record.part import START_SUFFIX
 from observer.tables.keeping import Record
 
+START_SUFFIX = ".start"
+"""The checkpoint beside a recording, from which its estimates start, has the recording's name and this."""
 CLOCK_SET_S = 1_600_000_000.0
 """A file older than this (2020) was written before the computer's clock was set; its age is not known."""
 TRUSTED_AFTER_S = 3600.0

@@ -9,8 +9,7 @@ import pytest
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.frames import Reading
-from observer.record.part import Part
-from observer.record.recorder import header, row_of_reading
+from observer.record.recorder import Part, header, row_of_reading
 
 CHANNELS = ("t1_degC", "t2_degC")
 

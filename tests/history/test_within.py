@@ -8,8 +8,8 @@ from campaigns.learning.trial import KNOWN
 from observer.align.aligner import frames_of_log
 from observer.effects.base import Unnamed
 from observer.effects.terms import AmbientShift
-from observer.estimate.identify import inputs_of
 from observer.estimate.machine import Machine
+from observer.estimate.replay import inputs_of
 from observer.frames import Inputs
 from observer.history.changes import Changes, changes_within
 from observer.history.identify import heat_history

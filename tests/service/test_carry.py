@@ -11,7 +11,6 @@ import pytest
 
 from observer.align.aligner import blocks_of_log
 from observer.config import Config
-from observer.estimate.carry import LastStep, carried_over
 from observer.estimate.checkpoint import Fit, Snapshot
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
@@ -20,6 +19,7 @@ from observer.files.toml import read_toml
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import parse
 from observer.live.keeper import carried
+from observer.live.renewal import LastStep, carried_over
 from tests.discovery.cases import RIG
 
 TABLE = read_toml(RIG / "config.toml")

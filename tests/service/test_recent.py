@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from observer.errors import ConfigError, LogError
-from observer.record.part import START_SUFFIX
 from observer.record.recent import duration_s, stretches
+from observer.record.retention import START_SUFFIX
 from observer.tables.keeping import Record
 from tests.service.recorded import recorded, tick_row
 from tests.service.streams import CHANNELS, joined, plan, same_bits

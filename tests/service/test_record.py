@@ -123,7 +123,7 @@ def test_a_refused_write_leaves_no_part_of_a_row(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         return real(fd, data, offset)
 
-    monkeypatch.setattr("observer.record.part.os.pwrite", full_disk)
+    monkeypatch.setattr("observer.record.recorder.os.pwrite", full_disk)
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 5.0)
     _rows(recorder, 0, 3)
     _wait(lambda: recorder.status.reason is not None)
