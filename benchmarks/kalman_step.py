@@ -21,7 +21,7 @@ from observer.kernels.layout import pad_rows
 from observer.model.build import build_plant
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant
-from observer.tables.integrity import Integrity
+from observer.tables.estimator import Integrity
 
 DT_S = 0.5
 PERIOD_S, MOST_OF_A_CORE = 0.1, 0.03

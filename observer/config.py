@@ -17,13 +17,10 @@ from pydantic import Field, ValidationError, model_validator
 from observer.effects.catalogue import KINDS, Effect
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
-from observer.tables.estimator import EstimatorSettings
-from observer.tables.forecast import ForecastSettings
-from observer.tables.integrity import Integrity
+from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Tolerance
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
 from observer.tables.sections import Description
-from observer.tables.tolerance import Tolerance
 
 MOST_ROWS = 1500
 """Moving nuts times reported places: what each nut does at each place is tabulated at the start."""

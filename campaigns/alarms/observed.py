@@ -29,7 +29,7 @@ from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
 from observer.quality.health import Facts
-from observer.tables.alarms import AlarmSettings
+from observer.tables.keeping import AlarmSettings
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, Rough, Specimen, config_of, draw, work
 from tests.truth.machine.cycles import RUNS, Phase, START_m, programme

@@ -22,7 +22,7 @@ SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself
 
 def endpoint(option: typer.CallbackParam, text: str) -> str:
     """Refuse what is no endpoint before anything is started."""
-    from observer.tables.endpoints import checked_endpoint
+    from observer.tables.publishing import checked_endpoint
 
     try:
         return checked_endpoint(text)

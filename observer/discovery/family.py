@@ -10,8 +10,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Candidate
-from observer.effects.base import EffectTable
-from observer.effects.families import Family
+from observer.effects.base import EffectTable, Family
 from observer.fit.flows import Past, loss_W
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit, Parameter, with_effects
 from observer.fit.problem import Problem

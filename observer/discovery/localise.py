@@ -10,7 +10,7 @@ import numpy as np
 from observer.discovery.phases import Course, courses_of
 from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
-from observer.model.phases import PHASES
+from observer.model.cycle import PHASES
 
 LEAST_MEANS = 6
 MOST = 12

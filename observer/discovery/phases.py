@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.fit.problem import Problem
 from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
-from observer.model.phases import DWELL_S, FAST, PHASES
+from observer.model.cycle import DWELL_S, FAST, PHASES
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from observer.config import Config
 from observer.discovery.phases import courses_of
 from observer.fit.hypothesis import Fit
 from observer.frames import FloatArray
-from observer.model.phases import PHASES
+from observer.model.cycle import PHASES
 from observer.tables.sections import Sensor, Source
 
 WINDOW_S = 600.0

@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from observer.effects import base
-from observer.effects.base import EffectTable, Fitted, Form, Shape, Target
-from observer.effects.families import BODY, END_LOSS, HEAT_LOSS
+from observer.effects.base import BODY, END_LOSS, HEAT_LOSS, EffectTable, Fitted, Form, Shape, Target
 from observer.effects.terms import Body, End, EndConductance, Term
 from observer.errors import ConfigError
 from observer.tables.laws import DIVIDED_LAWS

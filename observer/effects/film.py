@@ -11,6 +11,9 @@ from pydantic import Field, model_validator
 
 from observer.effects.base import (
     AT_END,
+    END_LOSS,
+    HEAT_LOSS,
+    SURFACE_LOSS,
     EffectTable,
     Fitted,
     Shape,
@@ -20,12 +23,11 @@ from observer.effects.base import (
     speed_channel,
 )
 from observer.effects.bodies import EndConduction
-from observer.effects.families import END_LOSS, HEAT_LOSS, SURFACE_LOSS
 from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.physics import film
-from observer.physics.air import YU_AIR
+from observer.physics.film import YU_AIR
 from observer.tables.laws import Surface
 from observer.tables.quantities import Channel, Finite, NonNegative, Temperature
 from observer.tables.sections import Description

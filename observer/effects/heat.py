@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from observer.effects import base
-from observer.effects.base import EffectTable, Fitted, Shape, Target, position, speed_channel
-from observer.effects.families import END_SOURCE
+from observer.effects.base import END_SOURCE, EffectTable, Fitted, Shape, Target, position, speed_channel
 from observer.effects.terms import End, Fade, Heat, LawFactor, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
-from observer.tables.integrity import Integrity
+from observer.tables.estimator import EstimatorSettings, Integrity
 from observer.tables.outside import is_outside, outside
 
 

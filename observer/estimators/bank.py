@@ -32,7 +32,7 @@ from observer.kernels.layout import Bundle
 from observer.kernels.screening import DECIDED_S, YOUNG_S
 from observer.model.discretise import quantise
 from observer.model.plant import Plant
-from observer.tables.integrity import Integrity
+from observer.tables.estimator import Integrity
 
 RISK_PER_H = 1e-5
 """How likely it may be, in an hour, that an error is beyond its bound."""

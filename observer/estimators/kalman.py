@@ -18,8 +18,7 @@ from observer.estimators.steps import Chunk
 from observer.frames import FloatArray
 from observer.kernels import put_bounds, run_kalman, run_until_due
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
-from observer.tables.integrity import Integrity
+from observer.tables.estimator import EstimatorSettings, Integrity
 
 
 class KalmanEstimator(BlockEstimator):

@@ -16,9 +16,8 @@ from observer.config import Config, effect_problems
 from observer.errors import ConfigError
 from observer.files.toml import read_toml
 from observer.installation.problems import as_message, problems_of
-from observer.tables.alarms import AlarmSettings
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
-from observer.tables.keeping import Checkpoint, Record
+from observer.tables.keeping import AlarmSettings, Checkpoint, Record
 from observer.tables.publishing import Client, Publish
 from observer.tables.quantities import Name
 

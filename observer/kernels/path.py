@@ -1,6 +1,6 @@
 """The path of a nut, sample by sample: how far it ran since the last one, and where it turned.
 
-See `observer.model.rod.path`. `scalars` (26,) are what is remembered, under the indices below.
+See `observer.model.rod.moving`. `scalars` (26,) are what is remembered, under the indices below.
 """
 
 from __future__ import annotations

@@ -14,25 +14,33 @@ import numpy as np
 from observer.effects.terms import Fade, Lag, Radiation, SpeedLoss, StretchFilm, Term
 from observer.frames import FloatArray
 from observer.kernels.layout import packed
-from observer.model.basis import Constant
 from observer.model.coupling import Fades, Links, no_coupling
 from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
-from observer.model.network.network import Attached, NodeModes, attached, node_modes, past_covariance
-from observer.model.network.sweep import shapes_of_strokes, spreads
+from observer.model.generator import Constant
+from observer.model.network import (
+    Attached,
+    NodeModes,
+    attached,
+    node_modes,
+    past_covariance,
+    shapes_of_strokes,
+    spreads,
+)
 from observer.model.plant import LEFT, RIGHT, Plant
 from observer.model.rod.modes import Modes
-from observer.model.rod.sources import mean_stretch
+from observer.model.rod.screw import surface_rate
 from observer.model.rod.static import (
     Stretch,
     ambient_field,
     end_field,
+    mean_stretch,
     quadrature,
     quadrature_within,
     source_field,
 )
 from observer.model.rod.truncation import contributions
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
-from observer.tables.sections import Description, Screw
+from observer.tables.sections import Description
 
 
 def with_coupling(
@@ -195,11 +203,6 @@ def _fades(plant: Plant, terms: Sequence[Term]) -> Fades:
 def _mean(modes: Modes, n_x: int) -> FloatArray:
     """The row (n_x,) of the screw's mean temperature."""
     return padded(modes.integral(0.0, modes.rod.length_m)[0] / modes.rod.length_m, n_x)
-
-
-def surface_rate(screw: Screw) -> float:
-    """P/(ρ c A) = 4/(ρ c d): the rate of loss per film coefficient, 1/s per W/m²K."""
-    return 4 / (screw.density_kg_m3 * screw.specific_heat_J_kgK * screw.diameter_m)
 
 
 def _dropped(

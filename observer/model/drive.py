@@ -21,12 +21,12 @@ from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, 
 from observer.kernels import drive_on, record
 from observer.kernels.codes import NO_PRODUCT
 from observer.kernels.layout import packed
-from observer.model.couple import surface_rate
 from observer.model.law import Law, Product, heat_law
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
-from observer.model.rod.path import PathState
+from observer.model.rod.moving import PathState
+from observer.model.rod.screw import surface_rate
 from observer.tables.sections import law_channels
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import FloatArray
-from observer.tables.tolerance import Learnable
+from observer.tables.estimator import Learnable
 
 WANDER_S = 86_400.0
 """In what time a parameter becomes another one, as films, clamps and laws do from day to day."""

@@ -13,8 +13,7 @@ from observer.kernels.layout import Bundle, Fields
 from observer.model.drive import Drive, DriveDesk, DriveState, Products, turned
 from observer.model.plant import MovingSource, Plant
 from observer.model.rod import moving
-from observer.model.rod.moving import NutDesk
-from observer.model.rod.path import PathState
+from observer.model.rod.moving import NutDesk, PathState
 
 
 class PathSamples(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from observer.config import Config
 from observer.effects.terms import EndConductance, Film, Heat, SpeedLoss, Term
-from observer.model.surface import surface_film_W_m2K, turning_film
+from observer.model.rod.screw import surface_film_W_m2K, turning_film
 from observer.tables.laws import Surface
 from observer.tables.quantities import LEAST_END_FILM_W_m2K
 from observer.tables.sections import Boundary, Source

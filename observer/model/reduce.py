@@ -2,6 +2,8 @@
 
 Modes that are dropped settle faster than those that are kept. Each heat has one lag for all of them, whose
 output column is their steady response in closed form: the field at rest is exact with any number of modes.
+For known inputs (ambient, prescribed ends) it is an output column of the input itself. The output rows are
+temperature and thermal error at a place.
 """
 
 from __future__ import annotations
@@ -20,10 +22,89 @@ from observer.model.plant import OFFSET, REFERENCE, MovingSource, Plant, Rows
 from observer.model.prior import past_heat_covariance, smooth_field_covariance
 from observer.model.rod.modes import Modes
 from observer.model.rod.moving import TABLE_POINTS, NutTable
-from observer.model.rod.rows import Places, modal_rows, reference_rows, remainder_rows
-from observer.model.rod.sources import nut_stretch
-from observer.model.rod.static import Stretch, source_field
+from observer.model.rod.static import Stretch, nut_stretch, quadrature, source_field
+from observer.model.rod.supports import Restraint, restrained_rows
 from observer.model.rod.truncation import contributions, modal_input, tail_left
+
+UM_PER_M = 1e6
+
+
+class Places(NamedTuple):
+    """Where the output rows stand: sensors (s,), grid (g,), the expansion coefficient of the error's rows,
+    and what holds the screw (nothing: it grows freely from x = 0).
+    """
+
+    sensor_m: FloatArray
+    grid_m: FloatArray
+    expansion_1_K: float | None
+    length_m: float
+    restraint: Restraint | None = None
+
+    @property
+    def temperature_m(self) -> FloatArray:
+        """Places of the rows that are temperatures: sensors, then grid."""
+        return np.concatenate([self.sensor_m, self.grid_m])
+
+    @property
+    def growth_m(self) -> FloatArray:
+        """Places to which growth is counted: the grid, then the screw's end."""
+        return np.append(self.grid_m, self.length_m)
+
+    @property
+    def um_per_K_m(self) -> float:
+        """Micrometres of growth per kelvin and metre."""
+        return (self.expansion_1_K or 0.0) * UM_PER_M
+
+
+def modal_rows(modes: Modes, places: Places) -> FloatArray:
+    """Rows of the modal amplitudes, (R, N): θ_n(x), then α_T ∫_0^x θ_n dx of the free screw (Li 2022: E =
+    α_T ∫(T − T_A)), less what the supports hold back.
+    """
+    temperature = modes.theta(places.temperature_m)
+    if places.expansion_1_K is None:
+        return temperature
+    growth = places.um_per_K_m * modes.integral(np.zeros_like(places.growth_m), places.growth_m)
+    return np.vstack([temperature, restrained_rows(places.restraint, growth)])
+
+
+def remainder_rows(
+    modes: Modes,
+    places: Places,
+    steady: Callable[[FloatArray], FloatArray],
+    amplitude: FloatArray,
+    kinks: Stretch | None = None,
+    rows: FloatArray | None = None,
+) -> FloatArray:
+    """What the kept modes leave of one input's steady field, (R,).
+
+    `steady(x)` is the closed form per unit of the input, `amplitude` (N,) the kept modes' steady share
+    b_n/Λ_n, `rows` (R, N) those of the amplitudes where they are known already.
+    """
+    kept = (modal_rows(modes, places) if rows is None else rows) @ amplitude
+    whole = steady(places.temperature_m)
+    if places.expansion_1_K is not None:
+        growth = places.um_per_K_m * _running_integral(modes, places.growth_m, steady, kinks)
+        whole = np.concatenate([whole, restrained_rows(places.restraint, growth)])
+    return np.asarray(whole - kept)
+
+
+def reference_rows(places: Places) -> FloatArray:
+    """The column (R,) of the thermal error's reference temperature: minus the growth per kelvin."""
+    temperature = np.zeros(len(places.temperature_m))
+    if places.expansion_1_K is None:
+        return temperature
+    growth = -places.um_per_K_m * places.growth_m
+    return np.concatenate([temperature, restrained_rows(places.restraint, growth)])
+
+
+def _running_integral(
+    modes: Modes, grid_m: FloatArray, steady: Callable[[FloatArray], FloatArray], kinks: Stretch | None
+) -> FloatArray:
+    """∫_0^x of a steady field at each place, by Gauss panels that break at the grid and at its kinks."""
+    breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ())]
+    nodes, weights = quadrature(modes.rod.length_m, breaks)
+    running = np.concatenate([[0.0], np.cumsum(steady(nodes) * weights)])
+    return np.asarray(running[np.searchsorted(nodes, grid_m)])
 
 
 class KnownInput(NamedTuple):

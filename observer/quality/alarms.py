@@ -26,7 +26,7 @@ from observer.process.clock import STEP_S
 from observer.quality.gap import Departure
 from observer.quality.health import Facts
 from observer.quality.reasons import departure_sentence, sentence
-from observer.tables.alarms import AlarmSettings
+from observer.tables.keeping import AlarmSettings
 
 _KEPT_S = 60.0
 _NOTHING = Gathering(0.0, 0.0, 0.0, 0.0, 0.0)

@@ -18,7 +18,7 @@ import numpy as np
 
 from observer.estimators.tolerant import Gap, Tolerant, TolerantState, gathered
 from observer.frames import FloatArray, Inputs
-from observer.model.phases import DWELL_S, FAST, PHASES
+from observer.model.cycle import DWELL_S, FAST, PHASES
 
 STEP_S = 60.0
 """Inputs are gathered so long for a step of the prediction."""

@@ -11,17 +11,16 @@ from observer.errors import ConfigError
 from observer.estimators.design.report import DesignReport, design_report
 from observer.installation import Installation
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
-from observer.model.build import build_plant
+from observer.model.build import build_plant, transient_error_K_W
 from observer.model.generator import settled_rows
-from observer.model.network.network import attached
+from observer.model.network import attached
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.modes import solve_modes
 from observer.model.rod.screw import rod_of
-from observer.model.rod.sources import footprints
+from observer.model.rod.static import footprints
 from observer.model.rod.supports import force_N
 from observer.model.rod.truncation import tail_left
-from observer.model.transient import transient_error_K_W
 from observer.report.detectable import detectable
 from observer.report.doubts import doubts
 from observer.report.tolerances import tolerances

@@ -20,8 +20,8 @@ from observer.report import panels_discovery as panels
 from observer.report import wording
 from observer.report.page import Html, code, document, figure, paragraph, safe, section, share, table, tiles
 from observer.report.style import duration_text
+from observer.tables.estimator import Tolerance
 from observer.tables.sections import Sensor
-from observer.tables.tolerance import Tolerance
 
 PLACES = 5
 """How many of the worst places are told."""

@@ -9,8 +9,8 @@ from typing import Any
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery
 from observer.discovery.verdict import Verdict
+from observer.effects.base import FAMILIES
 from observer.effects.catalogue import BY_KIND
-from observer.effects.families import FAMILIES
 from observer.report.style import duration_text
 
 PHASES = {

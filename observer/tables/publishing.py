@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.endpoints import checked_endpoint
 from observer.tables.quantities import Count, File, Flag, Name, Number, Section
+
+_ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/[^\s]+")
+
+
+def checked_endpoint(text: str) -> str:
+    """Return an endpoint as it is; raises `ValueError` where it is none."""
+    if not _ENDPOINT.fullmatch(text):
+        raise ValueError(f"{text!r} is no Zenoh endpoint; write it like tcp/127.0.0.1:7447")
+    return text
+
 
 Endpoint = Annotated[str, Field(max_length=1024), AfterValidator(checked_endpoint)]
 Endpoints = Annotated[tuple[Endpoint, ...], Field(max_length=64)]

@@ -32,7 +32,7 @@ from observer.history.stepwise import stepwise_heats
 from observer.model.discretise import step_matrices
 from observer.model.drive import Drive
 from observer.model.rod import moving
-from observer.model.rod.path import PathState, reversals
+from observer.model.rod.moving import PathState, reversals
 from observer.model.simulate import simulate, start
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.made import described, driven, firm, given, noise, state_of, to_and_fro, told, words

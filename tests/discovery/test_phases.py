@@ -16,7 +16,7 @@ from observer.fit.runs import prepare
 from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
 from observer.model.build import build_plant
-from observer.model.phases import PHASES
+from observer.model.cycle import PHASES
 from tests.discovery.cases import frames, machine
 
 # Minutes: at rest, at work, a short rest, at work again, a long rest.

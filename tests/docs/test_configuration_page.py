@@ -17,10 +17,8 @@ from observer import config
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import KINDS, LIBRARY
 from observer.tables import (
-    alarms,
-    forecast,
+    estimator,
     gateway,
-    integrity,
     keeping,
     laws,
     mounting,
@@ -28,7 +26,6 @@ from observer.tables import (
     publishing,
     quantities,
     sections,
-    tolerance,
 )
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
@@ -44,8 +41,8 @@ CONFIGURATION = {
     "`[[node]]`": nodes.Node,
     "`[[link]]`": nodes.Link,
     "`[[sensor]]`": sections.Sensor,
-    "`[tolerance]`": tolerance.Tolerance,
-    "`[integrity]`": integrity.Integrity,
+    "`[tolerance]`": estimator.Tolerance,
+    "`[integrity]`": estimator.Integrity,
     "`[model]`": config.Model,
     "`[estimator]`": config.EstimatorSettings,
     "`[calibrate]`": config.Calibrate,
@@ -54,7 +51,7 @@ CONFIGURATION = {
     "`[supports]`": mounting.Supports,
     "`[compensation]`": mounting.Compensation,
     "`[compensation.control]`": mounting.ModbusControl,
-    "`[forecast]`": forecast.ForecastSettings,
+    "`[forecast]`": estimator.ForecastSettings,
     "`[log]`": config.Logs,
     "`[limits]`": config.ChannelLimits,
     "`[publish]`": publishing.Publish,
@@ -68,7 +65,7 @@ CONFIGURATION = {
     "`[opcua]`": gateway.Opcua,
     "`[record]`": keeping.Record,
     "`[checkpoint]`": keeping.Checkpoint,
-    "`[alarms]`": alarms.AlarmSettings,
+    "`[alarms]`": keeping.AlarmSettings,
 }
 DEVICES = {
     "`modbus_tcp`": modbus.ModbusTcpSettings,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from observer.effects.catalogue import KINDS, LIBRARY
-from observer.model.phases import PHASES
+from observer.model.cycle import PHASES
 from observer.physics import constants
 
 ROOT = Path(__file__).parents[2]

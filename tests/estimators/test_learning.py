@@ -12,9 +12,9 @@ from observer.estimate.machine import Machine
 from observer.frames import EstimateBlock
 from observer.model import simulate
 from observer.model.build import build_plant
-from observer.model.couple import surface_rate
 from observer.model.discretise import augmented, quantise, step_matrices
 from observer.model.learning import WANDER_S, Kind
+from observer.model.rod.screw import surface_rate
 from tests.learning.cover import calibrated, estimates, judged, log_of
 from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day, draw
 

@@ -20,7 +20,7 @@ from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import load
 from observer.live.keeper import known_of_gap
-from observer.model.phases import PHASES
+from observer.model.cycle import PHASES
 from observer.quality.gap import BREAK_S, Departure, GapWatch
 from observer.quality.reasons import departure_sentence
 from tests.learning.cover import log_of

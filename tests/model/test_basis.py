@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.model.basis import APART, diagonalised, frozen
 from observer.model.build import build_plant
-from observer.model.generator import generator, on_the_screw
-from observer.model.learn import with_learning
+from observer.model.extend import with_learning
+from observer.model.generator import APART, diagonalised, frozen, generator, on_the_screw
 from observer.model.rod.moving import columns_at
 from observer.model.simulate import start
 from tests.bits.cases import COUPLINGS, EVERY

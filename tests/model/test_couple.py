@@ -7,8 +7,8 @@ import pytest
 
 from observer.kernels.coupling import see_under
 from observer.model.build import build_plant
-from observer.model.couple import surface_rate
 from observer.model.plant import Plant
+from observer.model.rod.screw import surface_rate
 from tests.bits.cases import COUPLINGS
 from tests.bits.made import described
 from tests.model.unturned import unturned

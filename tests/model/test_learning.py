@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 
 from observer.model.learning import Kind, Parameter, joined, learning_of, no_change, of_parameters
-from observer.tables.tolerance import Learnable
+from observer.tables.estimator import Learnable
 
 
 def parameters() -> list[Parameter]:

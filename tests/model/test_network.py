@@ -16,8 +16,16 @@ from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.installation import parse
 from observer.model.build import build_plant
-from observer.model.network.network import Network, assemble, node_modes
-from observer.model.network.resistance import ball_W_K, bar_W_K, conductance_W_K, gap_W_K, ring_W_K
+from observer.model.network import (
+    Network,
+    assemble,
+    ball_W_K,
+    bar_W_K,
+    conductance_W_K,
+    gap_W_K,
+    node_modes,
+    ring_W_K,
+)
 from observer.model.simulate import start
 from observer.tables.nodes import Link
 from tests.discovery.cases import table

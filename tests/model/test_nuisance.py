@@ -11,7 +11,7 @@ from observer.frames import FloatArray
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.model.learn import with_parameters
+from observer.model.extend import with_parameters
 from observer.model.learning import Change, Kind, Parameter, no_change
 from observer.model.plant import Plant
 from observer.model.rod.modes import held_s

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from observer.frames import FloatArray, NutPath
 from observer.kernels.path import FINE, SAMPLES_PER_TRAVERSE, on_the_way, take_sample
-from observer.model.rod.path import PathState, reversals
+from observer.model.rod.moving import PathState, reversals
 
 LOW_M, HIGH_M = 0.15, 0.8
 STROKE_M = HIGH_M - LOW_M

@@ -16,10 +16,10 @@ from observer.frames import FloatArray
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
+from observer.model.rod.screw import surface_film_W_m2K, turning_film
 from observer.model.simulate import simulate, start
-from observer.model.surface import surface_film_W_m2K, turning_film
 from observer.physics import film
-from observer.physics.air import YU_AIR
+from observer.physics.film import YU_AIR
 from tests.discovery.cases import frames, table
 
 SPEED_RPM = np.array([0.0, 100.0, -800.0, 3000.0])

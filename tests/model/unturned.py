@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from observer.config import Config
-from observer.model.basis import Constant
 from observer.model.build import full_model, keep_modes
 from observer.model.couple import with_coupling
+from observer.model.generator import Constant
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.reduce import reduce

@@ -110,7 +110,7 @@ NEAREST: dict[str, Nearest] = {
     ),
     "observer/kernels/step.py": KALMAN,
     "observer/kernels/stuck.py": _at("tests/service/test_align.py", BITS),
-    "observer/model/basis.py": _at("tests/model/test_basis.py", compiled=True),
+    "observer/model/generator.py": _at("tests/model/test_basis.py", compiled=True),
     "observer/model/couple.py": _at(
         "tests/model/test_couple.py",
         "tests/model/test_basis.py",
@@ -128,7 +128,7 @@ NEAREST: dict[str, Nearest] = {
         SPECIFIED,
         compiled=True,
     ),
-    "observer/model/rod/path.py": _at("tests/model/test_path.py"),
+    "observer/model/rod/moving.py": _at("tests/model/test_path.py"),
     "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
     "observer/align/aligner.py": _at("tests/service/test_align.py", "tests/service/test_can_log.py"),
 }

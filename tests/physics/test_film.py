@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from observer.model.surface import surface_film_W_m2K, turning_film
+from observer.model.rod.screw import surface_film_W_m2K, turning_film
 from observer.physics import film
-from observer.physics.air import YU_AIR, air_at
+from observer.physics.film import YU_AIR, air_at
 from observer.tables.laws import Surface
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from observer.estimators.design.kim import gains_on_eigenvectors
 from observer.frames import FloatArray
-from observer.model.network.network import Network
+from observer.model.network import Network
 from observer.model.rod.modes import Modes
 from observer.model.rod.static import Stretch, end_field, quadrature
 from observer.model.rod.truncation import modal_input

@@ -18,9 +18,8 @@ from scipy.linalg import eigvals, solve_discrete_lyapunov
 from scipy.optimize import linear_sum_assignment
 
 from observer.frames import BoolArray, FloatArray
-from observer.model.basis import frozen
 from observer.model.discretise import StepMatrices, step_matrices
-from observer.model.generator import design_step
+from observer.model.generator import design_step, frozen
 from observer.model.plant import Plant
 
 ComplexArray = NDArray[np.complex128]

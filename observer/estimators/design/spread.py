@@ -3,7 +3,7 @@
 The filter of [x | δ | θ] (`model.learning`) is run without measurements on full matrices, for what is read
 does not change a σ. Its steps are longer than the estimator's, with the noise that is left in the mean of as
 many samples, which may be less than one. Nuts sweep over their strokes within a step: what rises and falls as
-they pass (`rod.ripple`) is told by phases. The effects of what is only roughly known are taken along the
+they pass (`cycle.ripple`) is told by phases. The effects of what is only roughly known are taken along the
 field that the shift makes.
 """
 
@@ -22,12 +22,11 @@ from observer.estimators.design.gains import Refusal
 from observer.estimators.design.riccati import steady_kalman
 from observer.frames import FloatArray
 from observer.kernels.codes import STILL
-from observer.model.cycle import Stage
+from observer.model.cycle import SWEEP_PHASES, Stage, ripple
 from observer.model.discretise import step_matrices
 from observer.model.generator import augmented_step, generator, on_the_screw
 from observer.model.learning import WANDER_S, Kind, LearningArrays
 from observer.model.plant import Plant
-from observer.model.rod.ripple import PHASES, ripple
 from observer.model.rod.supports import fold
 from observer.tables.estimator import EstimatorSettings
 
@@ -252,7 +251,7 @@ def _passing(plant: Plant, a: LearningArrays, stage: Stage, n: int) -> FloatArra
     """
     n_x, estimated, s = len(plant.decay_1_s), np.flatnonzero(plant.estimated).tolist(), plant.rows.sensors
     first, N = n_x + len(estimated), plant.modes
-    rows, lag_s, slope_C = np.zeros((PHASES, s, n)), np.zeros(s), np.zeros((s, N))
+    rows, lag_s, slope_C = np.zeros((SWEEP_PHASES, s, n)), np.zeros(s), np.zeros((s, N))
     lag_s[a.of[a.kind == Kind.LAG]] = a.lag_s[a.kind == Kind.LAG]
     decay_1_s, C, slopes = plant.decay_1_s, plant.rows.C[:s], a.row
     if plant.basis is not None:

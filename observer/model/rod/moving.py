@@ -1,10 +1,17 @@
 """A nut that moves: its input and output columns, averaged over the path inside a step.
 
-A nut crosses its stroke in seconds. Where the samples of its position tell its path (see `path`), the heat is
+A nut crosses its stroke in seconds. Where the samples of its position show its path (`reversals`), heat is
 spread along it, reversals included: straight lines between samples would cut them off, and read 20–36 % too
 little heat. Where they do not, the footprint at the sampled points alone, averaged over about 20 s, is the
 better account: short against diffusion between sensors, long against a traverse. Across a gap of more than
 ten seconds of which nothing is known the nut counts as spread over its stroke.
+
+A nut runs to and fro. Speed times lead bounds how far it can have gone since the last sample; where that is
+not known, its recent speed does. Where samples are close together the path is the line through them. Where
+they are sparse, a step shorter than the way it ran holds a reversal, and the missing distance says where.
+Where a sample comes late, the nut is taken to have run on between the places where it turned last. Nothing
+divides by a time that may be an accident of delivery: two samples a microsecond apart say where the nut is
+and nothing of how fast it runs.
 """
 
 from __future__ import annotations
@@ -17,10 +24,50 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray, NutPath
-from observer.kernels import add_columns, average_on, record
+from observer.kernels import add_columns, average_on, follow_path, record
 from observer.kernels.layout import packed
-from observer.kernels.path import SAMPLES_PER_TRAVERSE
-from observer.model.rod.path import PathState, reversals
+from observer.kernels.path import _DRIVEN, _FAR, _HERE, _HIGH, _LOW, _MADE, RECENT, SAMPLES_PER_TRAVERSE
+
+_UNKNOWN = np.zeros(_MADE - 1 + RECENT)
+_UNKNOWN[[_HERE - 1, _LOW - 1, _HIGH - 1, _DRIVEN - 1, _FAR - 1]] = np.nan
+
+
+@dataclass(frozen=True, slots=True)
+class PathState:
+    """What is remembered of a nut's motion: the time of the last sample, and `rest` (25,).
+
+    That is: its place; velocity over the step to it, 0 unless that was at full speed; speed; the places where
+    it turned last, the lower and the higher, NaN while not known; speed times lead at the last sample, NaN
+    where unknown; the sense in which it runs and the farthest place it has come to in it; how many steps were
+    made, and the speeds of the last 16 of them.
+    """
+
+    time_s: float = np.nan
+    rest: FloatArray = field(default_factory=lambda: _UNKNOWN)
+
+    @property
+    def scalars(self) -> FloatArray:
+        """The state as compiled code takes it, (26,), to be changed in place."""
+        scalars = np.empty(_MADE + RECENT)
+        scalars[0], scalars[1:] = self.time_s, self.rest
+        return scalars
+
+    @classmethod
+    def of(cls, scalars: FloatArray) -> PathState:
+        """The state from what compiled code left, (26,)."""
+        return cls(float(scalars[0]), scalars[1:])
+
+
+def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathState, FloatArray]:
+    """Return the state after K steps, and after each the places (K, 2) where the nut turned last.
+
+    They are NaN before they are known.
+    """
+    scalars = state.scalars
+    ends_m = np.empty((len(path.offset) - 1, 2))
+    follow_path(scalars, *path, stroke_m, ends_m)
+    return PathState.of(scalars), ends_m
+
 
 TABLE_POINTS = 129
 

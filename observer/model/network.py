@@ -1,0 +1,278 @@
+"""A network of nodes beside the screw: C dT/dt = −K T + g T_amb + q.
+
+Li 2022, eq. 8, as matrices, and in its own modes, which is how a plant takes it in. What links conduct, by
+geometry and material, and what a nut that sweeps over its stroke exchanges with a node, place by place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.effects.terms import Body, Term
+from observer.frames import FloatArray
+from observer.model.coupling import Spreads
+from observer.model.prior import gathered_s
+from observer.model.rod.modes import Modes
+from observer.model.rod.static import Stretch, mean_stretch, nut_stretch, quadrature_within
+from observer.model.rod.truncation import modal_input
+from observer.tables.nodes import AMBIENT, Link
+from observer.tables.sections import Description, Source
+
+
+def conductance_W_K(link: Link) -> float:
+    """Return the conductance of a link of the configuration, whichever way it is told."""
+    given_W_K = link.conductance_W_K or 1.0 / (link.resistance_K_W or math.inf)
+    if given_W_K:
+        return given_W_K
+    area_m2, length_m, k_W_mK = link.area_m2 or 0.0, link.length_m or 0.0, link.conductivity_W_mK or 0.0
+    if link.film_W_m2K is not None:
+        return film_W_K(link.film_W_m2K, area_m2)
+    if link.inner_diameter_m is not None and link.outer_diameter_m is not None:
+        return ring_W_K(k_W_mK, length_m, link.inner_diameter_m, link.outer_diameter_m)
+    pair = link.conductivities_W_mK or (0.0, 0.0)
+    if link.balls is not None and link.semi_axes_m is not None:
+        return link.balls * ball_W_K(*pair, *link.semi_axes_m)
+    if link.gap_m is not None:
+        return gap_W_K(link.gap_m, area_m2, link.touching or 0.0, *pair, link.filling_W_mK)
+    return bar_W_K(k_W_mK, length_m, area_m2)
+
+
+def bar_W_K(conductivity_W_mK: float, length_m: float, area_m2: float) -> float:
+    """Return k A/l (Li 2022, eqs. 1 and 3; Yu et al. 2024, §3.1.2)."""
+    return conductivity_W_mK * area_m2 / length_m
+
+
+def ring_W_K(conductivity_W_mK: float, width_m: float, inner_m: float, outer_m: float) -> float:
+    """Return 2π k b/ln(d_o/d_i), radially through a ring (Li 2022, eqs. 1 and 2; Yu et al. 2024, §3.1.2)."""
+    return 2.0 * math.pi * conductivity_W_mK * width_m / math.log(outer_m / inner_m)
+
+
+def film_W_K(film_W_m2K: float, area_m2: float) -> float:
+    """Return h A of a film, or of a contact whose conductance per area is known (Li 2022, eq. 7)."""
+    return film_W_m2K * area_m2
+
+
+def gap_W_K(
+    gap_m: float, area_m2: float, touching: float, first_W_mK: float, second_W_mK: float, filling_W_mK: float
+) -> float:
+    """Return A [s k* + (1 − s) k_f]/g of two rough faces, k* = 2 k₁ k₂/(k₁ + k₂).
+
+    A part s of the area touches across the gap g, the rest is filled. Source: Li 2022, eq. 6, and with an
+    empty gap, k_f = 0, eq. 5.
+    """
+    harmonic = 2.0 * first_W_mK * second_W_mK / (first_W_mK + second_W_mK)
+    return area_m2 * (touching * harmonic + (1.0 - touching) * filling_W_mK) / gap_m
+
+
+def ball_W_K(ball_W_mK: float, ring_W_mK: float, long_m: float, short_m: float) -> float:
+    """Return what one contact between a ball and a ring lets pass, a constriction on both sides.
+
+    R = K/(2π a k_b) + K/(2π a k_r) with the complete elliptic integral K of modulus² 1 − b²/a², a the longer
+    semi-axis of the contact ellipse. For a circle R = (1/k_b + 1/k_r)/(4 a). Source: Li 2022, eq. 4, where
+    a²/b² stands in the modulus, which makes the resistance b/a times as large.
+    """
+    from scipy.special import ellipk  # noqa: PLC0415  (start-up: only balls need it)
+
+    a, b = max(long_m, short_m), min(long_m, short_m)
+    integral = float(ellipk(1.0 - (b / a) ** 2))
+    return 2.0 * math.pi * a / (integral * (1.0 / ball_W_mK + 1.0 / ring_W_mK))
+
+
+ROUNDING = 1e-13
+"""A rate below this part of the largest is that of nodes that lose nothing."""
+
+
+class Network(NamedTuple):
+    """n nodes: `capacity_J_K` (n,); `conductance_W_K` (n, n), the matrix K of the links, with those into the
+    ambient on its diagonal; `ambient_W_K` (n,), g.
+    """
+
+    capacity_J_K: FloatArray
+    conductance_W_K: FloatArray
+    ambient_W_K: FloatArray
+
+
+class NodeModes(NamedTuple):
+    """The network in coordinates that decay by themselves: T = `shape` ξ, ξ = `inverse` T.
+
+    `decay_1_s` (n,); `shape` (n, n), each column at most 1; `inverse` (n, n); `input` (n, n), what 1 J into
+    each node does to ξ; `ambient` (n,), 1/s.
+    """
+
+    decay_1_s: FloatArray
+    shape: FloatArray
+    inverse: FloatArray
+    input: FloatArray
+    ambient: FloatArray
+
+
+def assemble(
+    capacity_J_K: Sequence[float],
+    links: Sequence[tuple[int, int, float]],
+    to_ambient: Sequence[tuple[int, float]],
+) -> Network:
+    """Return the network of nodes with links (i, j, W/K) and conductances (i, W/K) to the ambient."""
+    n = len(capacity_J_K)
+    K, g = np.zeros((n, n)), np.zeros(n)
+    for i, j, G in links:
+        K[i, i] += G
+        K[j, j] += G
+        K[i, j] -= G
+        K[j, i] -= G
+    for i, G in to_ambient:
+        K[i, i] += G
+        g[i] += G
+    return Network(np.array(capacity_J_K, dtype=float), K, g)
+
+
+def node_modes(network: Network) -> NodeModes:
+    """Return the network's modes: with S = C^{-1/2} K C^{-1/2} = U Λ Uᵀ, T = C^{-1/2} U D ξ.
+
+    D scales each mode to 1 at its largest place, so that a node by itself keeps its temperature as its state.
+    """
+    root = np.sqrt(network.capacity_J_K)
+    if not len(root):
+        none = np.zeros((0, 0))
+        return NodeModes(np.zeros(0), none, none, none, np.zeros(0))
+    rates, U = np.linalg.eigh(network.conductance_W_K / np.multiply.outer(root, root))
+    rates = np.where(rates > ROUNDING * np.abs(rates).max(initial=0.0), rates, 0.0)
+    shape = U / root[:, None]
+    largest = shape[np.argmax(np.abs(shape), axis=0), np.arange(len(root))]
+    shape, inverse = shape / largest, largest[:, None] * U.T * root
+    into = inverse / network.capacity_J_K
+    return NodeModes(rates, shape, inverse, into, into @ network.ambient_W_K)
+
+
+class Attached(NamedTuple):
+    """A network beside the screw: its `names` (n,), the `network` by itself, what each source's heat brings
+    into each node, `shares` (n, m), and the `ties` (node, source, W/K) to the screw where a source stands.
+    """
+
+    names: tuple[str, ...]
+    network: Network
+    shares: FloatArray
+    ties: tuple[tuple[int, int, float], ...]
+
+    @property
+    def held(self) -> Network:
+        """The network with the screw, wherever it touches that, at ambient temperature."""
+        to_ambient = np.zeros(len(self.names))
+        for node, _, G in self.ties:
+            to_ambient[node] += G
+        K, g = self.network.conductance_W_K + np.diag(to_ambient), self.network.ambient_W_K + to_ambient
+        return Network(self.network.capacity_J_K, K, g)
+
+
+def attached(machine: Description, terms: Sequence[Term]) -> Attached:
+    """Return the nodes of a machine, then one for each body of its effects."""
+    bodies = [t for t in terms if isinstance(t, Body)]
+    names = [n.name for n in machine.node]
+    sources = [s.name for s in machine.source]
+    links, to_ambient, ties = [], [], []
+    for link in machine.link:
+        G = conductance_W_K(link)
+        first, second = sorted(link.between, key=lambda end: names.index(end) if end in names else len(names))
+        if second in names:
+            links.append((names.index(first), names.index(second), G))
+        elif second == AMBIENT:
+            to_ambient.append((names.index(first), G))
+        else:
+            ties.append((names.index(first), sources.index(second), G))
+    for i, body in enumerate(bodies):
+        ties.append((len(names) + i, sources.index(body.source), body.conductance_W_K))
+        to_ambient.append((len(names) + i, body.loss_W_K))
+    capacity = [n.capacity_J_K for n in machine.node] + [b.capacity_J_K for b in bodies]
+    shares = np.zeros((len(capacity), len(sources)))
+    for j, source in enumerate(machine.source):
+        for name, share in source.nodes.items():
+            shares[names.index(name), j] = share
+    for i, body in enumerate(bodies):
+        shares[len(names) + i, sources.index(body.source)] = body.heated
+    all_names = (*names, *(f"body at {b.source}" for b in bodies))
+    return Attached(all_names, assemble(capacity, links, to_ambient), shares, tuple(ties))
+
+
+def past_covariance(
+    beside: Attached, sigma_W: FloatArray, length_m: float, diffusivity_m2_s: float
+) -> FloatArray:
+    """Covariance (n, n), K², of the nodes' temperatures left by heats of unknown size before the start.
+
+    As `prior.past_heat_covariance` for the screw, which is held at ambient temperature here; `sigma_W` (m,).
+    """
+    modes = node_modes(beside.held)
+    covariance = np.zeros((len(beside.names), len(beside.names)))
+    for gathered in gathered_s(modes.decay_1_s, length_m, diffusivity_m2_s):
+        response = modes.shape @ (gathered * (modes.input @ (beside.shares * sigma_W)))
+        covariance += response @ response.T
+    return covariance
+
+
+SMALL = 1e-3
+"""Rate of a shape against the largest, below which it is left out."""
+NO_SWEEP = 0.05
+"""A stroke as long as the nut, to this part of it, is none: sweeping and standing cannot be told apart."""
+STANDING_PLACES = 9
+
+
+class Shapes(NamedTuple):
+    """How what a sweeping nut, the `source`, exchanges with its nodes fades: orthonormal shapes `shape`
+    (e, N) at the rates `rate_1_s` (e,), and the squared size `swept` of its column over the whole stroke.
+    """
+
+    source: int
+    rate_1_s: FloatArray
+    shape: FloatArray
+    swept: float
+
+
+def shapes_of_strokes(modes: Modes, machine: Description, beside: Attached) -> Iterator[Shapes]:
+    """Yield what nuts that sweep exchange with their nodes on top of the exchange at the mean temperature.
+
+    Each place under the nut exchanges by itself (Li 2022, eq. 45): over a stroke swept evenly, w = 1/stroke,
+    the modes lose G/(kA) ∫ w θ_i θ_j dx, of which the mean temperature carries G/(kA) ∫ w θ_i dx ∫ w θ_j dx.
+    """
+    kA = modes.rod.conductance_W_m
+    for j, source in enumerate(machine.source):
+        G = sum(tie for _, place, tie in beside.ties if place == j)
+        if source.shape != "nut" or G == 0.0:
+            continue
+        stroke = mean_stretch(source, machine.screw)
+        if abs(stroke.width_m - (source.length_m or 0.0)) < NO_SWEEP * stroke.width_m:
+            continue
+        nodes, weights = quadrature_within(modes.rod.length_m, stroke)
+        theta, weights = modes.theta(nodes), weights / stroke.width_m
+        mean = weights @ theta
+        own, shape = np.linalg.eigh((theta * weights[:, None]).T @ theta - np.multiply.outer(mean, mean))
+        felt = own > SMALL * own.max()
+        yield Shapes(j, G / kA * own[felt], shape[:, felt].T, float(mean @ mean) / kA**2)
+
+
+def spreads(modes: Modes, machine: Description, beside: Attached, moving: Sequence[int]) -> Spreads:
+    """Return the shapes of the sources that are `moving`."""
+    m = len(machine.source)
+    swept, at_rest = np.zeros(m), np.ones(m)
+    found = [s for s in shapes_of_strokes(modes, machine, beside) if s.source in moving]
+    for s in found:
+        source = machine.source[s.source]
+        swept[s.source] = s.swept
+        at_rest[s.source] = _at_rest(modes, source, mean_stretch(source, machine.screw))
+    shape = np.vstack([np.zeros((0, len(modes))), *(s.shape for s in found)])
+    return Spreads(
+        np.array([s.source for s in found for _ in s.rate_1_s], dtype=np.int64),
+        np.concatenate([np.zeros(0), *(s.rate_1_s for s in found)]),
+        shape,
+        shape,
+        swept,
+        at_rest,
+    )
+
+
+def _at_rest(modes: Modes, source: Source, stroke: Stretch) -> float:
+    """The squared size of the input column of a nut that stands, mean over its stroke."""
+    nut_m, L = source.length_m or 0.0, modes.rod.length_m
+    places = np.linspace(stroke.a_m, stroke.b_m, STANDING_PLACES).tolist()
+    return float(np.mean([np.sum(modal_input(modes, nut_stretch(x, nut_m, L)) ** 2) for x in places]))

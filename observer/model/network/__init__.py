@@ -1,1 +1,0 @@
-"""Thermal networks: bodies of one temperature each, and what passes between them."""
