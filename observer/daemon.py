@@ -27,8 +27,7 @@ from observer.live.trial import Trial
 from observer.process.clock import ServiceClock
 from observer.process.notify import service_manager
 from observer.publish.codec import config_json
-from observer.publish.session import listening
-from observer.publish.taken import refuse_taken
+from observer.publish.session import listening, refuse_taken
 from observer.publish.zenoh import ZenohPublisher
 from observer.quality.alarms import AlarmDesk
 from observer.quality.gap import GapState

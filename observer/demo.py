@@ -16,7 +16,7 @@ from typing import Any
 
 from observer.errors import UserError
 from observer.installation import Installation, load
-from observer.publish.taken import refuse_taken
+from observer.publish.session import refuse_taken
 from observer.tables.gateway import Page, host_and_port
 
 START_S = 20.0

@@ -18,8 +18,7 @@ from typing import IO, Any
 import structlog
 
 from observer.exchange import Command, Outcome, plain_name
-from observer.gateway.framing import framed
-from observer.gateway.pending import Pending
+from observer.gateway.messages import Pending, framed
 from observer.gateway.start import Start
 
 _RETRY_S = 1.0

@@ -1,26 +1,28 @@
-"""Figures for Prometheus, in its own units: metres, seconds, watts, degrees Celsius.
+"""Metrics for Prometheus, in its base units: metres, seconds, watts, degrees Celsius.
 
-A value carries the `quality` of its estimate as a label, so that none that is not good looks as if it were;
-once the service is silent, or what it tells is stale or invalid, its values are not there at all, by which
-Prometheus knows that a series has ended.
+Each value carries the `quality` of its estimate as a label, so one that is not good is never shown as good.
+Once the service is silent, or its estimate stale or invalid, the values are absent, which ends the series.
+The server is not prometheus_client's own, which has no limit of threads and no time-out for idle clients.
 """
 
 from __future__ import annotations
 
 import asyncio
 import math
+import socket
 import threading
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from socketserver import ThreadingMixIn
 from typing import Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from prometheus_client import CollectorRegistry, make_wsgi_app
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from observer.gateway.latest import Latest
-from observer.gateway.say import Say
-from observer.gateway.scrapes import serving
-from observer.gateway.start import Start
+from observer.gateway.messages import Latest
+from observer.gateway.start import Say, Start
 from observer.tables.gateway import host_and_port
 
 STATES = ("good", "starting", "degraded", "stale", "invalid")
@@ -157,3 +159,59 @@ def _filled(
 
 def _label(value: Any) -> str:
     return value if isinstance(value, str) else f"{float(value):.4g}"
+
+
+_MOST = 16
+_WITHIN_S = 5.0
+
+
+class _ScrapeHandler(WSGIRequestHandler):
+    """Answers one question without a word on standard error."""
+
+    timeout = _WITHIN_S  # for each part of it
+
+    def log_message(self, *_: Any) -> None:
+        """Say nothing."""
+
+
+class _ScrapeServer(ThreadingMixIn, WSGIServer):
+    """A thread for each of a few connections; where there are more, the oldest makes room."""
+
+    daemon_threads = True
+
+    def __init__(self, address: tuple[str, int], family: socket.AddressFamily) -> None:
+        self.address_family = family
+        self._held: list[socket.socket] = []
+        self._free = threading.Semaphore(_MOST)
+        super().__init__(address, _ScrapeHandler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin to answer."""
+        if not self._free.acquire(blocking=False):
+            for oldest in self._held[:1]:
+                with suppress(OSError):  # it has ended meanwhile
+                    oldest.shutdown(socket.SHUT_RDWR)
+            if not self._free.acquire(timeout=_WITHIN_S):
+                self.shutdown_request(request)
+                return
+        self._held.append(request)
+        super().process_request(request, client_address)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, in a thread of its own."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._held.remove(request)
+            self._free.release()
+
+    def handle_error(self, *_: Any) -> None:
+        """Say nothing of a client that went away or did not ask in time."""
+
+
+def serving(host: str, port: int, app: Any) -> WSGIServer:
+    """A server of a WSGI application that is bound to a place; raises `OSError` where it cannot be."""
+    family, _, _, _, (address, *_) = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    server = _ScrapeServer((str(address), port), family)
+    server.set_app(app)
+    return server

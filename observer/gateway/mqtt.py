@@ -18,9 +18,8 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from observer.errors import ConfigError
-from observer.gateway.latest import Latest
-from observer.gateway.say import Say
-from observer.gateway.start import Start
+from observer.gateway.messages import Latest
+from observer.gateway.start import Say, Start
 from observer.tables.gateway import Mqtt, host_and_port
 
 RETAINED = ("health", "config", "alarms", "learned", "forecast", "compensation")

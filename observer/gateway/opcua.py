@@ -25,10 +25,9 @@ from asyncua.common.node import Node
 from asyncua.server.server import Server
 from asyncua.ua.status_codes import StatusCodes
 
-from observer.gateway.latest import Latest
-from observer.gateway.opcua_access import guarded
-from observer.gateway.say import Say
-from observer.gateway.start import Start
+from observer.gateway.messages import Latest
+from observer.gateway.opcua_server import guarded
+from observer.gateway.start import Say, Start
 
 # What asyncua logs is what clients do wrong, with tracebacks; they must not fill the service's log.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)

@@ -15,10 +15,8 @@ from typing import Any
 import structlog
 
 from observer.errors import UserError
-from observer.gateway.framing import messages
-from observer.gateway.latest import Latest
-from observer.gateway.say import Say
-from observer.gateway.start import OUTLETS, Start
+from observer.gateway.messages import Latest, messages
+from observer.gateway.start import OUTLETS, Say, Start
 from observer.process.memory import leave_in_peace
 from observer.process.messages import configure
 from observer.process.shutdown import leave

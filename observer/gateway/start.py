@@ -1,9 +1,10 @@
-"""What the gateway's process is told at its start."""
+"""What the gateway's process gets at its start, and how its outlets report back."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
@@ -14,10 +15,10 @@ if TYPE_CHECKING:
 
 
 class Start(BaseModel):
-    """Which outlets there are to be, and of what they tell.
+    """Which outlets to serve, and what they need to know.
 
     `config_file` is the configuration's file, None if it has none; `recordings` the folder of the recordings;
-    `laws` the sources that have a heat law; `forecast_s` how often a forecast comes, None where none does.
+    `laws` the sources with a heat law; `forecast_s` the interval of forecasts, None without.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -36,7 +37,7 @@ class Start(BaseModel):
 
     @classmethod
     def of(cls, config: Installation, path: Path | None, *, forecasts: bool) -> Start | None:
-        """What a configuration asks for, None if for no outlet; `forecasts`: whether any will come."""
+        """What a configuration asks for, None without any outlet; `forecasts`: whether there will be any."""
         outlets = {name: getattr(config, name) for name in OUTLETS}
         if all(outlet is None for outlet in outlets.values()):
             return None
@@ -58,3 +59,7 @@ class Start(BaseModel):
 
 
 OUTLETS = ("page", "metrics", "mqtt", "opcua")
+
+
+Say = Callable[[dict[str, Any]], None]
+"""How an outlet reports its state: a `reason`, or None with an `address` once it serves."""

@@ -32,9 +32,8 @@ from starlette.types import ASGIApp
 from observer.errors import LogError
 from observer.gateway.start import Start
 from observer.page.digest import Digests
-from observer.page.guard import REPORT_POLICY, Guard, cookie_of
+from observer.page.guard import REPORT_POLICY, Guard, Logins, cookie_of
 from observer.page.history import Recorded, history, recordings
-from observer.page.login import Login
 from observer.page.reports import report_html, reports
 from observer.page.stream import Stream
 from observer.tables.gateway import host_and_port
@@ -50,7 +49,7 @@ _IN_THE_CLEAR = (
 )
 
 
-def application(start: Start, stream: Stream, login: Login | None, acknowledge: Acknowledge) -> ASGIApp:
+def application(start: Start, stream: Stream, login: Logins | None, acknowledge: Acknowledge) -> ASGIApp:
     """The page of an axis, for those whom `login` lets in; `acknowledge(id, by)` tells of a seen alarm."""
     assert start.page is not None
     pages = _Pages(start, stream, login, acknowledge)
@@ -77,7 +76,7 @@ def application(start: Start, stream: Stream, login: Login | None, acknowledge: 
 class _Pages:
     """What is answered."""
 
-    def __init__(self, start: Start, stream: Stream, login: Login | None, acknowledge: Acknowledge) -> None:
+    def __init__(self, start: Start, stream: Stream, login: Logins | None, acknowledge: Acknowledge) -> None:
         assert start.page is not None
         self._start, self._page, self._stream = start, start.page, stream
         self._login, self._acknowledge = login, acknowledge

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.page.rows import Block, Values, blocks, channels_of, extremes, header
+from observer.page.rows import RowBlock, Values, blocks, channels_of, extremes, header
 
 FINE_S = 5.0
 COARSE_S = 300.0
@@ -25,13 +25,13 @@ _MERGED = 64
 
 
 @dataclass(slots=True)
-class Bins:
+class ExtremeBins:
     """The least and the most of each channel (n, channels) in the bins `keys` (n) of `bin_s` seconds each."""
 
     bin_s: float
     _parts: list[tuple[NDArray[np.int64], Values, Values]] = field(default_factory=list)
 
-    def take(self, block: Block) -> None:
+    def take(self, block: RowBlock) -> None:
         """Take the rows of a block."""
         known = np.isfinite(block.time_s)
         keys = np.floor(block.time_s[known] / self.bin_s).astype(np.int64)
@@ -75,15 +75,15 @@ class Digest:
         self.inode = path.stat().st_ino
         self.channels = channels_of(self._columns)
         self.end = self._begin
-        self._fine: Bins | None = Bins(FINE_S)
-        self._coarse = Bins(COARSE_S)
+        self._fine: ExtremeBins | None = ExtremeBins(FINE_S)
+        self._coarse = ExtremeBins(COARSE_S)
 
-    def bins(self, bin_s: float) -> Bins:
+    def bins(self, bin_s: float) -> ExtremeBins:
         """Those of a width; the fine ones begin again where they have been dropped."""
         if bin_s == COARSE_S:
             return self._coarse
         if self._fine is None:
-            self._fine, self._coarse, self.end = Bins(FINE_S), Bins(COARSE_S), self._begin
+            self._fine, self._coarse, self.end = ExtremeBins(FINE_S), ExtremeBins(COARSE_S), self._begin
         return self._fine
 
     def grow(self) -> Iterable[None]:

@@ -1,9 +1,16 @@
-"""What stands before every answer: the host that was asked for, where a request comes from, who asks."""
+"""Checks before every answer: the host asked for, the origin of the request, and who is asking.
+
+By hand rather than with Starlette's middleware: its sessions live in the cookie, so logging out could not end
+a stolen one, and its trusted hosts cannot allow every address of this computer and no foreign name.
+"""
 
 from __future__ import annotations
 
 import ipaddress
+import secrets
 import socket
+import time
+from collections.abc import Callable, Mapping
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
@@ -11,7 +18,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from observer.page.login import COOKIE, Login
+from observer.gateway.users import Users
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -35,7 +42,7 @@ _OPEN = ("/login", "/assets/page.css", "/assets/favicon.svg")
 class Guard:
     """Lets through what was asked of this host, by its own pages, by somebody who may look."""
 
-    def __init__(self, app: ASGIApp, host: str, login: Login | None) -> None:
+    def __init__(self, app: ASGIApp, host: str, login: Logins | None) -> None:
         """Take the host that is listened on, and who may look, None for everybody."""
         self._app = app
         self._hosts = {
@@ -109,3 +116,49 @@ def cookie_of(headers: Headers) -> str | None:
     except CookieError:
         return None
     return None if found is None else found.value
+
+
+COOKIE = "observer_session"
+_LASTS_S = 12 * 3600
+_MOST_SESSIONS = 1000
+
+
+class Logins(Users):
+    """Judges names, passwords and cookies; sessions are kept here alone, so a restart asks again."""
+
+    def __init__(
+        self,
+        users: Mapping[str, str],
+        *,
+        secure: bool,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Take who may look, and whether cookies go over TLS only."""
+        super().__init__(users, clock)
+        self._secure = secure
+        self._sessions: dict[str, tuple[str, float]] = {}
+
+    def cookie(self, name: str) -> str:
+        """The header that gives a browser a session of its own."""
+        value = f"{name.encode().hex()}.{secrets.token_hex(32)}"
+        if len(self._sessions) >= _MOST_SESSIONS:
+            self._sessions.pop(next(iter(self._sessions)))
+        self._sessions[value] = name, self._clock() + _LASTS_S
+        return self._header(value, _LASTS_S)
+
+    def no_cookie(self) -> str:
+        """The header that takes the session away."""
+        return self._header("", 0)
+
+    def end(self, cookie: str | None) -> None:
+        """Let a cookie be worth nothing any more, whoever still has it."""
+        self._sessions.pop(cookie or "", None)
+
+    def user_of(self, cookie: str | None) -> str | None:
+        """The name in a cookie's value, None where it is not ours, too old, or has been ended."""
+        name, until_s = self._sessions.get(cookie or "", (None, 0.0))
+        return name if self._clock() < until_s else None
+
+    def _header(self, value: str, lasts_s: int) -> str:
+        secure = "; Secure" if self._secure else ""
+        return f"{COOKIE}={value}; Path=/; Max-Age={lasts_s}; HttpOnly; SameSite=Strict{secure}"

@@ -25,7 +25,7 @@ _OWN = {TIME, STEP, LATE, FLAGS}
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class RowBlock:
     """Some rows: their times (n), a column for each channel (n, channels), and where the next row begins."""
 
     time_s: NDArray[np.float64]
@@ -45,7 +45,7 @@ def channels_of(columns: list[str]) -> list[str]:
     return [name for name in columns if name not in _OWN]
 
 
-def blocks(path: Path, columns: list[str], begin: int) -> Iterator[Block]:
+def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
     """The rows from a place in the file on; damaged ones are left out. Raises `OSError`."""
     wanted = [TIME, *channels_of(columns)]
     place = np.array([wanted.index(name) if name in wanted else -1 for name in columns], np.intp)
@@ -58,7 +58,7 @@ def blocks(path: Path, columns: list[str], begin: int) -> Iterator[Block]:
             table = np.empty((rows.count(b"\n") + 1, len(wanted)))
             count = read_rows(rows + newline, place, table)
             if count:
-                yield Block(table[:count, 0], table[:count, 1:], end)
+                yield RowBlock(table[:count, 0], table[:count, 1:], end)
 
 
 def offset(path: Path, begin: int, time_s: float) -> int:

@@ -1,5 +1,5 @@
-"""What viewers are told as it happens: each message encoded once as an event, and of each kind the newest to
-a viewer who is behind.
+"""Server-sent events for viewers: each message is encoded once for all, and a slow viewer gets the newest of
+each kind. A plain `StreamingResponse` does: sse-starlette's events and pings are per viewer, here shared.
 """
 
 from __future__ import annotations
@@ -8,14 +8,13 @@ import asyncio
 import json
 import math
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from observer.gateway.latest import Latest
-from observer.gateway.pending import Pending
+from observer.gateway.messages import Latest, Pending
 from observer.gateway.start import Start
-from observer.page.innovations import Innovations
-from observer.page.recent import Recent
 from observer.publish.codec import decode_estimate
 
 _BEAT_S = 1.0
@@ -128,3 +127,108 @@ def _plain(value: Any) -> Any:
     if not hasattr(value, "tolist"):
         return value
     return [round(x, _DIGITS) if math.isfinite(x) else None for x in value.tolist()]
+
+
+_EVERY_S = 4.0
+_HOUR_S = 3600.0
+_ROUND = 3
+
+
+class Recent:
+    """Keeps a row each time a field comes and the last row is old enough."""
+
+    def __init__(self) -> None:
+        self._rows: deque[dict[str, Any]] = deque(maxlen=math.ceil(_HOUR_S / _EVERY_S))
+        self._newest: dict[str, dict[str, Any]] = {}
+        self._instance: str | None = None
+
+    def take(self, key: str, data: bytes) -> None:
+        """Take a document; raises `ValueError` where it is no JSON."""
+        if key not in {"estimate", "heat", "error", "readings", "field"}:
+            return
+        self._newest[key] = document = json.loads(data)
+        if key == "field" and self._is_due(document):
+            self._rows.append(self._row(document))
+
+    def document(self) -> dict[str, Any]:
+        """The rows, the oldest first, with what they are of."""
+        return {"every_s": _EVERY_S, "rows": list(self._rows)}
+
+    def _is_due(self, field: dict[str, Any]) -> bool:
+        if not self._rows:
+            return True
+        since_s = field["time_s"] - self._rows[-1]["time_s"]
+        if since_s < 0:  # the clock went back; what is older cannot be drawn beside it
+            self._rows.clear()
+        return not 0 <= since_s < _EVERY_S
+
+    def _row(self, field: dict[str, Any]) -> dict[str, Any]:
+        heat, estimate = self._newest.get("heat", {}), self._newest.get("estimate", {})
+        error, readings = self._newest.get("error", {}), self._newest.get("readings", {})
+        return {
+            "time_s": field["time_s"],
+            "quality": field["quality"],
+            "temperature_degC": _rounded(field["temperature_degC"]),
+            "error_um": _rounded(error.get("error_um") or []),
+            "sigma_um": _rounded(error.get("sigma_um") or []),
+            "heat_W": {name: entry["heat_W"] for name, entry in heat.get("sources", {}).items()},
+            "sigma_W": {name: entry["sigma_W"] for name, entry in heat.get("sources", {}).items()},
+            "law_W": dict(zip(estimate.get("sources", []), estimate.get("law_W", []), strict=False)),
+            "channels": {name: entry["value"] for name, entry in readings.get("channels", {}).items()},
+            "lost": [n for n, entry in readings.get("channels", {}).items() if entry["quality"] != "good"],
+        }
+
+
+def _rounded(values: list[float | None]) -> list[float | None]:
+    return [None if value is None else round(value, _ROUND) for value in values]
+
+
+_LATE = 1.5
+"""A reading is late when the one before is older than so many times what lay between the last two."""
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """What a sensor last said against the model, at which step, and how long after the one before."""
+
+    value_K: float
+    sigma_K: float
+    time_s: float
+    sequence: int
+    after_s: float
+
+
+class Innovations:
+    """Takes every estimate, decoded."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, Innovation] = {}
+        self._instance: str | None = None
+
+    def take(self, estimate: Mapping[str, Any]) -> None:
+        """Keep what is known; another instance of the service, or a clock that went back, begins anew."""
+        time_s, instance = estimate["time_s"], estimate.get("instance")
+        if instance != self._instance or any(time_s < last.time_s for last in self._last.values()):
+            self._last, self._instance = {}, instance
+        columns = (estimate.get(key, ()) for key in ("sensors", "innovation_K", "innovation_sigma_K"))
+        for name, value_K, sigma_K in zip(*columns, strict=False):
+            if not math.isfinite(value_K):
+                continue
+            before = self._last.get(name)
+            after_s = 0.0 if before is None else time_s - before.time_s
+            self._last[name] = Innovation(
+                float(value_K), float(sigma_K), time_s, estimate["sequence"], after_s
+            )
+
+    def document(self, time_s: float) -> dict[str, dict[str, Any]]:
+        """By sensor `{"value", "sigma", "sequence", "age_s", "late"}`, as it is at a time."""
+        return {
+            name: {
+                "value": round(last.value_K, 6),
+                "sigma": round(last.sigma_K, 6) if math.isfinite(last.sigma_K) else None,
+                "sequence": last.sequence,
+                "age_s": round(time_s - last.time_s, 3),
+                "late": time_s - last.time_s > _LATE * last.after_s,
+            }
+            for name, last in self._last.items()
+        }

@@ -1,12 +1,15 @@
-"""Zenoh sessions: whom they talk to, what they take in, how they are opened safely and closed in time."""
+"""Zenoh sessions: endpoints, limits, credentials, access control, and closing in time."""
 
 from __future__ import annotations
 
+import errno
 import json
+import re
+import socket
 import ssl
 import stat
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -14,8 +17,7 @@ from typing import Any, Protocol
 import zenoh
 
 from observer.errors import ConfigError
-from observer.publish.access import access_control
-from observer.tables.publishing import Client, Login, Publish, Tls
+from observer.tables.publishing import Access, Client, Login, Publish, Tls
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second
@@ -177,6 +179,70 @@ def _text(path: str, place: str) -> str:
         raise ConfigError(f"{place}: {path} is no text in UTF-8; write it anew") from None
 
 
+# Roles: who may do what, in the words of Zenoh's access control, which denies all else. It judges a key
+# expression as asked, by inclusion: `ballscrew/**` lies within none of the patterns that may be queried, so
+# no wildcard reaches the commands.
+_EVERYTHING = "ballscrew/**"
+_ANSWERS = ("ballscrew/*/*/*", "ballscrew/*/*/truth/*")
+_COMMANDS = "ballscrew/*/*/command/*"
+_ROLES = {
+    "viewer": ("hear", "be told", "ask"),
+    "operator": ("hear", "be told", "ask", "command"),
+    "service": ("hear", "be told", "ask", "command", "serve", "be asked"),
+}
+
+
+def _rule(name: str, flow: str, messages: tuple[str, ...], *keys: str) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+
+_RULES = (
+    _rule(
+        "hear", "ingress",
+        ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"), _EVERYTHING,
+    ),
+    _rule(
+        "be told", "egress",
+        ("put", "delete", "reply", "liveliness_token", "declare_queryable"), _EVERYTHING,
+    ),
+    _rule("ask", "ingress", ("query",), *_ANSWERS),
+    _rule("command", "ingress", ("query",), _COMMANDS),
+    _rule(
+        "serve", "ingress",
+        ("put", "delete", "reply", "liveliness_token", "declare_queryable"), _EVERYTHING,
+    ),
+    _rule(
+        "be asked", "egress",
+        ("query", "declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"), _EVERYTHING,
+    ),
+)  # fmt: skip
+
+
+def access_control(access: Access) -> dict[str, Any]:
+    """Zenoh's `access_control` for a table of roles; whoever is not in it may do nothing."""
+    named = {role: subjects for role in _ROLES if (subjects := getattr(access, role))}
+    used = {rule for role in named for rule in _ROLES[role]}
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [rule for rule in _RULES if rule["id"] in used],
+        "subjects": [
+            {"id": f"{role} {subject}", **_subject(subject)}
+            for role, subjects in named.items()
+            for subject in subjects
+        ],
+        "policies": [
+            {"rules": _ROLES[role], "subjects": [f"{role} {subject}" for subject in subjects]}
+            for role, subjects in named.items()
+        ],
+    }
+
+
+def _subject(subject: str) -> dict[str, list[str]]:
+    kind, name = subject.split(":", 1)
+    return {"usernames" if kind == "user" else "cert_common_names": [name]}
+
+
 class Closable(Protocol):
     """A session, or several in one."""
 
@@ -203,3 +269,26 @@ def close(session: Closable) -> None:
 def short(error: Exception) -> str:
     """The first sentence of an error, without the places in its own source."""
     return str(error).split(" at /", 1)[0].splitlines()[0].rstrip(".")
+
+
+_TCP = re.compile(r"tcp/\[?(?P<host>[^\]/?#]+?)\]?:(?P<port>\d+)([?#].*)?")
+
+
+def refuse_taken(endpoints: Iterable[str], place: str) -> None:
+    """Raise `ConfigError` where another program listens on a TCP endpoint already; `place` is named."""
+    for endpoint in endpoints:
+        if (tcp := _TCP.fullmatch(endpoint)) and _is_taken(tcp["host"], int(tcp["port"])):
+            raise ConfigError(
+                f"{place}: another program listens on {endpoint}; stop it or choose another port"
+            )
+
+
+def _is_taken(host: str, port: int) -> bool:
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except (OSError, OverflowError) as error:  # an address that is not there yet is waited for
+        return isinstance(error, OSError) and error.errno == errno.EADDRINUSE
+    return False

@@ -17,7 +17,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from observer.publish.absent import absent
+from observer.publish.ask import absent
 from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client

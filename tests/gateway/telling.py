@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from observer.frames import EstimateBlock, Layout
-from observer.gateway.framing import framed
+from observer.gateway.messages import framed
 from observer.gateway.start import Start
 from observer.publish.codec import EstimateEncoder
 from tests.patience import PATIENCE_S

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.gateway.framing import framed, messages
-from observer.gateway.latest import Latest
-from observer.gateway.pending import Pending
+from observer.gateway.messages import Latest, Pending, framed, messages
 
 KEYS = st.text(max_size=30).filter(lambda key: len(key.encode()) < 100)
 

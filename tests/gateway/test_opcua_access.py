@@ -23,7 +23,7 @@ from pydantic import ValidationError
 
 from observer.errors import ConfigError
 from observer.gateway.opcua import NAMESPACE
-from observer.gateway.opcua_access import _Guarded, _Readers, guarded
+from observer.gateway.opcua_server import _Guarded, _Readers, guarded
 from observer.tables.gateway import Opcua
 from tests.docs.console import blocks
 from tests.gateway.applications import PAGE, application, made_as_on_the_page

@@ -8,7 +8,7 @@ import sys
 import pytest
 from asyncua import ua
 
-from observer.gateway.opcua_access import guarded
+from observer.gateway.opcua_server import guarded
 from observer.tables.gateway import Opcua
 
 IDS = ua.ObjectIds

@@ -16,7 +16,7 @@ from typing import Any
 
 import cbor2
 
-from observer.gateway.framing import framed
+from observer.gateway.messages import framed
 from observer.gateway.start import Start
 from observer.tables.gateway import Page
 from tests.page.browser import answers

@@ -11,13 +11,11 @@ import httpx
 import numpy as np
 import pytest
 
-from observer.gateway.latest import Latest
+from observer.gateway.messages import Latest
 from observer.gateway.start import Start
 from observer.page.app import application
-from observer.page.guard import POLICY
-from observer.page.innovations import Innovations
-from observer.page.login import Login
-from observer.page.stream import Stream
+from observer.page.guard import POLICY, Logins
+from observer.page.stream import Innovations, Stream
 from observer.tables.gateway import Page
 
 HERE = "http://127.0.0.1:8080"
@@ -31,7 +29,7 @@ def _start(period_s: float) -> Start:
 def page(tmp_path):
     """Make a client of a page with reports in a folder, for those whom `login` lets in."""
 
-    def made(login: Login | None = None, **more) -> tuple[httpx.AsyncClient, list[tuple[str, str]]]:
+    def made(login: Logins | None = None, **more) -> tuple[httpx.AsyncClient, list[tuple[str, str]]]:
         seen: list[tuple[str, str]] = []
         start = Start(machine="lathe", axis="z", period_s=0.5, page=Page(reports=tmp_path), **more)
         stream = Stream(Latest(0.5), _start(0.5))
@@ -88,7 +86,7 @@ async def test_an_alarm_is_acknowledged_by_the_page_itself_alone(page):
 
 
 async def test_who_has_to_log_in_sees_nothing_before(page):
-    client, seen = page(Login({"anna": "right"}, secure=False))
+    client, seen = page(Logins({"anna": "right"}, secure=False))
     assert (await client.get("/")).headers["location"] == "/login"
     for path in ("/events", "/recent.json", "/history.json?from=0&to=1", "/reports.json", "/assets/main.js"):
         assert (await client.get(path)).status_code == 401, path
@@ -107,7 +105,7 @@ async def test_who_has_to_log_in_sees_nothing_before(page):
 
 
 async def test_guessing_is_slowed_down(page):
-    client, _ = page(Login({"anna": "right"}, secure=False))
+    client, _ = page(Logins({"anna": "right"}, secure=False))
     for _ in range(5):
         await client.post("/login", data={"user": "anna", "password": "x"}, headers={"origin": HERE})
     last = await client.post("/login", data={"user": "anna", "password": "right"}, headers={"origin": HERE})
@@ -122,7 +120,7 @@ async def test_a_login_that_others_can_read_says_so(listen, tls, clear):
     files = {"certificate": Path("c"), "key": Path("k")} if tls else {}
     settings = Page(listen=listen, users_file=Path("u"), **files)
     start = Start(machine="lathe", axis="z", period_s=0.5, page=settings)
-    login = Login({"anna": "right"}, secure=tls)
+    login = Logins({"anna": "right"}, secure=tls)
     app = application(start, Stream(Latest(0.5), _start(0.5)), login, lambda *_: None)
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE) as client:
         text = (await client.get("/login")).text

@@ -6,7 +6,7 @@ import pytest
 
 from observer.errors import ConfigError
 from observer.gateway.users import read_users
-from observer.page.login import Login
+from observer.page.guard import Logins
 
 
 def _file(folder, text: str, mode: int = 0o600):
@@ -47,8 +47,8 @@ class Clock:
         return self.now_s
 
 
-def _login(clock: Clock, *, secure: bool = False) -> Login:
-    return Login({"anna": "right"}, secure=secure, clock=clock)
+def _login(clock: Clock, *, secure: bool = False) -> Logins:
+    return Logins({"anna": "right"}, secure=secure, clock=clock)
 
 
 def _value(header: str) -> str:

@@ -8,7 +8,7 @@ import subprocess
 import pytest
 
 from observer.errors import ConfigError
-from observer.gateway.latest import Latest
+from observer.gateway.messages import Latest
 from observer.gateway.start import Start
 from observer.page.outlet import serve
 from observer.tables.gateway import Page

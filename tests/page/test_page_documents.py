@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from observer.page.login import COOKIE
+from observer.page.guard import COOKIE
 from tests.page.browser import CHROMIUM, SIZES, chromium
 from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, tell, tell_all
 from tests.publish.people import Authority, secret

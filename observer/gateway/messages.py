@@ -1,0 +1,118 @@
+"""The service's messages on their way to outlets: framed on a pipe, and of each key the newest."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import threading
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from typing import Any
+
+from observer.publish.codec import decode_estimate
+
+_HEAD = struct.Struct(">HI")
+
+
+def framed(key: str, payload: bytes) -> bytes:
+    """A message as written to the pipe: two lengths, key and payload."""
+    name = key.encode()
+    return _HEAD.pack(len(name), len(payload)) + name + payload
+
+
+def messages(read: Callable[[int], bytes]) -> Iterator[tuple[str, bytes]]:
+    """Yield the messages of a pipe until it closes; `read(n)` returns n bytes, fewer only at the end."""
+    while len(head := read(_HEAD.size)) == _HEAD.size:
+        name, size = _HEAD.unpack(head)
+        key, payload = read(name), read(size)
+        if len(key) + len(payload) < name + size:
+            return
+        yield key.decode(), payload
+
+
+Message = tuple[str, bytes]
+
+
+class Pending:
+    """Messages waiting for a slower reader: of each key the newest only, so that the wait is bounded.
+
+    `put` may be called from any thread; `wake` is called after each message and must not block.
+    """
+
+    def __init__(self, wake: Callable[[], object]) -> None:
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._newest: dict[str, bytes] = {}
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Add a message; it replaces one of the same key that still waits."""
+        with self._lock:
+            self._newest.pop(key, None)
+            self._newest[key] = payload
+        self._wake()
+
+    def take(self) -> list[Message]:
+        """Remove and return what waits, in order of arrival."""
+        with self._lock:
+            waiting, self._newest = list(self._newest.items()), {}
+        return waiting
+
+
+_STALE_PERIODS = 2.0
+_DELAY_S = 0.3  # between two processes on a busy computer
+
+
+class Latest:
+    """The newest message of every key, bytes as on Zenoh, and its listeners. For one event loop."""
+
+    def __init__(self, period_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stale_s = _STALE_PERIODS * period_s + _DELAY_S
+        self._clock = clock
+        self._payloads: dict[str, bytes] = {}
+        self._listeners: set[Pending] = set()
+        self._heard_s = clock()
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Store a message and pass it to all listeners; a slow one gets only the newest of each key."""
+        if key == "estimate":
+            self._heard_s = self._clock()
+        self._payloads[key] = payload
+        for listener in self._listeners:
+            listener.put(key, payload)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether no estimate has come for two periods: the service is silent, frozen or gone."""
+        return self._clock() - self._heard_s > self._stale_s
+
+    def payload(self, key: str) -> bytes | None:
+        """The newest payload of a key, None before the first."""
+        return self._payloads.get(key)
+
+    def document(self, key: str) -> dict[str, Any]:
+        """The newest document of a key, decoded; empty before the first."""
+        payload = self._payloads.get(key)
+        if payload is None:
+            return {}
+        decoded: dict[str, Any] = decode_estimate(payload) if key == "estimate" else json.loads(payload)
+        return decoded
+
+    def keys(self) -> tuple[str, ...]:
+        """The keys received so far."""
+        return tuple(self._payloads)
+
+    async def messages(self) -> AsyncIterator[Message]:
+        """Yield the stored messages, then new ones as they arrive."""
+        awake = asyncio.Event()
+        pending = Pending(awake.set)
+        for message in self._payloads.items():
+            pending.put(*message)
+        self._listeners.add(pending)
+        try:
+            while await awake.wait():
+                awake.clear()
+                for message in pending.take():
+                    yield message
+        finally:
+            self._listeners.discard(pending)

@@ -1,0 +1,300 @@
+"""The OPC UA server beneath the variables: who is let in, how much a client may use, and which nodes exist.
+
+asyncua 2.1 resumes a session for anyone who names its token, which is a small number: a second connection
+reads as the first one's user, without a password, and unencrypted where the server requires encryption. Here
+no session is resumed. A server with a certificate still answers unencrypted requests for its endpoints, which
+clients make before they encrypt, but nobody can log in that way, whatever the password.
+
+asyncua also buffers data before it checks a message's length, keeps unread answers without limit, and lets a
+client without a session ask without end; `_Connection` sets bounds.
+
+Of the 6,000 nodes (50 MB) of namespace 0 (part 5 of the standard) only those in use are created: the
+server's own object, the base types and the data types, without the descriptions of their encodings.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import stat
+import sys
+from asyncio import BaseTransport
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import structlog
+from asyncua import server as package
+from asyncua import ua
+from asyncua.common.connection import TransportLimits
+from asyncua.common.utils import Buffer, ServiceError
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server import binary_server_asyncio
+from asyncua.server.address_space import NodeManagementService
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.server import Server
+from asyncua.server.user_managers import UserManager
+from asyncua.ua.object_ids import ObjectIds
+from asyncua.ua.status_codes import StatusCodes
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
+
+from observer.errors import ConfigError
+from observer.gateway.users import Users, read_users
+from observer.tables.gateway import Opcua
+
+_LEAST_BITS = 2048  # of a key, by every policy below
+_PKCS1 = "http://www.w3.org/2001/04/xmlenc#rsa-1_5"
+_ENCRYPTED = [
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+]
+log = structlog.get_logger()
+
+
+async def guarded(settings: Opcua) -> Server:
+    """A server that lets in whom the settings name; raises `ConfigError` where a file cannot be used."""
+    users, name = None, None
+    if settings.users_file is not None:
+        users = Users(read_users(settings.users_file, "opcua.users_file"))
+    server = Server(iserver=_Guarded(_Readers(users, encrypted=settings.certificate is not None)))
+    if settings.certificate is not None and settings.key is not None:
+        name = await _identify(server, settings.certificate, settings.key)
+        server.set_security_policy(_ENCRYPTED)
+        server.set_identity_tokens([ua.AnonymousIdentityToken if users is None else ua.UserNameIdentityToken])
+    else:
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+    bound(server)
+    await server.init()
+    server.allow_remote_admin(False)  # else whoever says "admin", without a password, may write
+    if name is not None:
+        await server.set_application_uri(name)
+    return server
+
+
+async def _identify(server: Server, certificate: Path, key: Path) -> str | None:
+    """Give the server its certificate and key; returns the application's name in the certificate."""
+    shown, secret = _read("certificate", certificate), _read("key", key, secret=True)
+    try:
+        await server.load_certificate(shown, _format(shown))
+        await server.load_private_key(secret, None, _format(secret))
+    except (ValueError, TypeError) as error:  # TypeError: the key has a passphrase
+        raise ConfigError(
+            f"opcua.certificate: {certificate} and {key} are no certificate and key without a passphrase "
+            f"({error}); name files in PEM or DER"
+        ) from None
+    ours, private = server.iserver.certificate, server.iserver.private_key
+    if not isinstance(private, RSAPrivateKey) or private.key_size < _LEAST_BITS:
+        raise ConfigError(f"opcua.key: OPC UA asks for RSA with {_LEAST_BITS} bits or more; make {key} anew")
+    if private.public_key() != ours.public_key():
+        raise ConfigError(f"opcua.key: {key} is not the key of {certificate}; name the two that go together")
+    return _name_in(ours)
+
+
+def _read(key: str, path: Path, *, secret: bool = False) -> bytes:
+    try:
+        mode, data = path.stat().st_mode, path.read_bytes()
+    except OSError as error:
+        raise ConfigError(
+            f"opcua.{key}: {path} cannot be read ({error.strerror}); mend or rename it"
+        ) from None
+    if secret and stat.S_IMODE(mode) & 0o077:
+        raise ConfigError(f"opcua.{key}: others on this computer can read {path}; run chmod 600 {path}")
+    return data
+
+
+def _format(data: bytes) -> str:
+    return "pem" if b"-----BEGIN" in data else "der"
+
+
+def _name_in(certificate: x509.Certificate) -> str | None:
+    """The name of an application in its certificate, by which clients know whose it is (part 6, 6.2.2)."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (x509.ExtensionNotFound, ValueError):
+        return None
+    return next(iter(names.get_values_for_type(x509.UniformResourceIdentifier)), None)
+
+
+class _Readers(UserManager):
+    """Lets in those who may read, nobody who may write; `asking` is the address of whoever logs in."""
+
+    def __init__(self, users: Users | None, *, encrypted: bool) -> None:
+        self._users, self._encrypted = users, encrypted
+        self.asking = ""
+
+    def get_user(
+        self,
+        _iserver: InternalServer,
+        username: str | None = None,
+        password: str | None = None,
+        certificate: bytes | None = None,
+    ) -> User | None:
+        """Whoever that is, None where it is nobody; who does not encrypt has no `certificate`."""
+        if self._encrypted and not certificate:
+            return None
+        if self._users is None:
+            return User(role=UserRole.User)
+        if username is None or self._users.is_throttled(self.asking):
+            return None
+        if not self._users.is_right(username, password or "", self.asking):
+            log.warning("OPC UA: wrong name or password", user=username[:64], address=self.asking)
+            return None
+        return User(role=UserRole.User, name=username)
+
+
+class _Guarded(InternalServer):
+    """The services below the wire, without those that would let somebody in by another way."""
+
+    def __init__(self, readers: _Readers) -> None:
+        super().__init__(user_manager=readers)
+        self._readers = readers
+
+    async def load_standard_address_space(self, _shelf_file: Path | None = None) -> None:
+        """Make of what OPC UA itself defines what is used here."""
+        await asyncio.to_thread(fill, self.node_mgt_service)
+
+    def lookup_external_session(self, _auth_token: ua.NodeId) -> InternalSession | None:
+        """None: a session belongs to the connection that made it."""
+        return None
+
+    def register_external_session(self, session: InternalSession) -> None:
+        """Keep no list of them, which would keep each that was never taken up."""
+
+    def register_server(self, _server: Any, _conf: Any = None) -> None:
+        """Refuse: this is no directory of others."""
+        raise ServiceError(StatusCodes.BadServiceUnsupported)
+
+    def decrypt_user_token(self, isession: Any, token: ua.UserNameIdentityToken) -> tuple[str, str]:
+        """Name and password; padding of PKCS #1 is refused, because its errors would tell of the key."""
+        if token.EncryptionAlgorithm == _PKCS1:
+            raise ServiceError(StatusCodes.BadIdentityTokenRejected)
+        self._readers.asking = isession.name[0]
+        return super().decrypt_user_token(isession, token)
+
+
+_CHUNK = 65535
+_MOST_BYTES = 512 * 1024
+"""Of a message: a question for some ten thousand values. Chunks have 8 kB or more (part 6, 6.7.2)."""
+_MOST_CONNECTIONS = 100
+_ACTIVE_WITHIN_S = 10.0
+_MOST_WAITING = 8  # connections of one address without a session
+_MOST_ASKED = 32  # messages before a session is active; a client takes some five
+_MOST_UNREAD = 4_000_000  # bytes of answers that a client has not taken when it asks for more
+_PIECE = 8192  # each message is kept with the rest of what it came with
+
+
+def bound(server: Server) -> None:
+    """Set the bounds of a server that has not been started."""
+    server.limits = TransportLimits(_CHUNK, _CHUNK, _MOST_BYTES // 8192, _MOST_BYTES)
+    server.iserver.max_connections = _MOST_CONNECTIONS
+    server.iserver.max_pending_activation_seconds = _ACTIVE_WITHIN_S
+    binary_server_asyncio.OPCUAProtocol = _Connection  # type: ignore[misc]  # it has no setting for that
+
+
+class _Connection(binary_server_asyncio.OPCUAProtocol):
+    """A connection that is closed where its client takes too much."""
+
+    _asked = 0
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        """Take a connection; where an address has many without a session, the oldest of them make room."""
+        peer = transport.get_extra_info("peername")
+        ours = [c for c in self.clients if isinstance(c, _Connection) and c.peer_name[0] == peer[0]]
+        waiting = [c for c in ours if not c._is_active]
+        for connection in waiting[: max(0, len(waiting) - _MOST_WAITING + 1)]:
+            connection._abort()
+        super().connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Take what has come, and no more than a chunk of what is not yet a message."""
+        for start in range(0, len(data), _PIECE):
+            super().data_received(data[start : start + _PIECE])
+            if len(self._buffer) > _CHUNK + _PIECE:
+                self._abort()
+            if self.transport is None or self.transport.is_closing():
+                return
+
+    async def _process_one_msg(self, header: Any, buf: Buffer) -> bool:
+        if not self._is_active:
+            self._asked += 1
+        if self._asked > _MOST_ASKED or self._unread() > _MOST_UNREAD:
+            self._abort()
+            return False
+        return await super()._process_one_msg(header, buf)
+
+    @property
+    def _is_active(self) -> bool:
+        session = None if self.processor is None else self.processor.session
+        return session is not None and session.is_activated()
+
+    def _unread(self) -> int:
+        return 0 if self.transport is None else self.transport.get_write_buffer_size()
+
+    def _abort(self) -> None:
+        if self.transport is not None:
+            self.transport.abort()
+
+
+_SPACE = "standard_address_space"
+_IDS = ObjectIds
+_UNUSED = {
+    _IDS.BaseEventType, _IDS.OpcUa_XmlSchema, _IDS.OpcUa_BinarySchema, _IDS.ServerConfiguration,
+    _IDS.Server_ServerCapabilities_RoleSet, _IDS.PublishSubscribe,
+}  # fmt: skip
+_USED_KINDS_OF_OBJECTS = {
+    _IDS.FolderType, _IDS.ServerType, _IDS.ServerCapabilitiesType, _IDS.ServerDiagnosticsType,
+    _IDS.SessionsDiagnosticsSummaryType, _IDS.SessionDiagnosticsObjectType, _IDS.VendorServerInfoType,
+    _IDS.ServerRedundancyType, _IDS.OperationLimitsType, _IDS.DataTypeSystemType, _IDS.DataTypeEncodingType,
+    _IDS.ModellingRuleType, _IDS.AggregateFunctionType, _IDS.NamespaceMetadataType, _IDS.NamespacesType,
+}  # fmt: skip
+
+
+def fill(service: NodeManagementService) -> None:
+    """Make the nodes, and give up the code that describes them all, 16 MB."""
+    from asyncua.server.standard_address_space.standard_address_space import (  # noqa: PLC0415
+        fill_address_space,
+    )
+
+    fill_address_space(_Chosen(service))  # type: ignore[no-untyped-call]
+    for name in [name for name in sys.modules if name.startswith(f"{package.__name__}.{_SPACE}")]:
+        del sys.modules[name]
+    delattr(package, _SPACE)
+
+
+class _Chosen:
+    """Adds the nodes that are used, and the references between them."""
+
+    def __init__(self, service: NodeManagementService) -> None:
+        self._service = service
+        self._left_out: set[ua.NodeId] = set()
+
+    def try_add_nodes(
+        self, items: Iterable[ua.AddNodesItem], *, check: bool = True
+    ) -> Iterator[ua.AddNodesItem]:
+        """Add nodes; yields those that something not there yet is wanted for."""
+        return self._service.try_add_nodes([item for item in items if self._is_used(item)], check=check)
+
+    def try_add_references(self, items: Iterable[ua.AddReferencesItem]) -> Iterator[ua.AddReferencesItem]:
+        """Add references; yields those whose source is not there yet."""
+        return self._service.try_add_references(
+            [item for item in items if not {item.SourceNodeId, item.TargetNodeId} & self._left_out]
+        )
+
+    def _is_used(self, item: ua.AddNodesItem) -> bool:
+        """Whether a node is wanted; what is below one that is not, or is of its type, is not either."""
+        node, parent = item.RequestedNewNodeId, item.ParentNodeId
+        used = not (
+            node.Identifier in _UNUSED
+            or item.ReferenceTypeId.Identifier == _IDS.HasEncoding
+            or {parent, item.TypeDefinition} & self._left_out
+            or (
+                parent.Identifier == _IDS.BaseObjectType
+                and item.NodeClass == ua.NodeClass.ObjectType
+                and node.Identifier not in _USED_KINDS_OF_OBJECTS
+            )
+        )
+        if not used:
+            self._left_out.add(node)
+        return used
