@@ -76,16 +76,16 @@ bench: $(READY)  ## the speed table beside filterpy, statsmodels, solve_banded a
 	$(BIN)/python -m benchmarks --compare --keep $(ARGS)
 
 demo-under-load: $(READY)  ## the demo in a terminal for ten minutes, a busy loop on every core, beside the truth
-	$(BIN)/python -m pytest tests/system/demo_for_ten_minutes.py -s -p no:benchmark $(ARGS)
+	$(BIN)/python -m pytest campaigns/demo_under_load.py -s -p no:benchmark $(ARGS)
 
 month: $(READY)  ## two simulated months of a machine as configured: at most one false reason each
-	$(BIN)/python -m pytest tests/reference/months_as_configured.py -s -p no:benchmark $(ARGS)
+	$(BIN)/python -m pytest campaigns/months_as_configured.py -s -p no:benchmark $(ARGS)
 
 faults: $(READY)  ## the table of faults: what other daemons promise, and what this one does; three minutes; needs chromium and mosquitto
-	$(BIN)/python -m tests.faults
+	$(BIN)/python -m campaigns.faults
 
 soak: $(READY)  ## an hour of the service with faults and clients coming and going; ARGS="--minutes 10"
-	$(BIN)/python -m tests.soak $(ARGS)
+	$(BIN)/python -m campaigns.soak $(ARGS)
 
 learning-campaign: $(READY)  ## what learning is worth on 144 machines, or go on where it was stopped
 	$(BIN)/python -m campaigns.learning.trial
@@ -97,7 +97,7 @@ gap-campaign: $(READY)  ## months of machines in which something appears, or not
 	$(BIN)/python -m campaigns.gap.trial
 
 discover-campaign: $(READY)  ## search hidden effects in 1272 cases, or go on; ARGS="--slice ci --folder build/slice"
-	$(BIN)/python -m tests.campaign $(ARGS)
+	$(BIN)/python -m campaigns.discovery $(ARGS)
 
 rods-campaign: $(READY)  ## search heated rods for what is hidden in them, or go on
 	$(BIN)/python -m campaigns.rods.trial
@@ -112,16 +112,16 @@ forecast-campaign: $(READY)  ## do temperatures and error of the next hour lie w
 	$(BIN)/python -m campaigns.forecast.trial
 
 integrity: $(READY)  ## is what is called good right, whatever is wrong with the readings? 60 faults, 12 machines; or go on
-	$(BIN)/python -m tests.integrity.trial $(ARGS)
+	$(BIN)/python -m campaigns.integrity.trial $(ARGS)
 
 fleet-scaling: $(READY)  ## logs a second by one worker and by two, in pairs; ARGS="--logs 400 --pairs 3"
-	$(BIN)/python -m tests.fleet.scaling $(ARGS)
+	$(BIN)/python -m campaigns.fleet.scaling $(ARGS)
 
 config-mutants: $(READY)  ## 2000 wrong configurations, each to be answered in words; ARGS="--count 600 --seed 2"
-	$(BIN)/python -m tests.hostile --count 2000 $(ARGS)
+	$(BIN)/python -m campaigns.config_mutants --count 2000 $(ARGS)
 
 mutants: $(READY)  ## change the code in small ways: do the nearest tests notice? ARGS="--count 10 --only align"
-	$(BIN)/python -m tests.mutants $(ARGS)
+	$(BIN)/python -m campaigns.mutants $(ARGS)
 
 figures: $(READY)  ## draw the figures of docs/ again
 	for script in docs/figures/[a-z]*.py; do $(BIN)/python $$script || exit 1; done

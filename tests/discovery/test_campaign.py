@@ -11,13 +11,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from campaigns.resumable import append_rows, go_on, with_tables
-from observer.effects.catalogue import KINDS
-from tests.campaign import __main__ as command
-from tests.campaign import trial
-from tests.campaign.judge import estimates, hidden_names, is_good, outcome_of
-from tests.campaign.showing import RESTING, RUNNING, Showing, showing_of
-from tests.campaign.summary import (
+from campaigns.discovery import __main__ as command
+from campaigns.discovery import trial
+from campaigns.discovery.judge import estimates, hidden_names, is_good, outcome_of
+from campaigns.discovery.showing import RESTING, RUNNING, Showing, showing_of
+from campaigns.discovery.summary import (
     Share,
     detection_limit,
     limit_lines,
@@ -25,6 +23,8 @@ from tests.campaign.summary import (
     rough_summary,
     summary,
 )
+from campaigns.resumable import append_rows, go_on, with_tables
+from observer.effects.catalogue import KINDS
 from tests.truth.machine.effects import LIBRARY, Effect
 from tests.truth.machine.entries import Entry, campaign, rough_campaign
 from tests.truth.machine.generate import Case

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.campaign.judge import SCALES
-from tests.campaign.trial import try_entry
+from campaigns.discovery.judge import SCALES
+from campaigns.discovery.trial import try_entry
 from tests.truth.machine.entries import Entry, rough_slice, slice_entries
 
 FAR = 0.2
@@ -40,7 +40,16 @@ def test_a_hidden_effect_is_found_or_left_open_rightly(entry: Entry, tmp_path: P
 @pytest.mark.slow
 def test_the_campaign_runs_as_a_program_and_goes_on_where_it_was(tmp_path: Path) -> None:
     case = ["--slice", "typical", "--only", "typical.null.10000", "--answers", str(tmp_path / "answers")]
-    command = [sys.executable, "-m", "tests.campaign", *case, "--folder", str(tmp_path), "--workers", "1"]
+    command = [
+        sys.executable,
+        "-m",
+        "campaigns.discovery",
+        *case,
+        "--folder",
+        str(tmp_path),
+        "--workers",
+        "1",
+    ]
     for known in (0, 1):
         told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         assert f"1 cases, {known} already in" in told.replace("\n", " ")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns.discovery.suspects import judged, suspect_summary, told_of, try_suspect
 from observer.align.unit_errors import read_rightly
 from observer.discovery.candidates import library
 from observer.discovery.discover import discover
@@ -20,7 +21,6 @@ from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
 from observer.fit.hypothesis import fit_effects, fit_null
 from observer.installation import parse
-from tests.campaign.suspects import judged, suspect_summary, told_of, try_suspect
 from tests.discovery.cases import machine, made_log, table
 from tests.discovery.small import problem_of
 from tests.truth.machine.cycles import RUNS

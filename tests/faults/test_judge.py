@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.faults.judge import Fault, believed_for_s, is_used, unflagged
-from tests.faults.table import Row, as_markdown
+from campaigns.faults.judge import Fault, believed_for_s, is_used, unflagged
+from campaigns.faults.table import Row, as_markdown
 
 FAULT = Fault("open", frozenset({"t1"}), 10.0, 11.0, 0.2)
 

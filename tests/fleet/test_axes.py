@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from campaigns.fleet.axes import axes_of, children, listening_at, served
 from observer.errors import ConfigError
 from observer.fleet.axes import LONGEST_PAUSE_S, START_S, WATCHDOG_S, Axis, check_axes
 from observer.publish.session import session_config
 from tests.docs.console import blocks
-from tests.fleet.axes import axes_of, children, listening_at, served
 from tests.fleet.machines import configuration
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import Router, free_port
@@ -52,7 +52,7 @@ def test_every_axis_is_heard_through_one_router_and_one_that_dies_comes_back(tmp
 @pytest.mark.timeout(1800)
 def test_fifty_axes_are_heard_through_one_router():
     """Each sends what is due, and none of it is lost on the way."""
-    command = [sys.executable, "-m", "tests.fleet.axes", "--axes", "50", "--seconds", "10"]
+    command = [sys.executable, "-m", "campaigns.fleet.axes", "--axes", "50", "--seconds", "10"]
     done = subprocess.run(command, capture_output=True, text=True)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,1 +1,0 @@
-"""Faults in the values of machines that are as rough as `[tolerance]` says: is what is called good right?"""

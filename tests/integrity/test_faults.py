@@ -5,16 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from campaigns.integrity import faults as of
+from campaigns.integrity import trial
+from campaigns.integrity.catalogue import LEGITIMATE, LISTED, NEW_PROGRAM, NONE, Fault
+from campaigns.integrity.days import FAULT_S, RUN_OF, day_of, with_new_stroke
+from campaigns.integrity.faults import Readings
+from campaigns.integrity.judge import OUT, faulty, verdict
+from campaigns.integrity.promise import short_of
+from campaigns.integrity.trial import COLUMNS, chosen, row_of, table
 from campaigns.resumable import read_rows
 from observer.frames import EstimateBlock, EstimateQuality
-from tests.integrity import faults as of
-from tests.integrity import trial
-from tests.integrity.catalogue import LEGITIMATE, LISTED, NEW_PROGRAM, NONE, Fault
-from tests.integrity.days import FAULT_S, RUN_OF, day_of, with_new_stroke
-from tests.integrity.faults import Readings
-from tests.integrity.judge import OUT, faulty, verdict
-from tests.integrity.promise import short_of
-from tests.integrity.trial import COLUMNS, chosen, row_of, table
 from tests.learning.cover import estimates
 from tests.learning.machines import config_of
 from tests.truth.machine.cycles import Phase

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from campaigns.integrity import faults as of
+from campaigns.integrity.catalogue import TWICE, Fault, catalogue, minimal_detectable_K
+from campaigns.integrity.judge import RIG, judged
+from campaigns.integrity.promise import TWICE_THE_LEAST
 from observer.report.detectable import detectable
-from tests.integrity import faults as of
-from tests.integrity.catalogue import TWICE, Fault, catalogue, minimal_detectable_K
-from tests.integrity.judge import RIG, judged
-from tests.integrity.promise import TWICE_THE_LEAST
 from tests.learning.machines import config_of
 from tests.truth.machine.machine import SENSORS
 

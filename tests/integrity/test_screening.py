@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns.integrity.catalogue import catalogue
+from campaigns.integrity.days import FAULT_S, day_of
+from campaigns.integrity.judge import RIG, faulty, judged
 from observer.align.aligner import frames_of_log
 from observer.estimate.machine import Machine
 from observer.estimators.selftest import Fault as Found
 from observer.frames import EstimateQuality, Quality
 from observer.quality.reasons import sentence
-from tests.integrity.catalogue import catalogue
-from tests.integrity.days import FAULT_S, day_of
-from tests.integrity.judge import RIG, faulty, judged
 from tests.learning.cover import estimates, log_of
 from tests.learning.machines import config_of
 

@@ -1,1 +1,0 @@
-"""Small changes to the code, each of which the tests nearest to it must notice: `python -m tests.mutants`."""

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.mutants import record
+from campaigns.mutants.nearest import NEAREST, ROOT
+from campaigns.mutants.record import Count, Results, Survivor
 from tests.bits.cases import CASES
-from tests.mutants import record
-from tests.mutants.nearest import NEAREST, ROOT
-from tests.mutants.record import Count, Results, Survivor
 
 FEW = 0.10
 """Part of the mutants tried that may survive."""
@@ -101,7 +101,7 @@ def area(width_m: float | None, box: Box) -> float | None:
 
 def test_mutants_change_what_the_code_does_and_nothing_else() -> None:
     pytest.importorskip("cosmic_ray")
-    from tests.mutants.mutate import change, mutants_of, mutated
+    from campaigns.mutants.mutate import change, mutants_of, mutated
 
     made = [(m, mutated(SOURCE, m)) for m in mutants_of("box.py", SOURCE)]
     changes = {change(SOURCE, source) for _, source in made}
@@ -117,7 +117,7 @@ def test_mutants_change_what_the_code_does_and_nothing_else() -> None:
 
 def test_a_sample_is_drawn_by_its_seed() -> None:
     pytest.importorskip("cosmic_ray")
-    from tests.mutants.mutate import mutants_of, sample
+    from campaigns.mutants.mutate import mutants_of, sample
 
     every = list(mutants_of("box.py", SOURCE))
     assert sample(every, 5, 1) == sample(every, 5, 1) != sample(every, 5, 2)

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.mutants.nearest import ROOT
+from campaigns.mutants.nearest import ROOT
 
 FOLDER = ROOT / "docs" / "mutants"
 SURVIVORS, SUMMARY, PAGE = FOLDER / "survivors.csv", FOLDER / "summary.csv", ROOT / "docs" / "mutants.md"

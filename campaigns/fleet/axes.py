@@ -1,6 +1,6 @@
 """Many simulated axes from one command, through one Zenoh router: is each of them heard, and do all go on?
 
-    python -m tests.fleet.axes --axes 50 --seconds 60
+    python -m campaigns.fleet.axes --axes 50 --seconds 60
 
 Each axis plays a log that the program has simulated, as if it were live, and is a process of its own.
 """

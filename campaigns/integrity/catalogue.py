@@ -9,8 +9,8 @@ import tempfile
 from functools import lru_cache
 from pathlib import Path
 
-from tests.integrity import faults as of
-from tests.integrity.faults import Fault
+from campaigns.integrity import faults as of
+from campaigns.integrity.faults import Fault
 from tests.learning.machines import CONFIG
 from tests.truth.machine.machine import SENSORS
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from campaigns.discovery.judge import estimates, is_good, is_localised, outcome_of
+from campaigns.discovery.showing import Showing, showing_of
 from campaigns.resumable import Rows
-from tests.campaign.judge import estimates, is_good, is_localised, outcome_of
-from tests.campaign.showing import Showing, showing_of
 from tests.truth.machine.entries import Entry
 from tests.truth.machine.generate import write_answer, write_case
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.discovery.judge import WRONG
 from campaigns.resumable import Cells
-from tests.campaign.judge import WRONG
 from tests.truth.machine.catalogue import LADDER
 
 STRONG_SIGMA, FAIR_SIGMA = 4.0, 2.0

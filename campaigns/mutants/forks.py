@@ -1,6 +1,6 @@
 """Runs pytest again and again in forks of one process that has the libraries loaded, which takes longest.
 
-Started as `python -m tests.mutants.forks` in a copy of the tree. Each line of standard input is a list of
+Started as `python -m campaigns.mutants.forks` in a copy of the tree. Each line of standard input is a list of
 pytest's arguments and the seconds it may take; each is answered by the exit code, or -1 where it took longer.
 """
 

@@ -1,6 +1,6 @@
 """What a fleet takes of memory whose logs together, and one of them alone, are larger than a worker may be.
 
-    python -m tests.fleet.memory --logs 60 --megabytes 50 --memory-GB 0.6
+    python -m campaigns.fleet.memory --logs 60 --megabytes 50 --memory-GB 0.6
 
 A log is CSV with many channels of a drive beside those that are needed. It is made once and is there under
 as many names. The memory is what goes with each process (PSS), looked at ten times a second.

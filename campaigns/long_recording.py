@@ -1,4 +1,4 @@
-"""How long a search of some hours at 20 Hz takes: `python -m tests.service.long_recording FOLDER`.
+"""How long a search of some hours at 20 Hz takes: `python -m campaigns.long_recording FOLDER`.
 
 The machine is the independent one with a loss at its left end, recorded as a service would; thermocouples and
 air come once a second, position and speed with each tick.

@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from tests.mutants.nearest import ROOT, Nearest
+from campaigns.mutants.nearest import ROOT, Nearest
 
 COPIED = (
     "observer", "drivers", "tests", "campaigns", "benchmarks", "config", "docs", "pyproject.toml",
@@ -59,7 +59,7 @@ class Tree:
     def _process(self, more: dict[str, str]) -> subprocess.Popen[str]:
         paths = {"PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
         return subprocess.Popen(
-            [sys.executable, "-m", "tests.mutants.forks"], cwd=self.root, env=os.environ | paths | more,
+            [sys.executable, "-m", "campaigns.mutants.forks"], cwd=self.root, env=os.environ | paths | more,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
 

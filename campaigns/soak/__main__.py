@@ -1,4 +1,4 @@
-"""`python -m tests.soak`: the service against the simulated machine, ten times as fast as the demo.
+"""`make soak`: the service against the simulated machine, ten times as fast as the demo.
 
 All the time something happens: sensors break and heal, the bus falls silent, clients come, ask and go, files
 of the recording fill up and are removed, the configuration is read again. What is watched is to be flat:
@@ -23,10 +23,10 @@ import numpy as np
 import tomlkit
 import zenoh
 
+from campaigns.soak.flat import Trend, trend
 from observer.publish.codec import decode_estimate
 from observer.publish.zenoh import session_config
 from tests.publish.router import free_port
-from tests.soak.flat import Trend, trend
 from tests.system.plant import PREFIX, Daemon, Machine, machine, table_for, until
 
 PERIOD_S = 0.05
@@ -68,7 +68,7 @@ class Latency:
 
 def main() -> None:
     """Soak, print the report, and leave with 1 if something grows."""
-    parser = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m campaigns.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0, help="how long (60)")
     parser.add_argument("--output", type=Path, default=Path("build/soak"), help="folder of the report")
     options = parser.parse_args()

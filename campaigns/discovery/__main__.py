@@ -1,4 +1,4 @@
-"""`python -m tests.campaign`: run what of the campaign has not been run, and write its summary."""
+"""`make discover-campaign`: run the cases that have not been run, and write the summary."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 from rich.console import Console
 
+from campaigns.discovery.summary import rough_summary, summary, typical_summary
+from campaigns.discovery.suspects import SuspectRow, suspect_summary, try_suspect
+from campaigns.discovery.trial import Row, rows_of, try_entry
 from campaigns.resumable import Rows, go_on, read_rows, show
-from tests.campaign.summary import rough_summary, summary, typical_summary
-from tests.campaign.suspects import SuspectRow, suspect_summary, try_suspect
-from tests.campaign.trial import Row, rows_of, try_entry
 from tests.truth.machine.entries import (
     FIRST_SEED,
     Entry,

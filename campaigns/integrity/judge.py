@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from campaigns.integrity.catalogue import NEW_PROGRAM, NONE
+from campaigns.integrity.days import FAULT_S, FIRST_SEED, day_of
+from campaigns.integrity.faults import Fault, Readings
 from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArray, Quality
-from tests.integrity.catalogue import NEW_PROGRAM, NONE
-from tests.integrity.days import FAULT_S, FIRST_SEED, day_of
-from tests.integrity.faults import Fault, Readings
 from tests.learning.cover import FROM_S, TWO_SIDED_95, estimates
 from tests.learning.machines import CONFIG, Day, config_of
 from tests.truth.machine.machine import SENSORS, stream

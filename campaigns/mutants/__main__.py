@@ -1,4 +1,4 @@
-"""Change the code in small ways and see whether the tests nearest to it notice: `python -m tests.mutants`."""
+"""Change the code in small ways and see whether the tests nearest to it notice: `make mutants`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import zlib
 from concurrent.futures import ThreadPoolExecutor
 from queue import Queue
 
-from tests.mutants import record
-from tests.mutants.mutate import Mutant, change, mutants_of, mutated, sample
-from tests.mutants.nearest import NEAREST, ROOT
-from tests.mutants.trial import Tree
+from campaigns.mutants import record
+from campaigns.mutants.mutate import Mutant, change, mutants_of, mutated, sample
+from campaigns.mutants.nearest import NEAREST, ROOT
+from campaigns.mutants.trial import Tree
 
 BUILD = ROOT / "build" / "mutants"
 FIRST_LIMIT_S = 900.0
@@ -19,7 +19,7 @@ FIRST_LIMIT_S = 900.0
 
 def main() -> int:
     """Return how many survivors have no reason, and modules no tests that pass."""
-    parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m campaigns.mutants", description=__doc__)
     parser.add_argument("--count", type=int, default=40, help="mutants of each module (40)")
     parser.add_argument("--all", action="store_true", help="all mutants of each module")
     parser.add_argument("--seed", type=int, default=1, help="which are drawn (1)")

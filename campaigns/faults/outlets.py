@@ -22,8 +22,8 @@ from typing import Any
 from asyncua import ua
 from asyncua.sync import Client
 
+from campaigns.faults.table import Row
 from observer.gateway.opcua import NAMESPACE
-from tests.faults.table import Row
 from tests.gateway.test_mqtt import Listener, broker
 from tests.page.browser import SIZES, answers, chromium
 from tests.patience import until

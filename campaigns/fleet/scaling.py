@@ -1,6 +1,6 @@
 """How many logs a second one and two workers replay, and where the rest of their time goes.
 
-    python -m tests.fleet.scaling --logs 400 --pairs 3
+    python -m campaigns.fleet.scaling --logs 400 --pairs 3
 
 Logs of three machine types are made once. Each pair is a run with one worker and one with two, in turn, so
 that what else the computer does meets both. The parts: the start (imports, cluster, kernels and machines in

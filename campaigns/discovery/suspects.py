@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.discovery.summary import Share
 from campaigns.resumable import Cells
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.align.unit_errors import read_rightly
@@ -26,7 +27,6 @@ from observer.fit.parameters import free_keys
 from observer.fit.problem import Problem
 from observer.fit.runs import prepare
 from observer.installation import parse
-from tests.campaign.summary import Share
 from tests.truth.machine.entries import Entry
 from tests.truth.machine.generate import runs_of
 from tests.truth.machine.logs import configuration

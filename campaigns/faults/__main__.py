@@ -1,4 +1,4 @@
-"""`python -m tests.faults`: the real daemon on simulated wires, under faults; prints the table of faults.
+"""`make faults`: the real daemon on simulated wires, under faults; prints the table of faults.
 
 What other trusted daemons promise, and the figure to beat. Ends with 1 where one is not met. Three
 minutes; needs chromium and mosquitto of Debian's packages.
@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
+from campaigns.faults import outlets
+from campaigns.faults.judge import Fault, believed_for_s, is_used, unflagged
+from campaigns.faults.table import Row, as_markdown
 from tests.drivers.harness import running
 from tests.drivers.test_modbus_rtu import replies_that_come_late, rtu_device, settings, wrong_values
-from tests.faults import outlets
-from tests.faults.judge import Fault, believed_for_s, is_used, unflagged
-from tests.faults.table import Row, as_markdown
 from tests.patience import PATIENCE_S, Stopwatch, until
 from tests.publish.router import Router, free_port
 from tests.system.plant import PERIOD_S, ROOT, Daemon, Machine, Subscriber, machine, table_for

@@ -1,6 +1,6 @@
 """What viewers cost and see: the gateway's share of a core, the first paint, and how much the page jumps.
 
-`python -m tests.page.viewers` prints a row for each; it takes two minutes and a half on a quiet computer.
+`python -m campaigns.page_viewers` prints a row for each; it takes two minutes and a half on a quiet computer.
 """
 
 from __future__ import annotations

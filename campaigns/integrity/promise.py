@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.integrity.catalogue import GROUP_OF, LEGITIMATE
+from campaigns.integrity.catalogue import GROUP_OF, LEGITIMATE
 
 Row = dict[str, str]
 MONTH_H = 720.0

@@ -1,4 +1,4 @@
-"""Put many wrong configurations to the check, and say what it refused: `python -m tests.hostile`."""
+"""Put many wrong configurations to the check, and print what it refused: `make config-mutants`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.hostile.mutants import mutants, verdict
 
 def main() -> int:
     """Return how many mutants had no proper answer."""
-    parser = argparse.ArgumentParser(prog="python -m tests.hostile", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m campaigns.config_mutants", description=__doc__)
     parser.add_argument("--count", type=int, default=600)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()

@@ -1,4 +1,4 @@
-"""The campaign of faults in values: `python -m tests.integrity.trial`, or go on where it was stopped.
+"""The campaign of faults in values: `make integrity`, or go on where it was stopped.
 
 Every fault of the catalogue on each of twelve machines that are as rough as `[tolerance]` says, from 4000 s
 of their day on; and a simulated month in which nothing is wrong. Rows that are there are not run again;
@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from campaigns.integrity.catalogue import GROUP_OF, GROUPS, NEW_PROGRAM, NONE, catalogue
+from campaigns.integrity.judge import Verdict, judged
+from campaigns.integrity.promise import MONTH_H, Row, short_of, total
 from campaigns.resumable import go_on, read_rows, show
-from tests.integrity.catalogue import GROUP_OF, GROUPS, NEW_PROGRAM, NONE, catalogue
-from tests.integrity.judge import Verdict, judged
-from tests.integrity.promise import MONTH_H, Row, short_of, total
 
 MACHINES, CALM, NEW_PROGRAMS = 12, 300, 48
 """How many machines have each fault, how many have none, and how many change their strokes."""
