@@ -25,7 +25,7 @@ import zenoh
 
 from campaigns.soak.flat import Trend, trend
 from observer.publish.codec import decode_estimate
-from observer.publish.zenoh import session_config
+from observer.publish.session import session_config
 from tests.publish.router import free_port
 from tests.system.plant import PREFIX, Daemon, Machine, machine, table_for, until
 

@@ -40,16 +40,8 @@ def test_a_hidden_effect_is_found_or_left_open_rightly(entry: Entry, tmp_path: P
 @pytest.mark.slow
 def test_the_campaign_runs_as_a_program_and_goes_on_where_it_was(tmp_path: Path) -> None:
     case = ["--slice", "typical", "--only", "typical.null.10000", "--answers", str(tmp_path / "answers")]
-    command = [
-        sys.executable,
-        "-m",
-        "campaigns.discovery",
-        *case,
-        "--folder",
-        str(tmp_path),
-        "--workers",
-        "1",
-    ]
+    options = [*case, "--folder", str(tmp_path), "--workers", "1"]
+    command = [sys.executable, "-m", "campaigns.discovery", *options]
     for known in (0, 1):
         told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         assert f"1 cases, {known} already in" in told.replace("\n", " ")
