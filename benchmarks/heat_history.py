@@ -19,14 +19,13 @@ from observer.estimate.machine import Machine
 from observer.estimate.replay import inputs_of
 from observer.files.logs import Log
 from observer.frames import FloatArray, Inputs
-from observer.history.changes import changes_within
 from observer.history.conjugate_gradient import Convolution, descend
-from observer.history.history import HeatHistory
+from observer.history.history import HeatHistory, MethodOptions
 from observer.history.identify import heat_history
-from observer.history.options import MethodOptions
 from observer.history.smoother import smooth_heats
 from observer.history.stacked import Prior, StackedProblem, stacked_problem
 from observer.history.tikhonov import normal_equations, solve
+from observer.history.tolerances import changes_within
 from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.plant import Plant

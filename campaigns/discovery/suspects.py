@@ -14,11 +14,10 @@ from campaigns.discovery.summary import Share
 from campaigns.resumable import Cells
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.align.unit_errors import read_rightly
-from observer.discovery.candidates import library
-from observer.discovery.crew import ALONE
+from observer.discovery.candidates import library, signatures
 from observer.discovery.search import tried
-from observer.discovery.signatures import signatures
 from observer.discovery.suspects import Suspect, suspects
+from observer.discovery.workers import ALONE
 from observer.files.logs import Log
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward

@@ -18,10 +18,9 @@ from observer.config import Config
 from observer.estimate.machine import Machine
 from observer.estimate.replay import inputs_of
 from observer.frames import FloatArray
-from observer.history.changes import changes_within
-from observer.history.history import HeatHistory
+from observer.history.history import HeatHistory, MethodOptions
 from observer.history.identify import heat_history
-from observer.history.options import MethodOptions
+from observer.history.tolerances import changes_within
 from tests.learning.cover import FROM_S, TWO_SIDED_95, log_of
 from tests.learning.machines import CONFIG, Day, Rough, config_of, day, draw
 

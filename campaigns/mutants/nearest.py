@@ -72,7 +72,7 @@ NEAREST: dict[str, Nearest] = {
     ),
     "observer/fit/calibrate.py": _at("tests/fit/test_calibrate.py", compiled=True),
     "observer/fit/evidence.py": PARTS,
-    "observer/fit/footprint.py": _at("tests/fit/test_footprint.py", compiled=True),
+    "observer/fit/steps.py": _at("tests/fit/test_footprint.py", compiled=True),
     "observer/fit/hypothesis.py": PARTS,
     "observer/fit/minimise.py": _at("tests/fit/test_minimise.py"),
     "observer/fit/parameters.py": _at("tests/fit/test_parameters.py"),

@@ -23,12 +23,17 @@ sys.path.insert(0, str(HERE.parents[1]))
 from observer import config, installation  # noqa: E402
 from observer.frames import FloatArray  # noqa: E402
 from observer.history.conjugate_gradient import Convolution  # noqa: E402
-from observer.history.history import HeatHistory  # noqa: E402
+from observer.history.history import HeatHistory, MethodOptions  # noqa: E402
 from observer.history.identify import heat_history  # noqa: E402
-from observer.history.options import MethodOptions  # noqa: E402
-from observer.history.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve  # noqa: E402
 from observer.history.stacked import Prior, stacked_problem  # noqa: E402
-from observer.history.tikhonov import normal_equations  # noqa: E402
+from observer.history.tikhonov import (  # noqa: E402
+    Spectrum,
+    by_discrepancy,
+    by_gcv,
+    by_ico,
+    by_l_curve,
+    normal_equations,
+)
 from observer.model.build import build_plant  # noqa: E402
 from observer.report.panels import Z95  # noqa: E402
 from observer.report.style import CATEGORIES, QUIET  # noqa: E402

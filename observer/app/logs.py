@@ -18,7 +18,7 @@ from observer.estimators.protocol import Estimator
 from observer.files.logs import Log, read_log, suffix_of
 from observer.files.results import results_in, write_json
 from observer.frames import EstimateBlock, FloatArray
-from observer.history.options import MethodOptions
+from observer.history.history import MethodOptions
 from observer.installation import Installation
 
 Progress = Callable[[int, int], None]
@@ -180,8 +180,8 @@ def identify(
     `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
     from observer.estimate.replay import inputs_of, nut_paths, speeds, write_history
-    from observer.history.changes import changes_within
     from observer.history.identify import heat_history
+    from observer.history.tolerances import changes_within
     from observer.report.heat_history import write_heat_history
 
     options.check()

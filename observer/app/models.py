@@ -57,7 +57,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     """
     from observer.estimate.checkpoint import Fit, UnfitError
     from observer.estimate.checkpoint import load as load_checkpoint
-    from observer.fit.learnt import offered
+    from observer.fit.tolerance import offered
     from observer.installation.write_back import with_effects, write_back
 
     config, searched = load(config_path), config_path.read_bytes()
@@ -100,10 +100,10 @@ def discover(
     process only, for the other cores have work of their own. Returns what was
     found, and the content of `result.json`.
     """
-    from observer.discovery.crew import Crew
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
     from observer.discovery.suspects import Suspect
+    from observer.discovery.workers import Crew
     from observer.installation.write_back import with_effects, write_back
     from observer.report.discovery import write_discovery_report
 

@@ -121,7 +121,7 @@ def identify(
 ) -> None:
     """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
     from observer import app as parts
-    from observer.history.options import MethodOptions
+    from observer.history.history import MethodOptions
     from observer.installation import load
     from observer.report.progress import saying
 

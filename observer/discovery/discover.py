@@ -14,18 +14,15 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import library
-from observer.discovery.crew import ALONE, Crew
-from observer.discovery.excitation import lacking
 from observer.discovery.experiment import SEPARATES, Experiment, propose
 from observer.discovery.family import Tie, ties
-from observer.discovery.localise import Place, localised
-from observer.discovery.partial import Partial, partial_of
-from observer.discovery.phases import courses_of
+from observer.discovery.localise import Event, Place, event, localised
+from observer.discovery.phases import courses_of, lacking
 from observer.discovery.proof import Proof, prove
-from observer.discovery.remainder import Event, event
 from observer.discovery.search import Progress, Search, search, without
 from observer.discovery.suspects import Suspect, about_the_air, suspects
-from observer.discovery.verdict import Verdict, decide, under_suspicion
+from observer.discovery.verdict import Partial, Verdict, decide, partial_of, under_suspicion
+from observer.discovery.workers import ALONE, Crew
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward

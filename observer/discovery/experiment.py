@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.crew import ALONE, Crew
 from observer.discovery.phases import courses_of
+from observer.discovery.workers import ALONE, Crew
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
 from observer.fit.problem import Problem, told_lags

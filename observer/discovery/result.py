@@ -12,9 +12,8 @@ from observer.discovery.discover import Discovery
 from observer.discovery.family import Tie
 from observer.discovery.proof import SensorGap
 from observer.discovery.search import Trial
-from observer.fit.calibrate import Calibration, Gap
+from observer.fit.calibrate import Calibration, Gap, describe
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit
-from observer.fit.identifiability import describe
 from observer.fit.parameters import kind_of, rounded
 
 

@@ -13,9 +13,8 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from observer.discovery.candidates import Candidate
-from observer.discovery.crew import ALONE, Crew
-from observer.discovery.signatures import Promise, Signature, promises, signatures
+from observer.discovery.candidates import Candidate, Promise, Signature, promises, signatures
+from observer.discovery.workers import ALONE, Crew
 from observer.effects.base import Fitted
 from observer.fit.hypothesis import Fit, Parameter, fit_effects, fit_null
 from observer.fit.problem import Problem

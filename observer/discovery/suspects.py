@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.mistakes import Look, Weighed, What, deviance, follows, score, weigh
+from observer.discovery.candidates import Signature, promises
+from observer.discovery.log_faults import Look, Weighed, What, deviance, follows, score, weigh
 from observer.discovery.search import BLIND, PER_PARAMETER, Trial
-from observer.discovery.signatures import Signature, promises
 from observer.discovery.verdict import WITHIN_REACH
 from observer.effects.base import EffectTable
 from observer.effects.terms import AmbientShift

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.effects.terms import Body
-from observer.fit.kept import Kept
 from observer.fit.runs import Run, mean_over
-from observer.fit.steps import SteppedRun, driving
+from observer.fit.steps import Kept, SteppedRun, driving
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.plant import Plant

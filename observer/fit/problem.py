@@ -14,8 +14,8 @@ from observer.effects.base import EffectTable
 from observer.effects.terms import Lag
 from observer.fit.evidence import Evidence
 from observer.fit.forward import Forward
-from observer.fit.kept import Kept
 from observer.fit.parameters import bounds_of, get, put, scale_of
+from observer.fit.steps import Kept
 from observer.fit.tolerance import Kind, tolerances
 from observer.frames import BoolArray, FloatArray
 

@@ -1,8 +1,14 @@
-"""A log made ready for fitting: one run, its 30 s means, and what its screw started from."""
+"""A log made ready for fitting: one run, its half-minute means in blocks or ticks, and its initial state.
+
+Where the rows are too far apart to follow a nut, its way between them is filled in: such a nut shows itself
+at seemingly random positions of its stroke, or, as under a stroboscope, creeping, and a straight line from
+one to the next is not its way. While the speed stays the same, the nut is taken to run to and fro between the
+outermost positions it shows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,13 +16,15 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.errors import LogError
-from observer.fit.sparse import filled
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality
 from observer.model.build import build_plant
 from observer.model.drive import Drive
+from observer.model.simulate import Means
 
 BLOCK_S = 30.0
 START_S = 10.0
+TICK_S = 10.0
+TICKS_IN_MEAN = 3
 LEAST_S = 300.0
 """What the longest log has to last for anything to be fitted."""
 
@@ -96,6 +104,86 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """How a run's rows fall into ticks and means.
+
+    `first` (T,) the first row of each tick, `length_s` (T,) how long it lasts; `mean` (T,) the mean each
+    tick belongs to; `count`, `measured_degC` (b, s) the usable values of each mean and their average, NaN
+    without any; `time_s` (b,) when each mean ends, from the start of the run; `share` (T, s) the part of its
+    mean's values that fell into each tick, and `late` (T, s) how much later than evenly, as a share of the
+    tick; `at_end` (T,) ticks too long (gaps) for the mean of their ends.
+    """
+
+    first: NDArray[np.int64]
+    length_s: FloatArray
+    mean: NDArray[np.int64]
+    count: FloatArray
+    measured_degC: FloatArray
+    time_s: FloatArray
+    share: FloatArray
+    late: FloatArray
+    at_end: NDArray[np.bool_]
+
+
+def ticks_of(run: Run) -> Ticks:
+    """Cut a run into ticks."""
+    frames = run.frames
+    since_s = frames.time_s - frames.time_s[0]
+    number = np.maximum(np.ceil(since_s / TICK_S - 1e-9).astype(np.int64) - 1, 0)
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    number = number[first]
+    length_s = np.add.reduceat(frames.dt_s, first)
+    means, mean = np.unique(number // TICKS_IN_MEAN, return_inverse=True)
+    per_tick = np.add.reduceat(run.usable, first, axis=0, dtype=float)
+    total = np.add.reduceat(np.where(run.usable, run.values_degC, 0.0), first, axis=0)
+    begin_s = since_s[first] - frames.dt_s[first]
+    came_s = np.add.reduceat(np.where(run.usable, since_s[:, None], 0.0), first, axis=0)
+    middle_s = np.where(per_tick > 0, came_s / np.maximum(per_tick, 1.0) - begin_s[:, None], 0.0)
+    starts = np.flatnonzero(np.diff(mean, prepend=-1))
+    count = np.add.reduceat(per_tick, starts, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        measured = np.add.reduceat(total, starts, axis=0) / count
+        share = np.where(count[mean] > 0, per_tick / np.maximum(count[mean], 1.0), 0.0)
+    return Ticks(
+        first=first,
+        length_s=length_s,
+        mean=mean,
+        count=count,
+        measured_degC=measured,
+        time_s=(means + 1) * (TICKS_IN_MEAN * TICK_S),
+        share=share,
+        late=middle_s / np.maximum(length_s, 1e-9)[:, None] - 0.5,
+        at_end=length_s > 1.5 * TICK_S,
+    )
+
+
+def means_of(ticks: Ticks, rows: Means, ripple_K: FloatArray) -> FloatArray:
+    """The means (b, s) of output rows (T, s); `ripple_K` (T, s) is what passing nuts add to them."""
+    within = rows.means + ticks.late * rows.way + ripple_K
+    out = np.zeros_like(ticks.measured_degC)
+    np.add.at(out, ticks.mean, np.where(ticks.at_end[:, None], rows.ends, within) * ticks.share)
+    return out
+
+
+def rows_of(run: Run) -> Ticks:
+    """Return a run's rows as ticks, and its blocks as their means."""
+    rows = np.arange(len(run.frames))
+    mean = np.repeat(np.arange(len(run.first)), np.diff([*run.first, len(rows)]))
+    number = np.floor((run.frames.time_s[run.first] - run.frames.time_s[0]) / BLOCK_S)
+    return Ticks(
+        first=rows,
+        length_s=run.frames.dt_s,
+        mean=mean,
+        count=run.count,
+        measured_degC=run.measured_degC,
+        time_s=(number + 1) * BLOCK_S,
+        share=run.usable / np.maximum(run.count[mean], 1.0),
+        late=np.zeros(run.usable.shape),
+        at_end=np.ones(len(rows), dtype=bool),
+    )
+
+
 def _refuse_empty(config: Config, frames: FrameBlock, name: str) -> None:
     """Refuse a log in which what tells a heat is without a value throughout: no heat is another heat."""
     tell = [c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)]
@@ -153,3 +241,62 @@ def part(frames: FrameBlock, begin: int, end: int) -> FrameBlock:
 
 
 _ROWS = ("time_s", "dt_s", "values", "fresh", "quality", "age_s")
+
+
+FAR_APART_S = 15.0
+"""Rows nearer to each other show a nut's way."""
+LEAST_LEAD_M = 1e-3
+"""A turn of any ball screw moves its nut at least so far."""
+SAME_SPEED = 0.03
+"""Part of the largest speed by which it may change from row to row."""
+FEWEST = 4
+"""Rows from which a stroke can be told."""
+TRAVERSES, PER_TRAVERSE = 5, 24
+"""Of the way between two rows, where it is not known."""
+
+
+def filled(frames: FrameBlock, config: Config) -> FrameBlock:
+    """Return the frames of a log with the ways of nuts that its rows cannot show."""
+    paths = dict(frames.path)
+    if len(frames) < FEWEST or np.median(frames.dt_s[1:]) < FAR_APART_S:
+        return frames
+    for source in config.source:
+        name = source.position_channel
+        if name not in paths or len(paths[name].time_s) != len(frames) or source.speed_channel is None:
+            continue
+        speed_rpm = np.abs(np.nan_to_num(frames.values[:, frames.channels.index(source.speed_channel)]))
+        paths[name] = _to_and_fro(paths[name], frames.dt_s, speed_rpm, config.screw.length_m)
+    return replace(frames, path=paths)
+
+
+def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m: float) -> NutPath:
+    """The path with traverses between samples among which it cannot be followed."""
+    ends = np.full((len(path.time_s), 2), np.nan)
+    for part in _alike(speed_rpm):
+        low, high = float(path.position_m[part].min()), float(path.position_m[part].max())
+        gone_m = speed_rpm[part].min() / 60.0 * LEAST_LEAD_M * float(np.median(dt_s[part]))
+        if low < high and gone_m > 0.5 * length_m:
+            ends[part] = low, high
+    time_s, place_m = [path.time_s[:1]], [path.position_m[:1]]
+    for k in range(1, len(path.time_s)):
+        times, places = path.time_s[k : k + 1], path.position_m[k : k + 1]
+        if np.isfinite(ends[k]).all() and path.time_s[k] > path.time_s[k - 1]:
+            turns = np.tile(ends[k][::-1], TRAVERSES)[:TRAVERSES]
+            way_m = np.concatenate([path.position_m[k - 1 : k], turns, places])
+            gone_m = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way_m)))])
+            at_m = np.linspace(0.0, gone_m[-1], TRAVERSES * PER_TRAVERSE + 1)[1:]
+            times = path.time_s[k - 1] + (path.time_s[k] - path.time_s[k - 1]) * at_m / gone_m[-1]
+            places = np.interp(at_m, gone_m, way_m)
+        time_s.append(times)
+        place_m.append(places)
+    offset = path.offset[0] + np.cumsum([0, *(len(t) for t in time_s)])
+    every_s = np.concatenate(time_s)
+    return NutPath(every_s, np.concatenate(place_m), offset, np.full(len(every_s), np.nan))
+
+
+def _alike(speed_rpm: FloatArray) -> Iterator[NDArray[np.int64]]:
+    """Yield the rows of each stretch of a log throughout which a nut runs at one speed."""
+    new = np.abs(np.diff(speed_rpm, prepend=speed_rpm[0])) > SAME_SPEED * speed_rpm.max()
+    for part in np.split(np.arange(len(speed_rpm)), np.flatnonzero(new)):
+        if len(part) >= FEWEST and speed_rpm[part].min() > 0.0:
+            yield part

@@ -3,114 +3,171 @@
 Heats, losses and the nut's columns are averaged over each tick, so their energy is that of the rows; known
 inputs are taken at its ends. Predictions are compared as means over three ticks, to which each tick
 contributes its own, taken when its values came.
+
+The input column of a mode cos(μ x − φ) is the mean of that cosine over the positions that the nut covers: a
+smooth function of μ, which a table at evenly spaced μ gives to a millionth. So the path is followed once, and
+a hypothesis that changes the modes costs a product of matrices.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.effects.terms import INPUT_TERMS, SpeedLoss
-from observer.fit.footprint import PLACES, Footprint, footprint, presence, swept
-from observer.fit.kept import Kept
-from observer.fit.runs import BLOCK_S, Run, mean_over
+from observer.fit.runs import TICK_S, Run, mean_over, means_of, rows_of, ticks_of
 from observer.frames import FloatArray, Inputs
 from observer.model.drive import Drive, Driving
 from observer.model.plant import MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
 from observer.model.rod.moving import NutTable
-from observer.model.rod.static import mean_stretch
+from observer.model.rod.static import Stretch, mean_stretch
 from observer.model.simulate import Means
 from observer.tables.laws import HeatLaw
 from observer.tables.sections import Source
 
-TICK_S = 10.0
-TICKS_IN_MEAN = 3
-MOST_KEPT, MOST_ROWS_KEPT = 16, 2
+PER_MODE = 4
+"""Tabulated wave numbers per π/L."""
+NEIGHBOURS = 8
+"""How many of them an interpolation takes."""
+PLACES = 33
+"""Places along the screw among which the nut's time in a tick is shared out."""
 
 
-@dataclass(frozen=True, slots=True)
-class Ticks:
-    """How a run's rows fall into ticks and means.
+class Footprint(NamedTuple):
+    """What a nut's path leaves in the ticks of a run, for G tabulated wave numbers.
 
-    `first` (T,) the first row of each tick, `length_s` (T,) how long it lasts; `mean` (T,) the mean each
-    tick belongs to; `count`, `measured_degC` (b, s) the usable values of each mean and their average, NaN
-    without any; `time_s` (b,) when each mean ends, from the start of the run; `share` (T, s) the part of its
-    mean's values that fell into each tick, and `late` (T, s) how much later than evenly, as a share of the
-    tick; `at_end` (T,) ticks too long (gaps) for the mean of their ends.
+    `waves` (T, 2G): the mean over each tick, weighted by the nut's heat, of cos(μ(x − L/2)) and of its sine;
+    `early_s` (T, 2G): ∫ of them × (½ − t/τ) dt over each tick of length τ, how much earlier than evenly they
+    came.
     """
 
-    first: NDArray[np.int64]
-    length_s: FloatArray
-    mean: NDArray[np.int64]
-    count: FloatArray
-    measured_degC: FloatArray
-    time_s: FloatArray
-    share: FloatArray
-    late: FloatArray
-    at_end: NDArray[np.bool_]
+    step_1_m: float
+    waves: FloatArray
+    early_s: FloatArray
+
+    def of_modes(self, table: NutTable) -> tuple[FloatArray, FloatArray]:
+        """The means (T, N) of a table's columns over the ticks, and how much earlier (T, N) they came."""
+        G = self.waves.shape[1] // 2
+        to_modes = interpolation(table.mu_1_m / self.step_1_m, G)
+        turned = table.mu_1_m * table.screw_m / 2 - table.phase
+        scale = table.scale / table.conductance_W_m
+        weights = np.vstack([to_modes * (scale * np.cos(turned)), to_modes * (-scale * np.sin(turned))])
+        return self.waves @ weights, self.early_s @ weights
 
 
-def ticks_of(run: Run) -> Ticks:
-    """Cut a run into ticks."""
-    frames = run.frames
-    since_s = frames.time_s - frames.time_s[0]
-    number = np.maximum(np.ceil(since_s / TICK_S - 1e-9).astype(np.int64) - 1, 0)
-    first = np.flatnonzero(np.diff(number, prepend=-1))
-    number = number[first]
-    length_s = np.add.reduceat(frames.dt_s, first)
-    means, mean = np.unique(number // TICKS_IN_MEAN, return_inverse=True)
-    per_tick = np.add.reduceat(run.usable, first, axis=0, dtype=float)
-    total = np.add.reduceat(np.where(run.usable, run.values_degC, 0.0), first, axis=0)
-    begin_s = since_s[first] - frames.dt_s[first]
-    came_s = np.add.reduceat(np.where(run.usable, since_s[:, None], 0.0), first, axis=0)
-    middle_s = np.where(per_tick > 0, came_s / np.maximum(per_tick, 1.0) - begin_s[:, None], 0.0)
-    starts = np.flatnonzero(np.diff(mean, prepend=-1))
-    count = np.add.reduceat(per_tick, starts, axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        measured = np.add.reduceat(total, starts, axis=0) / count
-        share = np.where(count[mean] > 0, per_tick / np.maximum(count[mean], 1.0), 0.0)
-    return Ticks(
-        first=first,
-        length_s=length_s,
-        mean=mean,
-        count=count,
-        measured_degC=measured,
-        time_s=(means + 1) * (TICKS_IN_MEAN * TICK_S),
-        share=share,
-        late=middle_s / np.maximum(length_s, 1e-9)[:, None] - 0.5,
-        at_end=length_s > 1.5 * TICK_S,
+def swept(table: NutTable, present: FloatArray, out: FloatArray) -> None:
+    """Fill `out` (T, PLACES, N) with shapes of which the squares add up to the covariance of a nut's column
+    over a tick, of which it spends the shares `present` (T, PLACES) at places from end to end.
+    """
+    places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
+    columns = np.array([moving.columns_at(table, [x])[0][: len(table.mu_1_m)] for x in places_m])
+    np.subtract(columns, (present @ columns)[:, None], out=out)
+    out *= np.sqrt(present)[:, :, None]
+
+
+def footprint(
+    run: Run,
+    first: NDArray[np.int64],
+    table: NutTable,
+    highest: int,
+    channel: str,
+    stroke: Stretch,
+    weight: FloatArray,
+    *,
+    at_ends: bool = False,
+) -> Footprint:
+    """Follow a nut's path through the ticks that begin at the rows `first` (T,), for modes up to number
+    `highest`, counted from 1.
+
+    `stroke` is the stretch it counts as spread over while its place is not known; `weight` (K,) how much
+    each row counts; `at_ends` that the nut is taken to stand at both ends of its real stroke.
+    """
+    frames, step_1_m = run.frames, np.pi / (table.screw_m * PER_MODE)
+    waves, path = _wave_table(table, highest, step_1_m, stroke), frames.path[channel]
+    rows = moving.from_unknown(waves, frames.dt_s, path, at_ends=at_ends)[0][:, :-1]
+    count = np.diff([*first, len(frames)])
+    number = np.repeat(np.arange(len(first)), count)
+    begin_s = np.append(frames.time_s[0], frames.time_s[first[1:] - 1])[number]
+    length_s = np.maximum(np.add.reduceat(frames.dt_s, first), 1e-9)
+    middle = (frames.time_s - frames.dt_s / 2 - begin_s) / length_s[number]
+    early_s = np.add.reduceat(rows * (frames.dt_s * (0.5 - middle))[:, None], first)
+    return Footprint(step_1_m, mean_over(rows, weight, first), early_s)
+
+
+def interpolation(place: FloatArray, size: int) -> FloatArray:
+    """Weights (size, N) that interpolate at `place` (N,), in units of the table's steps, by polynomials."""
+    begin = np.clip(np.floor(place).astype(np.int64) - NEIGHBOURS // 2 + 1, 0, size - NEIGHBOURS)
+    nodes = np.arange(NEIGHBOURS)
+    apart = (place - begin)[:, None, None] - np.where(np.eye(NEIGHBOURS, dtype=bool), 0.0, nodes)
+    away = nodes[:, None] - nodes
+    others = np.where(np.eye(NEIGHBOURS, dtype=bool), 1.0, apart / np.where(away == 0, 1, away))
+    weights = np.zeros((size, len(place)))
+    weights[begin[:, None] + nodes, np.arange(len(place))[:, None]] = others.prod(axis=2)
+    return weights
+
+
+def _wave_table(table: NutTable, highest: int, step_1_m: float, stroke: Stretch) -> NutTable:
+    """The table of a nut whose modes are the tabulated waves: cosines, then sines, about the middle (see
+    `kernels.moving.add_waves`).
+    """
+    G = highest * PER_MODE + 1 + 2 * NEIGHBOURS  # mode n lies within [n − 1, n] π/L, whatever the ends
+    mu = np.tile(step_1_m * np.arange(G), 2)
+    waves = replace(
+        table,
+        mu_1_m=mu,
+        phase=np.zeros(0),
+        lag=2 * G,
+        table_C=np.zeros((2, 0)),
+        mean_B=np.zeros(2 * G + 1),
+        mean_C=np.zeros(0),
+        turn=np.zeros((0, 0)),
     )
+    whole = replace(waves, nut_m=stroke.width_m)
+    return replace(waves, mean_B=moving.columns_at(whole, [(stroke.a_m + stroke.b_m) / 2])[0])
 
 
-def means_of(ticks: Ticks, rows: Means, ripple_K: FloatArray) -> FloatArray:
-    """The means (b, s) of output rows (T, s); `ripple_K` (T, s) is what passing nuts add to them."""
-    within = rows.means + ticks.late * rows.way + ripple_K
-    out = np.zeros_like(ticks.measured_degC)
-    np.add.at(out, ticks.mean, np.where(ticks.at_end[:, None], rows.ends, within) * ticks.share)
-    return out
+def presence(
+    run: Run, first: NDArray[np.int64], table: NutTable, channel: str, stroke: Stretch
+) -> FloatArray:
+    """Return the share (T, PLACES) of each tick that a nut spends at places from end to end.
+
+    A place between two counts for both, the nearer the more.
+    """
+    share = np.eye(PLACES)
+    anywhere = np.linspace(stroke.a_m, stroke.b_m, 4 * PLACES) / table.screw_m * (PLACES - 1)
+    even = np.mean([np.interp(anywhere, np.arange(PLACES), row) for row in share], axis=1)
+    at_once = 1e9
+    table = replace(table.of_lag(), lag_decay_1_s=at_once, table_C=share, mean_C=even)
+    rows = moving.from_unknown(table, run.frames.dt_s, run.frames.path[channel])[1]
+    return mean_over(rows, run.frames.dt_s, first)
 
 
-def rows_of(run: Run) -> Ticks:
-    """Return a run's rows as ticks, and its blocks as their means."""
-    rows = np.arange(len(run.frames))
-    mean = np.repeat(np.arange(len(run.first)), np.diff([*run.first, len(rows)]))
-    number = np.floor((run.frames.time_s[run.first] - run.frames.time_s[0]) / BLOCK_S)
-    return Ticks(
-        first=rows,
-        length_s=run.frames.dt_s,
-        mean=mean,
-        count=run.count,
-        measured_degC=run.measured_degC,
-        time_s=(number + 1) * BLOCK_S,
-        share=run.usable / np.maximum(run.count[mean], 1.0),
-        late=np.zeros(run.usable.shape),
-        at_end=np.ones(len(rows), dtype=bool),
-    )
+Value = TypeVar("Value")
+
+
+class Kept(Generic[Value]):
+    """Results of a pure function by key, the newest so many; nobody can tell but by the clock."""
+
+    def __init__(self, most: int) -> None:
+        self._most, self._store = most, dict[Hashable, Value]()
+
+    def get(self, key: Hashable, work_out: Callable[[], Value]) -> Value:
+        """Return what is kept under a key, worked out if it is not."""
+        value = self._store.pop(key) if key in self._store else work_out()
+        self._store[key] = value
+        if len(self._store) > self._most:
+            del self._store[next(iter(self._store))]
+        return value
+
+
+MOST_KEPT, MOST_ROWS_KEPT = 16, 2
 
 
 class SteppedRun:

@@ -14,12 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from observer.config import Config
-from observer.effects.base import Unnamed
+from observer.effects.base import EffectTable, Unnamed
+from observer.effects.catalogue import offset_of
 from observer.effects.terms import (
     AmbientShift,
     End,
@@ -30,6 +31,7 @@ from observer.effects.terms import (
     StretchFilm,
     Term,
 )
+from observer.fit.parameters import candidates
 from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Screw, Sensor
@@ -167,3 +169,36 @@ def _moved_inward(sensor: Sensor, length_m: float, by_m: float) -> Sensor:
         return sensor
     signed_m = by_m if sensor.position_m < length_m / 2 else -by_m
     return sensor.model_copy(update={"position_m": sensor.position_m + signed_m})
+
+
+PLAIN = 2.0
+"""An offset of so many σ is worth an entry of its own."""
+
+
+class Offer(NamedTuple):
+    """Values and what is left of their tolerances, by the keys of a configuration, and the sensors' offsets
+    as effects.
+    """
+
+    values: dict[str, float]
+    left: dict[str, float]
+    biases: tuple[EffectTable, ...]
+
+
+def offered(config: Config, learnt: Mapping[str, tuple[float, float]]) -> Offer:
+    """Return what a configuration could say after what was learnt: value and σ by name.
+
+    What it has no key for, such as the ambient's offset, stays within its tolerance. A sensor that has an
+    entry for its offset already keeps that one.
+    """
+    values = {key: value for key, (value, _) in learnt.items() if key in candidates(config) and value > 0.0}
+    left = left_of_tolerances(config, {key: learnt[key][1] / value for key, value in values.items()})
+    terms = [term for effect in config.effect for term in effect.terms(config)]
+    told = {term.sensor for term in terms if isinstance(term, Offset)}
+    biases = []
+    for sensor in config.sensor:
+        value_K, sigma_K = learnt.get(key := f"sensor.{sensor.name}.offset_K", (0.0, 0.0))
+        if abs(value_K) > PLAIN * sigma_K and sensor.name not in told:
+            biases.append(offset_of(sensor.name, value_K))
+            left[key] = min(sigma_K, config.tolerance.offset_of_K(sensor.offset_K))
+    return Offer(values, left, tuple(biases))

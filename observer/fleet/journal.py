@@ -20,7 +20,7 @@ from typing import Any
 from observer.errors import UserError
 from observer.files.results import write_json
 from observer.fleet.orders import Order, Verb
-from observer.history.options import Method
+from observer.history.history import Method
 
 DONE = "done.json"
 WORK = ".work"

@@ -30,7 +30,7 @@ from observer.fleet.journal import (
     put_away,
 )
 from observer.fleet.orders import Order, Verb
-from observer.history.options import MethodOptions
+from observer.history.history import MethodOptions
 from observer.installation import Installation, load
 
 _TURN = threading.Lock()

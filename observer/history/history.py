@@ -1,12 +1,61 @@
-"""What every method of `observer identify` returns: the heats over a whole log."""
+"""What is asked of `observer identify`, and what it returns: options of a method, heats over a log."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
+from observer.errors import UserError
 from observer.frames import FloatArray
+
+Method = Literal["smoother", "tikhonov", "conjugate-gradient"]
+ParameterChoice = Literal["discrepancy", "gcv", "l-curve", "ico"]
+Gradient = Literal["adjoint", "central-differences"]
+
+
+class MethodOptions(NamedTuple):
+    """Which method, and what may be asked of it; None is the method's own default.
+
+    `regularisation` multiplies the weight of the configured prior. `order` is that of the prior: 1 for heats
+    that walk, from an uncertain field; 0, as the papers print it, for each step's heat by itself, from a
+    screw of one temperature. `seed` is that of whatever is drawn at random.
+    """
+
+    method: Method = "smoother"
+    regularisation: float | None = None
+    parameter_choice: ParameterChoice | None = None
+    order: int | None = None
+    gradient: Gradient | None = None
+    seed: int = 0
+
+    def check(self) -> None:
+        """Raise `UserError` where an option does not belong to the method, or two contradict each other."""
+        belongs = {
+            "regularisation": ("tikhonov",),
+            "parameter_choice": ("tikhonov",),
+            "order": ("tikhonov", "conjugate-gradient"),
+            "gradient": ("conjugate-gradient",),
+        }
+        for name, methods in belongs.items():
+            if getattr(self, name) is not None and self.method not in methods:
+                option = name.replace("_", "-")
+                raise UserError(
+                    f"--{option} belongs to --method {' or '.join(methods)}, not {self.method}; leave it out"
+                )
+        if self.regularisation is not None:
+            if self.parameter_choice is not None:
+                raise UserError(
+                    "--regularisation fixes what --parameter-choice would choose; give one of them"
+                )
+            if not (np.isfinite(self.regularisation) and self.regularisation > 0.0):
+                raise UserError(f"--regularisation {self.regularisation:g}: give a number above 0")
+        if self.gradient == "central-differences" and self.order is not None:
+            raise UserError(
+                "--gradient central-differences takes each step by itself, without a prior; leave out --order"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,17 +9,21 @@ from typing import Any
 import numpy as np
 
 from observer.frames import FloatArray, Inputs
-from observer.history.changes import Changes
-from observer.history.conjugate_gradient import Convolution, descend
-from observer.history.history import HeatHistory
-from observer.history.options import MethodOptions
-from observer.history.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve
+from observer.history.conjugate_gradient import Convolution, descend, spread, stepwise_heats
+from observer.history.history import HeatHistory, MethodOptions
 from observer.history.smoother import smooth_heats
-from observer.history.spread import spread
 from observer.history.stacked import Prior, StackedProblem, stacked_problem, stationary
-from observer.history.stepwise import stepwise_heats
-from observer.history.tikhonov import NormalEquations, normal_equations, solve
-from observer.history.within import less, most_probable
+from observer.history.tikhonov import (
+    NormalEquations,
+    Spectrum,
+    by_discrepancy,
+    by_gcv,
+    by_ico,
+    by_l_curve,
+    normal_equations,
+    solve,
+)
+from observer.history.tolerances import Changes, less, most_probable
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 

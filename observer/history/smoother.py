@@ -6,17 +6,52 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.estimators import packing
 from observer.estimators.packing import IntArray
 from observer.estimators.steps import StepCache, chunks
 from observer.frames import FloatArray, Inputs
 from observer.history.history import HeatHistory
-from observer.history.tape import Adjoint, Smoothed, Tape
 from observer.kernels import record, run_backward, run_changes_backward, run_changes_forward, run_forward
 from observer.kernels.layout import padded_width
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
+
+
+class Tape(NamedTuple):
+    """What the backward pass needs of K steps of the filter.
+
+    `kind` (K,); per sensor in the order of the corrections `gain` (K, s, width), `weight` (K, s) = 1/S, 0
+    where it did not correct, and `innovation` (K, s) given the sensors before it; after the corrections the
+    heats `heat` (K, m_e) and their rows of P, `cross` (K, m_e, width); where states are coupled, the state
+    before each half of it, `coupled` (K, 2, n_x).
+    """
+
+    kind: NDArray[np.int8]
+    gain: FloatArray
+    weight: FloatArray
+    innovation: FloatArray
+    heat: FloatArray
+    cross: FloatArray
+    coupled: FloatArray
+
+
+class Adjoint(NamedTuple):
+    """What later measurements say of the state, in place: `r` (width,), `N` (n, width), scratch `NK`."""
+
+    r: FloatArray
+    N: FloatArray
+    NK: FloatArray
+
+
+class Smoothed(NamedTuple):
+    """Where the backward pass writes: heats and their σ (K, m_e), residuals (K, s)."""
+
+    heat: FloatArray
+    sigma: FloatArray
+    residual: FloatArray
+
 
 # Long enough that the filter's states kept between segments do not count, short enough for the cache.
 _STEPS_IN_SEGMENT = 1024

@@ -6,6 +6,11 @@ prior, the one the smoother finds. Order 0 is Li's own: S is diagonal, and his p
 noise's variance over the prior's. Everything is dense: time grows with the cube of the log's length, memory
 with its square.
 Source: Li et al. (2022), equations 36 to 39.
+
+How much weight α the prior gets is Li's ICO as printed, or one of three rules that know when to stop. All
+work on the spectrum of the normal equations, G = V diag(λ) Vᵀ and c = Vᵀ b, where each trial costs n
+operations: |Z - H S w|² = |Z|² - Σ c²(λ + 2α)/(λ + α)², |w|² = Σ c²/(λ + α)², and the trace of the influence
+matrix is Σ λ/(λ + α).
 """
 
 from __future__ import annotations
@@ -88,3 +93,132 @@ def _dense(problem: StackedProblem, prior: Prior) -> FloatArray:
     for step in range(T):
         H[step + 1 :, :, step] = column[: T - step] * (prior.step_W if step else prior.first_W)
     return H
+
+
+_SPAN = 12.0
+"""Decades below the largest eigenvalue that are searched."""
+_PER_DECADE = 8
+_STANDSTILL = 0.02
+ICO_DECADES = 12.0
+ICO_TRIALS, ICO_ROUNDS, ICO_TOLERANCE = 10, 40, 1e-3
+
+
+class Spectrum(NamedTuple):
+    """Eigenvalues (n,), coefficients c (n,), |Z|², and how many values Z holds."""
+
+    eigenvalues: FloatArray
+    coefficients: FloatArray
+    square: float
+    measurements: int
+
+    @classmethod
+    def of(cls, normal: NormalEquations, measurements: int) -> Spectrum:
+        """Decompose the normal equations."""
+        from scipy.linalg import eigh  # noqa: PLC0415 - slow to import
+
+        eigenvalues, vectors = eigh(normal.G, driver="evd", check_finite=False)
+        return cls(np.maximum(eigenvalues, 0.0), vectors.T @ normal.b, normal.square, measurements)
+
+    def misfit(self, alpha: float) -> float:
+        """|Z - H S w|² of the solution for α."""
+        e, c = self.eigenvalues, self.coefficients
+        return max(self.square - float(np.sum(c**2 * (e + 2.0 * alpha) / (e + alpha) ** 2)), 0.0)
+
+    def size(self, alpha: float) -> float:
+        """|w|² of the solution for α."""
+        return float(np.sum((self.coefficients / (self.eigenvalues + alpha)) ** 2))
+
+    def freedom(self, alpha: float) -> float:
+        """How many numbers the solution for α takes from the data."""
+        return float(np.sum(self.eigenvalues / (self.eigenvalues + alpha)))
+
+    def trials(self) -> FloatArray:
+        """α over the whole range that can make a difference, rising."""
+        top = np.log10(self.eigenvalues[-1])
+        return np.logspace(top - _SPAN, top + 2.0, int(_PER_DECADE * (_SPAN + 2.0)) + 1)
+
+
+def by_discrepancy(spectrum: Spectrum) -> float:
+    """Return the α at which the misfit is what the noise alone makes. Source: Morozov (1966).
+
+    The largest on offer that explains the log, or the smallest where none does.
+    """
+    from scipy.optimize import brentq  # noqa: PLC0415 - slow to import
+
+    trials = spectrum.trials()
+    wanted = float(spectrum.measurements)
+    if spectrum.misfit(trials[0]) >= wanted:
+        return float(trials[0])
+    if spectrum.misfit(trials[-1]) <= wanted:
+        return float(trials[-1])
+    low, high = float(np.log(trials[0])), float(np.log(trials[-1]))
+
+    def excess(log_alpha: float) -> float:
+        return spectrum.misfit(float(np.exp(log_alpha))) - wanted
+
+    return float(np.exp(brentq(excess, low, high, xtol=1e-6)))
+
+
+def by_gcv(spectrum: Spectrum) -> float:
+    """Return the α of least misfit/(M - trace)², generalised cross-validation.
+
+    It needs no noise level. Source: Golub, Heath and Wahba (1979).
+    """
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
+
+    def score(log_alpha: float) -> float:
+        alpha = float(np.exp(log_alpha))
+        return spectrum.misfit(alpha) / (spectrum.measurements - spectrum.freedom(alpha)) ** 2
+
+    logs = np.log(spectrum.trials())
+    best = int(np.argmin([score(v) for v in logs]))
+    bounds = logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)]
+    return float(np.exp(minimize_scalar(score, bounds=bounds, method="bounded").x))
+
+
+def by_l_curve(spectrum: Spectrum) -> float:
+    """Return the α at the corner of log |w| over log |Z - H S w|, its point of greatest curvature.
+
+    Source: Hansen (1992), the curvature from differences along log α.
+    """
+    trials = spectrum.trials()
+    x = 0.5 * np.log([max(spectrum.misfit(a), 1e-300) for a in trials])
+    y = 0.5 * np.log([max(spectrum.size(a), 1e-300) for a in trials])
+    dx, dy = np.gradient(x), np.gradient(y)
+    ddx, ddy = np.gradient(dx), np.gradient(dy)
+    pace = np.hypot(dx, dy)
+    moves = pace > _STANDSTILL * pace.max()  # where the curve stands still its bend is rounding
+    bend = np.where(moves, (dx * ddy - dy * ddx) / np.where(moves, pace, 1.0) ** 3, -np.inf)
+    return float(trials[1 + np.argmax(bend[1:-1])])
+
+
+def by_ico(
+    spectrum: Spectrum,
+    seed: int,
+    *,
+    bounds: tuple[float, float] | None = None,
+    tolerance: float = ICO_TOLERANCE,
+) -> tuple[float, FloatArray]:
+    """Return Li's choice of α and the α kept after each round (…,), as printed.
+
+    Draw ten values evenly in [low, high], keep the one of smallest W = |Z^α - Z|/|Z|, stop if W is below
+    `tolerance`, else keep the half of the interval it lies in. W falls with α without end, so this goes to
+    the lower bound unless the tolerance stops it. Without `bounds`, those are the largest eigenvalue and
+    twelve decades below it. Source: Li et al. (2022), equations 40 to 42.
+    """
+    low, high = bounds or (spectrum.eigenvalues[-1] * 10.0**-ICO_DECADES, spectrum.eigenvalues[-1])
+    rng = np.random.default_rng(seed)
+    kept: list[float] = []
+    for _ in range(ICO_ROUNDS):
+        width = high - low
+        drawn = low + width * rng.random(ICO_TRIALS)
+        W = [np.sqrt(spectrum.misfit(float(a)) / spectrum.square) for a in drawn]
+        best = int(np.argmin(W))
+        kept.append(float(drawn[best]))
+        if W[best] <= tolerance:
+            break
+        if drawn[best] - low < 0.5 * width:
+            high -= 0.5 * width
+        else:
+            low += 0.5 * width
+    return kept[-1], np.array(kept)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from observer.fit.evidence import PROOF, UNUSED, Evidence
-from observer.fit.steps import TICK_S, TICKS_IN_MEAN
+from observer.fit.runs import TICK_S, TICKS_IN_MEAN
 from observer.frames import FloatArray
 from observer.report.style import CATEGORIES, FAINT, INK, QUIET, RC, elapsed
 

@@ -26,9 +26,9 @@ from observer.estimators.luenberger import LuenbergerEstimator
 from observer.estimators.selftest import SelfTest
 from observer.estimators.tolerant import Tolerant
 from observer.frames import EstimateBlock, FrameBlock, Inputs, NutPath, Quality, Reading
+from observer.history.conjugate_gradient import stepwise_heats
 from observer.history.smoother import smooth_heats
 from observer.history.stacked import StackedProblem
-from observer.history.stepwise import stepwise_heats
 from observer.model.discretise import step_matrices
 from observer.model.drive import Drive
 from observer.model.rod import moving

@@ -5,9 +5,9 @@ from __future__ import annotations
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 
-from observer.discovery.crew import ALONE, Crew, _packed, _unpacked
 from observer.discovery.discover import discover
 from observer.discovery.search import without
+from observer.discovery.workers import ALONE, Crew, _packed, _unpacked
 from observer.fit.hypothesis import fit_null
 from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of

@@ -6,8 +6,8 @@ from dataclasses import replace
 from functools import cache
 
 from observer.discovery.candidates import library
-from observer.discovery.partial import partial_of
 from observer.discovery.search import Search, Trial
+from observer.discovery.verdict import partial_of
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
 from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of

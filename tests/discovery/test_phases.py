@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.discovery.excitation import lacking, speeds_rpm
-from observer.discovery.phases import Course, course_of
+from observer.discovery.phases import Course, course_of, lacking, speeds_rpm
 from observer.fit.runs import prepare
 from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray

@@ -15,12 +15,11 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.discovery.candidates import library
+from observer.discovery.candidates import Signature, library, signatures
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.proof import prove
 from observer.discovery.result import discovery_result
 from observer.discovery.search import Trial, tried, without
-from observer.discovery.signatures import Signature, signatures
 from observer.discovery.verdict import goodness
 from observer.fit.hypothesis import Fit
 from observer.installation import parse

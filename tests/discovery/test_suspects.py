@@ -12,10 +12,9 @@ import pytest
 
 from campaigns.discovery.suspects import judged, suspect_summary, told_of, try_suspect
 from observer.align.unit_errors import read_rightly
-from observer.discovery.candidates import library
+from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.discover import discover
-from observer.discovery.mistakes import deviance, weigh
-from observer.discovery.signatures import promises, signatures
+from observer.discovery.log_faults import deviance, weigh
 from observer.discovery.suspects import Suspect, alike, plain, suspects
 from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log

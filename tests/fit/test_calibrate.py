@@ -6,8 +6,7 @@ import pytest
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.discovery.result import calibration_result
 from observer.errors import LogError
-from observer.fit.calibrate import Calibration, calibrate
-from observer.fit.identifiability import describe
+from observer.fit.calibrate import Calibration, calibrate, describe
 from observer.fit.parameters import FILM, replaced
 from observer.fit.tolerance import tolerances
 from tests.discovery.cases import machine, made_log, rig

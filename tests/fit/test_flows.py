@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from observer.config import Config
+from observer.discovery.family import Past, loss_W
 from observer.effects.catalogue import BY_KIND
-from observer.fit.flows import Past, loss_W
 from tests.discovery.cases import machine
 
 STEPS, LENGTH_M, DIAMETER_M = 60, 0.4, 0.02

@@ -12,10 +12,9 @@ from observer.effects.bodies import AttachedMass, EndConduction
 from observer.effects.heat import Dwell
 from observer.effects.sensing import SensorLag
 from observer.files.logs import read_log
-from observer.fit.footprint import PLACES, interpolation, swept
 from observer.fit.forward import Forward, lean_config
-from observer.fit.runs import Run, prepare
-from observer.fit.steps import SteppedRun, means_of
+from observer.fit.runs import Run, means_of, prepare
+from observer.fit.steps import PLACES, SteppedRun, interpolation, swept
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.drive import Drive

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.fit.sparse import filled
+from observer.fit.runs import filled
 from observer.frames import FrameBlock, NutPath
 from tests.discovery.cases import machine
 

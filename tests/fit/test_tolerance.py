@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.config import Config
-from observer.discovery.candidates import library
+from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.search import tried
-from observer.discovery.signatures import promises, signatures
 from observer.effects.bodies import EndConduction
 from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, fit_effects, fit_null

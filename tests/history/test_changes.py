@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from observer.estimators.specification import Columns, columns_in_place, transition
-from observer.history.changes import _roughly_known, changes_within
 from observer.history.smoother import smooth_changes, smooth_heats
+from observer.history.tolerances import _roughly_known, changes_within
 from observer.kernels.codes import REJECTED
 from observer.model.discretise import quantise, step_matrices
 from observer.model.learning import Kind

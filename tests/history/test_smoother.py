@@ -7,8 +7,8 @@ import pytest
 
 from observer.estimators import build_estimator
 from observer.history import smoother
+from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
-from observer.history.options import MethodOptions
 from observer.history.smoother import smooth_heats
 from observer.kernels.codes import NUT_LOST, REJECTED
 from observer.model.build import build_plant

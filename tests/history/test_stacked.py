@@ -7,15 +7,20 @@ import numpy as np
 import pytest
 
 from observer.errors import UserError
-from observer.history.conjugate_gradient import Convolution, descend
+from observer.history.conjugate_gradient import Convolution, descend, spread, stepwise_heats
+from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
-from observer.history.options import MethodOptions
-from observer.history.parameter_choice import Spectrum, by_discrepancy, by_gcv, by_ico, by_l_curve
 from observer.history.smoother import smooth_heats
-from observer.history.spread import spread
 from observer.history.stacked import Prior, stacked_problem
-from observer.history.stepwise import stepwise_heats
-from observer.history.tikhonov import normal_equations, solve
+from observer.history.tikhonov import (
+    Spectrum,
+    by_discrepancy,
+    by_gcv,
+    by_ico,
+    by_l_curve,
+    normal_equations,
+    solve,
+)
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.cases import COUPLINGS, coupled
 from tests.estimators.plants import AMBIENT_DEGC, inputs, rod

@@ -11,13 +11,12 @@ from observer.effects.terms import AmbientShift
 from observer.estimate.machine import Machine
 from observer.estimate.replay import inputs_of
 from observer.frames import Inputs
-from observer.history.changes import Changes, changes_within
+from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
-from observer.history.options import MethodOptions
 from observer.history.smoother import smooth_heats
 from observer.history.stacked import Prior, stacked_problem
 from observer.history.tikhonov import _dense
-from observer.history.within import less, most_probable
+from observer.history.tolerances import Changes, changes_within, less, most_probable
 from observer.model.simulate import simulate, start_from_sensors
 from observer.tables.estimator import EstimatorSettings
 from tests.history.test_stacked import DT_S, held, logged

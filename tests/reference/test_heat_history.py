@@ -9,9 +9,8 @@ import pytest
 
 from observer.config import Config
 from observer.frames import FloatArray
-from observer.history.history import HeatHistory
+from observer.history.history import HeatHistory, MethodOptions
 from observer.history.identify import heat_history
-from observer.history.options import MethodOptions
 from observer.installation import load
 from observer.model.build import build_plant
 from observer.tables.estimator import EstimatorSettings

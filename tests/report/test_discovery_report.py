@@ -15,10 +15,9 @@ import pytest
 from observer.config import Config
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery, discover
-from observer.discovery.partial import partial_of
-from observer.discovery.remainder import Event
+from observer.discovery.localise import Event
 from observer.discovery.result import discovery_result
-from observer.discovery.verdict import Verdict
+from observer.discovery.verdict import Verdict, partial_of
 from observer.effects.catalogue import BY_KIND, LIBRARY
 from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock

@@ -9,7 +9,7 @@ from observer import app
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.files.writer import write_log
-from observer.history.options import MethodOptions
+from observer.history.history import MethodOptions
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar, End
 

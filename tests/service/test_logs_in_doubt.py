@@ -6,7 +6,7 @@ from observer import app
 from observer.align.aligner import doubts, refuse_empty
 from observer.errors import LogError
 from observer.files.logs import read_log
-from observer.history.options import MethodOptions
+from observer.history.history import MethodOptions
 from observer.installation import load
 
 CONFIG = """
