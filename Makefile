@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants figures container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -122,6 +122,9 @@ config-mutants: $(READY)  ## 2000 wrong configurations, each to be answered in w
 
 mutants: $(READY)  ## change the code in small ways: do the nearest tests notice? ARGS="--count 10 --only align"
 	$(BIN)/python -m campaigns.mutants $(ARGS)
+
+reference: $(READY)  ## write the tables of docs/reference/ again, from the code
+	$(BIN)/python -m tests.docs.reference
 
 figures: $(READY)  ## draw the figures of docs/ again
 	for script in docs/figures/[a-z]*.py; do $(BIN)/python $$script || exit 1; done

@@ -29,29 +29,38 @@ MOST_ROWS = 1500
 class Machine(Section):
     """Names the key space `ballscrew/<name>/<axis>/…`."""
 
-    name: quantities.Name = "machine"
-    axis: quantities.Name = "x"
+    name: quantities.Name = "machine"  #: the machine
+    axis: quantities.Name = "x"  #: its axis
 
 
 class Model(Section):
     """Which modes are kept."""
 
+    #: β: how much of every source's steady field the kept modes hold
     truncation: Annotated[quantities.Number, Field(gt=0, le=1 - 1e-9)] = 0.9995
+    #: `"tail"`: compared with all modes. `"kim"`: the ratio of two sums, as printed in the paper
     criterion: Literal["tail", "kim"] = "tail"
+    #: a fixed number of modes instead, 1 to 400
     modes: Annotated[quantities.Count, Field(ge=1, le=400)] | None = None
+    #: with `"tail"`: the first dropped mode settles in this time or faster
     settle_s: quantities.Duration = 10.0
+    #: whether the dropped modes' steady field is added, through one lag per source
     static_correction: quantities.Flag = True
 
 
 class Calibrate(Section):
-    """What may be fitted; by default the base film coefficient and each heat law's scale."""
+    """What may be fitted."""
 
+    #: what may be fitted, as `"surface.convection_W_m2K"` or `"source.<name>.<key>"`; – is the base film and
+    #: each law's scale
     free: Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=200)] | None = None
 
 
 class Discover(Section):
-    """What a search for missing effects considers; `without`: kinds of effects left out of the library."""
+    """What a search for missing effects considers."""
 
+    #: kinds of [effects](effects.md) that a search for missing ones leaves out, because the machine cannot
+    #: have them
     without: Annotated[tuple[Annotated[str, Field(max_length=64)], ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
@@ -69,33 +78,38 @@ class Discover(Section):
 class Output(Section):
     """Where the field is reported, and what the thermal error is measured from."""
 
+    #: where field and thermal error are reported, increasing; – is 21 equal steps
     positions_m: tuple[quantities.Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
+    #: temperature of zero thermal error; – is the first ambient temperature
     reference_degC: quantities.Air | None = None
 
 
 class Logs(Section):
-    """How to read logs that others wrote.
+    """How to read logs that others wrote."""
 
-    `rows_apart_s`: rows further apart than that, most of them, are those of a log in milliseconds. Recorders
-    beside machines write a row a minute, some one in five. `sensor_period_s`: how often sensors have a value
-    where they are slower than the rows, of all or by a sensor's name; learnt from the log where not given.
-    """
-
+    #: a [log](log.md#a-log) whose rows are mostly further apart is refused, for its times look like
+    #: milliseconds; recorders write a row a minute, some one in five
     rows_apart_s: quantities.Positive = 600.0
+    #: how often sensors have a value, where they are slower than the rows: of all, `4.0`, or by name, `{ t1
+    #: = 4.0, t2 = 20.0 }`; learnt from the log where not given
     sensor_period_s: quantities.Duration | dict[quantities.Name, quantities.Duration] | None = None
 
 
 class ChannelLimits(Section):
-    """Limits of one channel, in its own unit; what is not given has a default by the kind of channel.
+    """Limits of one channel, in its own unit; what is not given has a default by what it measures."""
 
-    `rate_per_s` is the fastest change; `above_ambient_K`, `below_ambient_K` how far a thermocouple on the
-    screw may be from the air; one that warms little by little may rise half as far again.
-    """
-
+    #: smallest value that is believed; – is −40 °C on screw, node and end, −20 °C of the air, 5 % of the
+    #: screw before its left end, the fastest turn backwards
     low: quantities.Finite | None = None
+    #: largest; – is 150 °C, 60 °C of the air, 5 % beyond the right end, and 250,000 rpm·mm over the screw's
+    #: diameter
     high: quantities.Finite | None = None
+    #: fastest change, beyond ten times the noise; – is 5 K a second for thermocouples, none for others
     rate_per_s: quantities.Positive | None = None
+    #: how far a thermocouple on the screw may be above the air; – is 45 K, none where a source has a
+    #: `power_channel`
     above_ambient_K: quantities.Positive | None = None
+    #: how far below; – is 25 K, none where a source has a `power_channel`
     below_ambient_K: quantities.Positive | None = None
 
     @model_validator(mode="after")

@@ -117,7 +117,7 @@ class EffectTable(Section):
     not show.
     """
 
-    kind: str
+    kind: str  #: which effect
 
     parameters: ClassVar[Mapping[str, Fitted]]
     targets: ClassVar[Literal["end", "source", "nut", "place", "sensor"] | None] = None

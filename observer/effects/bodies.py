@@ -25,8 +25,8 @@ class EndConduction(EffectTable):
     """Heat into a bearing or its housing, which stay at ambient temperature: G (T − T_amb) at an end."""
 
     kind: Literal["end_conduction"]
-    target: End
-    conductance_W_K: Annotated[Finite, Field(ge=0, le=1000)]
+    target: End  #: `left` or `right`
+    conductance_W_K: Annotated[Finite, Field(ge=0, le=1000)]  #: from the end to the ambient, W/K
 
     parameters = {"conductance_W_K": Fitted("W/K", 0.05)}
     targets = "end"
@@ -47,11 +47,12 @@ class AttachedMass(EffectTable):
     # the screw and is `share` of the friction
 
     kind: Literal["attached_mass"]
-    target: Target
-    capacity_J_K: Annotated[Finite, Field(ge=1, le=1e6)]
-    conductance_W_K: Annotated[Finite, Field(ge=1e-3, le=1000)]
+    target: Target  #: `left`, `right`, or a source’s name: with a nut the body moves along
+    capacity_J_K: Annotated[Finite, Field(ge=1, le=1e6)]  #: heat capacity of the body, J/K
+    conductance_W_K: Annotated[Finite, Field(ge=1e-3, le=1000)]  #: between body and screw, W/K
+    #: of the friction's heat that does not enter the screw at once, the part that enters the body, 0 to 1
     heat_share: Share = 0.0
-    loss_W_K: Annotated[NonNegative, Field(le=1000)] = 0.0
+    loss_W_K: Annotated[NonNegative, Field(le=1000)] = 0.0  #: between body and air, W/K
 
     parameters = {
         "capacity_J_K": Fitted("J/K", 1000.0, high=MOST_CAPACITY_J_K, bounded=True),

@@ -42,7 +42,7 @@ class SurfaceConvection(EffectTable):
     """A surface loss where none is modelled: h = coefficient."""
 
     kind: Literal["surface_convection"]
-    coefficient_W_m2K: Annotated[Finite, Field(ge=0, le=500)]
+    coefficient_W_m2K: Annotated[Finite, Field(ge=0, le=500)]  #: film coefficient, W/m²K
 
     parameters = {"coefficient_W_m2K": Fitted("W/m2K", 5.0)}
     families = (SURFACE_LOSS, HEAT_LOSS)
@@ -63,7 +63,9 @@ class SpeedConvection(EffectTable):
     """A film coefficient that grows with rotation, h = gain · 0.133 Re^{2/3} Pr^{1/3} λ/d."""
 
     kind: Literal["speed_convection"]
+    #: factor on the rotating cylinder’s film; 1 is the correlation
     gain: Annotated[Finite, Field(ge=0, le=10)]
+    #: channel of the screw’s speed in rpm; without it, the first that a source reads
     speed_channel: Channel | None = None
 
     parameters = {"gain": Fitted("1", 0.1)}
@@ -96,8 +98,9 @@ class UnevenConvection(EffectTable):
     """A film coefficient that differs along a stretch: a cover, an air blast."""
 
     kind: Literal["uneven_convection"]
-    from_m: NonNegative
-    to_m: NonNegative
+    from_m: NonNegative  #: where the stretch begins
+    to_m: NonNegative  #: where it ends
+    #: what its film coefficient has more (or, negative, less)
     extra_W_m2K: Annotated[Finite, Field(ge=-200, le=500)]
 
     parameters = {"from_m": position(CELLS), "to_m": position(CELLS), "extra_W_m2K": Fitted("W/m2K", 5.0)}
@@ -158,7 +161,7 @@ class RadiationEffect(EffectTable):
     """A grey surface in surroundings at ambient temperature: ε σ (T⁴ − T_amb⁴)."""
 
     kind: Literal["radiation"]
-    emissivity: Annotated[Finite, Field(ge=0, le=1)]
+    emissivity: Annotated[Finite, Field(ge=0, le=1)]  #: of the surface, 0 to 1
 
     parameters = {"emissivity": Fitted("1", 0.3)}
     families = (SURFACE_LOSS, HEAT_LOSS)
@@ -174,8 +177,10 @@ class Coolant(EffectTable):
     """Flow through a hollow screw while it turns: G (T − T_inlet) over its length."""
 
     kind: Literal["coolant"]
+    #: from the whole length of the screw to the coolant, W/K
     conductance_W_K: Annotated[Finite, Field(ge=0, le=1000)]
-    inlet_degC: Temperature
+    inlet_degC: Temperature  #: temperature of the coolant
+    #: channel of the screw’s speed in rpm; without it, the first that a source reads
     speed_channel: Channel | None = None
 
     parameters = {
@@ -202,7 +207,7 @@ class AmbientDrift(EffectTable):
     """The air near the screw departs from what is configured or logged as time goes on."""
 
     kind: Literal["ambient_drift"]
-    rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]
+    rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]  #: K per hour since the start
 
     parameters = {"rate_K_h": Fitted("K/h", 0.3)}
     lacks = "air near the screw that drifts away from the ambient given"

@@ -27,8 +27,9 @@ class EndHeat(EffectTable):
     """Extra heat at a bearing, in proportion to speed."""
 
     kind: Literal["end_heat"]
-    target: End
-    heat_W_rpm: Annotated[Finite, Field(ge=-1, le=1)]
+    target: End  #: `left` or `right`
+    heat_W_rpm: Annotated[Finite, Field(ge=-1, le=1)]  #: extra heat per speed, W per rpm
+    #: channel of the screw’s speed in rpm; without it, the first that a source reads
     speed_channel: Channel | None = None
 
     parameters = {"heat_W_rpm": Fitted("W/rpm", 1e-3)}
@@ -53,9 +54,9 @@ class MotorHeat(EffectTable):
     """Heat through the coupling, independent of speed, as long as the drive is on."""
 
     kind: Literal["motor_heat"]
-    target: End
-    heat_W: Annotated[Finite, Field(ge=-500, le=500)]
-    drive_channel: Channel | None = None
+    target: End  #: `left` or `right`
+    heat_W: Annotated[Finite, Field(ge=-500, le=500)]  #: heat in W; negative takes heat out
+    drive_channel: Channel | None = None  #: the heat flows while this channel is not 0; without it, always
 
     parameters = {"heat_W": Fitted("W", 2.0, low=0.0)}
     targets = "end"
@@ -73,8 +74,8 @@ class LocalHeat(EffectTable):
     """A constant source of heat at a place."""
 
     kind: Literal["local_heat"]
-    position_m: NonNegative
-    heat_W: Annotated[Finite, Field(ge=-500, le=500)]
+    position_m: NonNegative  #: where
+    heat_W: Annotated[Finite, Field(ge=-500, le=500)]  #: heat in W; negative takes heat out
 
     parameters = {"position_m": position(10), "heat_W": Fitted("W", 2.0)}
     families = (END_SOURCE,)
@@ -106,9 +107,10 @@ class FrictionFade(EffectTable):
     """Friction that falls as the screw warms: law · exp(−per_K · (T − reference))."""
 
     kind: Literal["friction_fade"]
-    target: Target
+    target: Target  #: a source’s name
+    #: share by which the friction falls per kelvin (e-fold rate)
     per_K: Annotated[Finite, Field(ge=-0.2, le=0.2)]
-    reference_degC: Temperature = REFERENCE_DEGC
+    reference_degC: Temperature = REFERENCE_DEGC  #: temperature at which the law holds
 
     parameters = {"per_K": Fitted("1/K", 3e-3)}
     targets = "source"
@@ -130,9 +132,10 @@ class FrictionSpeed(EffectTable):
     """A heat that goes with another power of speed than its law's: law · (n/n_ref)^(exponent − 1)."""
 
     kind: Literal["friction_speed"]
-    target: Target
+    target: Target  #: a source’s name
+    #: power of the speed with which the heat goes; 1 is the law
     exponent: Annotated[Finite, Field(ge=0, le=4)]
-    reference_rpm: Positive = REFERENCE_RPM
+    reference_rpm: Positive = REFERENCE_RPM  #: speed at which the law holds
 
     parameters = {"exponent": Fitted("1", 0.2, neutral=1.0, starts=(1.1,))}
     targets = "source"
@@ -163,9 +166,10 @@ class RunIn(EffectTable):
     """Friction that decays with the time run since the start: law · (1 + fraction · exp(−t/time))."""
 
     kind: Literal["run_in"]
-    target: Target
+    target: Target  #: a source’s name
+    #: what the friction has more at the start, as a share of its law
     fraction: Annotated[Finite, Field(ge=-1, le=10)]
-    time_s: Annotated[Finite, Field(ge=30, le=100_000)]
+    time_s: Annotated[Finite, Field(ge=30, le=100_000)]  #: time constant of the decay, s of running
 
     parameters = {
         "fraction": Fitted("1", 0.2),
@@ -189,7 +193,8 @@ class Dwell(EffectTable):
     """A share of a nut's heat enters at both ends of its stroke, where it turns round, not along its path."""
 
     kind: Literal["dwell"]
-    target: Target
+    target: Target  #: the name of a source of shape `nut`
+    #: share of the heat that enters at the ends of the stroke
     fraction: Annotated[Finite, Field(ge=-1, le=1)]
 
     parameters = {"fraction": Fitted("1", 0.1)}

@@ -16,8 +16,8 @@ class SensorLag(EffectTable):
     """A sensor that follows with a first-order lag: τ dT_s/dt = T − T_s."""
 
     kind: Literal["sensor_lag"]
-    target: Target
-    time_constant_s: Annotated[Finite, Field(ge=0, le=3600)]
+    target: Target  #: a sensor’s name
+    time_constant_s: Annotated[Finite, Field(ge=0, le=3600)]  #: time constant, s
 
     parameters = {  # a lag of less than 10 s is within tolerance
         "time_constant_s": Fitted("s", 20.0, starts=(20.0, 60.0, 150.0, 400.0), low=10.0, high=3600.0)
@@ -35,8 +35,8 @@ class SensorBias(EffectTable):
     """A sensor that reads a constant too much."""
 
     kind: Literal["sensor_bias"]
-    target: Target
-    offset_K: Annotated[Finite, Field(ge=-50, le=50)]
+    target: Target  #: a sensor’s name
+    offset_K: Annotated[Finite, Field(ge=-50, le=50)]  #: what the sensor reads too much, K
 
     parameters = {"offset_K": Fitted("K", 0.3)}
     targets = "sensor"
@@ -52,8 +52,8 @@ class SensorDrift(EffectTable):
     """A sensor whose offset grows from the start on."""
 
     kind: Literal["sensor_drift"]
-    target: Target
-    rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]
+    target: Target  #: a sensor’s name
+    rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]  #: K per hour since the start
 
     parameters = {"rate_K_h": Fitted("K/h", 0.2)}
     targets = "sensor"

@@ -23,25 +23,22 @@ Relative = Annotated[NonNegative, Field(le=1)]
 class Tolerance(Section):
     """One standard deviation of what is not known better; 0 takes the configuration's word for it.
 
-    Relative: `conductivity`, `heat_capacity` (density times specific heat) and `convection` (of the base
-    film). Of the measured or stated ambient `ambient_K`; of the loss of each end to the air beyond what the
-    configuration says `end_W_K`; of each sensor on the screw where it sits, `position_m`, what it reads too
-    much, `offset_K`, and how late, `lag_s`. A law's scale has its own, the source's `law_uncertainty`.
-
-    Of logs, so in `discover`, `calibrate` and `identify`: by what part of its rise above the air each sensor
-    reads too little or too much, `gain`; and, of several logs, by what part a source's heat differs from one
-    to the next, `heat_per_log`.
+    A law's scale has its own, the source's `law_uncertainty`.
     """
 
-    conductivity: Relative = 0.03
-    heat_capacity: Relative = 0.03
-    convection: Relative = 0.30
-    ambient_K: Annotated[NonNegative, Field(le=50)] = 0.5
+    conductivity: Relative = 0.03  #: of the screw, relative
+    heat_capacity: Relative = 0.03  #: density times specific heat, relative
+    convection: Relative = 0.30  #: of the base film, relative
+    ambient_K: Annotated[NonNegative, Field(le=50)] = 0.5  #: of the ambient temperature, measured or stated
+    #: of the heat that each end loses to the air beyond what its boundary says
     end_W_K: Annotated[NonNegative, Field(le=1000)] = 0.05
-    position_m: Annotated[NonNegative, Field(le=1)] = 0.002
-    offset_K: Annotated[NonNegative, Field(le=50)] = 0.3
-    lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0
+    position_m: Annotated[NonNegative, Field(le=1)] = 0.002  #: of where each sensor sits on the screw
+    offset_K: Annotated[NonNegative, Field(le=50)] = 0.3  #: of what each sensor reads too much
+    lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0  #: of how late each sensor is
+    #: of the part of its rise above the air by which each sensor reads too little or too much; in
+    #: `calibrate`, `discover` and `identify`
     gain: Relative = 0.02
+    #: of each source's heat from one of several logs to the next, relative; in `discover`
     heat_per_log: Relative = 0.03
 
     def offset_of_K(self, own_K: float | None) -> float:
@@ -61,22 +58,28 @@ def _known(kind: str) -> str:
 
 
 class EstimatorSettings(Section):
-    """How heats and field are estimated.
+    """How heats and field are estimated."""
 
-    `learn` is what the compiled Kalman filter finds out while it runs; the rest of what `[tolerance]` knows
-    only roughly it allows for.
-    """
-
+    #: `"kalman"`, `"luenberger"`, or a [class of your own](../how-to/add-an-estimator.md), `"module:Class"`
     kind: Annotated[str, AfterValidator(_known)] = "kalman"
+    #: step of the live estimator; a replay steps with the rows of its log
     period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
     # Kalman
+    #: kalman: `"compiled"`, `"filterpy"` (slow, for comparison) or `"constant"` (steady-state gain)
     engine: Literal["compiled", "filterpy", "constant"] = "compiled"
+    #: a measurement further than this from its prediction is refused
     gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
-    initial_sigma_K: Rise = 2.0
+    initial_sigma_K: Rise = 2.0  #: standard deviation of the unknown field at the start
+    #: wandering of the field that no source explains: K after 1 s, growing with √t; 0 takes the model for
+    #: exact
     field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
+    #: compiled kalman and `identify`: what of `[tolerance]` is [learnt](../explanation/learning.md), the
+    #: rest is allowed for; `"law"` is each heat law's scale
     learn: Annotated[tuple[Learnable, ...], Field(max_length=20)] = ("convection", "offset_K")
     # Luenberger
+    #: luenberger: `"bandwidth"` moves the slow poles only; `"kim"` is the paper's rule
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
+    #: luenberger: how fast errors die out; – is where the heats' steady σ is smallest
     bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
     @property
@@ -101,31 +104,30 @@ class EstimatorSettings(Section):
 
 
 class ForecastSettings(Section):
-    """What is forecast, and how often; `within_um` is how near to where it settles counts as settled.
+    """What is forecast, and how often."""
 
-    Without `enabled` it is on where every estimated heat has a law.
-    """
-
-    enabled: Flag | None = None
-    hours: Annotated[Positive, Field(ge=0.05, le=24)] = 1.0
+    enabled: Flag | None = None  #: forecast in the service; by default where every estimated heat has a law
+    hours: Annotated[Positive, Field(ge=0.05, le=24)] = 1.0  #: how far ahead, up to 24
+    #: how near every point of the travel must be to where it settles to count as settled
     within_um: Annotated[Positive, Field(ge=0.01, le=1000)] = 2.0
-    period_s: Annotated[Positive, Field(ge=5, le=3600)] = 60.0
+    period_s: Annotated[Positive, Field(ge=5, le=3600)] = 60.0  #: how often, in seconds
 
 
 class Integrity(Section):
     """How sensor faults are found: readings that no heat can explain are excluded before they correct.
 
     Only by the compiled Kalman filter; the other estimators refuse what lies beyond their gate.
-    `fault_per_hour` is how likely a sensor fails unnoticed in an hour, `common_fault_per_hour` what all
-    readings have in common: where it is likelier than 1e-5, bounds hold by laws and air alone.
-    `drift_K_sqrt_h` is how far the offset of a reading, and what all have in common, may walk in an hour. An
-    estimate is good only where no bound of the field is beyond `limit_K`, and none of the error beyond
-    `limit_um`; without a limit the bounds are told, and do not matter.
     """
 
-    enabled: Flag = True
+    enabled: Flag = True  #: whether readings are screened before they correct
+    #: how likely a sensor fails unnoticed in an hour, for the bounds: 0 to 0.1
     fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-4
+    #: how likely what all readings have in common fails in an hour: 0 to 0.1; beyond the default, bounds
+    #: hold by laws and air alone
     common_fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-5
+    #: how far the offset of a reading, and what all have in common, may walk: K after 1 h, growing with √t
     drift_K_sqrt_h: Annotated[NonNegative, Field(le=100.0)] = 0.3
+    #: an estimate is good only where no bound of the field is beyond it; – is any
     limit_K: Positive | None = None
+    #: an estimate is good only where no bound of the thermal error is beyond it; – is any
     limit_um: Positive | None = None

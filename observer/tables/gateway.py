@@ -57,11 +57,12 @@ Topic = Annotated[str, Field(pattern=r"^[^#+\s/][^#+\s]*$", max_length=200)]
 class Page(Section):
     """The page for people: where it listens, and the names and passwords of those who may look."""
 
+    #: where it is served, `host:port`; anything but this computer asks for `users_file`
     listen: Address = "127.0.0.1:8080"
-    users_file: File | None = None
-    certificate: File | None = None
-    key: File | None = None
-    reports: File | None = None
+    users_file: File | None = None  #: a file of lines `name:password`: whoever looks must log in
+    certificate: File | None = None  #: PEM file; the page is then served by TLS
+    key: File | None = None  #: its key
+    reports: File | None = None  #: a folder of the folders that `observer discover` wrote
 
     @model_validator(mode="after")
     def _others_log_in(self) -> Page:
@@ -88,16 +89,18 @@ class Page(Section):
 class Metrics(Section):
     """Figures for Prometheus: where they can be scraped."""
 
+    #: where they are scraped, `host:port`; they can be read only, and whoever reaches the port reads them
     listen: Address = "127.0.0.1:9187"
 
 
 class Mqtt(Section):
     """A broker of MQTT; its topics are the Zenoh keys, below `prefix` if there is one."""
 
-    broker: Address = "127.0.0.1:1883"
-    prefix: Topic | None = None
-    user: Name | None = None
-    password_file: File | None = None
+    broker: Address = "127.0.0.1:1883"  #: where the broker listens, `host:port`
+    prefix: Topic | None = None  #: stands before every topic
+    user: Name | None = None  #: who the service is there
+    password_file: File | None = None  #: a file whose first line is the password
+    #: PEM file of the authority that signed the broker's certificate; the connection is then encrypted
     ca: File | None = None
 
     @model_validator(mode="after")
@@ -108,16 +111,19 @@ class Mqtt(Section):
 
 
 class Opcua(Section):
-    """A server of OPC UA: where it listens, who may look, and what the connection is encrypted with.
+    """A server of OPC UA: where it listens, who may look, and what the connection is encrypted with."""
 
-    `anonymous` lets whoever reaches it look, from other computers too.
-    """
-
+    #: where it is served; anything but this computer asks for `users_file`, `certificate` and `key`, or for
+    #: `anonymous`
     listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"
+    #: a file of lines `name:password`: whoever connects must log in, encrypted
     users_file: File | None = None
+    #: PEM or DER file, RSA; connections are then signed and encrypted, and no others are served
     certificate: File | None = None
+    #: its key, of 2048 bits or more, without a passphrase; nobody else on the computer may be able to read
+    #: the file
     key: File | None = None
-    anonymous: bool = False
+    anonymous: bool = False  #: whoever reaches the port may read, from other computers too
 
     @model_validator(mode="after")
     def _others_log_in(self) -> Opcua:

@@ -15,23 +15,28 @@ STATE_DIRECTORY = "STATE_DIRECTORY"
 
 
 class Record(Section):
-    """Where the lossless log of the daemon goes; `directory` unset means that nothing is recorded."""
+    """Where the lossless log of the daemon goes."""
 
-    directory: Path | None = None
-    rotate_MB: Positive = 64.0
-    sync_s: Positive = 5.0
+    directory: Path | None = None  #: where the recordings go; – records nothing
+    rotate_MB: Positive = 64.0  #: a new file begins at this size
+    sync_s: Positive = 5.0  #: the file is forced to disk this often
+    #: complete files whose last row is older than this are removed; – is no age
     keep_days: Positive | None = None
+    #: the oldest complete files are removed beyond this size in all; – is no size
     keep_GB: Positive | None = None
+    #: the oldest complete files are removed so that this much of the disk, but at most a tenth of it, stays
+    #: free; 0 removes none for that
     keep_free_GB: NonNegative = 1.0
 
 
 class Checkpoint(Section):
     """Where the service leaves what it knows, so that a restart goes on from there."""
 
-    enabled: bool = True
+    enabled: bool = True  #: whether it does
+    #: where; – is the recordings' directory, else systemd's `$STATE_DIRECTORY`, else it is off
     directory: Path | None = None
-    period_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
-    oldest_s: Annotated[float, Field(gt=0, le=86_400)] = 900.0
+    period_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0  #: how often; once more at the end
+    oldest_s: Annotated[float, Field(gt=0, le=86_400)] = 900.0  #: an older one is left aside at the start
 
     def place(self, record: Record) -> Path | None:
         """The directory in force: as configured, else that of the recordings, else systemd's; None is off."""
@@ -50,15 +55,14 @@ AlarmKind = Literal[
 
 
 class AlarmSettings(Section):
-    """Which alarms there are, and when a heat is more than usual.
+    """Which alarms there are, and when a heat is more than usual."""
 
-    `learn_h`: hours of running in which the usual heat of a source is learnt; `deadband`: how much more than
-    that, as a part of it, is told; `sensor_K`: how far a sensor has to be from the model, or from what its
-    offset was, to be told; `off`: kinds that are not raised.
-    """
-
-    enabled: Flag = True
+    enabled: Flag = True  #: whether there are any
+    #: hours of running in which the usual heat of each source is learnt, 1 to 1000
     learn_h: Annotated[Number, Field(ge=1.0, le=1000.0)] = 30.0
+    #: how much more or less than usual, as a part of it, a heat has to be, 0.05 to 3
     deadband: Annotated[Number, Field(ge=0.05, le=3.0)] = 0.25
+    #: how far a sensor has to be from the model and the others for ten minutes, or from what its learnt
+    #: offset was, 0.05 to 20
     sensor_K: Annotated[Number, Field(ge=0.05, le=20.0)] = 0.5
-    off: tuple[AlarmKind, ...] = ()
+    off: tuple[AlarmKind, ...] = ()  #: kinds that are not raised, such as `["sensor_disagrees"]`

@@ -18,20 +18,24 @@ FilmLaw = Literal["churchill-chu", "wall", "rotating-cylinder", "kendoush", "tay
 class BearingFriction(Section):
     """Palmgren's friction of a rolling bearing, as a source's heat law."""
 
+    #: `"angular_contact"`, `"angular_contact_pair"` (or two rows) or `"deep_groove"`
     type: Literal["angular_contact", "angular_contact_pair", "deep_groove"]
-    mean_diameter_m: quantities.Diameter
-    load_N: Load | None = None
-    axial_load_N: Load | None = None
-    radial_load_N: Load | None = None
+    mean_diameter_m: quantities.Diameter  #: half of bore plus outer diameter
+    load_N: Load | None = None  #: the load that makes friction, or `axial_load_N`
+    axial_load_N: Load | None = None  #: axial load, preload included
+    radial_load_N: Load | None = None  #: radial load beside it
+    #: lubricant's factor; – is the type's for grease: 2, pairs 4
     f0: Annotated[quantities.Positive, Field(le=1e3)] | None = None
+    #: load's factor, or by `static_load_N` and `static_rating_N`
     f1: Annotated[quantities.NonNegative, Field(le=1)] | None = None
-    static_load_N: Load | None = None
-    static_rating_N: Annotated[quantities.Positive, Field(ge=1e-3, le=1e9)] | None = None
+    static_load_N: Load | None = None  #: equivalent static load P₀ by the catalogue
+    static_rating_N: Annotated[quantities.Positive, Field(ge=1e-3, le=1e9)] | None = None  #: static rating C₀
+    #: viscosity of oil, or of the grease's base oil, as the bearing runs; or the three keys below
     viscosity_mm2_s: Viscosity | None = None
-    viscosity_40_mm2_s: Viscosity | None = None
-    viscosity_100_mm2_s: Viscosity | None = None
-    lubricant_degC: quantities.Temperature | None = None
-    count: Annotated[quantities.Count, Field(ge=1, le=100)] = 1
+    viscosity_40_mm2_s: Viscosity | None = None  #: viscosity at 40 °C
+    viscosity_100_mm2_s: Viscosity | None = None  #: viscosity at 100 °C
+    lubricant_degC: quantities.Temperature | None = None  #: temperature of the running bearing
+    count: Annotated[quantities.Count, Field(ge=1, le=100)] = 1  #: how many equal bearings
 
     @model_validator(mode="after")
     def _complete(self) -> BearingFriction:
@@ -51,10 +55,10 @@ class BearingFriction(Section):
 class NutFriction(Section):
     """Friction of a ball nut from preload, load and efficiency, as a source's heat law."""
 
-    efficiency: Efficiency
-    preload_N: Load = 0.0
-    axial_load_N: Load = 0.0
-    lead_m: quantities.Lead | None = None
+    efficiency: Efficiency  #: η of the nut without preload, 0.5 to 1
+    preload_N: Load = 0.0  #: preload
+    axial_load_N: Load = 0.0  #: axial load, in the mean
+    lead_m: quantities.Lead | None = None  #: lead of the screw, where the source does not say it
 
     @model_validator(mode="after")
     def _some_load(self) -> NutFriction:
@@ -72,22 +76,31 @@ DIVIDED_LAWS = LAWS[:3]
 class HeatLaw(Section):
     """How much heat a source delivers: one law, and what multiplies it."""
 
+    #: the channel of the screw's speed in rpm, for `torque_Nm`, `bearing`, `nut_friction` and `heat_W_rpm`
     speed_channel: quantities.Channel | None = None
-    torque_Nm: quantities.Torque | None = None
+    torque_Nm: quantities.Torque | None = None  #: law: heat = scale · share · duty · torque · ω
+    #: law: the same, with a bearing's torque by Palmgren: the table `[source.bearing]`
     bearing: BearingFriction | None = None
+    #: law: the same, with a nut's torque by preload and efficiency: the table `[source.nut_friction]`
     nut_friction: NutFriction | None = None
+    #: torque and nut friction: the channel of the nut's own speed in rpm, where it is driven too; the
+    #: relative speed then counts
     nut_speed_channel: quantities.Channel | None = None
+    #: torque: the nut's drive has a torque of its own; heat = torque · ω of the screw + this · ω of the nut
     nut_torque_Nm: quantities.Torque | None = None
-    heat_W_rpm: quantities.HeatPerSpeed | None = None
-    power_channel: quantities.Channel | None = None
-    heat_W: quantities.Heat | None = None
-    drive_channel: quantities.Channel | None = None
+    heat_W_rpm: quantities.HeatPerSpeed | None = None  #: law: heat = scale · duty · this · speed
+    power_channel: quantities.Channel | None = None  #: law: heat = scale · a measured power in W
+    heat_W: quantities.Heat | None = None  #: law: heat = scale · this, constant
+    drive_channel: quantities.Channel | None = None  #: `heat_W` flows only while this channel is not 0
+    #: law: heat = scale · the heat by the law of the source of this name / `heat_ratio`
     heat_of: quantities.Name | None = None
-    heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None
-    share: quantities.Share = 1.0
+    heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None  #: for `heat_of`
+    share: quantities.Share = 1.0  #: part of the friction's heat that enters the screw, 0 to 1
+    #: part of the time that the drive runs, 0 to 1, where the speed channel tells a set speed only
     duty: quantities.Share = 1.0
+    #: also multiply a nut's law by its stroke's part of the screw, as Kim et al. do
     stroke_share: quantities.Flag = False
-    scale: quantities.Factor = 1.0
+    scale: quantities.Factor = 1.0  #: multiplies the law, whichever it is
 
     @model_validator(mode="after")
     def _one_law(self) -> HeatLaw:
@@ -132,20 +145,31 @@ class HeatLaw(Section):
 class Surface(Section):
     """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
 
+    #: film coefficient of the whole surface; 0 means that no loss is modelled
     convection_W_m2K: quantities.Film = 0.0
-    law: FilmLaw | None = None
+    law: FilmLaw | None = None  #: in place of a number, the film by geometry and air; see below
+    #: law: practice factor on convection; Yu et al. take 10 and call 3 to 10 usual
     factor: Annotated[quantities.Factor, Field(gt=0)] = 1.0
-    rise_K: quantities.Rise = 10.0
+    rise_K: quantities.Rise = 10.0  #: law: how much warmer than the air the surface is taken to be
+    #: law: temperature of that air; its properties are taken halfway to the surface
     air_degC: quantities.Air = 20.0
+    #: law: adds radiation, linearised at `rise_K`; 0.2 for bright steel, 0 leaves it out
     emissivity: quantities.Share = 0.0
+    #: law: adds what turning at this speed does; 0 is the film at standstill
     speed_rpm: quantities.Speed = 0.0
+    #: law: the channel of the screw's speed in rpm; what turning adds then follows it, in place of
+    #: `speed_rpm`
     speed_channel: quantities.Channel | None = None
+    #: wall: `"vertical"`, or horizontal and facing `"up"` or `"down"`
     facing: Literal["vertical", "up", "down"] | None = None
+    #: wall: its height, or the length of its short side if it is horizontal
     height_m: quantities.Length | None = None
-    gap_m: quantities.Length | None = None
+    gap_m: quantities.Length | None = None  #: taylor-gap: distance between screw and tube
+    #: law: with the two keys below, the film is raised by the surface of the thread
     thread_lead_m: quantities.Lead | None = None
-    ball_radius_m: quantities.Length | None = None
-    land_m: quantities.Position | None = None
+    ball_radius_m: quantities.Length | None = None  #: law: radius of the balls' groove
+    land_m: quantities.Position | None = None  #: law: width of the land between two grooves
+    #: law: the thread as fins of this efficiency on the cylinder
     fin_efficiency: Annotated[quantities.Positive, Field(le=1)] | None = None
 
     @model_validator(mode="after")

@@ -12,19 +12,20 @@ Stiffness = Annotated[Positive, Field(ge=1.0)]
 
 
 class Supports(Section):
-    """The axial supports of the screw (Kuznetsov's mountings L-I to L-IV).
+    """The axial supports of the screw (Kuznetsov's mountings L-I to L-IV)."""
 
-    L-I: both let it slide; L-II: the first holds it, the second only carries it; L-III: both hold it; L-IV:
-    the first holds it, there is no second. A stiffness that is not given is rigid.
-    """
-
+    #: `"L-I"`: both supports let it slide; `"L-II"`: the first holds, the second only carries; `"L-III"`:
+    #: both hold; `"L-IV"`: the first holds, there is no second
     mounting: Literal["L-I", "L-II", "L-III", "L-IV"]
-    first: Literal["left", "right"] = "left"
+    first: Literal["left", "right"] = "left"  #: which end the first support is at
+    #: L-III: axial stiffness of the first support with its bearing; – is rigid
     stiffness_first_N_m: Stiffness | None = None
-    stiffness_second_N_m: Stiffness | None = None
-    preload_N: NonNegative = 0.0
+    stiffness_second_N_m: Stiffness | None = None  #: L-III: that of the second
+    preload_N: NonNegative = 0.0  #: L-III: pre-tension of the cold screw
+    #: L-III: once the pre-tension is lost, how far the screw grows before the second support pushes; more
+    #: than it ever grows for a support that only pulls
     gap_m: Position = 0.0
-    elastic_modulus_Pa: Annotated[Positive, Field(ge=1e6, le=1e13)] = 2.06e11
+    elastic_modulus_Pa: Annotated[Positive, Field(ge=1e6, le=1e13)] = 2.06e11  #: of the screw
 
     @model_validator(mode="after")
     def _only_where_two_supports_hold(self) -> Supports:
@@ -40,11 +41,13 @@ class Supports(Section):
 class ModbusControl(Section):
     """A control that takes the compensation over Modbus TCP holding registers."""
 
-    kind: Literal["modbus"]
+    kind: Literal["modbus"]  #: `"modbus"`: holding registers over Modbus TCP
+    #: the control, or the PLC beside it
     host: Annotated[str, Field(min_length=1, max_length=256, pattern=r"^\S+$")]
-    port: Annotated[Count, Field(ge=1, le=65535)] = 502
-    unit_id: Annotated[Count, Field(ge=0, le=255)] = 1
-    first_register: Annotated[Count, Field(ge=0, le=0xFF00)] = 0
+    port: Annotated[Count, Field(ge=1, le=65535)] = 502  #: its port
+    unit_id: Annotated[Count, Field(ge=0, le=255)] = 1  #: its unit
+    first_register: Annotated[Count, Field(ge=0, le=0xFF00)] = 0  #: where its registers begin
+    #: how long an answer is waited for, in a thread of its own
     timeout_s: Annotated[Positive, Field(ge=0.01, le=5.0)] = 0.2
 
 
@@ -55,17 +58,23 @@ MOST_POINTS = 50
 class Compensation(Section):
     """What a control is told so that it can take the thermal error out of its axis; off unless enabled."""
 
-    enabled: Flag = False
+    enabled: Flag = False  #: publish `compensation`; it still has to be armed
+    #: must be `false`: nothing else compensates the growth of this screw
     controller_compensates: Flag | None = None
+    #: must be `"motor"`: the axis is positioned by the motor's encoder, not by a `"scale"`
     position_feedback: Literal["motor", "scale"] | None = None
+    #: the stretch of the screw that the nut travels; – is the first source's stroke, else the whole screw
     travel_m: tuple[Position, Position] | None = None
-    reference_m: Position | None = None
-    zero_m: Finite = 0.0
-    reverse: Flag = False
-    points: Annotated[Count, Field(ge=2, le=200)] = 21
-    rate_limit_um_s: Positive = 1.0
-    gradient_limit_um_m: Positive = 100.0
+    reference_m: Position | None = None  #: the line's reference on the screw; – is the middle of the travel
+    zero_m: Finite = 0.0  #: where on the screw the machine's zero is
+    reverse: Flag = False  #: the machine counts against the screw's direction
+    points: Annotated[Count, Field(ge=2, le=200)] = 21  #: points of the table
+    rate_limit_um_s: Positive = 1.0  #: how fast the compensation changes at most, anywhere in the travel
+    gradient_limit_um_m: Positive = 100.0  #: how steep table and line are at most
+    #: an error beyond this anywhere in the travel is not believed, nor is one whose
+    #: [bound](../how-to/compensate.md#arm-it) is: the compensation disarms
     limit_um: Positive = 200.0
+    #: `[compensation.control]`: the control that it is written to while it is armed; – is none
     control: ModbusControl | None = None
 
     @model_validator(mode="after")

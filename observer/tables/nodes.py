@@ -16,8 +16,8 @@ AMBIENT = "ambient"
 class Node(Section):
     """A body of one temperature: a bearing's ring, a housing, the nut, the table."""
 
-    name: quantities.Name
-    capacity_J_K: quantities.Capacity
+    name: quantities.Name  #: what sources, links and sensors call it
+    capacity_J_K: quantities.Capacity  #: heat capacity: mass times specific heat
 
 
 WAYS: tuple[tuple[str, ...], ...] = (
@@ -40,20 +40,23 @@ class Link(Section):
     A place is a node, the ambient, or the screw where a source stands, by that source's name.
     """
 
-    between: tuple[quantities.Name, quantities.Name]
-    conductance_W_K: quantities.Conductance | None = None
-    resistance_K_W: Annotated[quantities.Positive, Field(ge=1e-7, le=1e9)] | None = None
-    film_W_m2K: quantities.EndFilm | None = None
-    area_m2: quantities.Area | None = None
-    conductivity_W_mK: quantities.Conductivity | None = None
-    length_m: quantities.Length | None = None
-    inner_diameter_m: quantities.Diameter | None = None
-    outer_diameter_m: quantities.Diameter | None = None
-    gap_m: quantities.Length | None = None
+    between: tuple[quantities.Name, quantities.Name]  #: the two places
+    conductance_W_K: quantities.Conductance | None = None  #: what passes per kelvin
+    resistance_K_W: Annotated[quantities.Positive, Field(ge=1e-7, le=1e9)] | None = None  #: its reciprocal
+    film_W_m2K: quantities.EndFilm | None = None  #: film or contact coefficient
+    area_m2: quantities.Area | None = None  #: area it acts on
+    conductivity_W_mK: quantities.Conductivity | None = None  #: conductivity of a bar or ring
+    length_m: quantities.Length | None = None  #: length of a bar; width of a ring
+    inner_diameter_m: quantities.Diameter | None = None  #: where the ring begins
+    outer_diameter_m: quantities.Diameter | None = None  #: where it ends
+    gap_m: quantities.Length | None = None  #: height of the roughness of both faces together
+    #: part of the area that really touches
     touching: Annotated[quantities.Positive, Field(le=1)] | None = None
+    #: of both faces; of ball and ring
     conductivities_W_mK: tuple[quantities.Conductivity, quantities.Conductivity] | None = None
-    filling_W_mK: quantities.NonNegative = 0.0
-    balls: Annotated[quantities.Count, Field(ge=1, le=1000)] | None = None
+    filling_W_mK: quantities.NonNegative = 0.0  #: conductivity of what fills the gap: air 0.026, grease 0.15
+    balls: Annotated[quantities.Count, Field(ge=1, le=1000)] | None = None  #: how many balls, in all rows
+    #: both semi-axes of the contact ellipse of one ball
     semi_axes_m: tuple[quantities.Length, quantities.Length] | None = None
 
     @model_validator(mode="after")

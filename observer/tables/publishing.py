@@ -28,10 +28,11 @@ _ENCRYPTED = ("tls/", "quic/")
 class Tls(Section):
     """Certificates, as PEM files: one's own with its key, and the authority that others are judged by."""
 
-    ca: File | None = None
-    certificate: File | None = None
+    ca: File | None = None  #: the authority by which others are judged
+    certificate: File | None = None  #: one's own; needed to listen
+    #: its key, without a password; nobody else on the computer may be able to read the file
     key: File | None = None
-    client_certificates: Flag = False
+    client_certificates: Flag = False  #: whoever connects must show a certificate of `ca`
 
     @model_validator(mode="after")
     def _belong_together(self) -> Tls:
@@ -45,9 +46,10 @@ class Tls(Section):
 class Login(Section):
     """Names and passwords: who may connect here, and who this side is elsewhere. Passwords stand in files."""
 
+    #: whoever connects must give a name and password of this file, of lines `name:password`
     users_file: File | None = None
-    user: Name | None = None
-    password_file: File | None = None
+    user: Name | None = None  #: name by which this side logs in where it connects
+    password_file: File | None = None  #: file that holds the password and nothing else
 
     @model_validator(mode="before")
     @classmethod
@@ -69,9 +71,10 @@ class Login(Section):
 class Access(Section):
     """Who may do what, as `user:NAME` or `certificate:COMMON-NAME`; whoever is not named may do nothing."""
 
+    #: who may look: `"user:NAME"` of `users_file`, or `"certificate:NAME"`, the common name of a certificate
     viewer: tuple[Subject, ...] = ()
-    operator: tuple[Subject, ...] = ()
-    service: tuple[Subject, ...] = ()
+    operator: tuple[Subject, ...] = ()  #: who may look and give commands
+    service: tuple[Subject, ...] = ()  #: who may do that, publish and answer
 
     @property
     def subjects(self) -> tuple[str, ...]:
@@ -95,14 +98,16 @@ class Access(Section):
 class Publish(Section):
     """The Zenoh session of the daemon."""
 
+    #: `"peer"`, `"client"` (of a router) or `"router"` (is one)
     mode: Literal["client", "peer", "router"] = "peer"
-    connect: Endpoints = ()
-    listen: Endpoints = ()
+    connect: Endpoints = ()  #: endpoints to connect to, as `"tcp/192.168.0.10:7447"`
+    listen: Endpoints = ()  #: endpoints to listen on, as `"tcp/127.0.0.1:7447"`
+    #: the most often that field and error are sent as JSON
     field_rate_Hz: Annotated[Number, Field(ge=1e-3, le=50)] = 2.0
-    history: Annotated[Count, Field(ge=1, le=100_000)] = 1000
-    tls: Tls | None = None
-    login: Login | None = None
-    access: Access | None = None
+    history: Annotated[Count, Field(ge=1, le=100_000)] = 1000  #: how many estimates the queryable remembers
+    tls: Tls | None = None  #: `[publish.tls]`, below
+    login: Login | None = None  #: `[publish.login]`, below
+    access: Access | None = None  #: `[publish.access]`, below; – is everybody who can connect
 
     @model_validator(mode="after")
     def _wires_are_encrypted_where_certificates_are(self) -> Publish:
@@ -151,8 +156,8 @@ class Publish(Section):
 class Client(Section):
     """How a command shows who it is: the file given with `--client`."""
 
-    tls: Tls | None = None
-    login: Login | None = None
+    tls: Tls | None = None  #: `[tls]` with `ca`, `certificate` and `key`, as in `[publish.tls]`
+    login: Login | None = None  #: `[login]` with `user` and `password_file`, as in `[publish.login]`
 
     @model_validator(mode="after")
     def _nothing_of_a_server(self) -> Client:

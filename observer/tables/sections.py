@@ -19,21 +19,23 @@ from observer.tables.quantities import Section
 
 
 class Screw(Section):
-    """Geometry and material of the screw; `diameter_m` is the effective (root) diameter."""
+    """Geometry and material of the screw."""
 
+    #: length of the rod, between the bearings; all positions count from its left end
     length_m: quantities.ScrewLength
-    diameter_m: quantities.Diameter
-    conductivity_W_mK: quantities.Conductivity
-    density_kg_m3: quantities.Density
-    specific_heat_J_kgK: quantities.SpecificHeat
+    diameter_m: quantities.Diameter  #: effective (root) diameter
+    conductivity_W_mK: quantities.Conductivity  #: heat conductivity; 45 to 60 for bearing steels
+    density_kg_m3: quantities.Density  #: density
+    specific_heat_J_kgK: quantities.SpecificHeat  #: specific heat
+    #: thermal expansion; with it the thermal error is estimated
     expansion_1_K: quantities.Expansion | None = None
 
 
 class Ambient(Section):
     """The air around the screw: one constant, or a channel of the log."""
 
-    temperature_degC: quantities.Air | None = None
-    channel: quantities.Channel | None = None
+    temperature_degC: quantities.Air | None = None  #: a constant air temperature
+    channel: quantities.Channel | None = None  #: the channel that measures it
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Ambient:
@@ -45,9 +47,10 @@ class Ambient(Section):
 class Boundary(Section):
     """One end of the screw."""
 
+    #: `"insulated"`, `"convective"` (with a coefficient) or `"prescribed"` (with a channel)
     kind: Literal["insulated", "convective", "prescribed"] = "insulated"
-    coefficient_W_m2K: quantities.EndFilm | None = None
-    channel: quantities.Channel | None = None
+    coefficient_W_m2K: quantities.EndFilm | None = None  #: film coefficient of a convective end
+    channel: quantities.Channel | None = None  #: the channel that measures a prescribed end's temperature
 
     @model_validator(mode="after")
     def _complete(self) -> Boundary:
@@ -68,22 +71,31 @@ class Boundaries(Section):
 class Source(HeatLaw):
     """Heat entering the screw: where (shape) and how much (law)."""
 
-    name: quantities.Name
+    name: quantities.Name  #: names the columns and keys of its heat
+    #: `"nut"`, `"point"`, `"band"`, or `"node"`: it heats nodes only
     shape: Literal["nut", "point", "band", "node"]
     # where
-    length_m: quantities.Length | None = None
+    length_m: quantities.Length | None = None  #: nut: its length
+    #: nut: where its middle travels, `[from, to]`; without `position_channel` its heat is uniform there
     stroke_m: tuple[quantities.Position, quantities.Position] | None = None
-    position_channel: quantities.Channel | None = None
+    position_channel: quantities.Channel | None = None  #: nut: the channel of its middle's position in m
+    #: nut: lead of the screw; with the speed it tells how well the samples show the path
     lead_m: quantities.Lead | None = None
-    position_m: quantities.Position | None = None
-    from_m: quantities.Position | None = None
-    to_m: quantities.Position | None = None
+    position_m: quantities.Position | None = None  #: point: where
+    from_m: quantities.Position | None = None  #: band: where it begins
+    to_m: quantities.Position | None = None  #: band: where it ends
+    #: what part of the heat goes into which [nodes](#node), as `{ ring = 0.3, housing = 0.2 }`; the rest
+    #: enters the screw
     nodes: dict[quantities.Name, quantities.Share] = Field(default_factory=dict)
     # how it is estimated
-    estimate: quantities.Flag = True
+    estimate: quantities.Flag = True  #: `false`: the law is the heat; at least one source must be estimated
+    #: how fast the heat may wander from its law: W after 1 s, growing with √t
     random_walk_W_sqrt_s: quantities.HeatSigma = 0.1
+    #: the deviation forgets itself in this time (first-order Markov); – is a pure random walk
     time_constant_s: quantities.Duration | None = None
+    #: when the law jumps, the heat is uncertain by this part of the jump
     law_uncertainty: quantities.Factor = 0.2
+    #: standard deviation of the heat at the start
     initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
 
     @model_validator(mode="after")
@@ -149,15 +161,14 @@ def owner(source: Source, sources: Sequence[Source]) -> Source:
 
 
 class Sensor(Section):
-    """A thermocouple on the screw, or on a node beside it; `offset_K` is one standard deviation of what it
-    reads too much, where that is another than `[tolerance]` says of all.
-    """
+    """A thermocouple on the screw, or on a node beside it."""
 
-    name: quantities.Name
-    channel: quantities.Channel
-    position_m: quantities.Position | None = None
-    on: quantities.Name | None = None
-    noise_K: quantities.Noise = 0.1
+    name: quantities.Name  #: names the columns of its innovation and quality
+    channel: quantities.Channel  #: the channel that measures it
+    position_m: quantities.Position | None = None  #: where on the screw it sits
+    on: quantities.Name | None = None  #: which node it sits on
+    noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
+    #: standard deviation of what it reads too much; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
 
     @model_validator(mode="after")
