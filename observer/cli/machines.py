@@ -70,10 +70,11 @@ def run(
 
     import_sparingly()
     from observer.daemon import serve
+    from observer.fleet.axes import one_of_several
     from observer.installation import load
     from observer.process.messages import configure
 
-    configure(as_json=log_format == "json")
+    configure(as_json=log_format == "json", axis=one_of_several())
     try:
         serve(load(path), seconds, path)
     except UserError as error:

@@ -15,7 +15,7 @@ import zenoh
 
 from campaigns.fleet.axes import axes_of, children, listening_at, served
 from observer.errors import ConfigError
-from observer.fleet.axes import LONGEST_PAUSE_S, START_S, WATCHDOG_S, Axis, check_axes
+from observer.fleet.axes import LONGEST_PAUSE_S, START_S, WATCHDOG_S, AxisProcess, check_axes
 from observer.publish.session import session_config
 from tests.docs.console import blocks
 from tests.fleet.machines import configuration
@@ -88,16 +88,16 @@ def test_two_whose_pages_or_servers_are_at_the_same_place_are_refused(table, tmp
     check_axes([one, two])
 
 
-class Scripted(Axis):
+class Scripted(AxisProcess):
     """An axis whose process is a shell's word."""
 
     def __init__(self, folder: Path, word: str) -> None:
-        super().__init__("m/x", ["sh", "-c", word], folder / "ear")
+        super().__init__("m/x", ["sh", "-c", word], folder / "inbox")
 
     def say(self, text: str, now_s: float) -> None:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as mouth:
-            mouth.sendto(text.encode(), self.ear.getsockname())
-        self.hear(now_s)
+            mouth.sendto(text.encode(), self.inbox.getsockname())
+        self.receive(now_s)
 
 
 @pytest.fixture
@@ -108,9 +108,9 @@ def short_path(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mon
     return Path()
 
 
-def _ends(axis: Axis, now_s: float) -> None:
+def _ends(axis: AxisProcess, now_s: float) -> None:
     axis.process.wait(PATIENCE_S)
-    axis.see_to(now_s, ending=False)
+    axis.supervise(now_s, ending=False)
 
 
 def test_the_pause_before_a_start_doubles_up_to_a_minute_and_a_steady_life_shortens_it(short_path):
@@ -125,7 +125,7 @@ def test_the_pause_before_a_start_doubles_up_to_a_minute_and_a_steady_life_short
     axis.start(now_s)
     _ends(axis, now_s + 3600.0)
     assert axis.due_s == now_s + 3601.0
-    axis.ear.close()
+    axis.inbox.close()
 
 
 @pytest.mark.parametrize(("code", "over"), [(0, 0), (2, 2), (1, None)])
@@ -133,25 +133,25 @@ def test_what_a_person_has_to_mend_is_not_started_again(short_path, code, over):
     axis = Scripted(short_path, f"exit {code}")
     axis.start(0.0)
     _ends(axis, 0.0)
-    assert axis.over == over
-    axis.ear.close()
+    assert axis.exit_code == over
+    axis.inbox.close()
 
 
 def test_an_axis_that_is_silent_too_long_is_ended(short_path):
     axis = Scripted(short_path, "exec sleep 600")
     axis.start(0.0)
-    axis.see_to(START_S, ending=False)
+    axis.supervise(START_S, ending=False)
     assert axis.process.poll() is None
     axis.say("READY=1\nSTATUS=good", START_S)
     assert axis.ready
     axis.say("WATCHDOG=1", START_S + WATCHDOG_S)
     axis.say("STATUS=good", START_S + 2 * WATCHDOG_S)  # it speaks, but no cycle ends
-    axis.see_to(START_S + 2 * WATCHDOG_S, ending=False)
+    axis.supervise(START_S + 2 * WATCHDOG_S, ending=False)
     assert axis.process.poll() is None
-    axis.see_to(START_S + 2 * WATCHDOG_S + 0.1, ending=False)
+    axis.supervise(START_S + 2 * WATCHDOG_S + 0.1, ending=False)
     assert axis.process.wait(PATIENCE_S) == -signal.SIGKILL
     axis.process.stdin.close()
-    axis.ear.close()
+    axis.inbox.close()
 
 
 @pytest.mark.system
