@@ -22,10 +22,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from observer.fleet.batches import batches
-from observer.fleet.finish import conclude
-from observer.fleet.journal import How, done
-from observer.fleet.orders import orders_of, read_table
+from observer.fleet.jobs import jobs_of, read_table
+from observer.fleet.journal import RunOptions, done
+from observer.fleet.results import conclude
+from observer.fleet.run import batches
 from observer.fleet.work import work
 from tests.fleet.machines import LENGTHS_M, a_fleet
 
@@ -59,12 +59,12 @@ def alone(table: Path) -> tuple[float, float, float]:
     one process does for all others: looking what is done, portions, and the table and page at the end.
     """
     with tempfile.TemporaryDirectory() as output:
-        orders = sorted(orders_of(read_table(table), "replay"), key=lambda order: str(order.config))
+        orders = sorted(jobs_of(read_table(table), "replay"), key=lambda order: str(order.config))
         firsts = list({order.config: order for order in orders}.values())
         begun_s = time.process_time()
-        work(firsts, How("replay", Path(output, "first")))
+        work(firsts, RunOptions("replay", Path(output, "first")))
         warm_s = time.process_time()
-        how = How("replay", Path(output, "all"))
+        how = RunOptions("replay", Path(output, "all"))
         rows = work(orders, how)
         done_s = time.process_time()
         assert not any(row["problem"] for row in rows)

@@ -9,9 +9,9 @@ from typing import Annotated, NoReturn
 import typer
 
 from observer.cli import clients, logs, machines
+from observer.cli.fleet import fleet
 from observer.cli.output import say
 from observer.errors import UserError
-from observer.fleet.cli import fleet
 from observer.process import shutdown
 
 app = typer.Typer(

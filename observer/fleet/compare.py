@@ -27,7 +27,7 @@ _LEVEL = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Heat:
+class MeanHeat:
     """The mean heat of one source in one log, at a mean speed, of a machine of some type.
 
     `good` is the share of the log's estimates that were good, NaN where no replay says it.
@@ -45,7 +45,7 @@ class Heat:
 class Beside:
     """The heat of a machine's source beside that of its like: `usual_W` at the same speed.
 
-    `usual_W` is None where fewer than three other machines run at about that speed; `good` as in `Heat`.
+    `usual_W` is None where fewer than three other machines run at about that speed; `good` as in `MeanHeat`.
     """
 
     machine: str
@@ -64,18 +64,18 @@ class Beside:
         return self.good < LEAST_GOOD
 
 
-def beside_fleet(heats: Sequence[Heat]) -> list[Beside]:
+def beside_fleet(heats: Sequence[MeanHeat]) -> list[Beside]:
     """Compare each machine's sources with the median of other machines of its type, at about its speed.
 
     A machine counts once for each source, by the medians of its logs. Heats are compared per rpm, which takes
     out what is left of the difference in speed; a source is hot where it is above the median by a fifth, and
     by three standard deviations as the median absolute deviation gives them.
     """
-    own: dict[tuple[str, str, str], list[Heat]] = {}
+    own: dict[tuple[str, str, str], list[MeanHeat]] = {}
     for heat in heats:
         own.setdefault((heat.type, heat.source, heat.machine), []).append(heat)
     points = [
-        Heat(
+        MeanHeat(
             machine, kind, source, _median(h.speed_rpm for h in each), _median(h.heat_W for h in each),
             min((h.good for h in each if not math.isnan(h.good)), default=math.nan),
         )
@@ -88,7 +88,7 @@ def _median(values: object) -> float:
     return float(np.median(list(values)))  # type: ignore[call-overload]
 
 
-def _beside(point: Heat, points: Sequence[Heat]) -> Beside:
+def _beside(point: MeanHeat, points: Sequence[MeanHeat]) -> Beside:
     others = [
         other.heat_W / other.speed_rpm
         for other in points
@@ -111,7 +111,7 @@ def _beside(point: Heat, points: Sequence[Heat]) -> Beside:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class Calibrated:
     """What was calibrated of a machine: each key's value and the ends of its 95 % interval."""
 
     machine: str
@@ -128,14 +128,14 @@ class Shared:
     values: Mapping[str, tuple[float, float, float]]
 
 
-def groups(machines: Sequence[Known]) -> list[Shared]:
+def groups(machines: Sequence[Calibrated]) -> list[Shared]:
     """Group machines of a type and of the same calibrated keys whose values agree within their intervals.
 
     Two agree where χ² = Σ (a − b)² / (σ_a² + σ_b²) over the keys stays below its 95 % quantile, Bonferroni's
     for all pairs of the type; within a group each agrees with each (complete linkage). The shared values are
     means weighted by 1/σ². The largest groups come first.
     """
-    likes: dict[tuple[str, tuple[str, ...]], list[Known]] = {}
+    likes: dict[tuple[str, tuple[str, ...]], list[Calibrated]] = {}
     for known in sorted(machines, key=lambda known: known.machine):
         likes.setdefault((known.type, tuple(sorted(known.values))), []).append(known)
     found = [
@@ -144,7 +144,7 @@ def groups(machines: Sequence[Known]) -> list[Shared]:
     return sorted(found, key=lambda shared: (-len(shared.machines), shared.machines))
 
 
-def _parts(own: Sequence[Known], keys: Sequence[str]) -> list[list[Known]]:
+def _parts(own: Sequence[Calibrated], keys: Sequence[str]) -> list[list[Calibrated]]:
     if len(own) == 1:
         return [list(own)]
     x, sigma = _table(own, keys)
@@ -158,14 +158,14 @@ def _parts(own: Sequence[Known], keys: Sequence[str]) -> list[list[Known]]:
     ]
 
 
-def _table(own: Sequence[Known], keys: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+def _table(own: Sequence[Calibrated], keys: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Values and standard deviations (m, k); an interval without width counts as a millionth of its value."""
     x = np.array([[known.values[key][0] for key in keys] for known in own])
     half = np.array([[(known.values[key][2] - known.values[key][1]) / 2 for key in keys] for known in own])
     return x, np.maximum(half / _NORMAL_95, 1e-6 * np.abs(x) + 1e-12)
 
 
-def _shared(part: Sequence[Known], kind: str, keys: Sequence[str]) -> Shared:
+def _shared(part: Sequence[Calibrated], kind: str, keys: Sequence[str]) -> Shared:
     x, sigma = _table(part, keys)
     weight = 1.0 / sigma**2
     mean = (weight * x).sum(axis=0) / weight.sum(axis=0)

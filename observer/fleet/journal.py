@@ -1,4 +1,4 @@
-"""What is done stands in its own folder, with what it was made of: there with the results or not at all.
+"""What is done is in its own folder, with what it was made of: there with the results or not at all.
 
 There is no other list that could disagree with the files, be cut off, or be written by two at a time.
 """
@@ -19,13 +19,13 @@ from typing import Any
 
 from observer.errors import UserError
 from observer.files.results import write_json
-from observer.fleet.orders import Order, Verb
+from observer.fleet.jobs import Job, Verb
 from observer.history.history import Method
 
 DONE = "done.json"
 WORK = ".work"
 WHY = "why"
-LIVES = "lives"
+ALIVE = "alive"
 """A file in the folder of a run: a worker whose folder was removed beneath it makes that again."""
 TRIES = 2
 
@@ -33,8 +33,8 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class How:
-    """What is done to every order: the verb, its options, where results go, and how long one may take."""
+class RunOptions:
+    """What is done to every job: the verb, its options, where results go, and how long one may take."""
 
     verb: Verb
     output: Path
@@ -51,11 +51,11 @@ class How:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the run that gave the order is over: nobody waits for what is left of it."""
-        return bool(self.run) and not (self.work / LIVES).exists()
+        """Whether the run that gave the job is over: nobody waits for what is left of it."""
+        return bool(self.run) and not (self.work / ALIVE).exists()
 
     @property
-    def options(self) -> dict[str, str]:
+    def of_results(self) -> dict[str, str]:
         """What the results depend on beside logs and configuration."""
         chosen = {"verb": self.verb, "version": version("ballscrew-observer")}
         if self.verb in ("replay", "identify"):
@@ -69,34 +69,32 @@ class GivenUpError(UserError):
     """Work that will not be tried again."""
 
 
-def made_of(order: Order, how: How) -> dict[str, Any]:
+def provenance(job: Job, options: RunOptions) -> dict[str, Any]:
     """Return what results depend on: options, the text of the configuration, size, time and text of each log.
 
     Raises `OSError` where a file is not there.
     """
     return {
-        **how.options,
-        "config_sha256": _digest(order.config),
-        "logs": [{"path": str(log), **_look(log), "sha256": _digest(log)} for log in order.logs],
+        **options.of_results,
+        "config_sha256": _digest(job.config),
+        "logs": [{"path": str(log), **_look(log), "sha256": _digest(log)} for log in job.logs],
     }
 
 
-def done(order: Order, how: How) -> Row | None:
+def done(job: Job, options: RunOptions) -> Row | None:
     """Return the row of work that is done, unless logs, configuration or options have changed since."""
     try:
-        document = json.loads((how.output / order.place / DONE).read_text(encoding="utf-8"))
-        stamp, row = document["made_of"], document["row"]
-        if stamp["config_sha256"] != _digest(order.config):
-            return None
-        if {key: stamp.get(key) for key in how.options} != how.options:
-            return None
-        logs = {entry["path"]: entry for entry in stamp["logs"]}
-        if list(logs) != [str(log) for log in order.logs]:
-            return None
-        same = all(_is_same(log, logs[str(log)]) for log in order.logs)
+        document = json.loads((options.output / job.folder / DONE).read_text(encoding="utf-8"))
+        made_of, row = document["made_of"], document["row"]
+        same = (
+            made_of["config_sha256"] == _digest(job.config)
+            and made_of.items() >= options.of_results.items()
+            and [entry["path"] for entry in made_of["logs"]] == [str(log) for log in job.logs]
+            and all(_is_same(log, entry) for log, entry in zip(job.logs, made_of["logs"], strict=True))
+        )
+        return dict(row) if same else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return dict(row) if same else None
 
 
 def _look(log: Path) -> dict[str, int]:
@@ -117,55 +115,57 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def begin(order: Order, how: How) -> Path:
-    """Make the folder that an order is worked on in. What stands there tells of earlier tries that died.
+def begin(job: Job, options: RunOptions) -> Path:
+    """Make the folder that a job is worked on in. Those of earlier tries remain if their process died.
 
     Raises `GivenUpError` where the time was up, or two tries have ended with their process.
     """
-    base = hashlib.sha256(str(order.place).encode()).hexdigest()[:24]
-    tries = [how.work / f"{base}.{number}" for number in range(1, TRIES + 1)]
-    for part in tries:
+    for number in range(1, TRIES + 1):
+        part = options.work / f"{_base(job)}.{number}"
         if not part.exists():
             part.mkdir(parents=True)
             return part
         with suppress(OSError):
             raise GivenUpError((part / WHY).read_text(encoding="utf-8"))
     raise GivenUpError(
-        f"{order.logs[0]}: the process that worked on it has died {TRIES} times, perhaps for want of memory; "
+        f"{job.logs[0]}: the process that worked on it has died {TRIES} times, perhaps for want of memory; "
         "try it alone, with a larger --memory-GB, or shorten it"
     )
 
 
-def finish(part: Path, order: Order, how: How, stamp: Mapping[str, Any], row: Row) -> None:
-    """Put the results in their place, with what they were made of; older ones go."""
-    write_json(part / DONE, {"made_of": stamp, "row": row})
-    place = how.output / order.place
-    place.parent.mkdir(parents=True, exist_ok=True)
+def _base(job: Job) -> str:
+    """What the folders of all tries of a job begin with."""
+    return hashlib.sha256(str(job.folder).encode()).hexdigest()[:24]
+
+
+def finish(part: Path, job: Job, options: RunOptions, made_of: Mapping[str, Any], row: Row) -> None:
+    """Move the results to their folder, with what they were made of; older ones go."""
+    write_json(part / DONE, {"made_of": made_of, "row": row})
+    folder = options.output / job.folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
     old = part.with_name(f"{part.name}.old")
-    if place.exists():
-        place.rename(old)
-    part.rename(place)
-    shutil.rmtree(old, ignore_errors=True)
-    put_away(order, how)
+    if folder.exists():
+        folder.rename(old)
+    part.rename(folder)
+    remove_attempts(job, options)
 
 
-def put_away(order: Order, how: How) -> None:
-    """Remove what tries that died have left of an order."""
-    base = hashlib.sha256(str(order.place).encode()).hexdigest()[:24]
-    for part in how.work.glob(f"{base}.*"):
+def remove_attempts(job: Job, options: RunOptions) -> None:
+    """Remove what tries have left of a job."""
+    for part in options.work.glob(f"{_base(job)}.*"):
         shutil.rmtree(part, ignore_errors=True)
 
 
-def clear_up(how: How) -> None:
+def remove_work_folder(options: RunOptions) -> None:
     """Remove what was made in the folder of a run after its end."""
-    shutil.rmtree(how.work, ignore_errors=True)
+    shutil.rmtree(options.work, ignore_errors=True)
     with suppress(OSError):  # another run is at work
-        (how.output / WORK).rmdir()
+        (options.output / WORK).rmdir()
 
 
 @contextmanager
-def alone_in(output: Path) -> Iterator[Path]:
-    """Have a folder of results for this run alone; yields where work is done, empty, to go at the end.
+def exclusive(output: Path) -> Iterator[Path]:
+    """Lock a folder of results for this run; yields where work is done, empty, which is removed at the end.
 
     Raises `UserError` where another run is at work there, or nothing can be written.
     """
@@ -185,7 +185,7 @@ def alone_in(output: Path) -> Iterator[Path]:
                 shutil.rmtree(work, ignore_errors=True)  # left by a run that was killed
                 folder = work / secrets.token_hex(4)
                 folder.mkdir(parents=True)
-                (folder / LIVES).touch()
+                (folder / ALIVE).touch()
                 yield folder
             finally:
                 shutil.rmtree(work, ignore_errors=True)

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from observer.fleet.compare import LEAST_GOOD, Beside, Heat, Known, Shared, beside_fleet, groups
+from observer.fleet.compare import LEAST_GOOD, Beside, Calibrated, MeanHeat, Shared, beside_fleet, groups
 from observer.fleet.journal import Row
 from observer.report.page import Html, code, document, paragraph, safe, section, table, tiles
 
@@ -18,12 +18,12 @@ _DASH = "–"
 _NOTHING = "nothing"
 _DOUBTS = {
     "unknown": "something the library does not have",
-    "not_identifiable": "something its logs cannot tell",
+    "not_identifiable": "something that its logs cannot identify",
 }
 
 
 def write_report(path: Path, rows: Sequence[Row], failures: Sequence[Row]) -> None:
-    """Write the page of everything that is done in a folder; `failures` of this run stand beneath.
+    """Write the page of everything that is done in a folder; `failures` of this run are listed beneath.
 
     The file is there whole or not at all.
     """
@@ -38,7 +38,7 @@ def write_report(path: Path, rows: Sequence[Row], failures: Sequence[Row]) -> No
 def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
     """Return the page."""
     beside = beside_fleet(heats_of(rows))
-    shared = groups(known_of(rows))
+    shared = groups(calibrated_of(rows))
     hot = [b for b in beside if b.hot]
     found = [row for row in rows if row["verb"] == "discover"]
     machines = sorted({row["machine"] for row in [*rows, *failures]}, key=_counting)
@@ -72,7 +72,7 @@ def _counting(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-def heats_of(rows: Sequence[Row]) -> list[Heat]:
+def heats_of(rows: Sequence[Row]) -> list[MeanHeat]:
     """The heats of all sources with a speed; those of `identify`, where it was done, before a replay's."""
     best, good = dict[tuple[str, ...], Row](), dict[tuple[str, ...], float]()
     for row in rows:
@@ -82,7 +82,7 @@ def heats_of(rows: Sequence[Row]) -> list[Heat]:
             if key not in best or row["verb"] == "identify":
                 best[key] = row
     return [
-        Heat(
+        MeanHeat(
             row["machine"],
             row["found"]["type"],
             source,
@@ -96,7 +96,7 @@ def heats_of(rows: Sequence[Row]) -> list[Heat]:
     ]
 
 
-def known_of(rows: Sequence[Row]) -> list[Known]:
+def calibrated_of(rows: Sequence[Row]) -> list[Calibrated]:
     """What was calibrated of each machine; by `calibrate` where that was done, else within `discover`."""
     best: dict[str, Row] = {}
     for row in rows:
@@ -104,7 +104,7 @@ def known_of(rows: Sequence[Row]) -> list[Known]:
         if calibrated and (row["machine"] not in best or row["verb"] == "calibrate"):
             best[row["machine"]] = row
     return [
-        Known(
+        Calibrated(
             machine,
             row["found"]["type"],
             {key: (fit["value"], *fit["ci95"]) for key, fit in row["found"]["calibrated"].items()},
@@ -141,7 +141,7 @@ def _machines(
 def _heat(b: Beside) -> Html:
     usual = "no like to compare" if b.usual_W is None else f"usual {b.usual_W:.1f} W"
     text = f"{b.source} {b.heat_W:.1f} W ({usual})"
-    said = Html(f"<b>{paragraph_text(text)}, hot</b>") if b.hot else Html(paragraph_text(text))
+    said = Html(f"<b>{safe(text)}, hot</b>") if b.hot else Html(safe(text))
     return said if math.isnan(b.good) else _greyed(Html(f"{said}, {_good(b)} good"), b)
 
 
@@ -153,11 +153,6 @@ def _good(b: Beside) -> str:
 def _greyed(text: str, b: Beside) -> Html:
     """A figure, grey where hardly any estimate behind it was good."""
     return Html(f'<span class="doubtful">{safe(text)}</span>') if b.doubtful else safe(text)
-
-
-def paragraph_text(text: str) -> str:
-    """Return text as HTML within a line."""
-    return paragraph(text).removeprefix("<p>").removesuffix("</p>")
 
 
 def _lacks(row: Row) -> str:

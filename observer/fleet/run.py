@@ -1,11 +1,12 @@
-"""Orders given to the processes of a Dask cluster, a bounded number at a time, and their rows gathered."""
+"""Jobs given to the processes of a Dask cluster, a bounded number at a time, and their rows gathered."""
 
-# Dask tells nothing of its types.
+# Dask has no type annotations.
 # mypy: disable-error-code="no-untyped-call"
 
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 from collections import deque
@@ -22,108 +23,128 @@ from distributed import Client, LocalCluster, Status, as_completed
 from distributed.utils import LoopRunner
 
 from observer.errors import UserError
-from observer.fleet.batches import batches
-from observer.fleet.journal import How, Row, alone_in, done
-from observer.fleet.orders import Order
+from observer.fleet.jobs import Job
+from observer.fleet.journal import Row, RunOptions, done, exclusive
 from observer.fleet.work import failed, work
 from observer.signals import unheard
 
 WAIT_S = 30.0
 AHEAD = 2
-"""Portions given out per thread: one that is worked on and one that waits for it."""
+"""Batches given out per thread: one that is worked on and one that waits for it."""
+MOST_JOBS = 32
+MOST_BYTES = 16_000_000
+"""Of the logs in a batch: so much takes seconds, which is long compared to the cost of sending it."""
+BATCHES_PER_WORKER = 4
+"""At least, so that the last one to end keeps the others waiting for a quarter of their time at most."""
 Progress = Callable[[int, int], None]
 
 
-class EndedError(Exception):
-    """Ctrl-C, or what counts as that, while work was done: `rows` of what is done, of `total` orders."""
+class InterruptedRunError(Exception):
+    """Ctrl-C, or what counts as that, while work was done: `rows` of what is done."""
 
-    def __init__(self, rows: list[Row], total: int) -> None:
+    def __init__(self, rows: list[Row]) -> None:
         """Take what is done."""
-        super().__init__(f"{len(rows)} of {total} done")
-        self.rows, self.total = rows, total
+        super().__init__(f"{len(rows)} done")
+        self.rows = rows
 
 
 def run(
-    orders: Sequence[Order],
-    how: How,
+    jobs: Sequence[Job],
+    options: RunOptions,
     progress: Progress,
     *,
     workers: int,
     memory_GB: float | None = None,
     address: str | None = None,
 ) -> tuple[list[Row], int]:
-    """Do what is not done yet; returns the rows of all orders, failed ones too, and how many were done.
+    """Do what is not done yet; returns the rows of all jobs, failed ones too, and how many were done before.
 
     The workers are `workers` processes of this computer, each with at most `memory_GB`, or those of the
     cluster at `address`, which see logs and output under the same paths. Raises `UserError` where there is no
-    cluster, and `EndedError` in place of `KeyboardInterrupt`.
+    cluster, and `InterruptedRunError` in place of `KeyboardInterrupt`.
     """
-    with alone_in(how.output) as folder:
-        how = replace(how, run=folder.name)
-        found = {order: done(order, how) for order in orders}
+    with exclusive(options.output) as folder:
+        options = replace(options, run=folder.name)
+        found = {job: done(job, options) for job in jobs}
         rows = [row for row in found.values() if row is not None]
-        before, left = len(rows), [order for order, row in found.items() if row is None]
-        progress(before, len(orders))
+        before, left = len(rows), [job for job, row in found.items() if row is None]
+        progress(before, len(jobs))
         if left:
             try:
                 with _client(workers, memory_GB, address, folder) as client:
-                    for some in _done_by(client, left, how):
+                    for some in _results(client, left, options):
                         rows += some
-                        progress(len(rows), len(orders))
-            except KeyboardInterrupt:
-                raise EndedError(rows + _besides(rows, left, how), len(orders)) from None
+                        progress(len(rows), len(jobs))
+            except KeyboardInterrupt:  # some jobs may be done in batches that have not come back
+                known = {row["folder"] for row in rows}
+                unknown = (done(job, options) for job in left if str(job.folder) not in known)
+                raise InterruptedRunError(rows + [row for row in unknown if row is not None]) from None
     return rows, before
 
 
-def _besides(rows: Sequence[Row], orders: Sequence[Order], how: How) -> list[Row]:
-    """The rows of what is done in portions that have not come back."""
-    told = {row["folder"] for row in rows}
-    found = (done(order, how) for order in orders if str(order.place) not in told)
-    return [row for row in found if row is not None]
+def batches(jobs: Sequence[Job], workers: int) -> list[tuple[Job, ...]]:
+    """Put jobs of the same configuration together: what is built for one log then serves the next.
+
+    A job on all logs of a machine is a batch of its own. The largest batches come first.
+    """
+    by_config: dict[Path, list[Job]] = {}
+    for job in jobs:
+        by_config.setdefault(job.config, []).append(job)
+    most = min(MOST_JOBS, max(1, math.ceil(len(jobs) / (BATCHES_PER_WORKER * workers))))
+    found: list[tuple[int, tuple[Job, ...]]] = []
+    for own in by_config.values():
+        batch: list[Job] = []
+        total = 0
+        for job in own:
+            size = sum(log.stat().st_size for log in job.logs if log.is_file())
+            if batch and (len(batch) >= most or total + size > MOST_BYTES or len(job.logs) > 1):
+                found.append((total, tuple(batch)))
+                batch, total = [], 0
+            batch.append(job)
+            total += size
+        found.append((total, tuple(batch)))
+    found.sort(key=lambda entry: -entry[0])
+    return [batch for _, batch in found]
 
 
-def _done_by(client: Client, orders: Sequence[Order], how: How) -> Iterator[list[Row]]:
-    """Yield the rows of portions as they end; as many are given out as the workers need to stay busy."""
+def _results(client: Client, jobs: Sequence[Job], options: RunOptions) -> Iterator[list[Row]]:
+    """Yield the rows of batches as they end; as many are given out as the workers need to stay busy."""
     threads = sum(client.nthreads().values())
-    waiting = deque(batches(orders, threads))
-    given: dict[Any, tuple[Order, ...]] = {}
+    waiting = deque(batches(jobs, threads))
+    given: dict[Any, tuple[Job, ...]] = {}
     ending: Any = as_completed(raise_errors=False)
 
     def give() -> None:
         while waiting and len(given) < AHEAD * threads:
-            portion = waiting.popleft()
-            future = client.submit(work, portion, how, pure=False)
-            given[future] = portion
+            batch = waiting.popleft()
+            future = client.submit(work, batch, options, pure=False)
+            given[future] = batch
             ending.add(future)
 
     give()
     for future in ending:
-        portion = given.pop(future)
+        batch = given.pop(future)
         if future.status == "finished":
             yield future.result()
         elif client.status != "running" or future.status in ("cancelled", "lost"):
             raise UserError(
                 "fleet: the cluster has gone; start it and give the same command again, which goes on here"
             )
-        elif len(portion) > 1:  # a worker died of one of them, perhaps; each for itself, then
-            waiting.extendleft((order,) for order in portion)
+        elif len(batch) > 1:  # perhaps one of them has ended the worker; then each for itself
+            waiting.extendleft((job,) for job in batch)
         else:
-            yield [failed(portion[0], how, _why(portion[0], future))]
+            cause = type(future.exception()).__name__
+            problem = f"{batch[0].logs[0]}: its worker did not come back ({cause}); try it alone"
+            yield [failed(batch[0], options, problem)]
         future.release()
         give()
-
-
-def _why(order: Order, future: Any) -> str:
-    return (
-        f"{order.logs[0]}: its worker did not come back ({type(future.exception()).__name__}); try it alone"
-    )
 
 
 @contextmanager
 def _client(workers: int, memory_GB: float | None, address: str | None, folder: Path) -> Iterator[Client]:
     """A client of the cluster at an address, or of one of our own for as long as it is needed."""
     if address is not None:
-        with _joined(address) as client:
+        with _existing(address) as client:
             yield client
         return
     settings = {
@@ -134,7 +155,7 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
-        runner = _deaf_to_ctrl_c()
+        runner = _blocking_ctrl_c()
         stack.callback(runner.stop)
         with unheard(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
             cluster = stack.enter_context(_cluster(runner, workers, memory_GB, folder))
@@ -161,12 +182,12 @@ def _cluster(runner: LoopRunner, workers: int, memory_GB: float | None, folder: 
     )
 
 
-def _deaf_to_ctrl_c() -> LoopRunner:
-    """Start the thread that starts the workers so that Ctrl-C, which a terminal sends to all, is not theirs.
+def _blocking_ctrl_c() -> LoopRunner:
+    """Start the thread that starts the workers with SIGINT blocked: a terminal sends Ctrl-C to all of them.
 
-    The deaf hand it on to their processes; a worker that hears it while it starts prints a traceback.
+    Their processes inherit that; a worker that is interrupted while it starts prints a traceback.
     """
-    resource_tracker.ensure_running()  # it would give its starter ears again
+    resource_tracker.ensure_running()  # it would unblock the signal again
     for name in ("asyncio", "distributed"):  # of workers that are ended while they start, and what follows
         logging.getLogger(name).setLevel(logging.CRITICAL)
     runner = LoopRunner()
@@ -176,7 +197,7 @@ def _deaf_to_ctrl_c() -> LoopRunner:
 
 
 def _kill(cluster: LocalCluster) -> None:
-    """End the workers now: asked to, each would first finish its log, or be waited for in vain."""
+    """End the workers now: asked to, each would first finish its log."""
     for nanny in cluster.workers.values():
         nanny.status = Status.closing_gracefully  # it closes with its process, and starts no other
         with suppress(OSError, TypeError):
@@ -184,7 +205,7 @@ def _kill(cluster: LocalCluster) -> None:
 
 
 @contextmanager
-def _joined(address: str) -> Iterator[Client]:
+def _existing(address: str) -> Iterator[Client]:
     try:
         client = Client(address, timeout=WAIT_S)
     except (OSError, ValueError, TypeError):
@@ -199,24 +220,23 @@ def _joined(address: str) -> Iterator[Client]:
             raise UserError(
                 f"--scheduler: {address} has no worker; start some with `dask worker {address}`"
             ) from None
-        _agree(client, address)
+        _check_versions(client, address)
         yield client
 
 
-def _agree(client: Client, address: str) -> None:
+def _check_versions(client: Client, address: str) -> None:
     """Refuse workers that do not have this version of the program."""
     here = version("ballscrew-observer")
-    told = client.run(_version, on_error="return")
-    for worker, there in told.items():
+    for worker, there in client.run(_version, on_error="return").items():
         if there != here:
-            said = there if isinstance(there, str) else f"none ({type(there).__name__})"
+            found = there if isinstance(there, str) else f"none ({type(there).__name__})"
             raise UserError(
-                f"--scheduler: the worker {worker} of {address} has ballscrew-observer {said}, and "
+                f"--scheduler: the worker {worker} of {address} has ballscrew-observer {found}, and "
                 f"this is {here}; install the same there"
             )
 
 
 def _version() -> str:
-    import observer.fleet.work  # noqa: F401 - it can be had there
+    import observer.fleet.work  # noqa: F401 - it can be imported there
 
     return version("ballscrew-observer")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from observer.fleet.compare import Heat, Known, beside_fleet, groups
+from observer.fleet.compare import Calibrated, MeanHeat, beside_fleet, groups
 
 
-def _bearing(machine: str, heat_W_rpm: float, speed_rpm: float = 1500.0, kind: str = "a") -> Heat:
-    return Heat(machine, kind, "left", speed_rpm, heat_W_rpm * speed_rpm)
+def _bearing(machine: str, heat_W_rpm: float, speed_rpm: float = 1500.0, kind: str = "a") -> MeanHeat:
+    return MeanHeat(machine, kind, "left", speed_rpm, heat_W_rpm * speed_rpm)
 
 
 def test_the_one_bearing_that_runs_hot_is_found_at_whatever_speed_it_runs():
@@ -41,9 +41,9 @@ def test_a_standstill_has_no_usual_heat():
     assert [b.usual_W for b in beside_fleet([_bearing(f"m{i}", 0.0, 0.0) for i in range(5)])] == [None] * 5
 
 
-def _known(machine: str, film: float, torque: float, kind: str = "a") -> Known:
+def _known(machine: str, film: float, torque: float, kind: str = "a") -> Calibrated:
     values = {"film": (film, film - 0.5, film + 0.5), "torque": (torque, torque - 0.01, torque + 0.01)}
-    return Known(machine, kind, values)
+    return Calibrated(machine, kind, values)
 
 
 def test_machines_that_agree_share_and_others_do_not():
@@ -66,6 +66,6 @@ def test_values_that_differ_by_chance_only_stay_together():
 
 
 def test_machines_with_other_keys_are_not_compared():
-    one = Known("a", "t", {"film": (15.0, 14.0, 16.0)})
+    one = Calibrated("a", "t", {"film": (15.0, 14.0, 16.0)})
     assert [each.machines for each in groups([one, _known("b", 15, 0.3, "t")])] == [("a",), ("b",)]
-    assert groups([Known("c", "t", {})]) == []
+    assert groups([Calibrated("c", "t", {})]) == []

@@ -17,8 +17,8 @@ from distributed import LocalCluster
 
 from observer.errors import UserError
 from observer.fleet import run as running
-from observer.fleet.journal import DONE, How
-from observer.fleet.orders import given, orders_of, read_table
+from observer.fleet.jobs import given, jobs_of, read_table
+from observer.fleet.journal import DONE, RunOptions
 from tests.fleet.machines import a_fleet, configuration, simulated
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
@@ -149,7 +149,7 @@ def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_p
 
 def test_a_cluster_that_is_there_already_is_used_by_its_address(tmp_path, fleet):
     lines = read_table(fleet)[:4]
-    orders, how, told = orders_of(lines, "identify"), How("identify", tmp_path / "out"), []
+    orders, how, told = jobs_of(lines, "identify"), RunOptions("identify", tmp_path / "out"), []
     with LocalCluster(
         n_workers=1, threads_per_worker=3, processes=False, protocol="tcp", host="127.0.0.1",
         dashboard_address="127.0.0.1:0", local_directory=str(tmp_path / "dask"),
@@ -158,15 +158,17 @@ def test_a_cluster_that_is_there_already_is_used_by_its_address(tmp_path, fleet)
         rows, before = running.run(orders, how, lambda *done: told.append(done), **arguments)
     assert [row["problem"] for row in rows] == [None] * 4
     assert (before, told[0], told[-1]) == (0, (0, 4), (4, 4))
-    assert (how.output / orders[0].place / "heat.parquet").exists()
+    assert (how.output / orders[0].folder / "heat.parquet").exists()
 
 
 def test_no_cluster_at_an_address_is_said(tmp_path, fleet, monkeypatch):
     monkeypatch.setattr(running, "WAIT_S", 0.5)
-    orders = orders_of(read_table(fleet)[:1], "replay")
+    orders = jobs_of(read_table(fleet)[:1], "replay")
     for address in (f"tcp://127.0.0.1:{free_port()}", "nowhere at all"):
         with pytest.raises(UserError, match="no Dask scheduler answers"):
-            running.run(orders, How("replay", tmp_path / "out"), lambda *_: None, workers=1, address=address)
+            running.run(
+                orders, RunOptions("replay", tmp_path / "out"), lambda *_: None, workers=1, address=address
+            )
 
 
 def test_nothing_that_could_be_done_is_exit_code_2_as_is_a_wrong_line(tmp_path, fleet):
@@ -184,8 +186,8 @@ def test_nothing_that_could_be_done_is_exit_code_2_as_is_a_wrong_line(tmp_path, 
 def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
     config = fleet.parent / "type-1.toml"
     logs = sorted((fleet.parent / "m000").glob("*.parquet"))[:2]
-    how = How("calibrate", tmp_path / "out")
-    (order,) = orders_of(given(logs, config), "calibrate")
+    how = RunOptions("calibrate", tmp_path / "out")
+    (order,) = jobs_of(given(logs, config), "calibrate")
     from observer.fleet.work import work
 
     (row,) = work([order], how)

@@ -9,49 +9,49 @@ import pytest
 from pyarrow import parquet
 
 from observer.errors import UserError
-from observer.fleet.finish import conclude
+from observer.fleet.jobs import Job
 from observer.fleet.journal import (
     WHY,
     WORK,
     GivenUpError,
-    How,
-    alone_in,
+    RunOptions,
     begin,
     done,
+    exclusive,
     finish,
-    made_of,
+    provenance,
     rows_in,
 )
-from observer.fleet.orders import Order
+from observer.fleet.results import conclude
 
 
 @pytest.fixture
-def order(tmp_path: Path) -> Order:
+def order(tmp_path: Path) -> Job:
     (tmp_path / "run.csv").write_text("time_s\n1\n")
     (tmp_path / "c.toml").write_text("a = 1\n")
-    return Order("m", "run", (tmp_path / "run.csv",), tmp_path / "c.toml", Path("m/replay/run"))
+    return Job("m", "run", (tmp_path / "run.csv",), tmp_path / "c.toml", Path("m/replay/run"))
 
 
 @pytest.fixture
-def how(tmp_path: Path) -> How:
-    return How("replay", tmp_path / "out")
+def how(tmp_path: Path) -> RunOptions:
+    return RunOptions("replay", tmp_path / "out")
 
 
-def _do(order: Order, how: How, number: int = 1) -> None:
+def _do(order: Job, how: RunOptions, number: int = 1) -> None:
     part = begin(order, how)
     (part / "estimates.parquet").write_text(str(number))
-    finish(part, order, how, made_of(order, how), {"number": number, "found": {}})
+    finish(part, order, how, provenance(order, how), {"number": number, "found": {}})
 
 
 def test_what_is_done_has_its_row_and_results_and_nothing_else_is_left(order, how):
     assert done(order, how) is None
     _do(order, how)
     assert done(order, how) == {"number": 1, "found": {}}
-    assert sorted(p.name for p in (how.output / order.place).iterdir()) == ["done.json", "estimates.parquet"]
+    assert sorted(p.name for p in (how.output / order.folder).iterdir()) == ["done.json", "estimates.parquet"]
     assert not list((how.output / WORK).iterdir())
     assert list(rows_in(how.output)) == [{"number": 1, "found": {}}]
     _do(order, how, 2)
-    assert (how.output / order.place / "estimates.parquet").read_text() == "2"
+    assert (how.output / order.folder / "estimates.parquet").read_text() == "2"
 
 
 def test_a_log_copied_anew_is_the_same_and_one_of_other_content_is_not(order, how):
@@ -72,14 +72,16 @@ def test_a_log_copied_anew_is_the_same_and_one_of_other_content_is_not(order, ho
 
 def test_other_options_are_other_work(order, how):
     _do(order, how)
-    assert done(order, How("replay", how.output, limit_s=5.0)), "the time that it may take changes no result"
-    assert done(order, How("replay", how.output, format="csv")) is None
+    assert done(order, RunOptions("replay", how.output, limit_s=5.0)), (
+        "the time that it may take changes no result"
+    )
+    assert done(order, RunOptions("replay", how.output, format="csv")) is None
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"made_of": 1, "row": {}}', "null"])
 def test_a_damaged_file_counts_as_not_done(order, how, text):
     _do(order, how)
-    (how.output / order.place / "done.json").write_text(text)
+    (how.output / order.folder / "done.json").write_text(text)
     assert done(order, how) is None
     assert list(rows_in(how.output)) in ([], [{}])
 
@@ -106,28 +108,28 @@ def test_what_was_ended_for_its_time_is_not_tried_again(order, how):
 
 
 def test_a_folder_is_for_one_run_alone_and_a_killed_one_leaves_no_tries(order, how):
-    with alone_in(how.output) as work:
+    with exclusive(how.output) as work:
         begin(order, how)
-        with pytest.raises(UserError, match="another run is at work there"), alone_in(how.output):
+        with pytest.raises(UserError, match="another run is at work there"), exclusive(how.output):
             pass
         kept = how.output / "kept"
         shutil.copytree(work, kept)
     assert not list(how.output.glob(".*"))
     shutil.move(kept, work)  # as a kill -9 leaves it
-    with alone_in(how.output) as work:
-        assert [path.name for path in work.iterdir()] == ["lives"]  # by which workers know that it goes on
+    with exclusive(how.output) as work:
+        assert [path.name for path in work.iterdir()] == ["alive"]  # by which workers know that it goes on
 
 
 def test_results_that_stand_under_a_former_name_count_once(order, how):
     """A log may have changed places among others of its name."""
-    former = replace(order, place=Path("m/replay/run-0a1b2c3d"))
+    former = replace(order, folder=Path("m/replay/run-0a1b2c3d"))
     for each in (former, order):
         row = {
             "machine": "m", "verb": "replay", "name": "run", "logs": [str(order.logs[0])], "config": "c",
-            "folder": str(each.place), "problem": None, "seconds": 1.0,
+            "folder": str(each.folder), "problem": None, "seconds": 1.0,
             "found": {"type": "t", "heat_mean_W": {}, "sources": []},
         }  # fmt: skip
-        finish(begin(each, how), each, how, made_of(each, how), row)
+        finish(begin(each, how), each, how, provenance(each, how), row)
     assert len(list(rows_in(how.output))) == 2
     assert conclude(how.output, [row]) == []
     assert parquet.read_table(how.output / "results.parquet").to_pydict()["folder"] == ["m/replay/run"]

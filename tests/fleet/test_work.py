@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from observer.fleet import work as workers
-from observer.fleet.journal import WHY, WORK, How, alone_in, done
-from observer.fleet.orders import Order
+from observer.fleet.jobs import Job
+from observer.fleet.journal import WHY, WORK, RunOptions, done, exclusive
 from tests.fleet.machines import configuration, simulated
 from tests.patience import PATIENCE_S
 
@@ -17,25 +17,25 @@ HANGING = """
 import sys, threading
 from pathlib import Path
 from observer.fleet import work
-from observer.fleet.journal import How
-from observer.fleet.orders import Order
+from observer.fleet.journal import RunOptions
+from observer.fleet.jobs import Job
 log, config, output = map(Path, sys.argv[1:])
 work._VERBS["replay"] = lambda *_: threading.Event().wait()
-work.work([Order("m", "run", (log,), config, Path("m/replay/run"))], How("replay", output, limit_s=0.2))
+work.work([Job("m", "run", (log,), config, Path("m/replay/run"))], RunOptions("replay", output, limit_s=0.2))
 """
 
 
 @pytest.fixture
-def order(tmp_path: Path) -> Order:
+def order(tmp_path: Path) -> Job:
     config = configuration(tmp_path, 0, "m")
     log = simulated(config, tmp_path / "run.parquet", 200)
-    return Order("m", "run", (log,), config, Path("m/replay/run"))
+    return Job("m", "run", (log,), config, Path("m/replay/run"))
 
 
 def test_a_portion_builds_a_machine_once_and_anew_for_another_text(tmp_path, order):
     workers._ready.cache_clear()
-    how = How("replay", tmp_path / "out")
-    others = [Order("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(3)]
+    how = RunOptions("replay", tmp_path / "out")
+    others = [Job("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(3)]
     rows = workers.work([order, *others], how)
     assert [row["problem"] for row in rows] == [None] * 4
     assert workers._ready.cache_info().misses == 1
@@ -50,10 +50,10 @@ def test_a_fleet_s_replay_gives_the_bits_of_a_single_one(tmp_path, order):
     from observer import app
     from observer.installation import load
 
-    how = How("replay", tmp_path / "out")
-    workers.work([Order("m", "before", order.logs, order.config, Path("m/replay/before")), order], how)
+    how = RunOptions("replay", tmp_path / "out")
+    workers.work([Job("m", "before", order.logs, order.config, Path("m/replay/before")), order], how)
     app.replay(order.logs[0], load(order.config), tmp_path / "one", ".parquet", progress=lambda *_: None)
-    alone, of_fleet = tmp_path / "one", how.output / order.place
+    alone, of_fleet = tmp_path / "one", how.output / order.folder
     for name in ("estimates.parquet", "summary.json"):
         assert (of_fleet / name).read_bytes() == (alone / name).read_bytes()
 
@@ -70,8 +70,8 @@ def test_whatever_a_log_does_its_row_says_so_and_the_next_is_done(tmp_path, orde
     def fail(*_: object) -> None:
         raise error
 
-    how, real = How("replay", tmp_path / "out"), workers._VERBS["replay"]
-    broken = Order("m", "b", order.logs, order.config, Path("m/replay/b"))
+    how, real = RunOptions("replay", tmp_path / "out"), workers._VERBS["replay"]
+    broken = Job("m", "b", order.logs, order.config, Path("m/replay/b"))
     work_of = {"b": fail, "run": real}
     monkeypatch.setitem(workers._VERBS, "replay", lambda order, *rest: work_of[order.name](order, *rest))
     first, second = workers.work([broken, order], how)
@@ -83,9 +83,9 @@ def test_whatever_a_log_does_its_row_says_so_and_the_next_is_done(tmp_path, orde
 
 
 def test_what_is_not_there_is_told_in_a_sentence(tmp_path, order):
-    gone = Order("m", "x", (tmp_path / "x.csv",), order.config, Path("m/replay/x"))
-    no_config = Order("m", "y", order.logs, tmp_path / "no.toml", Path("m/replay/y"))
-    rows = workers.work([gone, no_config], How("replay", tmp_path / "out"))
+    gone = Job("m", "x", (tmp_path / "x.csv",), order.config, Path("m/replay/x"))
+    no_config = Job("m", "y", order.logs, tmp_path / "no.toml", Path("m/replay/y"))
+    rows = workers.work([gone, no_config], RunOptions("replay", tmp_path / "out"))
     assert [row["problem"] for row in rows] == [
         f"{tmp_path / 'x.csv'}: no such file; give the path of a log",
         f"{tmp_path / 'no.toml'}: no such file; give the path of a configuration",
@@ -93,9 +93,9 @@ def test_what_is_not_there_is_told_in_a_sentence(tmp_path, order):
 
 
 def test_what_is_left_when_its_run_has_ended_is_left(tmp_path, order, monkeypatch):
-    others = [Order("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(2)]
-    with alone_in(tmp_path / "out") as folder:
-        how, real = How("replay", tmp_path / "out", run=folder.name), workers._VERBS["replay"]
+    others = [Job("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(2)]
+    with exclusive(tmp_path / "out") as folder:
+        how, real = RunOptions("replay", tmp_path / "out", run=folder.name), workers._VERBS["replay"]
 
         def end_meanwhile(*given: object) -> dict:
             shutil.rmtree(folder.parent)  # as the run does that ends
@@ -112,7 +112,7 @@ def test_what_is_left_when_its_run_has_ended_is_left(tmp_path, order, monkeypatc
 def test_a_log_that_hangs_ends_its_process_and_is_not_tried_again(tmp_path, order):
     command = [sys.executable, "-c", HANGING, str(order.logs[0]), str(order.config), str(tmp_path / "out")]
     assert subprocess.run(command, timeout=PATIENCE_S).returncode == workers._EXIT
-    how = How("replay", tmp_path / "out")
+    how = RunOptions("replay", tmp_path / "out")
     assert len(list((how.output / WORK).glob(f"*/{WHY}"))) == 1
     (row,) = workers.work([order], how)
     assert (

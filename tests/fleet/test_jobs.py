@@ -7,8 +7,8 @@ import pytest
 from pyarrow import parquet
 
 from observer.errors import UserError
-from observer.fleet.batches import MOST_BYTES, MOST_ORDERS, batches
-from observer.fleet.orders import Line, Order, given, orders_of, read_table
+from observer.fleet.jobs import Job, TableRow, given, jobs_of, read_table
+from observer.fleet.run import MOST_BYTES, MOST_JOBS, batches
 from tests.fleet.machines import RIG
 
 
@@ -32,8 +32,8 @@ def test_paths_go_out_from_the_table_and_other_columns_are_left_alone(folder):
     text = f"hall,config,log,machine\n3,../c.toml,../day/1.csv,lathe-7\n,{folder}/c.toml,{folder}/b.csv,l-8\n"
     path = _table(folder / "tables", text)
     expected = [
-        Line(folder / "day" / "1.csv", "lathe-7", folder / "c.toml"),
-        Line(folder / "b.csv", "l-8", folder / "c.toml"),
+        TableRow(folder / "day" / "1.csv", "lathe-7", folder / "c.toml"),
+        TableRow(folder / "b.csv", "l-8", folder / "c.toml"),
     ]
     assert read_table(path) == expected
     rows = [{"log": "../day/1.csv", "machine": "lathe-7", "config": "../c.toml"}]
@@ -52,7 +52,7 @@ def test_paths_go_out_from_the_table_and_other_columns_are_left_alone(folder):
     ],
 )
 def test_a_table_may_be_as_spreadsheets_write_it(folder, text):
-    assert read_table(_table(folder, text)) == [Line(folder / "a.csv", "m", folder / "c.toml")]
+    assert read_table(_table(folder, text)) == [TableRow(folder / "a.csv", "m", folder / "c.toml")]
 
 
 def test_a_pattern_stands_for_the_files_that_it_fits(folder):
@@ -79,13 +79,13 @@ HEAD = "log,machine,config\n"
         (f"{HEAD}a.csv,m,c.toml\na.csv,../m,c.toml\n", r"row 2: '\.\./m' is no machine's name"),
         (f"{HEAD}a.csv,..,c.toml\n", r"'\.\.' is no machine's name"),
         (f"{HEAD}a.csv,report.html,c.toml\n", r"'report\.html' is no machine's name"),
-        (f"{HEAD}a.csv,m,c.toml\nday/../a.csv,m,c.toml\n", "row 2: .* of m stands there twice, in row 1"),
-        (f"{HEAD}a.csv,m,c.toml\n*.csv,m,c.toml\n", r"row 2: .*a\.csv of m stands there twice, in row 1"),
+        (f"{HEAD}a.csv,m,c.toml\nday/../a.csv,m,c.toml\n", "row 2: .* of m is there twice, in row 1"),
+        (f"{HEAD}a.csv,m,c.toml\n*.csv,m,c.toml\n", r"row 2: .*a\.csv of m is there twice, in row 1"),
         (f"{HEAD}a.csv,m,c.toml\na.csv,n,c.toml\n", "row 2: .* by the same configuration of m in row 1"),
         (f"{HEAD}a.csv,m,no.toml\n", r"row 1: config: /.*/no\.toml is not there"),
         (f"{HEAD}a.csv,m,day\n", "row 1: config: .*day is a folder"),
         (f"{HEAD}day/,m,c.toml\n", r"row 1: log: .*day is a folder; name its logs, as day/\*\.csv"),
-        (f"{HEAD}day/*.txt,m,c.toml\n", r"row 1: log: no file fits /.*day/\*\.txt"),
+        (f"{HEAD}day/*.txt,m,c.toml\n", r"row 1: log: no file matches /.*day/\*\.txt"),
         (f"{HEAD}x.csv,m,c.toml\ny.csv,m,c.toml\n", r"none of its 2 logs is there, /.*/x\.csv for one"),
         (HEAD, "names no log"),
         (f'{HEAD}"a.csv,m,c.toml\n', "not CSV in UTF-8"),
@@ -117,34 +117,36 @@ def test_a_table_that_is_none(tmp_path):
 
 def test_logs_as_given_are_of_the_machine_of_their_configuration(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert given([Path("a.csv")], RIG) == [Line(tmp_path / "a.csv", "rig-x", RIG)]
+    assert given([Path("a.csv")], RIG) == [TableRow(tmp_path / "a.csv", "rig-x", RIG)]
     with pytest.raises(UserError, match=r"a\.csv: named 2 times"):
         given([Path("a.csv"), Path("./a.csv")], RIG)
 
 
 def test_a_replay_is_one_order_a_log_and_a_calibration_one_a_machine():
     c = Path("/c.toml")
-    lines = [Line(Path(f"/{day}/run.csv.gz"), "m", c) for day in "ab"] + [Line(Path("/a/run.csv.gz"), "n", c)]
-    singles = orders_of(lines, "replay")
+    lines = [TableRow(Path(f"/{day}/run.csv.gz"), "m", c) for day in "ab"] + [
+        TableRow(Path("/a/run.csv.gz"), "n", c)
+    ]
+    singles = jobs_of(lines, "replay")
     assert [order.logs for order in singles] == [(line.log,) for line in lines]
-    assert singles[2].place == Path("n/replay/run")
-    first, second = (order.place for order in singles[:2])
-    assert first == orders_of(lines[:1], "replay")[0].place  # what is done is not done again for a namesake
+    assert singles[2].folder == Path("n/replay/run")
+    first, second = (order.folder for order in singles[:2])
+    assert first == jobs_of(lines[:1], "replay")[0].folder  # what is done is not done again for a namesake
     assert second.parent == Path("m/replay")
     assert second.name.startswith("run-")
-    of_m, of_n = orders_of(lines, "calibrate")
-    assert (of_m.place, of_m.logs) == (Path("m/calibrate"), (lines[0].log, lines[1].log))
+    of_m, of_n = jobs_of(lines, "calibrate")
+    assert (of_m.folder, of_m.logs) == (Path("m/calibrate"), (lines[0].log, lines[1].log))
     assert of_n.logs == (lines[2].log,)
     with pytest.raises(UserError, match="m has two configurations"):
-        orders_of([lines[0], lines[1]._replace(config=Path("/d.toml"))], "discover")
+        jobs_of([lines[0], lines[1]._replace(config=Path("/d.toml"))], "discover")
 
 
-def _orders(folder: Path, count: int, config: str, size: int = 10) -> list[Order]:
+def _orders(folder: Path, count: int, config: str, size: int = 10) -> list[Job]:
     found = []
     for i in range(count):
         log = folder / f"{config}-{i}.csv"
         log.write_bytes(b"x" * size)
-        found.append(Order("m", log.stem, (log,), Path(config), Path("m", "replay", log.stem)))
+        found.append(Job("m", log.stem, (log,), Path(config), Path("m", "replay", log.stem)))
     return found
 
 
@@ -159,7 +161,7 @@ def test_a_portion_is_of_one_configuration_and_every_order_is_in_one(tmp_path):
 
 
 def test_a_portion_is_bounded_in_orders_and_bytes(tmp_path):
-    assert max(map(len, batches(_orders(tmp_path, 200, "a"), 1))) == MOST_ORDERS
+    assert max(map(len, batches(_orders(tmp_path, 200, "a"), 1))) == MOST_JOBS
     large = _orders(tmp_path, 3, "b", MOST_BYTES // 2 + 1)
     small = _orders(tmp_path, 1, "c")
     assert [len(portion) for portion in batches([*small, *large], 1)] == [1, 1, 1, 1]
@@ -167,5 +169,5 @@ def test_a_portion_is_bounded_in_orders_and_bytes(tmp_path):
 
 
 def test_a_log_that_is_not_there_is_an_order_like_others(tmp_path):
-    gone = Order("m", "gone", (tmp_path / "gone.csv",), Path("c"), Path("m/replay/gone"))
+    gone = Job("m", "gone", (tmp_path / "gone.csv",), Path("c"), Path("m/replay/gone"))
     assert batches([gone], 4) == [(gone,)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,7 +14,7 @@ import typer
 from observer.errors import UserError
 
 fleet = typer.Typer(
-    help="Logs of many machines at once, on all cores or a Dask cluster; goes on where it was ended.",
+    help="Logs of many machines at once, on all cores or a Dask cluster; resumes where it was stopped.",
     no_args_is_help=True,
 )
 
@@ -50,13 +50,7 @@ MethodOption = Annotated[
     Literal["smoother", "tikhonov", "conjugate-gradient"], typer.Option(help="How the heats are found.")
 ]
 Verb = Literal["replay", "identify", "calibrate", "discover"]
-MOST_TOLD = 20
-_SHOWN = {
-    "replay": "each log",
-    "identify": "each log",
-    "calibrate": "each machine",
-    "discover": "each machine",
-}
+MOST_SHOWN = 20
 
 
 @fleet.command()
@@ -72,7 +66,7 @@ def replay(
     format: FormatOption = "parquet",
 ) -> None:
     """Replay every log: estimates and summary.json of each, and one report of all."""
-    _run("replay", output, logs, table, config, scheduler, workers, memory, limit_s, format=format)
+    _run("replay", **locals())
 
 
 @fleet.command()
@@ -89,19 +83,7 @@ def identify(
     method: MethodOption = "smoother",
 ) -> None:
     """Find the heats over every log at once: heats and summary.json of each, and one report of all."""
-    _run(
-        "identify",
-        output,
-        logs,
-        table,
-        config,
-        scheduler,
-        workers,
-        memory,
-        limit_s,
-        format=format,
-        method=method,
-    )
+    _run("identify", **locals())
 
 
 @fleet.command()
@@ -116,7 +98,7 @@ def calibrate(
     limit_s: LimitOption = 3600.0,
 ) -> None:
     """Fit every machine to all of its logs: config.toml and calibration.json of each, one report of all."""
-    _run("calibrate", output, logs, table, config, scheduler, workers, memory, limit_s)
+    _run("calibrate", **locals())
 
 
 @fleet.command()
@@ -130,8 +112,8 @@ def discover(
     memory: MemoryOption = None,
     limit_s: LimitOption = 7200.0,
 ) -> None:
-    """Find what every machine lacks by all of its logs: result.json of each, and one report of all."""
-    _run("discover", output, logs, table, config, scheduler, workers, memory, limit_s)
+    """Find the physics that every machine's model lacks, by all of its logs; one report of all."""
+    _run("discover", **locals())
 
 
 def _run(
@@ -142,54 +124,45 @@ def _run(
     config: Path | None,
     scheduler: str | None,
     workers: int | None,
-    memory_GB: float | None,
-    limit_s: float,
+    memory: float | None,
     **options: Any,
 ) -> None:
+    """Do the work of a verb; `options` are those of `RunOptions`."""
     if (table is None) == (not logs) or (config is None) == (table is None):
         raise UserError(f"fleet {verb}: name either logs with --config for all of them, or a --table alone")
-    how = {"limit_s": limit_s, **options}
     with _ended_by_signals(verb):
-        _work(verb, output, logs or [], table, config, (scheduler, workers, memory_GB), how)
+        from observer.fleet.jobs import OF_SEVERAL, given, jobs_of, read_table
+        from observer.fleet.journal import RunOptions
+        from observer.fleet.results import conclude
+        from observer.fleet.run import InterruptedRunError, run
+        from observer.report.progress import counting
 
-
-def _work(
-    verb: Verb,
-    output: Path,
-    logs: list[Path],
-    table: Path | None,
-    config: Path | None,
-    where: tuple[str | None, int | None, float | None],
-    options: dict[str, Any],
-) -> None:
-    from observer.fleet.finish import conclude
-    from observer.fleet.journal import How
-    from observer.fleet.orders import given, orders_of, read_table
-    from observer.fleet.run import EndedError, run
-    from observer.report.progress import counting
-
-    lines = read_table(table) if table is not None else given(logs, config or Path())
-    orders = orders_of(lines, verb)
-    how = How(verb, Path(os.path.abspath(output)), **options)
-    address, workers, memory_GB = where
-    try:
-        with counting(f"fleet {verb}") as progress:
-            rows, before = run(
-                orders,
-                how,
-                progress,
-                workers=workers or os.cpu_count() or 1,
-                memory_GB=memory_GB,
-                address=address,
-            )
-    except EndedError as ended:
-        done = len(ended.rows) - len(conclude(how.output, ended.rows))
-        raise KeyboardInterrupt(f"ended with {done} of {ended.total} done") from None
-    failures = conclude(how.output, rows)
-    _tell(rows_done=len(rows) - len(failures), before=before, failures=[row["problem"] for row in failures])
-    typer.echo(f"written to {output}: {_SHOWN[verb]} in its folder, results.parquet, report.html")
-    if failures:
-        raise typer.Exit(2 if len(failures) == len(rows) else 1)
+        jobs = jobs_of(read_table(table) if table is not None else given(logs or [], config or Path()), verb)
+        chosen = RunOptions(verb, Path(os.path.abspath(output)), **options)
+        try:
+            with counting(f"fleet {verb}") as progress:
+                rows, before = run(
+                    jobs,
+                    chosen,
+                    progress,
+                    workers=workers or os.cpu_count() or 1,
+                    memory_GB=memory,
+                    address=scheduler,
+                )
+        except InterruptedRunError as ended:
+            done = len(ended.rows) - len(conclude(chosen.output, ended.rows))
+            raise KeyboardInterrupt(f"ended with {done} of {len(jobs)} done") from None
+        failures = conclude(chosen.output, rows)
+        earlier = f", {before} of them before" if before else ""
+        typer.echo(f"{len(rows) - len(failures)} done{earlier}, {len(failures)} could not be done")
+        for row in failures[:MOST_SHOWN]:
+            typer.echo(f"warning: {row['problem']}", err=True)
+        if len(failures) > MOST_SHOWN:
+            typer.echo(f"warning: … and {len(failures) - MOST_SHOWN} more, in results.parquet", err=True)
+        each = "each machine" if verb in OF_SEVERAL else "each log"
+        typer.echo(f"written to {output}: {each} in its folder, results.parquet, report.html")
+        if failures:
+            raise typer.Exit(2 if len(failures) == len(rows) else 1)
 
 
 @contextmanager
@@ -197,34 +170,21 @@ def _ended_by_signals(verb: Verb) -> Iterator[None]:
     """End at Ctrl-C and SIGTERM in good order, with a shell's exit code for it; at a second, at once."""
     from observer.process.shutdown import arriving, leave
 
-    heard: list[int] = []
+    received: list[int] = []
 
     def take(number: int) -> None:
-        heard.append(number)
-        if len(heard) > 1:
-            leave(128 + heard[0])  # its workers end with it; what is done is whole, as after kill -9
+        received.append(number)
+        if len(received) > 1:
+            leave(128 + received[0])  # its workers end with it; what is done is whole, as after kill -9
         raise KeyboardInterrupt
 
     before = {number: signal.signal(number, arriving(take)) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     except KeyboardInterrupt as ended:
-        said = str(ended) or "ended"
-        typer.echo(f"observer: fleet {verb}: {said}; the same command goes on with the rest", err=True)
-        leave(128 + heard[0])
+        outcome = str(ended) or "ended"
+        typer.echo(f"observer: fleet {verb}: {outcome}; the same command goes on with the rest", err=True)
+        leave(128 + received[0])
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _tell(*, rows_done: int, before: int, failures: list[str]) -> None:
-    say: Callable[[str], None] = typer.echo
-    say(
-        f"{rows_done} done"
-        + (f", {before} of them before" if before else "")
-        + f", {len(failures)} could not be done"
-    )
-    for problem in failures[:MOST_TOLD]:
-        typer.echo(f"warning: {problem}", err=True)
-    if len(failures) > MOST_TOLD:
-        typer.echo(f"warning: … and {len(failures) - MOST_TOLD} more, in results.parquet", err=True)

@@ -1,4 +1,4 @@
-"""What is to be done: which logs belong to which machine and which configuration, by a table or as given."""
+"""The jobs: which logs belong to which machine and which configuration, by a table or as given."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ TAKEN = ("results.parquet", "report.html")
 _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")  # a name becomes a folder: no dot in front
 
 
-class Line(NamedTuple):
-    """A line of the table."""
+class TableRow(NamedTuple):
+    """A row of the table."""
 
     log: Path
     machine: str
@@ -34,67 +34,67 @@ class Line(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
-    """One piece of work: logs of one machine, by one configuration; `place` is its folder in the output."""
+class Job:
+    """One piece of work: logs of one machine, by one configuration; `folder` is where in the output."""
 
     machine: str
     name: str
     logs: tuple[Path, ...]
     config: Path
-    place: Path
+    folder: Path
 
 
-def read_table(path: Path) -> list[Line]:
-    """Read the table of a fleet (`.csv` or `.parquet`); its paths go out from its own folder.
+def read_table(path: Path) -> list[TableRow]:
+    """Read the table of a fleet (`.csv` or `.parquet`); its paths are relative to its own folder.
 
-    A log's cell may be a pattern with * ? or [ ], which stands for all files that it fits, in their order.
+    A log's cell may be a pattern with * ? or [ ] for all files that match it, in their order.
     Raises `UserError` that names the row.
     """
-    numbered: list[tuple[int, Line]] = []
+    numbered: list[tuple[int, TableRow]] = []
     for number, row in enumerate(_rows(path), 1):
         if any(str(cell or "").strip() for cell in row.values()):  # not as a spreadsheet leaves at its end
             cells = [str(row.get(column) or "").strip() for column in COLUMNS]
-            place = f"{path}: row {number}"
-            numbered += [(number, line) for line in _lines_of(place, path.parent, *cells)]
+            where = f"{path}: row {number}"
+            numbered += [(number, line) for line in _lines_of(where, path.parent, *cells)]
     _check_once(path, numbered)
     lines = [line for _, line in numbered]
     if not lines:
         raise UserError(f"{path}: names no log; give it rows of {', '.join(COLUMNS)}")
     if not any(line.log.is_file() for line in lines):
         raise UserError(
-            f"{path}: none of its {len(lines)} logs is there, {lines[0].log} for one; paths go out from the "
-            "table's own folder"
+            f"{path}: none of its {len(lines)} logs is there, {lines[0].log} for one; paths are "
+            "relative to the table's own folder"
         )
     return lines
 
 
-def _lines_of(place: str, folder: Path, log: str, machine: str, config: str) -> Iterator[Line]:
+def _lines_of(where: str, folder: Path, log: str, machine: str, config: str) -> Iterator[TableRow]:
     """What a row says: a line, or one for each file that a pattern fits."""
     for column, cell in zip(COLUMNS, (log, machine, config), strict=True):
         if not cell:
-            raise UserError(f"{place}: {column} is empty; fill it or remove the row")
+            raise UserError(f"{where}: {column} is empty; fill it or remove the row")
     if not _NAME.fullmatch(machine) or machine in TAKEN:
         raise UserError(
-            f"{place}: {machine[:70]!r} is no machine's name; names are of letters, digits and _.-, 64 at "
+            f"{where}: {machine[:70]!r} is no machine's name; names are of letters, digits and _.-, 64 at "
             f"most, without a dot in front, and not {' or '.join(TAKEN)}"
         )
     by = _below(folder, config)
     if not by.is_file():
         said = "is a folder" if by.is_dir() else "is not there"
-        raise UserError(f"{place}: config: {by} {said}; give the path of a configuration")
+        raise UserError(f"{where}: config: {by} {said}; give the path of a configuration")
     path = _below(folder, log)
     if path.is_dir():
-        raise UserError(f"{place}: log: {path} is a folder; name its logs, as {log.rstrip('/')}/*.csv")
+        raise UserError(f"{where}: log: {path} is a folder; name its logs, as {log.rstrip('/')}/*.csv")
     if path.exists() or not set(log) & set("*?["):
-        yield Line(path, machine, by)
+        yield TableRow(path, machine, by)
         return
     fitting = sorted(file for file in map(Path, glob(str(path), recursive=True)) if file.is_file())
     if not fitting:
-        raise UserError(f"{place}: log: no file fits {path}; paths go out from the table's own folder")
-    yield from (Line(file, machine, by) for file in fitting)
+        raise UserError(f"{where}: log: no file matches {path}; paths are relative to the table's own folder")
+    yield from (TableRow(file, machine, by) for file in fitting)
 
 
-def _check_once(path: Path, numbered: Sequence[tuple[int, Line]]) -> None:
+def _check_once(path: Path, numbered: Sequence[tuple[int, TableRow]]) -> None:
     """Refuse a log that its machine has already, or another machine by the same configuration."""
     of_machine: dict[tuple[str, str], int] = {}
     by_config: dict[tuple[str, Path], tuple[int, str]] = {}
@@ -102,7 +102,7 @@ def _check_once(path: Path, numbered: Sequence[tuple[int, Line]]) -> None:
         log = os.path.realpath(line.log)
         if (log, line.machine) in of_machine:
             raise UserError(
-                f"{path}: row {number}: {line.log} of {line.machine} stands there twice, in row "
+                f"{path}: row {number}: {line.log} of {line.machine} is there twice, in row "
                 f"{of_machine[log, line.machine]} already; remove one"
             )
         of_machine[log, line.machine] = number
@@ -114,7 +114,7 @@ def _check_once(path: Path, numbered: Sequence[tuple[int, Line]]) -> None:
             )
 
 
-def given(logs: Sequence[Path], config: Path) -> list[Line]:
+def given(logs: Sequence[Path], config: Path) -> list[TableRow]:
     """Logs that all are of the machine of one configuration. Raises `ConfigError` and `UserError`."""
     about = load(config).machine
     machine = f"{about.name}-{about.axis}"
@@ -122,39 +122,39 @@ def given(logs: Sequence[Path], config: Path) -> list[Line]:
         raise ConfigError(
             f"{config}: machine.name: {machine} is to be a folder; use at most 64 letters and no dot in front"
         )
-    lines = [Line(Path(os.path.abspath(log)), machine, Path(os.path.abspath(config))) for log in logs]
+    lines = [TableRow(Path(os.path.abspath(log)), machine, Path(os.path.abspath(config))) for log in logs]
     for log, count in Counter(os.path.realpath(line.log) for line in lines).items():
         if count > 1:
             raise UserError(f"{log}: named {count} times; name it once")
     return lines
 
 
-def orders_of(lines: Iterable[Line], verb: Verb) -> list[Order]:
-    """Return the pieces of work of a verb: one for each log, or one for all logs of a machine.
+def jobs_of(lines: Iterable[TableRow], verb: Verb) -> list[Job]:
+    """Return the jobs of a verb: one for each log, or one for all logs of a machine.
 
     Raises `UserError` where a verb would need two configurations of one machine.
     """
     lines = list(lines)
     if verb not in OF_SEVERAL:
         return list(_singles(lines, verb))
-    machines: dict[str, list[Line]] = {}
+    machines: dict[str, list[TableRow]] = {}
     for line in lines:
         machines.setdefault(line.machine, []).append(line)
     return [_together(machine, own, verb) for machine, own in machines.items()]
 
 
-def _singles(lines: Iterable[Line], verb: Verb) -> Iterator[Order]:
-    """Work on one log each; where one before it has the same name, its path tells them apart."""
+def _singles(lines: Iterable[TableRow], verb: Verb) -> Iterator[Job]:
+    """A job for each log; a digest of its path is added where one before it has the same name."""
     taken: set[tuple[str, str]] = set()
     for line in lines:
         name = stem = _stem(line.log)
         if (line.machine, stem) in taken:
             name += "-" + hashlib.sha256(str(line.log).encode()).hexdigest()[:8]
         taken.add((line.machine, stem))
-        yield Order(line.machine, name, (line.log,), line.config, Path(line.machine, verb, name))
+        yield Job(line.machine, name, (line.log,), line.config, Path(line.machine, verb, name))
 
 
-def _together(machine: str, lines: Sequence[Line], verb: Verb) -> Order:
+def _together(machine: str, lines: Sequence[TableRow], verb: Verb) -> Job:
     configs = sorted({line.config for line in lines})
     if len(configs) > 1:
         raise UserError(
@@ -162,7 +162,7 @@ def _together(machine: str, lines: Sequence[Line], verb: Verb) -> Order:
             "all of its logs"
         )
     logs = tuple(line.log for line in lines)
-    return Order(machine, verb, logs, configs[0], Path(machine, verb))
+    return Job(machine, verb, logs, configs[0], Path(machine, verb))
 
 
 def _stem(log: Path) -> str:
