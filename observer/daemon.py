@@ -21,7 +21,8 @@ from observer.installation import Installation, load
 from observer.live.forecasting import Forecaster, is_wanted
 from observer.live.keeper import Keeper, carried, known_of_gap, stored
 from observer.live.lifecycle import run
-from observer.live.loop import Service
+from observer.live.loop import Service, no_alarms
+from observer.live.observers import AlarmObserver, StepObserver
 from observer.live.renewal import Renewal, Renewals, carried_over
 from observer.live.trial import Trial
 from observer.process.clock import ServiceClock
@@ -139,6 +140,18 @@ def _service(
     forecasts = is_wanted(machine)
     compensates = compensator is not None
     publisher = _publisher(ready, instance, path, compensates=compensates, forecasts=forecasts)
+    observers: list[StepObserver] = []
+    if file is not None:
+        observers.append(Keeper(file, ready.fit, config.checkpoint.period_s))
+    if trial is not None:
+        observers.append(trial)
+    desk = None
+    if config.alarms.enabled:
+        desk = AlarmDesk(config, machine.plant.layout, config.alarms, config.alarms_file)
+        air = machine.plant.known.ambient
+        observers.append(AlarmObserver(desk, publisher.alarms, air, gap, instance))
+    if forecasts:
+        observers.append(Forecaster(machine, instance, publisher.forecast))
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
@@ -162,18 +175,13 @@ def _service(
         self_test=machine.self_test(),
         instance=instance,
         start=start,
-        keeper=None if file is None else Keeper(file, ready.fit, config.checkpoint.period_s),
         renewals=renewals,
         alone=alone,
-        trial=trial,
         gap=gap,
         control=_steering(config),
-        alarms=AlarmDesk(config, machine.plant.layout, config.alarms, config.alarms_file)
-        if config.alarms.enabled
-        else None,
-        air=machine.plant.known.ambient,
-        forecaster=Forecaster(machine, instance, publisher.forecast) if forecasts else None,
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
+        observers=tuple(observers),
+        acknowledge=no_alarms if desk is None else desk.acknowledge,
     )
 
 

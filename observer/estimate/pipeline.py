@@ -14,7 +14,7 @@ from observer.frames import EstimateBlock, FrameBlock, Inputs
 from observer.kernels import record, step_frame
 from observer.model.drive import Drive, DriveState
 from observer.model.live import Frame, LiveDrive
-from observer.quality.gap import GapWatch
+from observer.quality.gap import GapState, GapWatch
 
 States = tuple[DriveState, EstimatorState, SelfTestState | None]
 
@@ -225,8 +225,10 @@ class Pipeline(Generic[State]):
         self._settle()
         return self._drive_state, self._estimator_state
 
-    def restore(self, drive: State, estimator: EstimatorState) -> None:
+    def restore(self, drive: State, estimator: EstimatorState, gap: GapState | None = None) -> None:
         """Go on from where another pipeline of the same parts stood."""
         self._settle()
         self._drive_state, self._estimator_state = drive, estimator
         self._is_live = False
+        if self.gap is not None and gap is not None:
+            self.gap.restore(gap)

@@ -43,9 +43,7 @@ def estimates_of(
     `progress` hears the rows done and their total, `not_good` every block with its frames.
     """
     if start is not None:
-        pipeline.restore(start.drive, start.estimator)
-        if pipeline.gap is not None and start.gap is not None:
-            pipeline.gap.restore(start.gap)
+        pipeline.restore(start.drive, start.estimator, start.gap)
     total = len(log) if log.step is None else int(log.step.sum())
     done = 0
     last_tick_s = math.nan if start is None else start.tick_s

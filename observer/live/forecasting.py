@@ -13,12 +13,14 @@ import structlog
 
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
+from observer.estimate.checkpoint import Snapshot
 from observer.estimate.machine import Machine
 from observer.estimate.open_loop import read_program
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.document import Forecast, document, forecast, none
 from observer.forecast.program import Bins, binned, joined, learnt
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, Layout
+from observer.live.observers import Step, StepObserver
 
 _ESTIMATED = ("heat_W", "sigma_W", "own_law_W")
 _GATHER_S = 20.0
@@ -57,7 +59,7 @@ def is_wanted(machine: Machine) -> bool:
     return (machine.gap() is not None) if asked is None else asked
 
 
-class Forecaster:
+class Forecaster(StepObserver):
     """Computes a forecast now and then from the newest step; no method waits for it."""
 
     def __init__(self, machine: Machine, instance: str, publish: Callable[[Mapping[str, Any]], None]) -> None:
@@ -74,10 +76,23 @@ class Forecaster:
         """Begin; returns at once."""
         self._thread.start()
 
-    def step(self, inputs: Inputs, block: EstimateBlock, state: EstimatorState) -> None:
+    def step(self, inputs: Inputs, block: EstimateBlock, state: EstimatorState | None) -> None:
         """Take a step of the loop and where the estimator stands after it; all of it is frozen."""
         self._steps.append(_Step(inputs, block))
         self._newest = state
+
+    def begin(self) -> None:
+        """Start its thread."""
+        self.start()
+
+    def follow(self, step: Step) -> None:
+        """Take a step of the loop."""
+        snapshot = step.snapshot()
+        self.step(step.inputs, step.estimate, None if snapshot is None else snapshot.estimator)
+
+    def finish(self, _snapshot: Snapshot | None) -> None:
+        """Publish no more."""
+        self.end()
 
     def end(self) -> None:
         """Publish no more; what is being computed is dropped with its thread."""

@@ -12,7 +12,10 @@ import structlog
 
 from observer.estimate.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, unpack
 from observer.files.folders import make_folder, write_whole
+from observer.live.observers import Step, StepObserver
 from observer.quality.gap import GapState
+
+_END_S = 0.1
 
 log = structlog.get_logger()
 
@@ -59,7 +62,7 @@ def carried(
     return found
 
 
-class Keeper:
+class Keeper(StepObserver):
     """Writes the newest snapshot to one file, at most every `period_s`, and the last one at the end."""
 
     def __init__(self, path: Path, fit: Fit, period_s: float) -> None:
@@ -75,12 +78,28 @@ class Keeper:
         self._thread.start()
 
     @property
-    def alive(self) -> bool:
+    def alive(self) -> bool:  # type: ignore[override]
         """Whether the thread that writes is there."""
         return self._thread.is_alive()
 
-    def step(self, snapshot: Callable[[], Snapshot | None], now_s: float) -> None:
+    def follow(self, step: Step) -> None:
         """Take where the service stands after a step, if it is time again."""
+        self.step(step.snapshot, step.now_s)
+
+    def notices(self) -> tuple[str, ...]:
+        """Why the last checkpoint could not be written."""
+        return (f"checkpoint: {self.reason}",) if self.reason else ()
+
+    def finish(self, snapshot: Snapshot | None) -> None:
+        """Take the last snapshot."""
+        self.end(snapshot)
+
+    def finished(self) -> str | None:
+        """Wait until it is on the disk."""
+        return None if self.close(_END_S) else "the last checkpoint could not be written in time"
+
+    def step(self, snapshot: Callable[[], Snapshot | None], now_s: float) -> None:
+        """Take a snapshot if it is time again."""
         if now_s - self._given_s >= self._period_s:
             self._given_s = now_s
             self._give(snapshot(), closing=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -27,18 +27,14 @@ from observer.estimators.selftest import SelfTest
 from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
 from observer.live.commands import Commands
-from observer.live.forecasting import Forecaster
-from observer.live.keeper import Keeper
-from observer.live.renewal import LastStep, Renewal, Renewals
-from observer.live.trial import Trial
+from observer.live.observers import Step, StepObserver
+from observer.live.renewal import Renewal, Renewals
 from observer.live.wires import Wires
-from observer.quality.alarms import AlarmDesk
 from observer.quality.gap import GapWatch
-from observer.quality.health import Facts, Health, assess
+from observer.quality.health import HEALTH_PERIOD_S, Facts, Health, assess
 from observer.quality.reasons import departure_sentence
 from observer.record.recorder import Recorder
 
-HEALTH_PERIOD_S = 5.0
 _LOOK_S = 0.5
 _LATE_S = 1.0  # a reading may have waited so long on its way
 _SETTLE_S = 6.0
@@ -46,7 +42,6 @@ _SETTLE_LOOK_S = 0.02
 _DRIVERS_END_S = 0.3
 _RECORDER_END_S = 0.4
 _PUBLISHER_END_S = 0.7
-_KEEPER_END_S = 0.1
 _CONTROL_END_S = 0.3
 
 log = structlog.get_logger()
@@ -100,14 +95,19 @@ class Publisher(Protocol):
         """End the session."""
 
 
+def no_alarms(_name: str | None) -> str:
+    """Say why no alarm can be acknowledged where there are none."""
+    return "there are no alarms; set enabled = true in [alarms]"
+
+
 @dataclass(frozen=True, slots=True)
 class Service:
     """The parts of a service.
 
-    `notify` tells the service manager (`sd_notify`), `instance` names a start, `start` is where the estimator
-    goes on from, None if cold; `air` is the place of the ambient among the known inputs. With `alone` it
-    makes sure, before the first tick, that no other has the axis. `sensors` are the names of the channels
-    that are sensors'.
+    `notify` reports to the service manager (`sd_notify`), `instance` names a start, `start` is the state the
+    estimator continues from, None if cold. With `alone` it makes sure, before the first tick, that no other
+    service has the axis. `sensors` maps sensors' channels to their names. `acknowledge` marks an alarm as
+    seen, or says why not.
     """
 
     drivers: tuple[Driver, ...]
@@ -122,16 +122,13 @@ class Service:
     self_test: SelfTest | None = None
     instance: str = ""
     start: Snapshot | None = None
-    keeper: Keeper | None = None
     renewals: Renewals[Any] | None = None
     alone: bool = True
-    trial: Trial | None = None
     gap: GapWatch | None = None
     control: Steering | None = None
-    alarms: AlarmDesk | None = None
-    air: int = 0
-    forecaster: Forecaster | None = None
     sensors: Mapping[str, str] = field(default_factory=dict)
+    observers: tuple[StepObserver, ...] = ()
+    acknowledge: Callable[[str | None], str | None] = no_alarms
 
 
 async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -145,8 +142,8 @@ async def serve(service: Service, when_ready: Callable[[], None] | None = None) 
     cycles.wires.start()
     renewal = None
     try:
-        if service.forecaster is not None:
-            service.forecaster.start()
+        for observer in service.observers:
+            observer.begin()
         if service.alone:
             await _refuse_a_second_service(service.publisher)
         if when_ready is not None:
@@ -161,23 +158,21 @@ async def serve(service: Service, when_ready: Callable[[], None] | None = None) 
 
 
 def _end(service: Service, cycles: _Cycles) -> None:
-    """End every part, the control first; one that does not end in its time is told."""
+    """End every part, the control first; log those that do not end in time."""
     if service.control is not None and not service.control.close(_CONTROL_END_S):
         log.warning("the control could not be released in time; its dead-man takes it to zero")
-    if service.forecaster is not None:
-        service.forecaster.end()
-    if service.keeper is not None:
-        service.keeper.end(cycles.snapshot())
+    snapshot = cycles.snapshot()
+    for observer in service.observers:
+        observer.finish(snapshot)
     if not cycles.wires.close(_DRIVERS_END_S):
         log.warning("a driver did not end in time")
     if service.recorder is not None and not service.recorder.close(_RECORDER_END_S):
         log.error("recording not complete", reason=service.recorder.status.reason)
     if not service.publisher.close(_PUBLISHER_END_S):
         log.warning("zenoh did not close in time; its peer does not answer")
-    if service.alarms is not None and not service.alarms.close(_KEEPER_END_S):
-        log.warning("what is known of alarms could not be kept in time")
-    if service.keeper is not None and not service.keeper.close(_KEEPER_END_S):
-        log.warning("the last checkpoint could not be written in time")
+    for observer in service.observers:
+        if (unfinished := observer.finished()) is not None:
+            log.warning(unfinished)
 
 
 async def _refuse_a_second_service(publisher: Publisher) -> None:
@@ -200,9 +195,7 @@ class _Cycles:
         self._aligner = Aligner(service.plan, math.nan if start is None else start.tick_s)
         self._pipeline = Pipeline(service.drive, service.estimator, service.self_test, service.gap)
         if start is not None:
-            self._pipeline.restore(start.drive, start.estimator)
-            if service.gap is not None and start.gap is not None:
-                service.gap.restore(start.gap)
+            self._pipeline.restore(start.drive, start.estimator, start.gap)
         self._commands = Commands(
             service.plan.period_s,
             service.compensator,
@@ -216,12 +209,12 @@ class _Cycles:
         self._samples = {driver.name: 0 for driver in service.drivers}
         self._newest_s = {driver.name: -math.inf for driver in service.drivers}
         self._frame: FrameBlock | None = None
-        self._last: LastStep | None = None
+        self._last: Step | None = None
         self._estimate: EstimateQuality | None = None
         self._had_estimate = False
         self._failure: str | None = None
         self._health: Health | None = None
-        self._sent_s = self._looked_s = self._told_s = -math.inf
+        self._sent_s = self._looked_s = -math.inf
 
     def snapshot(self) -> Snapshot | None:
         """Where the pipeline stands after its last step, None while the estimator knows nothing yet."""
@@ -235,12 +228,9 @@ class _Cycles:
         return snapshot if compensator is None else replace(snapshot, compensation=compensator.held)
 
     def _acknowledge(self, name: str | None) -> str | None:
-        """Note that an alarm was seen, and tell so at the next look; returns why not."""
-        desk = self._service.alarms
-        if desk is None:
-            return "there are no alarms; set enabled = true in [alarms]"
+        """Mark an alarm as seen, published at the next look; returns why not."""
         self._looked_s = -math.inf
-        return desk.acknowledge(name)
+        return self._service.acknowledge(name)
 
     def _take(self, name: str, reading: Reading) -> None:
         """Take a reading: none from the future; a late one keeps its time, one far too late is a fault."""
@@ -282,8 +272,8 @@ class _Cycles:
         self._commands.before_step(self._service.publisher.commands(), time_s)
         frame = self._aligner.tick(time_s)
         changed = self._estimate_of(frame)  # first: what nobody waits for comes after
-        if self._service.trial is not None:
-            self._service.trial.see(frame)
+        for observer in self._service.observers:
+            observer.see(frame)
         if self._service.recorder is not None:
             self._service.recorder.tick(float(frame.time_s[0]))
         changed |= self._frame is None or bool((frame.quality != self._frame.quality).any())
@@ -319,14 +309,10 @@ class _Cycles:
                 compensator.disarm(f"{control.failure}; arm again")
             self._compensation(compensator.step(estimate, frame, self.count))
         self.count += 1
-        self._last = LastStep(frame, self._pipeline.inputs, estimate)
-        if self._service.alarms is not None:
-            air_degC = float(self._pipeline.inputs.z_end[0, self._service.air])
-            self._service.alarms.see(estimate, frame, air_degC)
-        if self._service.forecaster is not None:
-            self._service.forecaster.step(self._pipeline.inputs, estimate, self._pipeline.snapshot()[1])
-        if self._service.keeper is not None:
-            self._service.keeper.step(self.snapshot, self._service.clock.now())
+        now_s = self._service.clock.now()
+        self._last = Step(frame, self._pipeline.inputs, estimate, now_s, self.snapshot)
+        for observer in self._service.observers:
+            observer.follow(self._last)
         self._ping()
         before, self._estimate = self._estimate, EstimateQuality(estimate.quality[0])
         self._had_estimate |= self._estimate != EstimateQuality.INVALID
@@ -349,23 +335,22 @@ class _Cycles:
     def _all_alive(self) -> bool:
         """Whether every thread lives that the service needs; else the watchdog is pinged no more."""
         service = self._service
-        parts = (self.wires, service.publisher.status, service.recorder, service.keeper)
+        parts = (self.wires, service.publisher.status, service.recorder, *service.observers)
         return all(part is None or part.alive for part in parts)
 
-    def _notices(self) -> tuple[str, ...]:
+    def _notices(self) -> Iterator[str]:
         """What is wrong beside the estimates."""
-        keeper, renewals, trial = self._service.keeper, self._service.renewals, self._service.trial
-        told = () if self.wires.alive else ("drivers: their thread has ended; restart the service",)
-        if keeper is not None and keeper.reason:
-            told = (*told, f"checkpoint: {keeper.reason}")
-        control = self._service.control
-        if control is not None and control.failure is not None:
-            told = (*told, f"compensation: {control.failure}")
-        told = told if trial is None else (*told, *trial.notices())
-        gap = self._service.gap
-        if gap is not None and (departure := gap.departure) is not None:
-            told = (*told, departure_sentence(departure))
-        return told if renewals is None else (*told, *renewals.notices())
+        service = self._service
+        if not self.wires.alive:
+            yield "drivers: their thread has ended; restart the service"
+        for observer in service.observers:
+            yield from observer.notices()
+        if service.control is not None and service.control.failure is not None:
+            yield f"compensation: {service.control.failure}"
+        if service.gap is not None and (departure := service.gap.departure) is not None:
+            yield departure_sentence(departure)
+        if service.renewals is not None:
+            yield from service.renewals.notices()
 
     def _report(self, now_s: float) -> None:
         """Publish the health when it has changed or five seconds have passed."""
@@ -384,28 +369,19 @@ class _Cycles:
             service.publisher.status,
             service.clock.offset_s(),
             self._pipeline.findings,
-            self._notices(),
+            tuple(self._notices()),
             None if service.gap is None else service.gap.figures,
             service.sensors,
         )
         health = assess(facts)
-        self._tell_alarms(facts)
+        for observer in service.observers:
+            observer.report(facts)
         changed = self._health is None or health.essence != self._health.essence
         if changed:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            adoption = None if service.trial is None else service.trial.document()
-            beside = {"adoption": adoption, "instance": service.instance}
-            service.publisher.health(health.document() | beside)
-
-    def _tell_alarms(self, facts: Facts) -> None:
-        """Publish the alarms when they have changed or five seconds have passed."""
-        desk, gap = self._service.alarms, self._service.gap
-        if desk is None:
-            return
-        changed = desk.look(facts, None if gap is None else gap.departure)
-        if changed or facts.time_s - self._told_s >= HEALTH_PERIOD_S:
-            self._told_s = facts.time_s
-            document = desk.document(facts.time_s) | {"instance": self._service.instance}
-            self._service.publisher.alarms(document)
+            document = health.document() | {"adoption": None, "instance": service.instance}
+            for observer in service.observers:
+                document |= observer.health()
+            service.publisher.health(document)

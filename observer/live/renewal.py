@@ -16,7 +16,7 @@ from observer.estimate.checkpoint import Snapshot
 from observer.estimate.machine import Machine
 from observer.estimators.carry import taken, told
 from observer.estimators.protocol import Estimator
-from observer.frames import EstimateBlock, FrameBlock, Inputs
+from observer.live.observers import Step
 from observer.model.drive import DriveState
 from observer.process.clock import stepped
 
@@ -32,15 +32,6 @@ log = structlog.get_logger()
 
 
 @dataclass(frozen=True, slots=True)
-class LastStep:
-    """What a service took in and gave out at its last tick; blocks of one."""
-
-    frame: FrameBlock
-    inputs: Inputs
-    estimate: EstimateBlock
-
-
-@dataclass(frozen=True, slots=True)
 class Renewal(Generic[Prepared]):
     """Why the parts are built anew, with what, and where they stood.
 
@@ -52,7 +43,7 @@ class Renewal(Generic[Prepared]):
     prepared: Prepared | None = None
     new_time: bool = False
     snapshot: Snapshot | None = None
-    last: LastStep | None = None
+    last: Step | None = None
 
 
 class Renewals(Generic[Prepared]):
@@ -129,7 +120,7 @@ class Renewals(Generic[Prepared]):
 
 
 def carried_over(
-    snapshot: Snapshot | None, last: LastStep | None, before: Machine, now: Machine, estimator: Estimator
+    snapshot: Snapshot | None, last: Step | None, before: Machine, now: Machine, estimator: Estimator
 ) -> Snapshot | None:
     """A snapshot for another model of the same screw: its field and heats with their σ.
 

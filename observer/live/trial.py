@@ -24,6 +24,7 @@ from observer.fit.runs import joined
 from observer.frames import FrameBlock, Inputs
 from observer.installation import Installation, load
 from observer.installation.adopt import Adoption, adoption_of, before_of, note, sha256, take_back
+from observer.live.observers import StepObserver
 
 SHRUNK = 0.95
 """The adopted configuration is kept if its gap is at most this part of the other's over the same hours."""
@@ -82,7 +83,7 @@ def has_shrunk(adoption: Adoption) -> bool:
     return adoption.values > 0 and adoption.squares_K2 <= SHRUNK**2 * adoption.before_squares_K2
 
 
-class Trial:
+class Trial(StepObserver):
     """Watches the file of a configuration for what is adopted in its place, and what comes of it.
 
     `reload` has the service read its configuration again.
@@ -123,6 +124,10 @@ class Trial:
     def document(self) -> dict[str, Any] | None:
         """What health tells of the last adoption, None where there was none."""
         return None if self._adoption is None else self._adoption.document()
+
+    def health(self) -> dict[str, Any]:
+        """The last adoption."""
+        return {"adoption": self.document()}
 
     def notices(self) -> tuple[str, ...]:
         """What health is to give as a reason."""

@@ -16,6 +16,7 @@ from observer.process.clock import STEP_S
 from observer.quality.reasons import channel_sentence, sentence, unexplained
 from observer.record.recorder import RecordStatus
 
+HEALTH_PERIOD_S = 5.0
 _DIGITS = 4
 _FIGURES = re.compile(r"(?<![\w.])[-+]?\d[\d.]*(?:e[-+]?\d+)?")  # and no digit of a name, as of t3
 _LEFT_OUT = {Fault.EXCLUDED: "K", Fault.SWAPPED: "K", Fault.LEAPT: "m"}

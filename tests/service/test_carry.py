@@ -19,7 +19,8 @@ from observer.files.toml import read_toml
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import parse
 from observer.live.keeper import carried
-from observer.live.renewal import LastStep, carried_over
+from observer.live.observers import Step
+from observer.live.renewal import carried_over
 from tests.discovery.cases import RIG
 
 TABLE = read_toml(RIG / "config.toml")
@@ -34,7 +35,7 @@ class Stood(NamedTuple):
 
     machine: Machine
     snapshot: Snapshot
-    last: LastStep
+    last: Step
     then: list[FrameBlock]
 
 
@@ -51,7 +52,7 @@ def _stood() -> Stood:
     frames = [block for block, _ in blocks_of_log(log, machine.plan, block=1)][: AFTER + 100]
     for frame in frames[:AFTER]:
         estimate = pipeline.step(frame)
-    last = LastStep(frame, pipeline.inputs, estimate)
+    last = Step(frame, pipeline.inputs, estimate)
     return Stood(machine, Snapshot(float(frame.time_s[0]), *pipeline.snapshot()), last, frames[AFTER:])
 
 
