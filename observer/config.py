@@ -204,12 +204,12 @@ def _beyond_the_screw(config: Config) -> Iterator[str]:
     for place, x_m in places:
         if x_m is not None and x_m > length_m:
             slip = f"; did you mean {x_m / 1000:g} ({x_m:g} mm)?" if x_m / 1000 <= length_m < x_m / 20 else ""
-            yield f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m; mend one{slip}"
+            yield f"{place} = {x_m} m lies beyond the screw's length_m = {length_m} m; fix one of them{slip}"
     for source in config.source:
         if source.length_m is not None and source.length_m > length_m:
             yield (
                 f"source {source.name}: length_m = {source.length_m} m makes the nut longer than the screw, "
-                f"length_m = {length_m} m; mend one"
+                f"length_m = {length_m} m; fix one of them"
             )
 
 
@@ -251,7 +251,7 @@ def _growth_unknown(config: Config) -> Iterator[str]:
         ("reference_m", config.compensation.reference_m or 0.0),
     ):
         if x_m > config.screw.length_m:
-            yield f"compensation: {key} reaches {x_m} m, beyond the screw's length_m; mend one of them"
+            yield f"compensation: {key} reaches {x_m} m, beyond the screw's length_m; fix one of them"
     positions_m = config.output.positions_m or ()
     if any(b <= a for a, b in itertools.pairwise(positions_m)):
         yield "output: positions_m must increase; sort them"

@@ -29,7 +29,7 @@ from observer.model.plant import Plant  # noqa: E402
 from observer.model.rod.modes import Modes, solve_modes  # noqa: E402
 from observer.model.rod.screw import End, Rod  # noqa: E402
 from observer.model.rod.static import Stretch, source_field  # noqa: E402
-from observer.model.rod.truncation import contributions, keep_by_ratio, keep_by_tail, modal_input  # noqa: E402
+from observer.model.rod.modes import contributions, keep_by_ratio, keep_by_tail, modal_input  # noqa: E402
 from tests.reference.printed import kim_gains, kim_gains_printed  # noqa: E402
 
 BETA = 0.9995

@@ -74,7 +74,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     except UnfitError as error:
         raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None
     first = len(stood.x_hat) - machine.plant.learnt
-    told = learning.told(stood.x_hat[first:], stood.P[first:, first:])
+    told = learning.estimates(stood.x_hat[first:], stood.P[first:, first:])
     offer = offered(config, told)
     with results_in(output) as part:
         text = write_back(config_path.read_text(encoding="utf-8"), offer.values | offer.left)

@@ -367,4 +367,4 @@ def _blind(found: Sequence[Promise]) -> tuple[Candidate, ...]:
             most.get(candidate.name, (0.0, candidate)), (p.kept, candidate), key=lambda e: e[0]
         )
     blind = [candidate for kept, candidate in most.values() if kept < BLIND]
-    return tuple(sorted(blind, key=lambda c: c.of.mimicked))
+    return tuple(sorted(blind, key=lambda c: c.of.confounded_with_scale))

@@ -28,15 +28,15 @@ from observer.tables.sections import Description, Source, owner
 class Family:
     """What effects have in common, and the figure that says how strong any of them is in effect.
 
-    `lacks` is what a model without any of them lacks, `{target}` being the place where `placed` asks for one
-    that all share. The figure `key` in `unit` is the heat that an effect takes out of the screw, by least
-    squares against how much warmer than the air the screw is: all over its `surface`, at the `end`, or on
-    average over the `screw`; or the mean heat that it brings over `time`; or, as its `own`, its parameter of
-    that name.
+    `missing_physics` is what a model without any of them lacks, `{target}` being the place where `placed`
+    asks for one that all share. The figure `key` in `unit` is the heat that an effect takes out of the screw,
+    by least squares against how much warmer than the air the screw is: all over its `surface`, at the `end`,
+    or on average over the `screw`; or the mean heat that it brings over `time`; or, as its `own`, its
+    parameter of that name.
     """
 
     name: str
-    lacks: str
+    missing_physics: str
     key: str
     unit: str
     against: Literal["surface", "end", "screw", "time", "own"]
@@ -72,7 +72,7 @@ class Fitted:
     are limits where they are narrower than the table's own. A `bounded` parameter's interval must end below
     `high`, for beyond it the effect is another one; one that is `open_above` may stand
     there, being all there is or as good as without limit. Of one that is `reciprocal` more and more makes no
-    difference: how well it is known, its reciprocal tells. A position's scale is the length of the screw over
+    difference: its uncertainty is that of its reciprocal. A position's scale is the length of the screw over
     `parts`, and its limits are the ends.
     """
 
@@ -105,29 +105,26 @@ def position(parts: int) -> Fitted:
 
 
 class EffectTable(Section):
-    """One physical effect: the parameters of a `[[effect]]` table, and the terms it adds to the plant.
-
-    Of a class: `parameters` are the keys that a search may fit, and what it knows of them; `targets` what
-    `target` names, if anything; `lacks` what a model without the effect lacks, with `{target}` in its place;
-    `excitation` what a log must hold to tell it; `source` where its law comes from; `turning` whether it goes
-    with the speed and is sought only where some source tells that; `mimicked` whether a heat law whose scale
-    is free makes up for it almost always; `families` what it shares with others that a log may not tell it
-    from, the closest first; `rough`, of what it explains, the part that its form may leave, for none is quite
-    right; `on_the_way` whether it is told by where on its way a nut leaves its heat, which rows far apart do
-    not show.
-    """
+    """One physical effect: the parameters of a `[[effect]]` table, and the terms it adds to the plant."""
 
     kind: str  #: which effect
 
+    #: the keys that a search may fit, and what it knows of them
     parameters: ClassVar[Mapping[str, Fitted]]
+    #: what `target` names, if anything
     targets: ClassVar[Literal["end", "source", "nut", "place", "sensor"] | None] = None
-    lacks: ClassVar[str]
-    excitation: ClassVar[str]
-    source: ClassVar[str]
+    missing_physics: ClassVar[str]  #: what a model without the effect lacks, with `{target}` in its place
+    excitation: ClassVar[str]  #: what a log must hold to identify it
+    source: ClassVar[str]  #: where its law comes from
+    #: whether it depends on speed, and is sought only where some source has a speed channel
     turning: ClassVar[bool] = False
-    mimicked: ClassVar[bool] = False
+    #: whether a heat law whose scale is free almost always makes up for it
+    confounded_with_scale: ClassVar[bool] = False
+    #: what it shares with others that a log may not separate it from, the closest first
     families: ClassVar[tuple[Family, ...]] = ()
+    #: of what it explains, the part that its form may leave, for none is quite right
     rough: ClassVar[float] = 0.01
+    #: whether it shows in where on its way a nut leaves its heat, which rows far apart do not show
     on_the_way: ClassVar[bool] = False
 
     @classmethod
@@ -190,7 +187,7 @@ class EffectTable(Section):
         """Return what the effect adds to the plant of a machine. Raises `ConfigError` where it cannot."""
 
     def resolved(self, length_m: float) -> Self:
-        """The effect, no finer than sensors on a screw of a length can tell."""
+        """The effect, no finer than sensors on a screw of a length can resolve."""
         return self
 
     def place(self, length_m: float) -> str | None:
@@ -287,7 +284,7 @@ def on_screw(machine: Description, key: str, position_m: float, kind: str) -> No
     if position_m > machine.screw.length_m:
         raise ConfigError(
             f'effect "{kind}": {key} = {position_m} m lies beyond the screw\'s '
-            f"length_m = {machine.screw.length_m} m; mend one"
+            f"length_m = {machine.screw.length_m} m; fix one of them"
         )
 
 

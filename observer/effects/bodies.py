@@ -16,7 +16,7 @@ from observer.tables.quantities import Finite, NonNegative, Share
 from observer.tables.sections import Description, Source
 
 LEAST_SHARE = 0.01
-"""Of a friction's heat that enters the screw: with less there is nothing to tell the rest from."""
+"""Of a friction's heat that enters the screw: with less the rest cannot be computed from it."""
 MOST_CAPACITY_J_K = 2e4
 """Forty kilograms of steel; a body that stores more hardly warms, and is a loss."""
 
@@ -31,7 +31,7 @@ class EndConduction(EffectTable):
     parameters = {"conductance_W_K": Fitted("W/K", 0.05)}
     targets = "end"
     families = (END_LOSS, HEAT_LOSS)
-    lacks = "heat that flows into the housing at {target}"
+    missing_physics = "heat that flows into the housing at {target}"
     excitation = "a warm screw, and a sensor near the end"
     source = "Newton's law at the end face; Kim et al., the convective end"
 
@@ -62,7 +62,7 @@ class AttachedMass(EffectTable):
     }
     targets = "place"
     families = (BODY, END_LOSS)
-    lacks = "a body that stores heat at {target}"
+    missing_physics = "a body that stores heat at {target}"
     excitation = "heating and cooling that are fast against the body's time constant"
     source = "a lumped capacity; Li 2022, network nodes"
     rough = 0.025  # one temperature, and one contact with all that a nut passes over
@@ -108,7 +108,7 @@ class AttachedMass(EffectTable):
         if share < LEAST_SHARE or (share == 1.0 and "share" not in source.model_fields_set):
             raise ConfigError(
                 f'effect "{self.kind}": heat_share is of the heat that does not enter the screw at once, '
-                f'and "{source.name}" tells none; give it a law of friction with a share between '
+                f'and "{source.name}" has none; give it a law of friction with a share between '
                 f"{LEAST_SHARE} and 1, or remove heat_share"
             )
         return self.heat_share * (1.0 - share) / share

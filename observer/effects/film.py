@@ -35,7 +35,7 @@ from observer.tables.sections import Description
 CELLS, MOST_CELLS = 8, 4
 """Parts of the screw from which stretches of another film are made up, and of how many at most."""
 NARROWEST = 0.05
-"""The narrowest stretch of another film that sensors can tell, as a part of the screw."""
+"""The narrowest stretch of another film that sensors can resolve, as a part of the screw."""
 
 
 class SurfaceConvection(EffectTable):
@@ -46,7 +46,7 @@ class SurfaceConvection(EffectTable):
 
     parameters = {"coefficient_W_m2K": Fitted("W/m2K", 5.0)}
     families = (SURFACE_LOSS, HEAT_LOSS)
-    lacks = "a loss of heat to the air over the whole surface"
+    missing_physics = "a loss of heat to the air over the whole surface"
     excitation = "a screw that is warmer than the air, heating and cooling"
     source = "Newton's law of cooling; Kim et al., eq. 1"
 
@@ -71,7 +71,7 @@ class SpeedConvection(EffectTable):
     parameters = {"gain": Fitted("1", 0.1)}
     turning = True
     families = (SURFACE_LOSS, HEAT_LOSS)
-    lacks = "cooling that grows with the screw's rotation"
+    missing_physics = "cooling that grows with the screw's rotation"
     excitation = "two speeds or more at which the screw is warm"
     source = "Yu et al., rotating cylinder; Kendoush 1996"
 
@@ -82,7 +82,7 @@ class SpeedConvection(EffectTable):
     def terms(self, machine: Description) -> tuple[Term, ...]:
         if machine.surface.turns:
             raise ConfigError(
-                f'effect "{self.kind}": surface.law already tells what turning adds to the film; remove the '
+                f'effect "{self.kind}": surface.law already gives what turning adds to the film; remove the '
                 "effect, or the speed from [surface]"
             )
         d_m, gain = machine.screw.diameter_m, self.gain
@@ -105,7 +105,7 @@ class UnevenConvection(EffectTable):
 
     parameters = {"from_m": position(CELLS), "to_m": position(CELLS), "extra_W_m2K": Fitted("W/m2K", 5.0)}
     families = (END_LOSS, SURFACE_LOSS, HEAT_LOSS)
-    lacks = "a stretch of the screw that is cooled more or less than the rest"
+    missing_physics = "a stretch of the screw that is cooled more or less than the rest"
     excitation = "a warm screw, and sensors on and beside the stretch"
     source = "Newton's law of cooling with h(x)"
 
@@ -165,7 +165,7 @@ class RadiationEffect(EffectTable):
 
     parameters = {"emissivity": Fitted("1", 0.3)}
     families = (SURFACE_LOSS, HEAT_LOSS)
-    lacks = "heat radiated by the surface"
+    missing_physics = "heat radiated by the surface"
     excitation = "a screw that is more than 40 K warmer than its surroundings, and one that is hardly warmer"
     source = "Stefan and Boltzmann; Lathe study, eq. 6"
 
@@ -188,7 +188,7 @@ class Coolant(EffectTable):
         "inlet_degC": Fitted("°C", 5.0, None, (12.0, 20.0, 28.0), low=-20.0, high=90.0),  # of any coolant
     }
     turning = True
-    lacks = "coolant through the hollow screw while it turns"
+    missing_physics = "coolant through the hollow screw while it turns"
     excitation = "a warm screw that turns, and one that stands"
     source = "energy balance of a flow with a high heat capacity rate"
 
@@ -210,7 +210,7 @@ class AmbientDrift(EffectTable):
     rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]  #: K per hour since the start
 
     parameters = {"rate_K_h": Fitted("K/h", 0.3)}
-    lacks = "air near the screw that drifts away from the ambient given"
+    missing_physics = "air near the screw that drifts away from the ambient given"
     excitation = "a log of an hour or more"
     source = "a linear trend"
 

@@ -1,4 +1,4 @@
-"""Effects of the heats: heat that no law tells, and laws that tell it wrong."""
+"""Effects of the heats: heat that no law gives, and laws that give it wrong."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class EndHeat(EffectTable):
     parameters = {"heat_W_rpm": Fitted("W/rpm", 1e-3)}
     targets = "end"
     families = (END_SOURCE,)
-    lacks = "heat at {target} that grows with speed"
+    missing_physics = "heat at {target} that grows with speed"
     excitation = "two speeds or more, and a standstill"
     source = "Kim et al., eq. 29"
     turning = True
-    mimicked = True
+    confounded_with_scale = True
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         end_m = base.free_end(machine, self.target, self.kind)
@@ -61,7 +61,7 @@ class MotorHeat(EffectTable):
     parameters = {"heat_W": Fitted("W", 2.0, low=0.0)}
     targets = "end"
     families = (END_SOURCE,)
-    lacks = "heat from the drive at {target}, the same at any speed"
+    missing_physics = "heat from the drive at {target}, the same at any speed"
     excitation = "a standstill with the drive on, and speeds that differ"
     source = "Yu et al., the motor as a heat source of the shaft"
 
@@ -79,7 +79,7 @@ class LocalHeat(EffectTable):
 
     parameters = {"position_m": position(10), "heat_W": Fitted("W", 2.0)}
     families = (END_SOURCE,)
-    lacks = "a source of heat at one place of the screw"
+    missing_physics = "a source of heat at one place of the screw"
     excitation = "a log longer than the screw's slowest mode, and sensors on both sides of the place"
     source = "a point source; Kim et al., eq. 1"
 
@@ -114,7 +114,7 @@ class FrictionFade(EffectTable):
 
     parameters = {"per_K": Fitted("1/K", 3e-3)}
     targets = "source"
-    lacks = "friction of {target} that falls as the screw warms"
+    missing_physics = "friction of {target} that falls as the screw warms"
     excitation = "the same speed with a cold and with a warm screw"
     source = "viscosity of lubricants falls about exponentially with temperature; Yu et al., Palmgren's M1"
 
@@ -139,7 +139,7 @@ class FrictionSpeed(EffectTable):
 
     parameters = {"exponent": Fitted("1", 0.2, neutral=1.0, starts=(1.1,))}
     targets = "source"
-    lacks = "another power of speed in the heat of {target}"
+    missing_physics = "another power of speed in the heat of {target}"
     excitation = "three speeds or more, each until the screw follows"
     source = "Palmgren: M1 goes with (ν n)^{2/3}; Yu et al."
 
@@ -176,7 +176,7 @@ class RunIn(EffectTable):
         "time_s": Fitted("s", 1200.0, neutral=None, starts=(400.0, 1200.0, 3600.0)),
     }
     targets = "source"
-    lacks = "friction of {target} that falls as it runs in"
+    missing_physics = "friction of {target} that falls as it runs in"
     excitation = "the first hour of running, and later running at the same speed"
     source = "Li 2022: the heat found peaks at the start and decays"
 
@@ -200,7 +200,7 @@ class Dwell(EffectTable):
     parameters = {"fraction": Fitted("1", 0.1)}
     targets = "nut"
     on_the_way = True
-    lacks = "heat of {target} that enters where it turns round"
+    missing_physics = "heat of {target} that enters where it turns round"
     excitation = "a nut that runs over its whole stroke, and sensors on and beside the stroke"
     source = "Li 2022: contact weighted by the time the nut dwells at a place"
 

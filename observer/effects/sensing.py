@@ -23,7 +23,7 @@ class SensorLag(EffectTable):
         "time_constant_s": Fitted("s", 20.0, starts=(20.0, 60.0, 150.0, 400.0), low=10.0, high=3600.0)
     }
     targets = "sensor"
-    lacks = "a lag of sensor {target}"
+    missing_physics = "a lag of sensor {target}"
     excitation = "heating and cooling that are fast against the lag"
     source = "a first-order instrument"
 
@@ -40,7 +40,7 @@ class SensorBias(EffectTable):
 
     parameters = {"offset_K": Fitted("K", 0.3)}
     targets = "sensor"
-    lacks = "a constant error of sensor {target}"
+    missing_physics = "a constant error of sensor {target}"
     excitation = "a screw that starts at the temperature of the air"
     source = "an additive error"
 
@@ -57,7 +57,7 @@ class SensorDrift(EffectTable):
 
     parameters = {"rate_K_h": Fitted("K/h", 0.2)}
     targets = "sensor"
-    lacks = "a drift of sensor {target}"
+    missing_physics = "a drift of sensor {target}"
     excitation = "a log of an hour or more"
     source = "an additive error that grows"
 

@@ -1,7 +1,7 @@
 """Extend a plant by what couples its states: nodes and lagging sensors get states of their own.
 
 What lasts (links at fixed places, films along stretches, sensors that lag) becomes part of the generator
-(`basis`); what goes with the moment is taken step by step (`coupling`).
+(`generator`); what varies in time is taken step by step (`coupling`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from observer.model.network import (
     spreads,
 )
 from observer.model.plant import LEFT, RIGHT, Plant
-from observer.model.rod.modes import Modes
+from observer.model.rod.modes import Modes, contributions
 from observer.model.rod.screw import surface_rate
 from observer.model.rod.static import (
     Stretch,
@@ -38,7 +38,6 @@ from observer.model.rod.static import (
     quadrature_within,
     source_field,
 )
-from observer.model.rod.truncation import contributions
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description
 
@@ -46,7 +45,7 @@ from observer.tables.sections import Description
 def with_coupling(
     plant: Plant, modes: Modes, machine: Description, terms: Sequence[Term], sigma_W: FloatArray
 ) -> tuple[Plant, Constant]:
-    """Return the plant with the nodes beside it and what couples it by the moment, and what lasts of `terms`;
+    """Return the plant with the nodes beside it and its time-varying couplings, and what lasts of `terms`;
     other kinds are passed over.
 
     New states come after the lags of the sources: the amplitudes of the nodes' own modes (a node that
@@ -78,9 +77,9 @@ def with_coupling(
     links = _links(plant, beside, own, gain, screw, moving)
     emissivity = sum(t.emissivity for t in terms if isinstance(t, Radiation))
     fades = _fades(plant, terms)
-    by_moment = len(links.source) > 0 or emissivity > 0.0 or fades.per_K.any()
+    varying = len(links.source) > 0 or emissivity > 0.0 or fades.per_K.any()
     coupling = no_coupling(n_x, m, p, plant.modes)._replace(
-        active=int(by_moment or any(isinstance(t, SpeedLoss) for t in terms)),
+        active=int(varying or any(isinstance(t, SpeedLoss) for t in terms)),
         ambient=plant.known.ambient,
         conductance_W_m=modes.rod.conductance_W_m,
         place_gain=gain,

@@ -1,6 +1,7 @@
-"""What couples a plant's states by the moment: nuts that move, losses with speed or temperature, friction.
+"""Couplings of a plant's states that vary in time: nuts that move, losses with speed or temperature,
+friction that fades.
 
-What couples them for good is in the plant's own modes (`basis`). The rest is taken in half a step before and
+Constant couplings are in the plant's own modes (`generator`). The rest is taken in half a step before and
 half a step after the exact diagonal step (Strang 1968), and within each half in an order that reads the same
 backwards: the error is of second order in the step, and these couplings are slow against it. Each is solved
 exactly by itself, so none can become unstable.

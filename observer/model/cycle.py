@@ -33,7 +33,7 @@ FAST = 0.15
 
 _PLACES = 64
 SWEEP_PHASES = 8
-"""At how many phases of a sweep the readings are told apart."""
+"""At how many phases of a sweep the readings are distinguished."""
 
 
 class Sweep(NamedTuple):
@@ -91,9 +91,9 @@ def ripple(
 
 
 SPEED_RPM = 1000.0
-"""How fast machines work, where only a log could tell."""
+"""How fast machines work, where only a log could show it."""
 AIR_degC = 20.0
-"""The air, where a channel tells it."""
+"""The air, where a channel measures it."""
 LEAD_M = 0.01
 """How far a turn carries a nut, where its source does not say."""
 SHIFT = ((300.0, 0.0), (5400.0, 1.0), (600.0, 0.0), (1800.0, 1.0), (3600.0, 0.0))
@@ -106,7 +106,7 @@ class Stage(NamedTuple):
     `law_W` (m,), W, each source's heat by its law; `heat_W` (m,), the heat that is taken for true; `z` (p,),
     °C, the known inputs; `loss_1_s` the rate of the losses that go with the speed or with the temperature's
     fourth power, along the screw, towards `drawn_degC`. `sweeps` (M,) are the ways of the moving sources,
-    None where the samples do not tell them.
+    None where the samples do not show them.
     """
 
     duration_s: float
@@ -121,7 +121,7 @@ class Stage(NamedTuple):
 def standard_shift(config: Config, plant: Plant) -> tuple[Stage, ...]:
     """Return the stages of the standard shift of a configuration and its plant.
 
-    What a law of power does not tell, and a source without a law, is taken for the source's
+    What a law of power does not give, and a source without a law, is taken for the source's
     `initial_sigma_W` while the machine works.
     """
     return tuple(_stage(config, plant, duration_s, share * SPEED_RPM) for duration_s, share in SHIFT)
@@ -153,21 +153,21 @@ def _stage(config: Config, plant: Plant, duration_s: float, speed_rpm: float) ->
 
 
 def _sweep(config: Config, source: Source, speed_rpm: float) -> Sweep | None:
-    """The way of a nut; the same that `check` says of the speeds up to which it is told."""
+    """The way of a nut; the same that `check` says of the speeds up to which it is known."""
     low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
     speed_m_s = speed_rpm / 60.0 * (source.lead_m or LEAD_M)
     sample_s = config.sample_s.get(source.position_channel or "", config.estimator.period_s)
-    told = speed_m_s * sample_s * SAMPLES_PER_TRAVERSE <= high_m - low_m
-    return Sweep(low_m, high_m, speed_m_s) if told else None
+    known = speed_m_s * sample_s * SAMPLES_PER_TRAVERSE <= high_m - low_m
+    return Sweep(low_m, high_m, speed_m_s) if known else None
 
 
 def _law_W(source: Source, sources: tuple[Source, ...], screw_m: float, speed_rpm: float) -> float:
     """The heat by a source's law at a speed; a nut that turns too does so half as fast."""
     works = speed_rpm > 0.0
-    told = {s.power_channel: s.initial_sigma_W if works else 0.0 for s in sources}
-    told |= {s.drive_channel: float(works) for s in sources}
-    told |= {s.nut_speed_channel: 0.5 * speed_rpm for s in sources}
-    read = [np.array([told.get(c, speed_rpm)]) for c in law_channels(source, sources)]
+    values = {s.power_channel: s.initial_sigma_W if works else 0.0 for s in sources}
+    values |= {s.drive_channel: float(works) for s in sources}
+    values |= {s.nut_speed_channel: 0.5 * speed_rpm for s in sources}
+    read = [np.array([values.get(c, speed_rpm)]) for c in law_channels(source, sources)]
     if source.law is None:
         return 0.0
     return float(heat_law(source, sources, screw_m)(*(read or [np.zeros(1)]))[0])

@@ -119,23 +119,23 @@ class Drive:
 
     def run(self, state: DriveState, frames: FrameBlock) -> tuple[DriveState, Inputs]:
         """Return the state after K frames and the inputs of the K steps they end."""
-        told, begin_s, running_s = self._told(state, frames)
+        desk, begin_s, running_s = self._driven(state, frames)
         nuts, turns, moving_B, moving_C = self._nuts(state, frames)
         inputs = Inputs(
-            frames.time_s, frames.dt_s, told.y_degC, told.usable, told.sensor_quality, told.law_W,
-            told.jump_W, told.z_start, told.z_end, moving_B, moving_C, told.degraded,
-            *self.loss(frames.values, told.z_end[:, self._known.ambient]),
+            frames.time_s, frames.dt_s, desk.y_degC, desk.usable, desk.sensor_quality, desk.law_W,
+            desk.jump_W, desk.z_start, desk.z_end, moving_B, moving_C, desk.degraded,
+            *self.loss(frames.values, desk.z_end[:, self._known.ambient]),
         )  # fmt: skip
         last_s = float(frames.time_s[-1])
-        return DriveState(told.law[-1], told.known[-1], nuts, turns, begin_s, last_s, running_s), inputs
+        return DriveState(desk.law[-1], desk.known[-1], nuts, turns, begin_s, last_s, running_s), inputs
 
     def open_loop(self, frames: FrameBlock) -> Driving:
         """Return what drives a plant through a log from its first frame on, but for where nuts are."""
-        told, _, _ = self._told(self.initial(), frames)
-        losses = self.loss(frames.values, told.z_end[:, self._known.ambient])
-        return Driving(told.law_W, told.jump_W, told.z_start, told.z_end, *losses)
+        desk, _, _ = self._driven(self.initial(), frames)
+        losses = self.loss(frames.values, desk.z_end[:, self._known.ambient])
+        return Driving(desk.law_W, desk.jump_W, desk.z_start, desk.z_end, *losses)
 
-    def _told(self, state: DriveState, frames: FrameBlock) -> tuple[DriveDesk, float, FloatArray]:
+    def _driven(self, state: DriveState, frames: FrameBlock) -> tuple[DriveDesk, float, FloatArray]:
         """What drives the plant in K steps and what sensors say, the first frame's time, and how long each
         law has run.
         """
@@ -243,8 +243,8 @@ class Drive:
 
 class ColumnsRead(NamedTuple):
     """The columns of the frames that hold sensors (s,), known inputs (p,), what else the model needs, and
-    nuts' positions (M,); −1 is a known input that no channel tells. `shift_K` (p,) is how far those are from
-    what is told, and `rate_K_h` (p,) how fast they drift from there;
+    nuts' positions (M,); −1 is a known input without a channel. `shift_K` (p,) is how far those are from
+    what is given, and `rate_K_h` (p,) how fast they drift from there;
     `ambient` and `reference` are two of them, −1 where there is none.
     """
 

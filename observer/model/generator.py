@@ -1,9 +1,9 @@
 """A coupled plant as one matrix, dx/dt = A x + B q + E z, and in the own modes of that, x = V ξ.
 
 Links at fixed places, films along stretches and sensors that lag make the generator a full matrix. In its own
-modes it is diagonal again, so that a step is exact and as cheap as that of a screw alone. What couples states
-by the moment alone (nuts that move, films of speed, radiation) is left to the step (`coupling`). Designs take
-the whole matrix, with nuts over their strokes and a loss of the moment where one is given.
+modes it is diagonal again, so that a step is exact and as cheap as that of a screw alone. Couplings that
+vary in time (nuts that move, films of speed, radiation) are left to the step (`coupling`). Designs take
+the whole matrix, with nuts over their strokes and a time-varying loss where one is given.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def settled_inputs(plant: Plant) -> FloatArray:
 
 
 def design_step(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
-    """Return transition and noise (n, n) of [x | δ] for a design: with what couples states for good."""
+    """Return transition and noise (n, n) of [x | δ] for a design: with what couples states permanently."""
     return augmented_step(plant, step.dt_s) if len(plant.coupling.links.source) else augmented(plant, step)
 
 
@@ -128,8 +128,8 @@ APART = 1e-8
 
 
 class Constant(NamedTuple):
-    """What a plant's states do to each other for good: `A` (n_x, n_x) and `E` (n_x, p), added to those of the
-    plant, 1/s; the states that `follow` others and act on none.
+    """Constant couplings of a plant's states: `A` (n_x, n_x) and `E` (n_x, p), added to the plant's, 1/s;
+    the states that `follow` others and act on none.
     """
 
     A: FloatArray
@@ -202,7 +202,7 @@ def turned(plant: Plant, V: FloatArray, decay_1_s: FloatArray) -> Plant:
 
 
 def _coupling(plant: Plant, basis: Basis) -> Coupling:
-    """What couples states by the moment, in the new ones."""
+    """The time-varying couplings in the new states."""
     c, (V, inverse, _) = plant.coupling, basis
     N, beside = plant.modes, np.arange(plant.modes, len(V))
     links = c.links._replace(C=c.links.C @ V, B=c.links.B @ inverse.T)
@@ -224,7 +224,7 @@ def _coupling(plant: Plant, basis: Basis) -> Coupling:
 
 def frozen(plant: Plant) -> tuple[Plant, FloatArray]:
     """Return a plant that nothing couples any more, in its own modes with nuts over their strokes, and V
-    (n_x, n_x), its states in the plant's; losses of the moment are left out. For designs that place poles.
+    (n_x, n_x), its states in the plant's; time-varying losses are left out. For designs that place poles.
     """
     none = no_coupling(len(plant.decay_1_s), len(plant.source_names), len(plant.known_names), plant.modes)
     V, decay_1_s = own_modes(plant, generator(plant))

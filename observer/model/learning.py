@@ -1,11 +1,11 @@
-"""What of a machine is only roughly known, as states beside its heats: learnt while it runs, or allowed for.
+"""What of a machine is only roughly known, as states beside its heats: learnt while it runs, or considered.
 
 Each is a small change θ of the configuration, and what it does is linear in θ:
 
     dx/dt = … + c θ,  c = A x + B q + E z + f,        y_i = … + (C x + d) θ.
 
 Live filters, fixed gains, predictions within tolerances and `check` all take these arrays. All wander as
-first-order Markov processes about nothing, in a day, so that none is ever known for good. What is
+first-order Markov processes about nothing, in a day, so that none is ever known exactly. What is
 considered only (Schmidt 1966) keeps its value while its covariances are carried.
 """
 
@@ -71,7 +71,7 @@ class Change(NamedTuple):
 class Parameter(NamedTuple):
     """One parameter: its `kind`, and of which end, estimated heat or sensor it is; `sigma` its prior, in the
     unit of its state: relative to its value, or in K, W/K, m, s; what a unit of it does; and, where it is
-    learnt, what it is called, and the `value` and `unit` in which it is told: value + unit · state.
+    learnt, what it is called, and the `value` and `unit` in which it is reported: value + unit · state.
     """
 
     kind: Kind
@@ -141,7 +141,7 @@ class LearningArrays(NamedTuple):
         return self._replace(V=V, inverse=inverse, row=self.row @ V)
 
     def entries(self, x: FloatArray) -> FloatArray:
-        """Return C x + d (L,) at a state; lags are not told by a state alone, and are 0 here."""
+        """Return C x + d (L,) at a state; lags do not follow from a state alone, and are 0 here."""
         return np.asarray(self.row @ x + self.shift_K)
 
 
@@ -166,7 +166,7 @@ def joined(arrays: LearningArrays, more: LearningArrays) -> LearningArrays:
 @dataclass(frozen=True, slots=True)
 class Learning:
     """The states, and what the learnt ones are called: `names` (l,), which `states` (l,) they are, and the
-    `value` (l,) and `unit` (l,) in which they are told: value + unit · state.
+    `value` (l,) and `unit` (l,) in which they are reported: value + unit · state.
     """
 
     arrays: LearningArrays
@@ -175,7 +175,7 @@ class Learning:
     value: FloatArray
     unit: FloatArray
 
-    def told(self, x: FloatArray, P: FloatArray) -> dict[str, tuple[float, float]]:
+    def estimates(self, x: FloatArray, P: FloatArray) -> dict[str, tuple[float, float]]:
         """What is learnt, by name, with its σ: from the states (L,), the last of an estimator's, and their
         covariance (L, L).
         """
@@ -210,13 +210,13 @@ def learning_of(
         )
         for name, own in none._asdict().items()
     }
-    told = [i for i, p in enumerate(parameters) if p.kind.key in learnt]
+    learnt_states = [i for i, p in enumerate(parameters) if p.kind.key in learnt]
     arrays = LearningArrays(
         machine=sum(p.kind <= Kind.LAW for p in parameters),
         kind=np.array([p.kind for p in parameters], np.int64),
         of=np.array([p.of for p in parameters], np.int64),
         sigma=np.array([p.sigma for p in parameters], np.float64),
-        held=np.array([i for i in range(len(parameters)) if i not in told], np.int64),
+        held=np.array([i for i in range(len(parameters)) if i not in learnt_states], np.int64),
         **change,
         heated=change["heats"].any(axis=1).astype(np.int64),
         ambient=ambient,
@@ -227,8 +227,8 @@ def learning_of(
     )
     return Learning(
         arrays,
-        tuple(parameters[i].name for i in told),
-        np.array(told, np.int64),
-        np.array([parameters[i].value for i in told]),
-        np.array([parameters[i].unit for i in told]),
+        tuple(parameters[i].name for i in learnt_states),
+        np.array(learnt_states, np.int64),
+        np.array([parameters[i].value for i in learnt_states]),
+        np.array([parameters[i].unit for i in learnt_states]),
     )

@@ -16,15 +16,14 @@ from observer.effects.terms import Body, Term
 from observer.frames import FloatArray
 from observer.model.coupling import Spreads
 from observer.model.prior import gathered_s
-from observer.model.rod.modes import Modes
+from observer.model.rod.modes import Modes, modal_input
 from observer.model.rod.static import Stretch, mean_stretch, nut_stretch, quadrature_within
-from observer.model.rod.truncation import modal_input
 from observer.tables.nodes import AMBIENT, Link
 from observer.tables.sections import Description, Source
 
 
 def conductance_W_K(link: Link) -> float:
-    """Return the conductance of a link of the configuration, whichever way it is told."""
+    """Return the conductance of a link of the configuration, whichever way it is given."""
     given_W_K = link.conductance_W_K or 1.0 / (link.resistance_K_W or math.inf)
     if given_W_K:
         return given_W_K
@@ -214,7 +213,7 @@ def past_covariance(
 SMALL = 1e-3
 """Rate of a shape against the largest, below which it is left out."""
 NO_SWEEP = 0.05
-"""A stroke as long as the nut, to this part of it, is none: sweeping and standing cannot be told apart."""
+"""A stroke as long as the nut, to this part of it, is none: sweeping and standing cannot be distinguished."""
 STANDING_PLACES = 9
 
 

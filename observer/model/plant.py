@@ -126,7 +126,7 @@ class Plant:
     noise on the field. `mode_index` (N,) are the numbers of the modes kept, counted from 1;
     `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time, and `dropped_rate_1_s` that of the
     slowest mode that was dropped;
-    `coupling` is what couples the states to each other by the moment, `learning` what is only roughly known,
+    `coupling` holds the time-varying couplings of the states, `learning` what is only roughly known,
     None where all is taken as the configuration says, and `basis` whose own modes the states are, None where
     they are the screw's and each lag and node by itself.
     """
@@ -165,7 +165,7 @@ class Plant:
 
     @property
     def by_itself(self) -> bool:
-        """Whether nothing couples the states for good: there is the screw alone."""
+        """Whether nothing couples the states permanently: there is the screw alone."""
         return self.basis is None and not len(self.coupling.links.source)
 
     @property

@@ -20,11 +20,10 @@ from observer.frames import FloatArray, Layout
 from observer.model.coupling import no_coupling
 from observer.model.plant import OFFSET, REFERENCE, MovingSource, Plant, Rows
 from observer.model.prior import past_heat_covariance, smooth_field_covariance
-from observer.model.rod.modes import Modes
+from observer.model.rod.modes import Modes, contributions, modal_input, tail_left
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.static import Stretch, nut_stretch, quadrature, source_field
 from observer.model.rod.supports import Restraint, restrained_rows
-from observer.model.rod.truncation import contributions, modal_input, tail_left
 
 UM_PER_M = 1e6
 
@@ -131,7 +130,7 @@ class Heat:
     """A source of heat: the `share` of it that enters the screw does so over `stretch`, averaged over its
     motion, but for `ends_fraction`, which enters over the two stretches `ends` at the ends of a stroke.
 
-    The rest is what an estimator is told of it: the σ it begins with, whether it is `estimated`, its random
+    The rest is what an estimator takes from it: the σ it begins with, whether it is `estimated`, its random
     walk in W²/s, the rate at which it comes back to its law, and how far that is trusted.
     """
 

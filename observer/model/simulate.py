@@ -107,7 +107,7 @@ def simulate(
 ) -> tuple[SimulationState, FloatArray]:
     """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
 
-    Exact for heats constant and known inputs linear over each step; what couples states by the moment is of
+    Exact for heats constant and known inputs linear over each step; time-varying couplings are of
     second order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of the screw of which the
     squares add up to the covariance of each moving source's input column over the step, where that is known.
     """

@@ -16,11 +16,10 @@ from observer.model.generator import settled_rows
 from observer.model.network import attached
 from observer.model.plant import Plant
 from observer.model.realise import realise
-from observer.model.rod.modes import solve_modes
+from observer.model.rod.modes import solve_modes, tail_left
 from observer.model.rod.screw import rod_of
 from observer.model.rod.static import footprints
 from observer.model.rod.supports import force_N
-from observer.model.rod.truncation import tail_left
 from observer.report.detectable import detectable
 from observer.report.doubts import doubts
 from observer.report.tolerances import tolerances

@@ -86,7 +86,9 @@ def lack_of(kind: str, *targets: str | None) -> str:
     """An effect, at one target or at several, as what a model without it lacks."""
     effect = BY_KIND[kind]
     ends = ("left", "right") if effect.targets != "sensor" else ()
-    return effect.lacks.format(target=joined([f"the {t} end" if t in ends else str(t) for t in targets]))
+    return effect.missing_physics.format(
+        target=joined([f"the {t} end" if t in ends else str(t) for t in targets])
+    )
 
 
 def family_text(family: dict[str, Any]) -> str:
@@ -101,7 +103,7 @@ def _family_text(family: dict[str, Any]) -> str:
         kind, _, target = family["members"][0].partition(" at ")
         return lack_of(kind, target or None)
     target = family["target"]
-    lacks = FAMILIES[family["name"]].lacks.format(target=f"the {target} end")
+    lacks = FAMILIES[family["name"]].missing_physics.format(target=f"the {target} end")
     return f"{lacks} of {joined([measured(p) for p in family['effective'].values()])} in effect"
 
 

@@ -47,7 +47,7 @@ class BearingFriction(Section):
         cold, hot = self.viscosity_40_mm2_s, self.viscosity_100_mm2_s
         if cold is not None and hot is not None and not cold > hot >= 2.0:
             raise ValueError(
-                "viscosity_100_mm2_s is to be at least 2 mm2/s and below viscosity_40_mm2_s; mend one of them"
+                "viscosity_100_mm2_s is to be at least 2 mm2/s and below viscosity_40_mm2_s; fix one of them"
             )
         return self
 
@@ -96,7 +96,7 @@ class HeatLaw(Section):
     heat_of: quantities.Name | None = None
     heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None  #: for `heat_of`
     share: quantities.Share = 1.0  #: part of the friction's heat that enters the screw, 0 to 1
-    #: part of the time that the drive runs, 0 to 1, where the speed channel tells a set speed only
+    #: part of the time that the drive runs, 0 to 1, where the speed channel holds a set speed only
     duty: quantities.Share = 1.0
     #: also multiply a nut's law by its stroke's part of the screw, as Kim et al. do
     stroke_share: quantities.Flag = False
@@ -199,7 +199,7 @@ class Surface(Section):
                 '"taylor-gap", or remove it'
             )
         if self.speed_rpm and self.speed_channel:
-            raise ValueError("speed_rpm and speed_channel both tell the speed; remove one of them")
+            raise ValueError("speed_rpm and speed_channel both give the speed; remove one of them")
 
     @property
     def turns(self) -> bool:
@@ -210,7 +210,7 @@ class Surface(Section):
         thread = ("thread_lead_m", "ball_radius_m", "land_m")
         missing = [key for key in thread if getattr(self, key) is None]
         if missing and (len(missing) < len(thread) or self.fin_efficiency is not None):
-            raise ValueError(f"a thread is told by {', '.join(thread)} together; {missing[0]} is missing")
+            raise ValueError(f"a thread needs {', '.join(thread)} together; {missing[0]} is missing")
 
 
 def _exactly_one(

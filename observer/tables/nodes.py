@@ -29,13 +29,13 @@ WAYS: tuple[tuple[str, ...], ...] = (
     ("gap_m", "touching", "conductivities_W_mK", "area_m2"),
     ("balls", "conductivities_W_mK", "semi_axes_m"),
 )
-"""The ways in which a link can be told: the keys that belong together."""
+"""The ways in which a link can be described: the keys that belong together."""
 OPTIONAL = ("filling_W_mK",)
 """Belongs to a gap."""
 
 
 class Link(Section):
-    """Heat that passes between two places, told in one of several ways.
+    """Heat that passes between two places, described in one of several ways.
 
     A place is a node, the ambient, or the screw where a source stands, by that source's name.
     """
@@ -66,12 +66,12 @@ class Link(Section):
         stated = self.model_fields_set - {"between", *OPTIONAL}
         if stated not in [set(way) for way in WAYS]:
             ways = "; or ".join(", ".join(way) for way in WAYS)
-            raise ValueError(f"give the keys of one way to tell a link, and no others: {ways}")
+            raise ValueError(f"give the keys of one way to describe a link, and no others: {ways}")
         if "filling_W_mK" in self.model_fields_set and self.gap_m is None:
             raise ValueError("filling_W_mK belongs to gap_m; remove it")
         inner, outer = self.inner_diameter_m, self.outer_diameter_m
         if inner is not None and outer is not None and not inner < outer:
-            raise ValueError("inner_diameter_m is to be below outer_diameter_m; mend one of them")
+            raise ValueError("inner_diameter_m is to be below outer_diameter_m; fix one of them")
         return self
 
 
@@ -91,7 +91,7 @@ def check_places(
             if end not in (*names, *placed, AMBIENT):
                 raise ValueError(
                     f'link {" – ".join(one.between)}: "{end}" is neither a node, nor "{AMBIENT}", nor a '
-                    "source on the screw; mend the name"
+                    "source on the screw; fix the name"
                 )
         if not any(end in names for end in one.between):
             raise ValueError(f"link {' – '.join(one.between)}: one of the two is to be a node")

@@ -2,7 +2,7 @@
 
 A number is a number: neither `true` nor `"1.0"` passes for one. Every kind has hard bounds, orders of
 magnitude beyond what any machine has, so that nothing absurd reaches the mathematics; a value that is
-possible and still looks like a slip of the unit is told by `observer.doubts`.
+possible and still looks like a slip of the unit is reported by `report.doubts`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 NOTHING = 1e-12
-"""Whatever is nearer to 0 counts as 0: no quantity here is told so finely, but denormal numbers overflow."""
+"""Whatever is nearer to 0 counts as 0: no quantity here is that small, but denormal numbers overflow."""
 OWN_COLUMNS = ("time_s", "late_s", "step", "flags")
 """Columns of a recording that are no channels."""
 _SEPARATORS = "=;,\"'"
@@ -52,7 +52,7 @@ def checked_channel(name: str) -> str:
 def checked_path(path: Path) -> Path:
     """Return a path as it is. Raises `ValueError` for one that no file can have."""
     if "\0" in str(path) or len(str(path)) > 4096:
-        raise ValueError(f"{str(path)[:40]!r} is no path of a file; mend it")
+        raise ValueError(f"{str(path)[:40]!r} is no path of a file; fix it")
     return path
 
 

@@ -79,7 +79,7 @@ class Source(HeatLaw):
     #: nut: where its middle travels, `[from, to]`; without `position_channel` its heat is uniform there
     stroke_m: tuple[quantities.Position, quantities.Position] | None = None
     position_channel: quantities.Channel | None = None  #: nut: the channel of its middle's position in m
-    #: nut: lead of the screw; with the speed it tells how well the samples show the path
+    #: nut: lead of the screw; with the speed it says how well the samples show the path
     lead_m: quantities.Lead | None = None
     position_m: quantities.Position | None = None  #: point: where
     from_m: quantities.Position | None = None  #: band: where it begins

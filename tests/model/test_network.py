@@ -207,8 +207,11 @@ TIED = {"between": ["block", "heater"], "conductance_W_K": 2.0}
             "one of the two is to",
         ),
         ({"node": [BLOCK], "link": [TIED | {"between": ["block", "block"]}]}, 'names "block" twice'),
-        ({"node": [BLOCK], "link": [TIED | {"area_m2": 1.0}]}, "the keys of one way to tell a link"),
-        ({"node": [BLOCK], "link": [{"between": ["block", "heater"]}]}, "the keys of one way to tell a link"),
+        ({"node": [BLOCK], "link": [TIED | {"area_m2": 1.0}]}, "the keys of one way to describe a link"),
+        (
+            {"node": [BLOCK], "link": [{"between": ["block", "heater"]}]},
+            "the keys of one way to describe a link",
+        ),
         ({"node": [BLOCK], "link": [TIED | {"filling_W_mK": 1.0}]}, "filling_W_mK belongs to gap_m"),
         ({"node": [BLOCK | {"name": "heater"}], "link": [TIED]}, "the name is taken"),
         ({"node": [BLOCK, BLOCK], "link": [TIED]}, "the name is taken"),

@@ -87,5 +87,5 @@ def test_at_one_speed_the_channel_is_the_reference_speed() -> None:
 
 def test_turning_told_by_law_and_effect_is_refused() -> None:
     effect = [{"kind": "speed_convection", "gain": 1.0, "speed_channel": "n_rpm"}]
-    with pytest.raises(ConfigError, match=r"surface\.law already tells what turning adds"):
+    with pytest.raises(ConfigError, match=r"surface\.law already gives what turning adds"):
         screw(surface={"law": "kendoush", "speed_channel": "n_rpm"}, effect=effect)

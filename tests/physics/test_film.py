@@ -189,7 +189,7 @@ def test_a_vertical_screw_is_a_wall_of_its_height() -> None:
         ({"law": "churchill-chu", "gap_m": 0.01}, 'gap_m belongs to law = "taylor-gap"'),
         ({"law": "churchill-chu", "speed_rpm": 500.0}, "speed_rpm has no part in law"),
         ({"law": "wall", "facing": "up", "height_m": 0.1, "speed_channel": "n"}, "speed_channel has no part"),
-        ({"law": "kendoush", "speed_rpm": 500.0, "speed_channel": "n"}, "both tell the speed"),
+        ({"law": "kendoush", "speed_rpm": 500.0, "speed_channel": "n"}, "both give the speed"),
         ({"law": "churchill-chu", "thread_lead_m": 0.01}, "ball_radius_m is missing"),
         ({"law": "churchill-chu", "fin_efficiency": 0.9}, "thread_lead_m is missing"),
         ({"law": "lumped"}, "Input should be"),

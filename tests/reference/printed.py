@@ -12,9 +12,8 @@ import numpy as np
 from observer.estimators.design.kim import gains_on_eigenvectors
 from observer.frames import FloatArray
 from observer.model.network import Network
-from observer.model.rod.modes import Modes
+from observer.model.rod.modes import Modes, modal_input
 from observer.model.rod.static import Stretch, end_field, quadrature
-from observer.model.rod.truncation import modal_input
 
 
 class KimForm(NamedTuple):

@@ -405,7 +405,7 @@ def test_the_sentences_of_something_unknown_say_where_when_and_how_many_watts(
 
 def test_every_effect_of_the_library_can_be_said() -> None:
     for effect in LIBRARY:
-        assert ("{target}" in effect.lacks) == (effect.targets is not None)
+        assert ("{target}" in effect.missing_physics) == (effect.targets is not None)
 
 
 @pytest.mark.parametrize(

@@ -225,7 +225,7 @@ PathRegime = Literal["path", "points", "undetermined"]
 
 
 def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
-    """Say how well samples tell a nut's path.
+    """Say how well samples show a nut's path.
 
     "path": samples enough for every traverse; "points": fewer, but they cover the stroke; "undetermined":
     fewer, and in step with the motion, so that only a few places are ever seen and the footprint is not in
