@@ -17,7 +17,7 @@ from observer.estimators.design.gains import (
 from observer.estimators.design.kim import design_kim
 from observer.model.discretise import step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.cases import COUPLINGS, coupled
+from tests.bits.shared import COUPLINGS, coupled
 from tests.estimators.test_specification import assert_same
 from tests.learning.cover import judged
 from tests.learning.housings import HOUSED_CONFIG, draw_housed

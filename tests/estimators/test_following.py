@@ -13,8 +13,8 @@ from observer.kernels.codes import STILL
 from observer.kernels.learning import FOLLOWS_S
 from observer.model.discretise import quantise, step_matrices
 from observer.model.learning import Kind
-from tests.bits.cases import COUPLINGS, EVERY, learning
 from tests.bits.made import described, driven
+from tests.bits.shared import COUPLINGS, EVERY, learning
 
 LINEAR = [
     e

@@ -18,8 +18,8 @@ from observer.estimators.specification import (
 )
 from observer.model.learning import Kind
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.cases import COUPLINGS, EVERY, coupled, learning
 from tests.bits.made import described, driven
+from tests.bits.shared import COUPLINGS, EVERY, coupled, learning
 
 WIDE = EstimatorSettings(gate_sigma=1e9)
 STEPS = 12

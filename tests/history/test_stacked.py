@@ -22,7 +22,7 @@ from observer.history.tikhonov import (
     solve,
 )
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.cases import COUPLINGS, coupled
+from tests.bits.shared import COUPLINGS, coupled
 from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
 from tests.estimators.simulate import temperatures
 

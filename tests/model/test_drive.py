@@ -8,8 +8,8 @@ from observer.frames import FrameBlock, Inputs, Quality
 from observer.kernels.codes import INPUT_LOST, NUT_LOST
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from tests.bits.cases import frames_of
 from tests.bits.made import described
+from tests.bits.shared import frames_of
 from tests.discovery.cases import frames, machine
 
 ROWS = ("time_s", "dt_s", "values", "fresh", "quality", "age_s")
