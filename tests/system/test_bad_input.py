@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from tests.patience import PATIENCE_S
-from tests.system.bad_inputs import CONFIGURATIONS, LOGS, OTHERS, TABLE, USAGE, Case, changed, rows, text
+from tests.system.bad_commands import LOGS, OTHERS, USAGE
+from tests.system.bad_configurations import CONFIGURATIONS
+from tests.system.bad_inputs import TABLE, Case, changed, rows, text
 from tests.system.plant import ROOT, write
 
 pytestmark = pytest.mark.system
