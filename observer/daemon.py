@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from observer.control.compensation import LATE_PERIODS
@@ -14,8 +15,7 @@ from observer.estimate.checkpoint import Fit, Snapshot, pack, shifted
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
-from observer.gateway.feed import Feed
-from observer.gateway.outlets import Outlets
+from observer.gateway.feed import Feed, Outlets
 from observer.gateway.start import Start
 from observer.installation import Installation, load
 from observer.live.forecasting import Forecaster, is_wanted
@@ -149,9 +149,9 @@ def _service(
     if config.alarms.enabled:
         desk = AlarmDesk(config, machine.plant.layout, config.alarms, config.alarms_file)
         air = machine.plant.known.ambient
-        observers.append(AlarmObserver(desk, publisher.alarms, air, gap, instance))
+        observers.append(AlarmObserver(desk, partial(publisher.document, "alarms"), air, gap, instance))
     if forecasts:
-        observers.append(Forecaster(machine, instance, publisher.forecast))
+        observers.append(Forecaster(machine, instance, partial(publisher.document, "forecast")))
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,

@@ -1,10 +1,49 @@
-"""What service and publisher hand to each other: commands, what came of them, and how publishing stands."""
+"""What service, publisher and outlets share: the published keys, commands and their outcomes, the status."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
+
+ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
+ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
+JSON_ENCODING = "application/json"
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A key below `ballscrew/<machine>/<axis>/` that is published `when`, None where it only answers.
+
+    It exists if the service has what it `needs`. One that `answers` is a queryable too, for every role that
+    may query (`publish.session`). An MQTT broker, and a gateway that starts late, get the last message of a
+    `retained` key at once. The page shows one at most every `page_every_s`.
+    """
+
+    when: str | None
+    encoding: str = JSON_ENCODING
+    answers: bool = False
+    retained: bool = False
+    needs: Literal["learned", "compensation", "forecast"] | None = None
+    page_every_s: float = 0.0
+
+
+KEYS = {
+    "estimate": Key("every step", ESTIMATE_ENCODING, answers=True, page_every_s=0.09),
+    "readings": Key("every step", page_every_s=0.09),
+    "heat": Key("every step", page_every_s=0.09),
+    "field": Key("at most `field_rate_Hz`", page_every_s=0.45),
+    "error": Key("at most `field_rate_Hz`", page_every_s=0.45),
+    "learned": Key("once a second, if anything is", retained=True, needs="learned"),
+    "health": Key("on change, and every 5 s", answers=True, retained=True),
+    "alarms": Key("on change, and every 5 s", answers=True, retained=True),
+    "forecast": Key("every minute, unless off", answers=True, retained=True, needs="forecast"),
+    "compensation": Key("every step, if enabled", answers=True, retained=True, needs="compensation"),
+    "config": Key(None, answers=True, retained=True),
+}
+"""All that publisher, gateway, MQTT and page need to know of a key, besides what makes its payload."""
+RETAINED = tuple(name for name, key in KEYS.items() if key.retained)
 
 KINDS = ("arm", "disarm", "reset", "acknowledge")
 _STRANGE = re.compile(r"[^A-Za-z0-9_.@-]")

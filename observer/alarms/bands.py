@@ -13,7 +13,8 @@ left is smoothed over hours of running, and a line through it tells the trend ov
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -184,3 +185,24 @@ def _judged(band: Band, phi: FloatArray, learn_h: float, deadband: float) -> Ban
     if abs(more) > limit:
         return band._replace(side=1 if more > 0 else -1)
     return band._replace(side=0) if abs(more) < CLEAR * limit else band
+
+
+def plain_of(band: Band) -> dict[str, Any]:
+    """The band as lists and numbers, for a file."""
+    plain = band._asdict()
+    lists = {key: value.tolist() for key, value in plain.items() if isinstance(value, np.ndarray)}
+    return plain | lists | {"at_s": None if math.isnan(band.at_s) else band.at_s}
+
+
+def band_of(plain: Mapping[str, Any]) -> Band:
+    """A band from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
+    values: dict[str, Any] = {}
+    for key, like in nothing_known()._asdict().items():
+        value = math.nan if key == "at_s" and plain[key] is None else plain[key]
+        if isinstance(like, np.ndarray):
+            values[key] = np.asarray(value, float)
+            if values[key].shape != like.shape or not np.isfinite(values[key]).all():
+                raise ValueError(f"{key} does not fit")
+        else:
+            values[key] = type(like)(value)
+    return Band(**values)

@@ -8,7 +8,9 @@ is known best.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 SMOOTH_H = 4.0
 """What an offset is now is smoothed over so many hours of good estimates."""
@@ -18,7 +20,7 @@ _SURE = 1 / 3
 """The σ of an offset, as a part of the limit, up to which it says something."""
 
 
-class Offset(NamedTuple):
+class SensorOffset(NamedTuple):
     """What is known of a sensor's offset after `hours` of it: what it usually is, what it is now."""
 
     hours: float = 0.0
@@ -28,8 +30,8 @@ class Offset(NamedTuple):
 
 
 def taken(
-    known: Offset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
-) -> Offset:
+    known: SensorOffset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
+) -> SensorOffset:
     """Return what is known after `hours` more of an estimated offset; one that is unsure says nothing."""
     if not sigma_K < _SURE * limit_K:
         return known
@@ -39,4 +41,12 @@ def taken(
         usual_K += hours / total_h * (offset_K - usual_K)
     now_K = known.now_K + hours / min(total_h, SMOOTH_H) * (offset_K - known.now_K)
     limit_K *= CLEAR if known.moved else 1.0
-    return Offset(total_h, usual_K, now_K, total_h > learn_h and abs(now_K - usual_K) > limit_K)
+    return SensorOffset(total_h, usual_K, now_K, total_h > learn_h and abs(now_K - usual_K) > limit_K)
+
+
+def offset_of(plain: Mapping[str, Any]) -> SensorOffset:
+    """An offset from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
+    hours, usual_K, now_K = (float(plain[key]) for key in ("hours", "usual_K", "now_K"))
+    if not math.isfinite(hours + usual_K + now_K):
+        raise ValueError("an offset is no number")
+    return SensorOffset(hours, usual_K, now_K, bool(plain["moved"]))

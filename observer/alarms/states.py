@@ -1,6 +1,7 @@
-"""The life of an alarm, as ISA-18.2 (2016) has it: raised, acknowledged, returned, gone.
+"""Alarms: their kinds, and their life by ISA-18.2 (2016): raised, acknowledged, returned, gone.
 
-Pure: conditions and moments go in, frozen alarms come out.
+Severities are those of EPICS; *invalid* means that a value cannot be used at all. Pure: conditions and times
+go in, frozen alarms come out.
 """
 
 from __future__ import annotations
@@ -8,9 +9,71 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from observer.alarms.kinds import KINDS
+Severity = Literal["minor", "major", "invalid"]
+
+
+class AlarmKind(NamedTuple):
+    """A kind of alarm.
+
+    It is raised once its condition has held for `on_s` and returns to normal once it has not held for
+    `off_s`; one that is `latched` stays until it is acknowledged. `remedy` says what to do.
+    """
+
+    severity: Severity
+    on_s: float
+    off_s: float
+    latched: bool
+    remedy: str
+
+
+KINDS: dict[str, AlarmKind] = {
+    "sensor_fault": AlarmKind(
+        "major", 5.0, 10.0, False,
+        "look at the sensor's plug, its cable and the module's status; the estimate goes on without it",
+    ),
+    "sensor_stuck": AlarmKind(
+        "major", 0.0, 60.0, True,
+        "the value no longer changes: look whether the sensor has come loose and whether the module hangs",
+    ),
+    "sensor_disagrees": AlarmKind(
+        "minor", 600.0, 600.0, True,
+        "compare the sensor with another thermometer while the machine is cold; put its offset_K into the "
+        "configuration, or replace it",
+    ),
+    "heat_high": AlarmKind(
+        "major", 0.0, 3600.0, True,
+        "more heat than learnt for this speed and temperature: look at lubrication, preload and bearing "
+        "before the next shift; the trend says how long there is",
+    ),
+    "heat_low": AlarmKind(
+        "minor", 0.0, 3600.0, True,
+        "less heat than learnt for this speed and temperature: look whether preload or belt tension is lost",
+    ),
+    "heat_off_law": AlarmKind(
+        "minor", 600.0, 86_400.0, False,
+        "look at the unit and place of what this heat's law reads; `observer calibrate` fits the law anew",
+    ),
+    "model_inconsistent": AlarmKind(
+        "minor", 0.0, 600.0, True,
+        "run `observer discover --recent 8h`, which names what the model lacks",
+    ),
+    "wire": AlarmKind(
+        "major", 5.0, 10.0, False,
+        "look at power, cable and address of the device; it is tried again by itself",
+    ),
+    "disk": AlarmKind(
+        "major", 10.0, 60.0, False, "free space or fix the folder that recordings are written to"
+    ),
+    "clock": AlarmKind(
+        "minor", 0.0, 60.0, True, "look at the computer's time service; times go on from the service's start"
+    ),
+    "estimate": AlarmKind(
+        "invalid", 0.0, 10.0, True,
+        "the estimator failed: keep the recording and the log, restart the service",
+    ),
+}  # fmt: skip
 
 _STRANGE = re.compile(r"[^A-Za-z0-9_.-]")
 
@@ -97,3 +160,11 @@ def _without(alarm: Alarm, time_s: float) -> Alarm | None:
     if kind.latched and alarm.state == "unacknowledged":
         return replace(alarm, state="returned")
     return None
+
+
+def alarm_of(plain: Mapping[str, Any]) -> Alarm:
+    """An alarm from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
+    condition = Condition(**plain["condition"])
+    if condition.kind not in KINDS:
+        raise ValueError(f"kind {condition.kind}")
+    return Alarm(plain["state"], float(plain["since_s"]), float(plain["seen_s"]), condition)

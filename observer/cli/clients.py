@@ -29,7 +29,7 @@ from observer.process import shutdown
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from observer.publish.ask import Answer
+    from observer.publish.ask import Reply
     from observer.tables.publishing import Client
 
 verbs = typer.Typer()
@@ -78,7 +78,7 @@ def health(
 
 
 def _tell(
-    answer: Answer,
+    answer: Reply,
     is_good: Callable[[dict[str, Any]], bool],
     for_people: Callable[[dict[str, Any]], RenderableType] = json.dumps,
 ) -> NoReturn:

@@ -37,7 +37,7 @@ _PART = 30
 _TEN, _FIRM, _MOST_SCALE = 60, 3.0, 9.0
 
 
-class Heats(NamedTuple):
+class MeanHeats(NamedTuple):
     """The ratio (m,) of each source's heat to its law, what it has beside that, `extra_W` (m,), and of the
     estimated ones the σ (m_e,) of the mean heat.
     """
@@ -67,11 +67,11 @@ class Runner:
     plant: Plant
     estimator: Estimator
     state: EstimatorState
-    heats: Heats
+    heats: MeanHeats
     z: FloatArray
     settings: EstimatorSettings
 
-    def of(self, plant: Plant, x: FloatArray, heats: Heats) -> Runner:
+    def of(self, plant: Plant, x: FloatArray, heats: MeanHeats) -> Runner:
         """Return the same of another plant, from another state, with other heats."""
         state = replace(self.state, x_hat=x)
         return replace(
@@ -113,14 +113,14 @@ class Runner:
         )
 
 
-def heats_of(plant: Plant, program: Program) -> Heats:
+def heats_of(plant: Plant, program: Program) -> MeanHeats:
     """The heats as they are beside their laws, from the program's past."""
     past = program.past.at(slice(-AGO_BINS, None))
     seen = np.isfinite(past.heat_W).all(axis=1) if past.heat_W.size else np.ones(len(past.dt_s), np.bool_)
     free, m = np.flatnonzero(plant.estimated), len(plant.source_names)
     ratio, extra_W, sigma_W = np.ones(m), np.zeros(m), plant.initial_sigma_W.copy()
     if not seen.any():
-        return Heats(ratio, extra_W, sigma_W)
+        return MeanHeats(ratio, extra_W, sigma_W)
     past = past.at(np.flatnonzero(seen))
     length_s = float(past.dt_s.sum())
     heat_W, law_W = past.heat_W.mean(axis=0), past.own_law_W.mean(axis=0)
@@ -137,7 +137,7 @@ def heats_of(plant: Plant, program: Program) -> Heats:
         weight = prior**2 / (prior**2 + told**2)
         ratio[j] = 1.0 + weight * (heat_W[i] / law_W[i] - 1.0)
         sigma_W[i] = np.sqrt(weight) * told * abs(ahead_W[i])
-    return Heats(ratio, extra_W, sigma_W)
+    return MeanHeats(ratio, extra_W, sigma_W)
 
 
 def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program) -> Runner:

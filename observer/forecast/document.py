@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import Ahead, ahead, runner
 from observer.forecast.program import Program
-from observer.forecast.settling import Settling, WarmUp, when
+from observer.forecast.settling import Settled, WarmUp, when
 from observer.frames import BoolArray, EstimateQuality, FloatArray
 from observer.model.plant import Plant
 
@@ -27,7 +27,7 @@ class Forecast:
     now_s: float
     program: Program
     ahead: Ahead
-    settled: Settling
+    settled: Settled
     between_s: tuple[float, float] | None
     warm_up: WarmUp | None
 

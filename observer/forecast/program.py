@@ -33,7 +33,7 @@ _CHANGES_S, _PRIOR = (
     4.0,
 )  # for how long mixed work stays alike before it is known, and how firmly that is held
 
-Kind = Literal["cycle", "mixed", "given", "standstill"]
+ProgramKind = Literal["cycle", "mixed", "given", "standstill"]
 
 
 class Bins(NamedTuple):
@@ -73,7 +73,7 @@ class Program:
     the total heat about the program; `text` says it to people.
     """
 
-    kind: Kind
+    kind: ProgramKind
     period_s: float | None
     text: str
     bins: Bins

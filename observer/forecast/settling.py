@@ -22,7 +22,7 @@ _MORE = 1.02  # a program whose hardest part heats no more than this above its m
 
 
 @dataclass(frozen=True, slots=True)
-class Settling:
+class Settled:
     """Where the mean of the program leads, `field_degC`, `error_um` (g,), and after how long every point of
     the travel is there within the limit, None where it is not within a day or no error is known.
     """
@@ -48,7 +48,7 @@ def _without_sigma(begin: Runner) -> Runner:
     return replace(begin, state=replace(begin.state, P=np.zeros_like(begin.state.P)))
 
 
-def settling(begin: Runner, program: Program, travel: BoolArray, within_um: float) -> Settling:
+def settling(begin: Runner, program: Program, travel: BoolArray, within_um: float) -> Settled:
     """Follow the mean program until nothing changes; `travel` (g,) are the places of the grid that count."""
     one, at, time_s, parts = program.mean, _without_sigma(begin), 0.0, list[Ahead]()
     while time_s < MOST_S:
@@ -60,7 +60,7 @@ def settling(begin: Runner, program: Program, travel: BoolArray, within_um: floa
     field_degC, error_um = parts[-1].field_degC[-1], parts[-1].error_um[-1]
     path = np.concatenate([p.error_um for p in parts])
     times_s = np.concatenate([p.time_s for p in parts])
-    return Settling(field_degC, error_um, _there(times_s, path, error_um, travel, within_um))
+    return Settled(field_degC, error_um, _there(times_s, path, error_um, travel, within_um))
 
 
 def _there(
@@ -102,7 +102,7 @@ def draws(begin: Runner, program: Program) -> list[Runner]:
     return found
 
 
-def settles_between_s(settled: Settling, drawn: Sequence[Settling]) -> tuple[float, float] | None:
+def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float, float] | None:
     """The 95 % interval of when it has settled, None where that is not told: from how far its time is off in
     the draws of `draws`.
     """
@@ -117,7 +117,7 @@ def likely(
     sooner: WarmUp,
     program: Program,
     begins: Sequence[Runner],
-    drawn: Sequence[Settling],
+    drawn: Sequence[Settled],
     travel: BoolArray,
     within_um: float,
 ) -> WarmUp | None:
@@ -133,7 +133,12 @@ def likely(
 
 
 def _after_warm_up(
-    begin: Runner, program: Program, lasts_s: float, settled: Settling, travel: BoolArray, within_um: float
+    begin: Runner,
+    program: Program,
+    lasts_s: float,
+    settled: Settled,
+    travel: BoolArray,
+    within_um: float,
 ) -> float | None:
     """When it has settled after a warm-up, at the earliest at its end."""
     at, _ = _without_sigma(begin).run(_steps(program.hardest, max(1, round(lasts_s / STEP_S))), 0.0)
@@ -148,7 +153,7 @@ def _after_warm_up(
 
 
 def warm_up(
-    begin: Runner, program: Program, settled: Settling, travel: BoolArray, within_um: float
+    begin: Runner, program: Program, settled: Settled, travel: BoolArray, within_um: float
 ) -> WarmUp | None:
     """How much sooner it settles where the hardest part of the program runs at once until the mean heat
     content is that of the settled screw; None where that saves nothing.
@@ -172,7 +177,7 @@ def warm_up(
 
 def when(
     begin: Runner, program: Program, travel: BoolArray, within_um: float
-) -> tuple[Settling, tuple[float, float] | None, WarmUp | None]:
+) -> tuple[Settled, tuple[float, float] | None, WarmUp | None]:
     """Where it settles and when, the 95 % interval of that, and the warm-up that is likely to help."""
     settled = settling(begin, program, travel, within_um)
     begins = draws(begin, program) if settled.after_s is not None else []

@@ -1,7 +1,6 @@
-"""The service's side of the gateway: starts its process, feeds it, and never waits for it.
+"""The service's side of the gateway: starts its process, feeds it what goes to Zenoh, never waits for it.
 
-Should the process end, it is started again and told all that is known; what is wrong with it is a reason in
-health, and no more than that.
+A process that ends is started again and gets all that is known; its problems are reasons in health, no more.
 """
 
 from __future__ import annotations
@@ -13,27 +12,29 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import IO, Any
 
 import structlog
 
-from observer.exchange import Command, Outcome, plain_name
+from observer.exchange import RETAINED, Command, Outcome, PublishStatus, plain_name
+from observer.frames import EstimateBlock, FrameBlock
 from observer.gateway.messages import Pending, framed
 from observer.gateway.start import Start
+from observer.publish.zenoh import ZenohPublisher
 
 _RETRY_S = 1.0
-_ANSWERS = ("config", "health", "compensation", "alarms", "forecast", "learned")
-"""What a process that begins later is told at once, beside what comes by itself with the next step."""
 _START = "start"
 
 log = structlog.get_logger()
 
 
 class Feed:
-    """Hands every message on to the gateway's process, of each key the newest where it is behind."""
+    """Passes every message to the gateway's process, of each key only the newest if it is slow."""
 
     def __init__(self, start: Start, config_json: bytes) -> None:
-        """Take what the process is to serve, and the configuration in force as `config` tells it."""
+        """Take what the process is to serve, and the document `config`."""
         self._start = start
         self._known = {"config": config_json}
         self._awake = threading.Event()
@@ -50,21 +51,21 @@ class Feed:
 
     @property
     def reason(self) -> str | None:
-        """What is wrong with an outlet, in a sentence; None if nothing is."""
+        """A problem of an outlet in one sentence; None without."""
         return next(iter(self._reasons.values()), None)
 
     def put(self, key: str, payload: bytes) -> None:
-        """Hand a message on; waits for nothing."""
-        if key in _ANSWERS:
+        """Pass a message on; never blocks."""
+        if key in RETAINED:
             self._known[key] = payload
         self._pending.put(key, payload)
 
     def commands(self) -> list[Command]:
-        """The commands that came since the last call."""
+        """The commands received since the last call."""
         return [self._commands.popleft() for _ in range(len(self._commands))]
 
     def close(self, timeout_s: float) -> bool:
-        """End the process; says whether it ended by itself in that time."""
+        """End the process; returns whether it ended by itself in that time."""
         self._closing.set()
         self._awake.set()
         end_s = time.monotonic() + timeout_s
@@ -156,3 +157,44 @@ def _write(child: subprocess.Popen[bytes], key: str, payload: bytes) -> None:
     assert child.stdin is not None
     while data:
         data = data[child.stdin.write(data) :]
+
+
+class Outlets:
+    """A publisher with a gateway beside it."""
+
+    def __init__(self, publisher: ZenohPublisher, feed: Feed) -> None:
+        self._publisher = publisher
+        self._feed = feed
+        publisher.tap = feed.put
+
+    @property
+    def status(self) -> PublishStatus:
+        """How publishing stands; an outlet's reason where Zenoh has none."""
+        status = self._publisher.status
+        return replace(status, reason=status.reason or self._feed.reason)
+
+    def start(self) -> None:
+        """Begin to open the session and to start the gateway."""
+        self._publisher.start()
+        self._feed.start()
+
+    def commands(self) -> list[Command]:
+        """The commands received since the last call, by either way."""
+        return self._publisher.commands() + self._feed.commands()
+
+    def publish(self, block: EstimateBlock, sequence: int) -> None:
+        """Publish a block of one estimate."""
+        self._publisher.publish(block, sequence)
+
+    def readings(self, frame: FrameBlock, sequence: int) -> None:
+        """Publish what the estimate was made of."""
+        self._publisher.readings(frame, sequence)
+
+    def document(self, key: str, document: Mapping[str, Any]) -> None:
+        """Publish a document under a key."""
+        self._publisher.document(key, document)
+
+    def close(self, timeout_s: float) -> bool:
+        """End gateway and session; returns whether the session was closed in time."""
+        self._feed.close(timeout_s / 2)
+        return self._publisher.close(timeout_s / 2)

@@ -18,11 +18,11 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from observer.errors import ConfigError
+from observer.exchange import RETAINED
 from observer.gateway.messages import Latest
 from observer.gateway.start import Say, Start
 from observer.tables.gateway import Mqtt, host_and_port
 
-RETAINED = ("health", "config", "alarms", "learned", "forecast", "compensation")
 _LOOK_S = 0.1
 _RETRY_S = 1
 _KEEPALIVE_S = 10

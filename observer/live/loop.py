@@ -79,17 +79,8 @@ class Publisher(Protocol):
     def readings(self, frame: FrameBlock, sequence: int) -> None:
         """Publish what the estimate of this number was made of: a frame of one step."""
 
-    def health(self, document: Mapping[str, Any]) -> None:
-        """Publish a health document."""
-
-    def alarms(self, document: Mapping[str, Any]) -> None:
-        """Publish an alarms document."""
-
-    def compensation(self, document: Mapping[str, Any]) -> None:
-        """Publish a compensation document."""
-
-    def forecast(self, document: Mapping[str, Any]) -> None:
-        """Publish a forecast; called by a thread of its own."""
+    def document(self, key: str, document: Mapping[str, Any]) -> None:
+        """Publish a document under a key; called by any thread."""
 
     def close(self, timeout_s: float) -> bool:
         """End the session."""
@@ -321,7 +312,7 @@ class _Cycles:
 
     def _compensation(self, document: Mapping[str, Any]) -> None:
         """Tell the subscribers and the control what is compensated."""
-        self._service.publisher.compensation(document)
+        self._service.publisher.document("compensation", document)
         if self._service.control is not None:
             self._service.control.take(document)
 
@@ -384,4 +375,4 @@ class _Cycles:
             document = health.document() | {"adoption": None, "instance": service.instance}
             for observer in service.observers:
                 document |= observer.health()
-            service.publisher.health(document)
+            service.publisher.document("health", document)

@@ -13,6 +13,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from observer.exchange import KEYS
 from observer.gateway.messages import Latest, Pending
 from observer.gateway.start import Start
 from observer.publish.codec import decode_estimate
@@ -21,8 +22,6 @@ _BEAT_S = 1.0
 _AGAIN = b"retry: 1000\n\n"
 """A browser that has lost the page's process tries again each second; by itself it would each third."""
 _TOGETHER_S = 0.02  # what belongs to one step comes within
-_LEAST_S = {"estimate": 0.09, "heat": 0.09, "readings": 0.09, "field": 0.45, "error": 0.45}
-"""Between two events of a kind, in s: ten a second, and two of what is long."""
 _KEPT = ("time_s", "sequence", "instance", "quality", "sources", "law_W", "sensors", "sensor_quality")
 _DIGITS = 6
 _MOST_VIEWERS = 60
@@ -70,7 +69,7 @@ class Stream:
             estimate = decode_estimate(payload) if key == "estimate" else None
             if estimate is not None:
                 self._innovations.take(estimate)
-            if now_s - self._sent_s.get(key, -math.inf) < _LEAST_S.get(key, 0.0):
+            if now_s - self._sent_s.get(key, -math.inf) < KEYS[key].page_every_s:
                 return
             data = payload if estimate is None else shown(estimate, self._innovations)
             self.recent.take(key, data)

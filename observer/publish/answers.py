@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -17,8 +17,17 @@ from typing import Any
 import structlog
 import zenoh
 
-from observer.exchange import KINDS, Command, Outcome, plain_name
-from observer.publish.codec import ESTIMATE_ENCODING, ESTIMATES_ENCODING, JSON_ENCODING, array_of, to_json
+from observer.exchange import (
+    ESTIMATE_ENCODING,
+    ESTIMATES_ENCODING,
+    JSON_ENCODING,
+    KEYS,
+    KINDS,
+    Command,
+    Outcome,
+    plain_name,
+)
+from observer.publish.codec import array_of, to_json
 
 _RING = 16
 _WAITING = 4  # commands that wait for the next step
@@ -50,7 +59,7 @@ class Budget:
         self._left -= count
 
 
-class Answers:
+class Responder:
     """What is known of one axis, for those who ask, and the commands of those who may give them."""
 
     def __init__(self, prefix: str, config_json: bytes, history: int, instance: str) -> None:
@@ -66,13 +75,13 @@ class Answers:
         self._budget = Budget(_BYTES_1_S)
         self._logged_s = -_LOG_S
 
-    def declare(
-        self, session: zenoh.Session, *, compensates: bool, forecasts: bool = False
-    ) -> dict[str, Any]:
-        """Declare on a session what can be asked; returns the queryables by their key."""
-        keys = ("config", "estimate", "health", "alarms", *(["compensation"] if compensates else []))
-        keys += ("forecast",) if forecasts else ()
-        keys += tuple(f"command/{kind}" for kind in KINDS)
+    def declare(self, session: zenoh.Session, has: Collection[str]) -> dict[str, Any]:
+        """Declare on a session what can be asked of a service that `has` some of what keys need.
+
+        Returns the queryables by their key.
+        """
+        keys = [n for n, key in KEYS.items() if key.answers and (key.needs is None or key.needs in has)]
+        keys += [f"command/{kind}" for kind in KINDS]
         return {
             key: session.declare_queryable(
                 f"{self._prefix}/{key}", zenoh.handlers.RingChannel(_RING), complete=True

@@ -25,7 +25,7 @@ _LONGEST = 300
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class Reply:
     """What came back: a JSON object, or in words why there is none; and the machine and axis it is from."""
 
     document: dict[str, Any] | None
@@ -35,7 +35,7 @@ class Answer:
 
 def ask_health(
     connect: str, machine: str, axis: str, timeout_s: float, client: Client | None = None
-) -> Answer:
+) -> Reply:
     """Ask a running service for its health."""
     return ask(connect, machine, axis, "health", timeout_s, client)
 
@@ -59,7 +59,7 @@ def command(
     client: Client | None = None,
     digest: str | None = None,
     about: str | None = None,
-) -> Answer:
+) -> Reply:
     """Have a running service do something; whether it did stands in the answer under `done`.
 
     The command names the configuration it is meant for, by its hash `digest`; where none is given, it is the
@@ -72,7 +72,7 @@ def command(
             return told
         digest = told.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
-        return Answer(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
+        return Reply(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
     wanted = f"command/{kind}?config={digest};by={_myself()}" + (f";id={about}" if about else "")
     return ask(connect, machine, axis, wanted, max(0.1, until_s - time.monotonic()), client)
 
@@ -86,9 +86,7 @@ def _myself() -> str:
     return plain_name(f"{user}@{socket.gethostname()}")
 
 
-def ask(
-    connect: str, machine: str, axis: str, wanted: str, timeout_s: float, client: Client | None
-) -> Answer:
+def ask(connect: str, machine: str, axis: str, wanted: str, timeout_s: float, client: Client | None) -> Reply:
     """Ask an axis until it answers or the time is over; then say who else does."""
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
@@ -109,24 +107,24 @@ def ask(
                     return replace(answer_of(reply.ok.payload.to_bytes()), source=source)
                 refusal = refusal_of(reply.err.payload.to_bytes()) if reply.err is not None else "Timeout"
                 if refusal != "Timeout":  # what Zenoh itself says where nobody has answered
-                    return Answer(None, refusal)
+                    return Reply(None, refusal)
             with contextlib.suppress(zenoh.ZError):
                 problem = absent(session, connect, machine, axis) or nobody
         finally:
             close_within(session, 1.0)
         time.sleep(_AGAIN_S)
-    return Answer(None, problem)
+    return Reply(None, problem)
 
 
-def answer_of(data: bytes) -> Answer:
+def answer_of(data: bytes) -> Reply:
     """An answer from the bytes that came."""
     try:
         document = json.loads(data)
     except (ValueError, RecursionError):
-        return Answer(None, "what came back is not JSON; is this the service?")
+        return Reply(None, "what came back is not JSON; is this the service?")
     if not isinstance(document, dict):
-        return Answer(None, "what came back is not a JSON object; is this the service?")
-    return Answer(document)
+        return Reply(None, "what came back is not a JSON object; is this the service?")
+    return Reply(document)
 
 
 def refusal_of(data: bytes) -> str:

@@ -23,9 +23,6 @@ from observer.kernels.layout import Bundle, Fields
 if TYPE_CHECKING:
     from observer.config import Config
 
-ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
-ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
-JSON_ENCODING = "application/json"
 _FLOAT32_LE = 85
 _DIGITS = 6
 _QUALITY = [quality.label for quality in EstimateQuality]

@@ -18,10 +18,10 @@ from typing import Any
 import structlog
 import zenoh
 
-from observer.exchange import Command, PublishStatus
+from observer.exchange import KEYS, Command, PublishStatus
 from observer.frames import EstimateBlock, FrameBlock, Layout
-from observer.publish.answers import Answers
-from observer.publish.codec import ESTIMATE_ENCODING, JSON_ENCODING, EstimateEncoder, to_json
+from observer.publish.answers import Responder
+from observer.publish.codec import EstimateEncoder, to_json
 from observer.publish.rivals import Rivals
 from observer.publish.session import (
     LEASE_MS,
@@ -86,10 +86,11 @@ class ZenohPublisher:
         self._settings = settings
         self._config, self._ear = service_config(settings), ear_config(settings)
         self._instance = instance
-        self._compensates, self._forecasts = compensates, forecasts
         self._encoder = EstimateEncoder(layout, instance)
-        self._has_error, self._learns = layout.has_error, bool(layout.learned)
-        self._answers = Answers(self._prefix, config_json.encode(), settings.history, instance)
+        self._has_error = layout.has_error
+        there = {"learned": bool(layout.learned), "compensation": compensates, "forecast": forecasts}
+        self._has = {need for need, is_there in there.items() if is_there}
+        self._answers = Responder(self._prefix, config_json.encode(), settings.history, instance)
         self._field_slot = self._learned_slot = -math.inf
         self._link: _Link | None = None
         self._connected = self._was_connected = self._settled = False
@@ -148,7 +149,7 @@ class ZenohPublisher:
             if self._has_error:
                 self._put("error", self._encoder.error(block, 0, sequence))
         second = math.floor(block.time_s[0] / _LEARNED_S)
-        if self._learns and second != self._learned_slot:
+        if "learned" in self._has and second != self._learned_slot:
             self._learned_slot = second
             self._put("learned", self._encoder.learned(block, 0, sequence))
 
@@ -156,23 +157,8 @@ class ZenohPublisher:
         """Publish what the estimate of this number was made of: a frame of one step."""
         self._put("readings", self._encoder.readings(frame, 0, sequence))
 
-    def health(self, document: Mapping[str, Any]) -> None:
-        """Publish a health document, which also answers those who ask for it."""
-        self._document("health", document)
-
-    def compensation(self, document: Mapping[str, Any]) -> None:
-        """Publish a compensation document, which also answers those who ask for it."""
-        self._document("compensation", document)
-
-    def alarms(self, document: Mapping[str, Any]) -> None:
-        """Publish an alarms document, which also answers those who ask for it."""
-        self._document("alarms", document)
-
-    def forecast(self, document: Mapping[str, Any]) -> None:
-        """Publish a forecast, which also answers those who ask for it; from a thread of its own."""
-        self._document("forecast", document)
-
-    def _document(self, key: str, document: Mapping[str, Any]) -> None:
+    def document(self, key: str, document: Mapping[str, Any]) -> None:
+        """Publish a document, which also answers those who ask for it; from any thread."""
         data = to_json(document)
         self._answers.documents[key] = data
         self._put(key, data)
@@ -261,27 +247,16 @@ class ZenohPublisher:
         self._reason = None if connected else f"Zenoh: nobody answers at {endpoints}; start the router"
 
     def _declare(self, session: zenoh.Session, rivals: Rivals) -> _Link:
-        keys = (
-            "estimate",
-            "heat",
-            "readings",
-            "alarms",
-            "field",
-            "error",
-            "health",
-            *(["learned"] if self._learns else []),
-            *(["compensation"] if self._compensates else []),
-            *(["forecast"] if self._forecasts else []),
-        )
         publishers = {
-            key: session.declare_publisher(
-                f"{self._prefix}/{key}",
-                encoding=ESTIMATE_ENCODING if key == "estimate" else JSON_ENCODING,
+            name: session.declare_publisher(
+                f"{self._prefix}/{name}",
+                encoding=key.encoding,
                 congestion_control=zenoh.CongestionControl.DROP,
-                express=key == "estimate",
+                express=name == "estimate",
             )
-            for key in keys
+            for name, key in KEYS.items()
+            if key.when is not None and (key.needs is None or key.needs in self._has)
         }
-        queryables = self._answers.declare(session, compensates=self._compensates, forecasts=self._forecasts)
+        queryables = self._answers.declare(session, self._has)
         alive = session.liveliness().declare_token(f"{self._prefix}/alive")
         return _Link(session, publishers, queryables, rivals, alive)

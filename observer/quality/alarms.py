@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import structlog
 
-from observer.alarms import bands, offsets, plain
+from observer.alarms import bands, offsets
 from observer.alarms.bands import Band, Gathering, Window
-from observer.alarms.kinds import KINDS
-from observer.alarms.offsets import Offset
-from observer.alarms.states import Alarm, Condition, acknowledged, advance
+from observer.alarms.offsets import SensorOffset
+from observer.alarms.states import KINDS, Alarm, Condition, acknowledged, advance, alarm_of
 from observer.config import Config
 from observer.estimators.selftest import Fault, Finding
 from observer.files.folders import make_folder, write_whole
@@ -78,7 +77,7 @@ class AlarmDesk:
         self._known = [
             Offsets(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
         ]
-        self._offsets = {sensor.name: Offset() for sensor in self._known}
+        self._offsets = {sensor.name: SensorOffset() for sensor in self._known}
         self._apart_K = np.zeros(len(self._known))
         self._good_s = 0.0
         self._alarms: dict[str, Alarm] = {}
@@ -250,7 +249,7 @@ class AlarmDesk:
     def _plain(self) -> dict[str, Any]:
         return {
             "format": _FORMAT,
-            "bands": {s.name: {"law": s.law, **plain.of_band(self._bands[s.name])} for s in self._sources},
+            "bands": {s.name: {"law": s.law, **bands.plain_of(self._bands[s.name])} for s in self._sources},
             "offsets": {s.name: {"said": s.said, **self._offsets[s.name]._asdict()} for s in self._known},
             "alarms": {n: asdict(alarm) for n, alarm in self._alarms.items() if alarm.is_raised},
         }
@@ -263,11 +262,11 @@ class AlarmDesk:
                 raise ValueError(f"format {kept['format']}")
             for source in self._sources:
                 if (found := kept["bands"].get(source.name)) is not None and found["law"] == source.law:
-                    self._bands[source.name] = plain.band(found)
+                    self._bands[source.name] = bands.band_of(found)
             for sensor in self._known:
                 if (found := kept["offsets"].get(sensor.name)) is not None and found["said"] == sensor.said:
-                    self._offsets[sensor.name] = plain.offset(found)
-            self._alarms = {name: plain.alarm(found) for name, found in kept["alarms"].items()}
+                    self._offsets[sensor.name] = offsets.offset_of(found)
+            self._alarms = {name: alarm_of(found) for name, found in kept["alarms"].items()}
         except FileNotFoundError:
             return
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.alarms.offsets import Offset, taken
+from observer.alarms.offsets import SensorOffset, taken
 
 LEARN_H, LIMIT_K = 30.0, 0.5
 
 
-def _after(values, known: Offset | None = None, sigma_K: float = 0.05) -> Offset:
+def _after(values, known: SensorOffset | None = None, sigma_K: float = 0.05) -> SensorOffset:
     """A value an hour."""
-    known = known or Offset()
+    known = known or SensorOffset()
     for value in values:
         known = taken(known, value, sigma_K, 1.0, LEARN_H, LIMIT_K)
     return known

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from campaigns.alarms.trial import PAGE
-from observer.alarms.kinds import KINDS
+from observer.alarms.states import KINDS
 
 
 def test_the_page_says_of_each_kind_what_the_program_does():

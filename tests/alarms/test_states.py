@@ -8,8 +8,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.alarms.kinds import KINDS
-from observer.alarms.states import Condition, acknowledged, advance
+from observer.alarms.states import KINDS, Condition, acknowledged, advance
 
 OPERATIONS = Path(__file__).parents[2] / "docs" / "operations.md"
 PLUG = Condition("sensor_fault", "t3", "channel t3_degC is missing (open_circuit)", "open_circuit")

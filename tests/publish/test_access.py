@@ -42,7 +42,7 @@ def _obey(made) -> list[str]:
 @pytest.mark.system
 def test_by_password(tmp_path):
     with published(**_users(tmp_path)) as (made, endpoint):
-        made.health({"state": "good"})
+        made.document("health", {"state": "good"})
 
         def person(name, password=None):
             return session(endpoint, user(tmp_path, name, password or PASSWORDS[name]))
@@ -140,7 +140,7 @@ def test_by_certificate(tmp_path):
 @pytest.mark.system
 def test_the_commands_of_the_program_log_in(tmp_path):
     with published(**_users(tmp_path)) as (made, endpoint):
-        made.health({"state": "good"})
+        made.document("health", {"state": "good"})
         anna = user(tmp_path, "anna", "see")
         assert ask_health(endpoint, "lathe-7", "z", 10, anna).document == {"state": "good"}
         assert "does not let this client in" in ask_health(endpoint, "lathe-7", "z", 2).problem

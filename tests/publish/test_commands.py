@@ -59,7 +59,7 @@ def test_a_command_is_handed_over_and_its_outcome_told():
 )
 def test_a_wildcard_and_the_old_way_command_nothing(selector):
     with published() as (made, endpoint), session(endpoint) as opened:
-        made.compensation({"armed": False})
+        made.document("compensation", {"armed": False})
         answers, taken = _asked(made, opened, selector)
         assert taken == []
         assert not any('"done"' in answer for answer in answers)
@@ -184,7 +184,7 @@ def test_a_service_that_has_estimated_nothing_gives_no_estimates(state, quality,
 @pytest.mark.system
 def test_who_asks_for_an_axis_that_is_not_there_is_told_which_is():
     with published() as (made, endpoint):
-        made.health({"state": "good"})
+        made.document("health", {"state": "good"})
         instead = f"at {endpoint} answers lathe-7/z, not lathe-8/{{}}; name it with --machine and --axis"
         assert asking.ask_health(endpoint, "lathe-8", "*", 1).problem == instead.format("*")
         for digest in (None, "ab12"):
@@ -232,5 +232,5 @@ def test_a_compensation_is_there_only_where_it_is_switched_on():
         assert ask(opened, f"{PREFIX}/compensation") in ([], ["! Timeout"])
     with published() as (made, endpoint), session(endpoint) as opened:
         wait(lambda: ask(opened, f"{PREFIX}/compensation") == ["! no compensation yet"])
-        made.compensation({"armed": False})
+        made.document("compensation", {"armed": False})
         assert ask(opened, f"{PREFIX}/compensation") == ['{"armed":false}']

@@ -12,7 +12,7 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.publish.answers import Answers, Budget
+from observer.publish.answers import Budget, Responder
 from observer.publish.codec import decode_estimates
 from observer.publish.session import service_config, session_config
 from observer.tables.publishing import Publish
@@ -124,7 +124,7 @@ def test_a_number_that_is_none_ends_nothing(last):
 @pytest.mark.system
 def test_payloads_of_a_hundred_megabytes_are_not_kept():
     with published() as (made, endpoint), session(endpoint) as opened:
-        made.health({})
+        made.document("health", {})
         payload = bytes(100_000_000)
         before_MB = _resident_MB()
         for _ in range(3):
@@ -194,7 +194,7 @@ def test_a_defect_in_an_answer_is_logged_and_the_next_one_given(error):
             return self.waiting.pop() if self.waiting else None
 
     channel = Channel()
-    answers = Answers("ballscrew/m/x", b'{"hash":"h"}', 5, "0a0a0a0a")
+    answers = Responder("ballscrew/m/x", b'{"hash":"h"}', 5, "0a0a0a0a")
     with structlog.testing.capture_logs() as logs:
         answers.answer({"config": channel, "command/arm": channel})
     assert channel.waiting == []

@@ -73,7 +73,7 @@ def test_a_subscriber_gets_every_message_of_the_contract(publisher):
     with Subscription((endpoint,), "lathe-7", "z") as subscription:
         _keep_publishing(made, lambda: "field" in subscription.latest())
         made.publish(block(1.9e9, seed=4), 77)
-        made.health({"state": "good"})
+        made.document("health", {"state": "good"})
         latest = _wait(
             lambda: (d := subscription.latest()).get("health") and d["error"]["sequence"] == 77 and d
         )
@@ -125,7 +125,7 @@ def test_answers_for_the_configuration_and_the_last_estimates(publisher):
         made.publish(block(float(k)), k)
     (unknown,) = _get(endpoint, f"{prefix}/health")
     assert unknown.err.payload.to_string() == "no health report yet"
-    made.health({"state": "good"})
+    made.document("health", {"state": "good"})
     (health,) = _get(endpoint, f"{prefix}/health")
     assert json.loads(health.ok.payload.to_bytes()) == {"state": "good"}
     (config,) = _get(endpoint, f"{prefix}/config")

@@ -8,10 +8,10 @@ from tests.publish.people import published
 
 def main() -> None:
     with published(history=200) as (made, endpoint):
-        made.compensation({"armed": False})
+        made.document("compensation", {"armed": False})
         for k in range(200):
             made.publish(block(), k)
-        made.health({"state": "good"})
+        made.document("health", {"state": "good"})
         print(endpoint, flush=True)
         for _ in sys.stdin:  # each line asks how things are
             print(made.status.alive, len(made.commands()), flush=True)

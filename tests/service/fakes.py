@@ -115,14 +115,9 @@ class FakePublisher:
     def readings(self, frame, sequence: int) -> None:
         self.readings_.append((sequence, frame))
 
-    def health(self, document: bytes) -> None:
-        self.healths.append(document)
-
-    def alarms(self, document) -> None:
-        self.alarms_.append(document)
-
-    def compensation(self, document: bytes) -> None:
-        self.compensations.append(document)
+    def document(self, key: str, document) -> None:
+        kept = {"health": self.healths, "alarms": self.alarms_, "compensation": self.compensations}
+        kept[key].append(document)
 
     def close(self, timeout_s: float) -> bool:
         self.closed = True

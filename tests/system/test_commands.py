@@ -154,11 +154,11 @@ def test_health_is_bad_while_no_sensor_has_ever_been_heard_and_good_once_one_is(
 def test_health_is_for_people_in_a_terminal_and_one_line_of_json_in_a_pipe():
     report = {"state": "good", "quality": "good", "reasons": [], "channels": {"t1_degC": {"quality": "good"}}}
     with published() as (made, endpoint):
-        made.health(report)
+        made.document("health", report)
         piped = until(lambda: (done := _observer("health", "--connect", endpoint)).returncode == 0 and done)
         assert json.loads(piped.stdout) == report
         assert piped.stdout.count("\n") == 1
-        made.alarms({"alarms": [{"id": "heat_high.nut", "severity": "minor", "state": "active"}]})
+        made.document("alarms", {"alarms": [{"id": "heat_high.nut", "severity": "minor", "state": "active"}]})
         with Terminal("-m", "observer", "health", "--connect", endpoint) as terminal:
             assert terminal.process.wait(PATIENCE_S) == 0
             until(lambda: "minor heat_high.nut (active)" in terminal.shown())
