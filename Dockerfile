@@ -41,4 +41,4 @@ EXPOSE 7447
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=5s CMD ["observer", "health"]
 ENTRYPOINT ["observer"]
-CMD ["run", "--config", "/config/observer.files.toml"]
+CMD ["run", "--config", "/config/observer.toml"]

@@ -15,8 +15,8 @@ from observer.errors import LogError, UserError
 from observer.estimate.machine import Machine
 from observer.estimate.open_loop import open_loop_rms_K, predicted, read_program, simulated_columns
 from observer.estimators.protocol import Estimator
+from observer.files.folders import results_in, write_json
 from observer.files.logs import Log, read_log, suffix_of
-from observer.files.results import results_in, write_json
 from observer.frames import EstimateBlock, FloatArray
 from observer.history.history import MethodOptions
 from observer.installation import Installation

@@ -13,7 +13,7 @@ from observer.align.aligner import AlignPlan, doubts, frames_of_log
 from observer.app.logs import channels_of
 from observer.errors import ConfigError, LogError
 from observer.estimate.machine import Machine
-from observer.files.results import results_in, write_json
+from observer.files.folders import results_in, write_json
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
 

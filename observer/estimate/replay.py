@@ -15,8 +15,8 @@ from observer.config import Config
 from observer.errors import LogError
 from observer.estimate.checkpoint import Fit, Snapshot, UnfitError, load, recent
 from observer.estimate.pipeline import Pipeline
+from observer.files.folders import write_json
 from observer.files.logs import SUFFIXES, TIME, Log
-from observer.files.results import write_json
 from observer.files.writer import Column, TableWriter
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Inputs, Layout, Quality
 from observer.history.history import HeatHistory

@@ -19,10 +19,17 @@ from typing import Any
 import numpy as np
 
 from observer.errors import LogError, UserError
-from observer.files.checksums import damaged, rows_of, without
+from observer.files.log_checks import (
+    MISSING_WORDS,
+    Words,
+    damaged,
+    infinite_in,
+    refuse_other_units,
+    rows_of,
+    without,
+    words_in,
+)
 from observer.files.regular import one_line, refuse_irregular
-from observer.files.spacing import refuse_other_units
-from observer.files.words import MISSING_WORDS, Words, infinite_in, words_in
 from observer.frames import BoolArray, FloatArray
 
 TIME = "time_s"
@@ -251,14 +258,14 @@ def _first_problem(path: Path, data: bytes, header: list[str], wanted: list[str]
             continue
         place = f"{path}: {_place(data, number - 1)}"
         if len(row) != len(header):
-            return f"{place} has {len(row)} cells where the header names {len(header)}; mend or remove it"
+            return f"{place} has {len(row)} cells where the header names {len(header)}; fix or remove it"
         for i in numeric:
             cell = row[i].strip()
             if cell not in EMPTY_CELLS and not _is_number(cell):
                 return (
-                    f'{place}, column "{header[i]}": {cell[:40]!r} is not a number; mend it or leave it empty'
+                    f'{place}, column "{header[i]}": {cell[:40]!r} is not a number; fix it or leave it empty'
                 )
-    return f"{path}: not readable as CSV ({str(error).splitlines()[0]}); mend that place"
+    return f"{path}: not readable as CSV ({str(error).splitlines()[0]}); fix that row"
 
 
 def _is_number(cell: str) -> bool:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, ValidationError
 from drivers import DriverSettings
 from observer.config import Config, effect_problems
 from observer.errors import ConfigError
-from observer.files.toml import read_toml
+from observer.files.regular import read_toml
 from observer.installation.problems import as_message, problems_of
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 from observer.tables.keeping import AlarmSettings, Checkpoint, Record

@@ -18,8 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from observer.errors import ConfigError, UserError
 from observer.files.folders import write_together
-from observer.files.regular import read_regular
-from observer.files.toml import MOST_BYTES
+from observer.files.regular import MOST_BYTES, read_regular
 from observer.installation import Installation, load
 
 RECORD, BEFORE = ".adopted.json", ".before-adopt"

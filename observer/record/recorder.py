@@ -25,8 +25,8 @@ from urllib.parse import quote
 import structlog
 
 from observer.align.aligner import COMMAND_MARK, MISSING_FAULT
-from observer.files.checksums import CHECKSUM
 from observer.files.folders import OWNER_ONLY, make_folder, write_whole
+from observer.files.log_checks import CHECKSUM
 from observer.files.logs import FLAGS, LATE, STEP, TIME
 from observer.frames import Reading
 from observer.record.retention import START_SUFFIX, TRUSTED_AFTER_S, Retention, shortage, tidy

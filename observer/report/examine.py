@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from drivers import DriverSettings
 from observer.config import effect_problems
 from observer.errors import ConfigError
-from observer.files.toml import read_toml
+from observer.files.regular import read_toml
 from observer.fit.parameters import free_problems
 from observer.installation import Installation
 from observer.installation.paths import file_problems

@@ -179,7 +179,7 @@ def service(machine: Machine) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     log.write_text(
         "time_s,t1_degC\n" + "".join(f"{0.1 * k:.1f},{20 + 0.01 * (k % 7):.2f}\n" for k in range(12_000))
     )
-    configuration = machine.root / "tmp/observer.files.toml"
+    configuration = machine.root / "tmp/observer.toml"
     configuration.write_text(CONFIG.format(log=log, endpoint=endpoint, recordings=volume))
     words = [*_only("ENTRYPOINT").words(), "run", "--config", str(configuration)]
     process = subprocess.Popen(
@@ -218,7 +218,7 @@ class TestBuiltImage:
     def test_a_missing_configuration_is_one_sentence(self, machine: Machine) -> None:
         done = _observer(machine, *[machine.moved(w) for w in _only("CMD").words()])
         assert done.returncode == 2, done.stdout + done.stderr
-        assert "observer.files.toml" in done.stderr
+        assert "observer.toml" in done.stderr
         assert "Traceback" not in done.stderr
 
     def test_the_health_check_tells_a_living_service_from_a_dead_one(

@@ -15,7 +15,7 @@ from observer.estimate.checkpoint import Fit, Snapshot
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
-from observer.files.toml import read_toml
+from observer.files.regular import read_toml
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import parse
 from observer.live.keeper import carried

@@ -1,0 +1,149 @@
+"""Checks of a log: damaged blocks of a recording, times in another unit than seconds, text read as missing.
+
+A block of a recording is the bytes of whole rows; the `flags` cell of its last row ends with `#crc=` and the
+CRC-32 of everything before it, back to the previous block; that of the first block includes the header.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.errors import LogError
+from observer.frames import FloatArray
+
+CHECKSUM = b"#crc="
+_BROKEN = re.compile(rb"#|crc=[0-9a-f]{8}\r?\n")
+_MARK = re.compile(CHECKSUM + rb"([0-9a-f]{8})\r?\n")
+LATEST_S = 1e11
+"""The year 5138; an epoch in milliseconds is beyond it from 1973 on."""
+_UNITS = ((1e17, "nanoseconds", 1e9), (1e14, "microseconds", 1e6), (LATEST_S, "milliseconds", 1e3))
+"""Smallest time that must be in such a unit since 1970, and how many of them make a second."""
+MISSING_WORDS = ("NaN", "nan", "NA", "N/A", "null", "NULL")
+"""Words that stand for a missing value; an infinite number is one as well."""
+MOST_LISTED = 3
+_ANY = re.compile(rb"[,\n\"][ \t]*[+-]?(?:nan|inf|infinity|na|n/a|null)[ \t]*(?=[,\r\n\"]|\Z)", re.IGNORECASE)
+
+
+def damaged(data: bytes) -> list[tuple[int, int]]:
+    """Where the rows of damaged blocks begin and end in the bytes of a recording; the header is no row.
+
+    Rows after the last checksum, which a crash may leave, cannot be checked and pass. A recording without any
+    checksum, of an older version, has no damaged blocks.
+    """
+    if CHECKSUM not in data:
+        return []
+    found, start, header = [], 0, data.find(b"\n") + 1
+    view = memoryview(data)
+    for mark in _MARK.finditer(data):
+        if zlib.crc32(view[start : mark.start()]) != int(mark[1], 16):
+            found.append((max(start, header), mark.end()))
+        start = mark.end()
+    if _BROKEN.search(data, max(start, header)):  # a checksum that is itself no longer one
+        found.append((max(start, header), len(data)))
+    return found
+
+
+def without(data: bytes, parts: Sequence[tuple[int, int]]) -> bytes:
+    """The bytes without some parts, given in their order."""
+    kept, at = [], 0
+    for start, end in parts:
+        kept.append(data[at:start])
+        at = end
+    return b"".join([*kept, data[at:]])
+
+
+def rows_of(data: bytes, part: tuple[int, int]) -> str:
+    """Which rows a part is, as a reader counts: rows from 1, lines with the header."""
+    first = data.count(b"\n", 0, part[0]) + 1
+    last = max(first, data.count(b"\n", 0, part[1]))
+    return f"rows {first - 1} to {last - 1} (lines {first} to {last})"
+
+
+def refuse_other_units(path: Path, column: str, time_s: FloatArray, rows_apart_s: float) -> None:
+    """Raise `LogError` where times (n,) are an epoch in another unit, or half of the rows are further apart
+    than `rows_apart_s`, as those of a log in milliseconds are.
+    """
+    last_s = float(np.max(np.abs(time_s)))
+    for least, unit, per_s in _UNITS:
+        if last_s > least:
+            raise LogError(
+                f"{path}: {column} says {last_s:.6g}, which looks like {unit} since 1970 where seconds are "
+                f"expected; divide the column by {per_s:.0e}".replace("e+0", "e")
+            )
+    apart_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    if apart_s > rows_apart_s:
+        raise LogError(
+            f"{path}: by {column} the rows are {_long(apart_s)} apart and the log lasts "
+            f"{_long(float(time_s[-1] - time_s[0]))}, which looks like milliseconds where seconds are "
+            f"expected; divide the column by 1000, or, if they really are so far apart, say [log] "
+            f"rows_apart_s = {1.5 * apart_s:.2g} in the configuration"
+        )
+
+
+def _long(time_s: float) -> str:
+    for unit_s, unit in ((86_400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if time_s >= 2.0 * unit_s:
+            return f"{time_s / unit_s:.3g} {unit}"
+    return f"{time_s:.3g} s"
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Cells of a column that were read as missing because of what they say: how many, and what."""
+
+    column: str
+    cells: int
+    say: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The same as a sentence without full stop, with what to do."""
+        say, read = ("cell says", "was read") if self.cells == 1 else ("cells say", "were read")
+        words = ", ".join(self.say[:MOST_LISTED]) + (", …" if len(self.say) > MOST_LISTED else "")
+        return (
+            f"channel {self.column}: {self.cells} {say} {words} and {read} as missing; look why the recorder "
+            "wrote that, and leave empty what is missing"
+        )
+
+
+def words_in(data: bytes, header: Sequence[str], columns: Mapping[str, FloatArray]) -> tuple[Words, ...]:
+    """Return the words in the text of a CSV, by the numbers (n,) that its columns were read as."""
+    if not (found := {name: values for name, values in columns.items() if not np.isfinite(values).all()}):
+        return ()
+    if _ANY.search(data, max(data.find(b"\n"), 0)) is None:
+        return ()
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
+    from pyarrow import csv as pa_csv  # noqa: PLC0415
+
+    table = pa_csv.read_csv(
+        pa.py_buffer(data),
+        read_options=pa_csv.ReadOptions(column_names=list(header), skip_rows=1),
+        convert_options=pa_csv.ConvertOptions(
+            column_types=dict.fromkeys(found, pa.string()), include_columns=list(found)
+        ),
+    )
+    said = (_said(name, table.column(name), ~np.isfinite(values)) for name, values in found.items())
+    return tuple(words for words in said if words.cells)
+
+
+def _said(name: str, texts: Any, missing: Any) -> Words:
+    import pyarrow as pa  # noqa: PLC0415
+    import pyarrow.compute as pc  # noqa: PLC0415
+
+    cells = pc.utf8_trim_whitespace(texts.filter(pa.array(missing)))
+    counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(cells).to_pylist()}
+    counts.pop("", None)
+    return Words(name, sum(counts.values()), tuple(sorted(counts, key=lambda word: (-counts[word], word))))
+
+
+def infinite_in(columns: Mapping[str, FloatArray]) -> tuple[Words, ...]:
+    """Return what stands for missing values in columns (n,) that were numbers already: infinite ones."""
+    counts = {name: int(np.isinf(values).sum()) for name, values in columns.items()}
+    return tuple(Words(name, count, ("inf",)) for name, count in counts.items() if count)
