@@ -1,10 +1,20 @@
-"""The one kind of error a user sees: a sentence that names the place and the remedy."""
+"""The errors a user sees, each a sentence that names the place and the remedy."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 
+EXTRAS = {
+    "analysis": ("control", "filterpy", "matplotlib", "pyarrow"),
+    "page": ("starlette", "uvicorn"),
+    "plant": ("prometheus_client", "paho", "asyncua", "httpx", "defusedxml"),
+    "fleet": ("distributed",),
+}
+"""The packages of each extra in `pyproject.toml`; the daemon needs none of them."""
+
 
 class UserError(Exception):
-    """Something outside the program is wrong and its user can mend it.
+    """Something outside the program is wrong and the user can fix it.
 
     The command line prints the message as it stands and exits with code 2.
     """
@@ -13,12 +23,12 @@ class UserError(Exception):
 class ConfigError(UserError):
     """A configuration cannot be used; the message names file, key and remedy.
 
-    Several problems stand on a line each below the file's name.
+    Several problems are listed below the file's name, one per line.
     """
 
 
 class SeveralError(ValueError):
-    """What one check of a table found, a sentence for each problem."""
+    """The problems that one check of a table found, a sentence each."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("; ".join(problems))
@@ -33,3 +43,15 @@ def raise_all(problems: Sequence[str]) -> None:
 
 class LogError(UserError):
     """A log cannot be used; the message names file, row or column, and remedy."""
+
+
+def install_remedy(command: str, error: ModuleNotFoundError) -> str | None:
+    """How to install a missing package; None if no extra contains it, which is a defect."""
+    missing = (error.name or "").partition(".")[0]
+    for extra, modules in EXTRAS.items():
+        if missing in modules:
+            return (
+                f"{command} needs the packages of {extra} ({missing} is missing): "
+                f'pip install "ballscrew-observer[{extra}]"'
+            )
+    return None

@@ -29,7 +29,7 @@ def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | N
 def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Iterator[str]:
     """Install the service of one axis or several, without any remove it; yields what is done, in words."""
     from observer.installation import unit
-    from observer.report.examine import examine
+    from observer.installation.examine import examine
 
     here = root == Path("/")
     if not config_paths:

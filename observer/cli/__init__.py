@@ -61,10 +61,10 @@ def main() -> None:
         say(error)
         sys.exit(2)
     except ModuleNotFoundError as error:
-        from observer.installation.extras import remedy
+        from observer.errors import install_remedy
 
         verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-        sentence = remedy(f"observer {verb}", error)
+        sentence = install_remedy(f"observer {verb}", error)
         if sentence is None:
             raise
         say(UserError(sentence))

@@ -140,8 +140,8 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
+    from observer.installation.examine import examine
     from observer.report.check_text import as_text, wires_as_text
-    from observer.report.examine import examine
 
     settings = examine(config)
     if wires:

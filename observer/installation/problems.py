@@ -1,16 +1,16 @@
 """What is wrong with a configuration, all of it at once: one sentence for each problem, likely typos first.
 
-Checks of a table as a whole begin only when each of its keys is right by itself. So what is misspelt or out
-of its range is mended as it was probably meant, and looked at again, for as long as that brings up more.
+pydantic checks a table as a whole only when each of its keys is valid. So a misspelt key is renamed, a wrong
+value replaced by what was probably meant, and the repaired table checked again while that finds more.
 """
 
 from __future__ import annotations
 
 import copy
+import difflib
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -19,44 +19,90 @@ from drivers import DRIVER_KINDS
 from drivers.protocol import UNION_TAGS
 from observer.effects.catalogue import KINDS
 from observer.errors import SeveralError
-from observer.installation.known_keys import every_key, keys_at, suggestion, within
-from observer.installation.slips import hint, meant
+from observer.installation.typical_ranges import hint, probable
 
 Path = tuple[int | str, ...]
 _PASSES = 4
-_MOST_NAMED = 40
-_SOME_CHANNEL = "some_channel"
-_KEY = "[key]"  # what pydantic ends a place with when the name of a table is wrong
-
-
-@dataclass
-class _Found:
-    """Problems by place and words, and the tables in which something was mended by guess."""
-
-    typos: dict[tuple[Path, str], None] = field(default_factory=dict)
-    others: dict[tuple[Path, str], None] = field(default_factory=dict)
-    mended: set[Path] = field(default_factory=set)
-    explained: set[Path] = field(default_factory=set)
+_MOST_LISTED = 40
+_ANY_CHANNEL = "some_channel"
+_KEY = "[key]"  # the end of pydantic's location when the name of a table is wrong
 
 
 def problems_of(table: dict[str, Any], model: type[BaseModel]) -> list[str]:
     """Every problem of a table as “key: what is wrong; remedy”; empty where the model accepts it."""
-    found, first = _Found(), table
+    check = _Check(table, model)
     for number in range(_PASSES):
-        try:
-            model.model_validate(table)
+        if not check.finds_more(first=number == 0):
             break
-        except ValidationError as error:
-            before = len(found.typos) + len(found.others)
-            errors, table = error.errors(include_url=False), copy.deepcopy(table)
-            for detail in sorted(_not_said_twice(errors), key=lambda e: e["type"] != "extra_forbidden"):
-                _note(found, detail, table, model, again=number > 0)
-            if len(found.typos) + len(found.others) == before:
-                break
-    every = [*found.typos, *found.others]
-    lines = [_line(path, words, first) for path, words in every[:_MOST_NAMED]]
+    every = [*check.typos, *check.others]
+    lines = [_line(path, words, table) for path, words in every[:_MOST_LISTED]]
     left = len(every) - len(lines)
-    return [*lines, f"and {left} more; mend these first"] if left > 0 else lines
+    return [*lines, f"and {left} more; fix these first"] if left > 0 else lines
+
+
+class _Check:
+    """The problems found so far by place and words, and the table with guessed repairs."""
+
+    def __init__(self, table: dict[str, Any], model: type[BaseModel]) -> None:
+        self.typos: dict[tuple[Path, str], None] = {}
+        self.others: dict[tuple[Path, str], None] = {}
+        self._table = copy.deepcopy(table)
+        self._model = model
+        self._repaired: set[Path] = set()  # places whose further errors follow from the repair
+        self._guessed: set[Path] = set()  # tables whose further errors may follow from a repair in them
+
+    def finds_more(self, *, first: bool) -> bool:
+        """Validate the table once and repair it; whether that found a new problem."""
+        try:
+            self._model.model_validate(self._table)
+            return False
+        except ValidationError as error:
+            errors = _without_consequences(error.errors(include_url=False))
+        before = len(self.typos) + len(self.others)
+        errors.sort(key=lambda e: e["type"] != "extra_forbidden")
+        for detail in errors:
+            path = _path(detail["loc"], self._table)
+            if detail["type"] == "extra_forbidden":
+                self._rename(path)
+            elif path in self._repaired:
+                self._replace(path, detail)
+            elif first or not {path, path[:-1]} & self._guessed:
+                cause = detail.get("ctx", {}).get("error")
+                several = cause.problems if isinstance(cause, SeveralError) else [_words(detail, path)]
+                self.others |= dict.fromkeys((path, words) for words in several)
+                self._replace(path, detail)
+        return len(self.typos) + len(self.others) > before
+
+    def _rename(self, path: Path) -> None:
+        """Report an unknown key, and give it the name that was probably meant; without one, remove it."""
+        *place, key = path
+        close = _closest(str(key).lower()[:80], _keys_at(place, self._table, self._model))
+        question = f" (did you mean {close}?)" if close else ""
+        self.typos[path, f"unknown key{question}; remove it or correct its name"] = None
+        holder = _holder(self._table, path)
+        if not isinstance(holder, dict):
+            return
+        value = holder.pop(key, None)
+        if close:
+            holder.setdefault(close, value)
+            self._repaired.add((*place, close))
+        elif place:
+            self._guessed.add(tuple(place))
+
+    def _replace(self, path: Path, detail: ErrorDetails) -> None:
+        """Put what was probably meant in place of a value; else remove it, so that its default holds."""
+        value = detail["input"]
+        if not path or detail["type"] == "missing" or isinstance(value, dict):
+            return
+        is_channel = isinstance(value, str) and str(path[-1]).endswith("channel")
+        guess = _ANY_CHANNEL if is_channel else probable(path, value)
+        holder = _holder(self._table, path)
+        if isinstance(holder, dict):
+            holder.pop(path[-1], None)
+        if guess is not None and isinstance(holder, dict | list):
+            holder[path[-1]] = guess  # type: ignore[index]
+        self._repaired.add(path)
+        self._guessed |= {path[:-1]} - {()}
 
 
 def as_message(place: str, problems: Sequence[str]) -> str:
@@ -66,38 +112,8 @@ def as_message(place: str, problems: Sequence[str]) -> str:
     return f"{place}: {len(problems)} problems\n" + "\n".join(f"  {p}" for p in problems)
 
 
-def _note(
-    found: _Found, detail: ErrorDetails, table: dict[str, Any], model: type[BaseModel], *, again: bool
-) -> None:
-    """Note one error of pydantic's, and mend the table where what was meant is likely."""
-    path = _path(detail["loc"], table)
-    if detail["type"] == "extra_forbidden":
-        close = suggestion(str(path[-1]), keys_at(path[:-1], table, model), every_key(model))
-        remedy = f"unknown key{f' (did you mean {close}?)' if close else ''}; remove it or mend its name"
-        found.typos[path, remedy] = None
-        _rename(table, path, close)
-        if close:
-            found.explained.add((*path[:-1], close))
-        elif path[:-1]:
-            found.mended.add(path[:-1])
-        return
-    if path in found.explained:  # put there by guess, or taken away for another problem
-        if detail["type"] != "missing":
-            _put(table, path, _likely(path, detail["input"]))
-        return
-    if again and (path in found.mended or path[:-1] in found.mended):
-        return  # follows from what was mended here by guess
-    error = detail.get("ctx", {}).get("error")
-    for words in error.problems if isinstance(error, SeveralError) else [_words(detail, path)]:
-        found.others[path, words] = None
-    if path and detail["type"] != "missing" and not isinstance(detail["input"], dict):
-        _put(table, path, _likely(path, detail["input"]))
-        found.explained.add(path)
-        found.mended |= {path[:-1]} - {()}
-
-
-def _not_said_twice(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
-    """The errors without those that count too few entries because an entry is wrong by itself."""
+def _without_consequences(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """The errors without those that count too few entries only because an entry is itself wrong."""
     return [
         e
         for e in errors
@@ -115,18 +131,18 @@ def _words(detail: ErrorDetails, path: Path) -> str:
         return "is missing; add it"
     message = f"{message[0].lower()}{message[1:]}"
     if detail["loc"] and detail["loc"][-1] == _KEY:
-        message = f"the name {shown(path[-1])} will not do ({message}); mend it"
+        message = f"the name {shown(path[-1])} is not valid ({message}); change it"
     elif kind.startswith("union_tag"):
         named = given.get("kind") if isinstance(given, dict) else None
         stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
         kinds = KINDS if path[0] == "effect" else (*DRIVER_KINDS, "module:Class")
         message = f"{stated}; give one of {', '.join(kinds)}"
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
-        message = f"is to be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"
+        message = f"must be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"
     elif kind in {"too_short", "too_long"} and isinstance(given, list | tuple | dict):
         limit = detail["ctx"].get("min_length", detail["ctx"].get("max_length"))
         least = "at least" if kind == "too_short" else "at most"
-        message = f"has {len(given)} entries where {least} {limit} are to stand; mend it"
+        message = f"has {len(given)} entries where {least} {limit} are expected; change the list"
     elif isinstance(given, int | float | str | bool):
         message = f"{message}, not {shown(given)}{hint(path, given)}"
     return message
@@ -177,32 +193,53 @@ def _readable(name: str) -> str:
     return name if name.isprintable() and len(name) <= 64 else shown(name)
 
 
+def within(table: Any, part: int | str) -> Any:
+    """The value at a key of a table or an index of a list, None where there is none."""
+    if isinstance(part, int):
+        return table[part] if isinstance(table, list | tuple) and part < len(table) else None
+    return table.get(part) if isinstance(table, dict) else None
+
+
 def _holder(table: Any, path: Path) -> Any:
-    """The table or list in which a place is."""
+    """The table or list that contains a place."""
     return functools.reduce(within, path[:-1], table)
 
 
-def _rename(table: Any, path: Path, new: str | None) -> None:
-    """Give an unknown key the name that was probably meant; without one, remove it."""
-    table = _holder(table, path)
-    if isinstance(table, dict):
-        value = table.pop(path[-1], None)
-        if new is not None:
-            table.setdefault(new, value)
+def _closest(key: str, known: Sequence[str]) -> str | None:
+    """The known key that was probably meant by a misspelt one in lower case.
+
+    Capitals, a missing or other unit and a beginning count as close: `Length`, `length`, `length_mm`, `temp`.
+    """
+    by_lower = {name.lower(): name for name in sorted(known, reverse=True)}
+    names = sorted(by_lower)
+    stem = key.rsplit("_", 1)[0]
+    likely = (
+        [name for name in names if name == key],
+        [name for name in names if name.startswith(f"{key}_")],
+        [name for name in names if stem != key and (name == stem or name.startswith(f"{stem}_"))],
+        [name for name in names if len(key) >= 3 and name.startswith(key)],
+        difflib.get_close_matches(key, names, n=1),
+    )
+    return next((by_lower[found[0]] for found in likely if found), None)
 
 
-def _likely(path: Path, value: object) -> float | str | None:
-    """What may stand in for a wrong value while the rest is looked at."""
-    a_channel = isinstance(value, str) and str(path[-1]).endswith("channel")
-    return _SOME_CHANNEL if a_channel else meant(path, value)
+def _keys_at(path: Sequence[int | str], table: Any, model: type[BaseModel]) -> list[str]:
+    """The keys that the table at a place may have."""
+    models: list[type[BaseModel]] = [model]
+    for part in path:
+        table = within(table, part)
+        fields = [f for m in models for name, f in m.model_fields.items() if (f.alias or name) == part]
+        if fields:  # else an index of a list or a name in a table of tables, which has the same models
+            models = [m for f in fields for m in _models_in(f.annotation)]
+    kind = table.get("kind") if isinstance(table, dict) else None
+    kinds = [(m, m.model_fields["kind"]) for m in models if "kind" in m.model_fields]
+    chosen = [m for m, field in kinds if kind in get_args(field.annotation)]
+    return [f.alias or name for m in chosen or models for name, f in m.model_fields.items()]
 
 
-def _put(table: Any, path: Path, value: float | str | None) -> None:
-    """Put in what was probably meant; without that, remove the value, so that its default holds."""
-    table = _holder(table, path)
-    if isinstance(table, dict):
-        table.pop(path[-1], None)
-        if value is not None:
-            table[path[-1]] = value
-    elif isinstance(table, list) and isinstance(path[-1], int) and value is not None:
-        table[path[-1]] = value
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models that a type is made of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models_in(part)

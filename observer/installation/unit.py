@@ -17,7 +17,7 @@ from pathlib import Path
 
 from observer.errors import UserError
 from observer.installation import Installation
-from observer.installation.paths import paths_in
+from observer.installation.examine import paths_in
 
 NAME = "ballscrew-observer"
 CONFIG = Path("/etc") / NAME / "observer.toml"

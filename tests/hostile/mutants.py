@@ -15,8 +15,8 @@ from typing import Any
 import tomlkit
 
 from observer.errors import UserError
+from observer.installation.examine import examine
 from observer.report.check import findings
-from observer.report.examine import examine
 from tests.system.bad_inputs import CAN, MODBUS, TABLE
 
 ROOT = Path(__file__).parents[2]

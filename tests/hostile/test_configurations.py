@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from observer.errors import ConfigError
+from observer.installation.examine import examine
 from observer.report.check import findings
-from observer.report.examine import examine
 from tests.hostile.mutants import Mutant, mutants, tables, verdict
 from tests.system.bad_inputs import changed
 from tests.system.plant import write

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from observer.installation.extras import EXTRAS, remedy
+from observer.errors import EXTRAS, install_remedy
 from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for, write
 
@@ -48,7 +48,7 @@ def test_the_extras_are_those_of_the_project():
 
 
 def test_another_missing_module_is_a_defect():
-    assert remedy("observer run", ModuleNotFoundError(name="numpy")) is None
+    assert install_remedy("observer run", ModuleNotFoundError(name="numpy")) is None
 
 
 @pytest.mark.system

@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 from observer.cli import app
 from observer.errors import UserError
 from observer.installation import parse
+from observer.installation.examine import examine
 from observer.installation.init.asking import QUESTIONS, agreed, answers
 from observer.installation.init.screws import SCREWS, STEELS
 from observer.installation.init.wires import CONTROLS, MODULES
 from observer.installation.init.writing import checked, compose, write_new
-from observer.report.examine import examine
 
 GIVEN = {
     "length_m": "1.0",

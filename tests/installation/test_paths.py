@@ -8,8 +8,7 @@ import pytest
 
 from observer.errors import ConfigError
 from observer.installation import load, parse
-from observer.installation.paths import paths_in
-from observer.report.examine import examine
+from observer.installation.examine import examine, paths_in
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 TABLES = {
@@ -27,7 +26,7 @@ def test_a_file_that_is_not_there_is_told_with_its_key(key, tmp_path):
     here, config = tmp_path / "here", tmp_path / "observer.toml"
     here.write_text("eve:hers\n")
     config.write_text(DEMO.read_text() + TABLES[key].format("/nowhere/it", here=here))
-    with pytest.raises(ConfigError, match=f"{key}: /nowhere/it is no file; mend the path"):
+    with pytest.raises(ConfigError, match=f"{key}: /nowhere/it is no file; correct the path"):
         examine(config)
     examine(config, runs_here=False)
     config.write_text(DEMO.read_text() + TABLES[key].format(here, here=here))

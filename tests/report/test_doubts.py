@@ -8,7 +8,7 @@ import pytest
 
 from observer.errors import ConfigError
 from observer.installation import parse
-from observer.report.doubts import doubts
+from observer.report.check import doubts
 from tests.system.bad_inputs import MODBUS, changed
 
 POINT = {"name": "end", "shape": "point", "position_m": 0.0}

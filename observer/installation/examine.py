@@ -1,4 +1,4 @@
-"""Everything that keeps a configuration from being used, in one go: its tables, and the files they name."""
+"""All problems that prevent a configuration from being used: in its tables, and with the files they name."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from drivers import DriverSettings
 from observer.config import effect_problems
@@ -15,7 +15,6 @@ from observer.errors import ConfigError
 from observer.files.regular import read_toml
 from observer.fit.parameters import free_problems
 from observer.installation import Installation
-from observer.installation.paths import file_problems
 from observer.installation.problems import as_message, problems_of
 
 _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
@@ -60,3 +59,26 @@ def _may_be_written(directory: Path) -> bool:
     while not os.path.lexists(at) and at != at.parent:
         at = at.parent
     return at.is_dir() and os.access(at, os.W_OK | os.X_OK)
+
+
+def paths_in(part: BaseModel, place: str = "") -> Iterator[tuple[str, Path]]:
+    """Every path that a configuration, or a table of it at `place`, names, with its key."""
+    for name, value in part:
+        inner = value.items() if isinstance(value, dict) else [(None, value)]
+        for word, each in inner:
+            key = f"{place}{name}" if word is None else f"{place}{name}.{word}"
+            if isinstance(each, Path):
+                yield key, each
+            elif isinstance(each, BaseModel):
+                yield from paths_in(each, f"{key}.")
+
+
+def file_problems(config: BaseModel) -> Iterator[str]:
+    """Say which files this user cannot read; drivers report theirs, and folders are created."""
+    for key, path in paths_in(config):
+        if key.startswith("drivers.") or key.endswith((".directory", ".reports")):
+            continue
+        if not os.path.isfile(path):
+            yield f"{key}: {path} is no file; correct the path"
+        elif not os.access(path, os.R_OK):
+            yield f"{key}: {path} may not be read by this user; try as the service's user, or with sudo"
