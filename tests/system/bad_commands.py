@@ -155,7 +155,7 @@ LOGS = [
     Case(
         "text in a number",
         _of_log(with_cell(7, 2, "warm")),
-        ("row 7 (line 8)", '"t2_degC"', "'warm'", "mend"),
+        ("row 7 (line 8)", '"t2_degC"', "'warm'", "fix"),
     ),
     Case("a cell too many", _of_log(with_cell(7, 2, "1,2")), ("row 7 (line 8)", "6 cells", "5")),
     Case("last row cut", _of_log(text(rows())[:-12]), ("cut off", "--accept-truncated")),
