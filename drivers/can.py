@@ -8,8 +8,16 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from drivers.devices import CAN_INPUTS, DBC_OF, can_input, dbc_file
-from drivers.places import CanChannel, CanTable, Signals, check_channels
+from drivers.places import (
+    CAN_INPUTS,
+    DBC_OF,
+    CanChannel,
+    CanTable,
+    Signals,
+    can_input,
+    check_channels,
+    dbc_file,
+)
 from drivers.protocol import ChannelName, Driver, InputOr
 from observer.frames import Reading
 from observer.tables.quantities import File

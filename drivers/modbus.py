@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from drivers.decode import spans
-from drivers.devices import MODBUS_INPUTS, modbus_input
-from drivers.places import Device, ModbusChannel, check_channels
+from drivers.places import MODBUS_INPUTS, Device, ModbusChannel, check_channels, modbus_input
 from drivers.protocol import ChannelName, Driver, DriverTable, InputOr, PollPeriod, Text, Timeout
 from observer.tables.quantities import Count, Number
 

@@ -190,19 +190,19 @@ def _publisher(
 ) -> ZenohPublisher | Outlets:
     """Zenoh, with a gateway beside it where the configuration asks for one."""
     config, name = ready.config, ready.config.machine
-    told, layout = config_json(config, instance), ready.estimator.layout
+    in_force, layout = config_json(config, instance), ready.estimator.layout
     publisher = ZenohPublisher(
         name.name,
         name.axis,
         config.publish,
-        told,
+        in_force,
         layout,
         instance,
         compensates=compensates,
         forecasts=forecasts,
     )
     start = Start.of(config, path, forecasts=forecasts)
-    return publisher if start is None else Outlets(publisher, Feed(start, told.encode()))
+    return publisher if start is None else Outlets(publisher, Feed(start, in_force.encode()))
 
 
 def _steering(config: Installation) -> Steering | None:

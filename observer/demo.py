@@ -85,7 +85,7 @@ def live_view(listen: str, machine: str, axis: str, plain: bool) -> Iterator[Non
         def watch_over() -> None:
             code = view.wait()
             if not ending.is_set():
-                _mend_terminal()
+                _restore_cursor()
                 print(
                     f"observer: the view has ended (exit code {code}); the service goes on", file=sys.stderr
                 )
@@ -116,12 +116,12 @@ def _child(*command: str, end_s: float, stdout: int | None = None) -> Iterator[s
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-            _mend_terminal()
+            _restore_cursor()
         if process.stdout is not None:
             process.stdout.close()
 
 
-def _mend_terminal() -> None:
+def _restore_cursor() -> None:
     """Give the terminal its cursor back, which a view that was killed has left hidden."""
     if sys.stdout.isatty():
         print(SHOW_CURSOR, end="", flush=True)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from observer.fleet.jobs import jobs_of, read_table
 from observer.fleet.journal import RunOptions, done
-from observer.fleet.results import conclude
+from observer.fleet.report import conclude
 from observer.fleet.run import batches
 from observer.fleet.work import work
 from tests.fleet.machines import LENGTHS_M, a_fleet

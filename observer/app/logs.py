@@ -62,7 +62,7 @@ def replay(
     log = _recorded(log_path, config, **accept)
     machine, estimator = ready or Ready.of(config)
     pipeline = machine.pipeline(estimator)
-    start, told = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
+    start, kind_of_start = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
     samples = ReplaySamples(config, estimator.layout)
     reasons: dict[str, int] = {}
     not_good = NotGood(machine.plan.channels)
@@ -82,7 +82,7 @@ def replay(
         "open_loop_rms_K": open_loop_rms_K(machine.plant, machine.drive, frames_of_log(log, machine.plan)),
         "doubts": doubts(log, frames_of_log(log, machine.plan), config),
         "reasons": reasons,
-        "start": told,
+        "start": kind_of_start,
     }
     with results_in(output) as part:
         summary = write_results(part, suffix, estimator.layout, blocks(), log, config.digest, more)
@@ -150,17 +150,17 @@ def forecast(
     except ValueError as error:
         raise LogError(f"{log_path}: no forecast from its end: {error}") from None
     quality = EstimateQuality(int(last.quality[-1]))
-    told = document(found, machine.plant, quality, "", settings.within_um)
+    forecasted = document(found, machine.plant, quality, "", settings.within_um)
     with results_in(output) as part:
         columns = forecast_columns(machine.plant.layout, found)
         write_log(part / "forecast.csv", found.now_s + found.ahead.time_s, columns)
-        write_json(part / "forecast.json", told)
+        write_json(part / "forecast.json", forecasted)
         title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log_path.name}"
         write_forecast(
             part / "forecast.png", title, machine.plant.layout.position_m, found, settings.within_um
         )
     lines = sentences(found, machine.plant, settings.within_um)
-    return lines if told["reason"] is None else [*lines, f"Doubtful: {told['reason']}."]
+    return lines if forecasted["reason"] is None else [*lines, f"Doubtful: {forecasted['reason']}."]
 
 
 def identify(
@@ -225,7 +225,7 @@ def simulate(
     """Predict a run from the heat laws alone and write it as a log, with `overview.png` beside it.
 
     The program is a log of the input channels; where it also holds the sensors' channels, their first values
-    give the initial field. `warn` is told what is doubtful about it. Returns the last predicted sensor
+    give the initial field. `warn` gets what is doubtful about it. Returns the last predicted sensor
     temperatures in °C.
     """
     from observer.files.writer import write_log

@@ -11,7 +11,7 @@ from observer.installation import Installation
 
 
 def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | None], str] | None) -> str:
-    """Write a first configuration from what is given and what `ask` is told; returns what to do next."""
+    """Write a first configuration from what is given and the answers of `ask`; returns what to do next."""
     from observer.installation.init.asking import agreed
     from observer.installation.init.writing import checked, write_new
 

@@ -1,4 +1,4 @@
-"""The command line; what its verbs do stands in `app`, `demo` and `report`."""
+"""The command line; what its verbs do is in `app`, `demo` and `report`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ app.add_typer(fleet, name="fleet")
 
 
 def _version(asked: bool) -> None:
-    """Say which version this is, and end."""
+    """Print the version, and end."""
     if asked:
         from importlib.metadata import version
 
@@ -46,7 +46,7 @@ _INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line; what a user can mend ends in one sentence and exit code 2, Ctrl-C in 130."""
+    """Run the command line. Problems the user can fix end in one sentence and exit code 2, Ctrl-C in 130."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, shutdown.arriving(shutdown.interrupting()))
     try:
@@ -72,6 +72,6 @@ def main() -> None:
 
 
 def _leave() -> NoReturn:
-    """End after Ctrl-C, without waiting for threads that are still at something."""
+    """End after Ctrl-C, without waiting for threads that are still busy."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     shutdown.leave(_INTERRUPTED)

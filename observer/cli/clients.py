@@ -1,4 +1,4 @@
-"""The verbs that ask a running service, or tell it something."""
+"""The verbs that query or command a running service."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def health(
     timeout_s: TimeoutOption = 5.0,
     client: ClientOption = None,
 ) -> None:
-    """Ask the running service how it fares; exit code 0 if it lives and gives estimates, else 1."""
+    """Ask the running service for its health; exit code 0 if it gives estimates, else 1."""
     from observer.publish.ask import ask, ask_health, gives_estimates
     from observer.publish.watch import health_table
 
@@ -74,15 +74,15 @@ def health(
         alarms = ask(connect, *answer.source, "alarms", timeout_s, who)
         return health_table(report, alarms.document or {}, "/".join(answer.source))
 
-    _tell(answer, gives_estimates, table)
+    _print_answer(answer, gives_estimates, table)
 
 
-def _tell(
+def _print_answer(
     answer: Reply,
     is_good: Callable[[dict[str, Any]], bool],
     for_people: Callable[[dict[str, Any]], RenderableType] = json.dumps,
 ) -> NoReturn:
-    """Print what a service answered, in a terminal for people, and leave with 0 if that is good, else 1."""
+    """Print the answer of a service, in a terminal for people, and leave with 0 if that is good, else 1."""
     if answer.document is not None and sys.stdout.isatty():
         from rich.console import Console
 
@@ -99,8 +99,8 @@ _COMMANDS = {
 }
 
 
-def _giving(kind: str) -> Callable[..., None]:
-    """The verb that gives a running service the command `kind` and prints what came of it."""
+def _command_verb(kind: str) -> Callable[..., None]:
+    """The verb that gives a running service the command `kind` and prints the outcome."""
 
     def give(
         machine: OneMachineOption,
@@ -125,18 +125,18 @@ def _give(
     config_hash: str | None,
     about: str | None = None,
 ) -> None:
-    """Give a running service a command and tell what came of it."""
+    """Give a running service a command and print the outcome."""
     from observer.publish.ask import command
 
     for option, name in (("--machine", machine), ("--axis", axis)):
         if "*" in name:
             raise UserError(f"{option}: {name} may be several; name the one that is meant")
     answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash, about)
-    _tell(answer, lambda document: document.get("done") is True)
+    _print_answer(answer, lambda document: document.get("done") is True)
 
 
 for _kind, _help in _COMMANDS.items():
-    verbs.command(_kind, help=_help)(_giving(_kind))
+    verbs.command(_kind, help=_help)(_command_verb(_kind))
 
 
 @verbs.command()

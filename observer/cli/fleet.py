@@ -133,7 +133,7 @@ def _run(
     with _ended_by_signals(verb):
         from observer.fleet.jobs import OF_SEVERAL, given, jobs_of, read_table
         from observer.fleet.journal import RunOptions
-        from observer.fleet.results import conclude
+        from observer.fleet.report import conclude
         from observer.fleet.run import InterruptedRunError, run
         from observer.report.progress import counting
 

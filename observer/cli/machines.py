@@ -162,7 +162,7 @@ def place(
     spacing_m: Annotated[float | None, typer.Option(min=1e-4, help="Spacing of the candidates.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Rank sensor positions by how well they tell field and heats (conditioning, not rank)."""
+    """Rank sensor positions by how well they determine field and heats (conditioning, not rank)."""
     from observer import app as parts
     from observer.installation import load
 

@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 import drivers
-from drivers import devices
+from drivers import places
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import LIBRARY
 from observer.tables import laws, quantities, sections
@@ -50,4 +50,4 @@ def test_every_kind_of_driver_has_its_table() -> None:
 def test_every_ready_device_is_listed() -> None:
     text = (REFERENCE / "devices.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `(\w+)` \| .* \| (\d+) \|$", text, flags=re.M))
-    assert {name: int(inputs) for name, inputs in rows.items()} == devices.MODBUS_INPUTS | devices.CAN_INPUTS
+    assert {name: int(inputs) for name, inputs in rows.items()} == places.MODBUS_INPUTS | places.CAN_INPUTS

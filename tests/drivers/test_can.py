@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 
 from drivers.can import CanSettings
 from drivers.dbc import load_decoder
-from drivers.devices import DBC_OF
-from drivers.places import CanChannel
+from drivers.places import DBC_OF, CanChannel
 from drivers.simulated.wires import PtyWire
 from tests.drivers.harness import running
 from tests.patience import Stopwatch, eventually, until

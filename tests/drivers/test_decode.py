@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.decode import MAX_REGISTERS, RegisterBlock, bytes_of, decode, raw_of, read_plan, spans
-from drivers.devices import modbus_input
-from drivers.places import WORDS, ModbusChannel
+from drivers.places import WORDS, ModbusChannel, modbus_input
 
 LIMITS = {
     "int16": (-(2**15), 2**15 - 1),

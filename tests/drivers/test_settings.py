@@ -4,7 +4,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from drivers import DriverSettings
-from drivers.devices import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
+from drivers.places import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
 from observer.errors import UserError
 
 SETTINGS = TypeAdapter(DriverSettings)

@@ -22,7 +22,7 @@ from observer.fleet.journal import (
     provenance,
     rows_in,
 )
-from observer.fleet.results import conclude
+from observer.fleet.report import conclude
 
 
 @pytest.fixture

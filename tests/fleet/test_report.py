@@ -5,8 +5,7 @@ import re
 
 import pyarrow.parquet as pq
 
-from observer.fleet.report import page
-from observer.fleet.results import flattened, write_table
+from observer.fleet.report import flattened, page, write_table
 
 
 def _row(machine, verb, name, **found):

@@ -14,8 +14,7 @@ from drivers.can import CanSettings
 from drivers.canopen import CanopenSettings, sdo_decoder, tpdo_decoder
 from drivers.dbc import DbcDecoder, load_decoder
 from drivers.decode import decode, read_plan, spans
-from drivers.devices import CAN_INPUTS, DBC_OF, MODBUS_INPUTS, modbus_input
-from drivers.places import WORDS, ModbusChannel
+from drivers.places import CAN_INPUTS, DBC_OF, MODBUS_INPUTS, WORDS, ModbusChannel, modbus_input
 
 MUX_DBC = """VERSION ""
 

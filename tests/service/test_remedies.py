@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.devices import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
+from drivers.places import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
 from observer.quality.remedies import remedy_for
 
 UNKNOWN = remedy_for("no_such_fault", None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import tomlkit
 
-from drivers.devices import CAN_INPUTS, MODBUS_INPUTS
+from drivers.places import CAN_INPUTS, MODBUS_INPUTS
 from observer.errors import UserError
 from observer.installation.init.answers import Answers
 
