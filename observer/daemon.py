@@ -11,7 +11,7 @@ from observer.control.compensation import LATE_PERIODS
 from observer.control.compensator import Compensator
 from observer.control.steering import Steering
 from observer.errors import ConfigError
-from observer.estimate.checkpoint import Fit, Snapshot, pack, shifted
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
@@ -24,7 +24,7 @@ from observer.live.lifecycle import run
 from observer.live.loop import Service, no_alarms
 from observer.live.observers import AlarmObserver, StepObserver
 from observer.live.renewal import Renewal, Renewals, carried_over
-from observer.live.trial import Trial
+from observer.live.trial import AdoptionTrial
 from observer.process.clock import ServiceClock
 from observer.process.notify import service_manager
 from observer.publish.codec import config_json
@@ -48,7 +48,7 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     if (folder := config.record.directory) is not None:
         refuse_shared(folder, f"{config.machine.name}-{config.machine.axis}")
     renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
-    trial = None if path is None else Trial(path, renewals.reload)
+    trial = None if path is None else AdoptionTrial(path, renewals.reload)
 
     def anew(renewal: Renewal[_Ready]) -> Service:
         nonlocal ready, clock
@@ -87,7 +87,7 @@ class _Ready:
     config: Installation
     machine: Machine
     estimator: Estimator
-    fit: Fit
+    fit: CheckpointFit
 
     @classmethod
     def of(cls, config: Installation) -> _Ready:
@@ -98,7 +98,9 @@ class _Ready:
             refuse_unwritable(config.record.directory, "record.directory")
         machine = Machine.of(config, learns=True)
         estimator = machine.estimator()
-        return cls(config, machine, estimator, Fit.of(config, machine.drive, estimator, machine.gap()))
+        return cls(
+            config, machine, estimator, CheckpointFit.of(config, machine.drive, estimator, machine.gap())
+        )
 
 
 def _reread(path: Path, now: Installation) -> _Ready:
@@ -114,7 +116,7 @@ def _service(
     ready: _Ready,
     clock: ServiceClock,
     renewals: Renewals[_Ready],
-    trial: Trial | None,
+    trial: AdoptionTrial | None,
     start: Snapshot | None,
     *,
     alone: bool,

@@ -31,7 +31,7 @@ DN_MM_RPM = 250_000.0
 """Diameter times speed that no ball screw reaches (catalogues end at 220,000)."""
 
 
-class Kind(Enum):
+class ChannelKind(Enum):
     """What a channel measures."""
 
     SCREW = "temperature of the screw"
@@ -64,7 +64,7 @@ class Limits:
     `ambient`, or `ambient_degC` where that is −1 (NaN: not known).
     """
 
-    kinds: tuple[Kind, ...]
+    kinds: tuple[ChannelKind, ...]
     low: FloatArray
     high: FloatArray
     rate_per_s: FloatArray
@@ -94,7 +94,7 @@ class Limits:
         )  # fmt: skip
 
     def sentence(self, channel: int, breach: Breach, value: float, ambient_degC: float) -> str:
-        """Say how a value is beyond its limits and, if that can be told, which unit it looks like."""
+        """Say how a value is beyond its limits and, if that is recognisable, which unit it looks like."""
         air = f"the ambient {ambient_degC:.4g} °C"
         limit = {
             Breach.LOW: f"below {self.low[channel]:g}",
@@ -109,7 +109,7 @@ class Limits:
         return f"implausible: {value:.6g} is {limit}" + (f"; {hint}" if hint else "")
 
     def beyond(self, channel: int, value: Any, ambient_degC: float) -> Iterator[tuple[Breach, Any]]:
-        """Whether a value is beyond each of the limits that one alone can tell; of an array, which are."""
+        """Whether a value is beyond each of the limits for single values; of an array, which are."""
         yield Breach.LOW, value < self.low[channel]
         yield Breach.HIGH, value > self.high[channel]
         yield Breach.ABOVE_AMBIENT, value - ambient_degC > self.above_K[channel]
@@ -123,35 +123,35 @@ class Limits:
         return None
 
 
-def kinds_of(config: Config) -> Mapping[str, Kind]:
+def kinds_of(config: Config) -> Mapping[str, ChannelKind]:
     """What each channel of a configuration measures."""
-    kinds = dict.fromkeys(config.channels, Kind.OTHER)
+    kinds = dict.fromkeys(config.channels, ChannelKind.OTHER)
     for source in config.source:
         for name in (source.speed_channel, source.nut_speed_channel):
             if name is not None:
-                kinds[name] = Kind.SPEED
+                kinds[name] = ChannelKind.SPEED
         if source.position_channel is not None:
-            kinds[source.position_channel] = Kind.POSITION
+            kinds[source.position_channel] = ChannelKind.POSITION
     for end in (config.boundary.left, config.boundary.right):
         if end.channel is not None:
-            kinds[end.channel] = Kind.END
+            kinds[end.channel] = ChannelKind.END
     if config.ambient.channel is not None:
-        kinds[config.ambient.channel] = Kind.AMBIENT
-    return kinds | {s.channel: Kind.NODE if s.on else Kind.SCREW for s in config.sensor}
+        kinds[config.ambient.channel] = ChannelKind.AMBIENT
+    return kinds | {s.channel: ChannelKind.NODE if s.on else ChannelKind.SCREW for s in config.sensor}
 
 
-def _limits(config: Config, channel: str, kind: Kind) -> tuple[float, ...]:
+def _limits(config: Config, channel: str, kind: ChannelKind) -> tuple[float, ...]:
     """Low, high, rate, and how far above and below ambient, of one channel."""
     length_m, most_rpm = config.screw.length_m, DN_MM_RPM / (1000.0 * config.screw.diameter_m)
     low, high = {
-        Kind.AMBIENT: AMBIENT_RANGE_DEGC,
-        Kind.POSITION: (-BEYOND_ENDS * length_m, (1.0 + BEYOND_ENDS) * length_m),
-        Kind.SPEED: (-most_rpm, most_rpm),
-        Kind.OTHER: (-math.inf, math.inf),
+        ChannelKind.AMBIENT: AMBIENT_RANGE_DEGC,
+        ChannelKind.POSITION: (-BEYOND_ENDS * length_m, (1.0 + BEYOND_ENDS) * length_m),
+        ChannelKind.SPEED: (-most_rpm, most_rpm),
+        ChannelKind.OTHER: (-math.inf, math.inf),
     }.get(kind, SCREW_RANGE_DEGC)
-    rate = RATE_K_S if kind in {Kind.SCREW, Kind.NODE} else math.inf
+    rate = RATE_K_S if kind in {ChannelKind.SCREW, ChannelKind.NODE} else math.inf
     # A heater on a test bench warms a rod as no friction does.
-    near = kind is Kind.SCREW and all(source.power_channel is None for source in config.source)
+    near = kind is ChannelKind.SCREW and all(source.power_channel is None for source in config.source)
     above_K, below_K = (ABOVE_AMBIENT_K, BELOW_AMBIENT_K) if near else (math.inf, math.inf)
     default, own = (low, high, rate, above_K, below_K), config.limits.get(channel)
     if own is None:
@@ -167,29 +167,29 @@ _TEMPERATURES: tuple[Unit, ...] = (
     ("tenths of °C", lambda v: v / 10.0),
     ("hundredths of °C", lambda v: v / 100.0),
 )
-_UNITS: Mapping[Kind, tuple[Unit, ...]] = {
-    Kind.POSITION: (
+_UNITS: Mapping[ChannelKind, tuple[Unit, ...]] = {
+    ChannelKind.POSITION: (
         ("mm", lambda v: v / 1000.0),
         ("µm", lambda v: v / 1e6),
         ("inches", lambda v: v * 0.0254),
         ("cm", lambda v: v / 100.0),
     ),
-    Kind.SPEED: (("degrees a second", lambda v: v / 6.0), ("revolutions an hour", lambda v: v / 60.0)),
+    ChannelKind.SPEED: (("degrees a second", lambda v: v / 6.0), ("revolutions an hour", lambda v: v / 60.0)),
 }
 
 
-def units_of(kind: Kind) -> tuple[Unit, ...]:
-    """The units in which a device may tell a quantity in place of ours, each with the way back."""
-    at_degC = {Kind.SCREW, Kind.NODE, Kind.END, Kind.AMBIENT}
+def units_of(kind: ChannelKind) -> tuple[Unit, ...]:
+    """The units in which a device may report a quantity, each with its conversion to ours."""
+    at_degC = {ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT}
     return _TEMPERATURES if kind in at_degC else _UNITS.get(kind, ())
 
 
 _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 9999.0, 999.9)
 
 
-def unit_hint(kind: Kind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
+def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
     """Say which unit a value looks like that should lie in `low` … `high`, or that it is a code."""
-    if kind in {Kind.SCREW, Kind.NODE, Kind.END, Kind.AMBIENT}:
+    if kind in {ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT}:
         if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
             return "it looks like a device's code for a fault, which its driver should know (fault_codes)"
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
@@ -254,7 +254,7 @@ def doubts_of_log(
 
 
 def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
-    """How long a stroke is, the whole screw where none is told."""
+    """How long a stroke is, the whole screw where none is given."""
     return config.screw.length_m if stroke_m is None else stroke_m[1] - stroke_m[0]
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.align.plausibility import SPEED_RATIOS, Kind, Limits, stroke_of_m, units_of, way_ratio
+from observer.align.plausibility import SPEED_RATIOS, ChannelKind, Limits, stroke_of_m, units_of, way_ratio
 from observer.config import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray
@@ -55,20 +55,24 @@ def read_rightly(log: Log, config: Config) -> tuple[Log, tuple[Misread, ...]]:
         if name not in log.channels:
             continue
         column = log.values[:, log.channels.index(name)]
-        told = _unit(limits, j, column, _air_degC(limits, config, log))
-        if told is not None:
-            log = _with(log, name, np.asarray(told[1](column)))  # type: ignore[arg-type]
-            found.append(Misread(name, told[0], _EXPECTED[limits.kinds[j]]))
+        likely = _unit(limits, j, column, _air_degC(limits, config, log))
+        if likely is not None:
+            log = _with(log, name, np.asarray(likely[1](column)))  # type: ignore[arg-type]
+            found.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))
     for channel, unit, factor in _by_the_way(log, config):
         log = _with(log, channel, log.values[:, log.channels.index(channel)] * factor)
         found.append(Misread(channel, unit, "rpm"))
     return log, tuple(found)
 
 
-_EXPECTED = dict.fromkeys(Kind, "°C") | {Kind.POSITION: "m", Kind.SPEED: "rpm", Kind.OTHER: "its unit"}
+_EXPECTED = dict.fromkeys(ChannelKind, "°C") | {
+    ChannelKind.POSITION: "m",
+    ChannelKind.SPEED: "rpm",
+    ChannelKind.OTHER: "its unit",
+}
 
 
-_BEGIN_ANYWHERE = (Kind.POSITION, Kind.SPEED, Kind.OTHER)
+_BEGIN_ANYWHERE = (ChannelKind.POSITION, ChannelKind.SPEED, ChannelKind.OTHER)
 
 
 def _unit(
@@ -78,7 +82,7 @@ def _unit(
     values = column[np.isfinite(column)]
     if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
         return None
-    least = SOMETIMES if limits.kinds[j] is Kind.SPEED else MOSTLY
+    least = SOMETIMES if limits.kinds[j] is ChannelKind.SPEED else MOSTLY
     if _beyond(limits, j, values, air_degC) < least:
         return None
     if limits.kinds[j] not in _BEGIN_ANYWHERE and _beyond(limits, j, values[:FIRST], air_degC) < ALL:
@@ -92,7 +96,7 @@ def _unit(
 
 def _usual(limits: Limits, j: int, values: FloatArray) -> bool:
     """Whether positions (n,) lie on the stroke, and go along some of it; whatever is no position does."""
-    if limits.kinds[j] is not Kind.POSITION:
+    if limits.kinds[j] is not ChannelKind.POSITION:
         return True
     low, high = limits.usual[j]
     most = np.quantile(values, [1.0 - ALL, ALL])
@@ -119,15 +123,15 @@ def _by_the_way(log: Log, config: Config) -> Iterator[tuple[str, str, float]]:
     if not moving:
         return
     paths = [block.path for block in frames_of_log(log, AlignPlan.of(config))]
-    told = set[str]()
+    found = set[str]()
     for source in moving:
         channel = str(source.speed_channel)
         ratio = way_ratio(
             [part[str(source.position_channel)] for part in paths], stroke_of_m(config, source.stroke_m)
         )
         for unit, factor in SPEED_RATIOS:
-            if ratio is not None and abs(ratio / factor - 1.0) < LIKE and channel not in told:
-                told.add(channel)
+            if ratio is not None and abs(ratio / factor - 1.0) < LIKE and channel not in found:
+                found.add(channel)
                 yield channel, unit, factor
 
 

@@ -53,7 +53,7 @@ def replay(
     `ready` is what was built of the same configuration before; `picture` says whether there is to be one.
     `accept` is handed to `read_log`. Returns the summary. Raises `LogError` or `ConfigError`.
     """
-    from observer.estimate.checkpoint import Fit
+    from observer.estimate.checkpoint import CheckpointFit
     from observer.estimate.replay import estimates_of, nut_paths, speeds, start_of, write_results
     from observer.quality.reasons import NotGood
     from observer.report.collect import ReplaySamples
@@ -62,7 +62,8 @@ def replay(
     log = _recorded(log_path, config, **accept)
     machine, estimator = ready or Ready.of(config)
     pipeline = machine.pipeline(estimator)
-    start, kind_of_start = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
+    fit = CheckpointFit.of(config, machine.drive, estimator, pipeline.gap)
+    start, kind_of_start = start_of(log, fit)
     samples = ReplaySamples(config, estimator.layout)
     reasons: dict[str, int] = {}
     not_good = NotGood(machine.plan.channels)
@@ -121,7 +122,7 @@ def forecast(
     The program is learnt from the log's end, or given as a log of the input channels. `accept` is handed to
     `read_log`. Returns sentences. Raises `LogError` or `ConfigError`.
     """
-    from observer.estimate.checkpoint import Fit
+    from observer.estimate.checkpoint import CheckpointFit
     from observer.estimate.replay import estimates_of, start_of
     from observer.files.writer import write_log
     from observer.forecast.document import document, sentences
@@ -135,7 +136,7 @@ def forecast(
     log, machine = _recorded(log_path, config, **accept), Machine.of(config, learns=True)
     estimator = machine.estimator()
     pipeline, learner = machine.pipeline(estimator), Learner(machine)
-    start, _ = start_of(log, Fit.of(config, machine.drive, estimator, pipeline.gap))
+    start, _ = start_of(log, CheckpointFit.of(config, machine.drive, estimator, pipeline.gap))
     last: EstimateBlock | None = None
     for block in estimates_of(log, machine.plan, pipeline, progress, start):
         learner.take(pipeline.inputs, block)

@@ -55,7 +55,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
 
     Returns what has been learnt, with σ. Raises `ConfigError` where nothing is learnt or left to go by.
     """
-    from observer.estimate.checkpoint import Fit, UnfitError
+    from observer.estimate.checkpoint import CheckpointFit, UnfitError
     from observer.estimate.checkpoint import load as load_checkpoint
     from observer.fit.tolerance import offered
     from observer.installation.write_back import with_effects, write_back
@@ -69,7 +69,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     if file is None:
         raise ConfigError(f"{config_path}: the service keeps no checkpoint; give [checkpoint] directory")
     try:
-        fit = Fit.of(config, machine.drive, machine.estimator(), machine.gap())
+        fit = CheckpointFit.of(config, machine.drive, machine.estimator(), machine.gap())
         stood = load_checkpoint(file, fit).estimator
     except UnfitError as error:
         raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None

@@ -23,7 +23,7 @@ NOT_ARMED = "not armed yet"
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class CompensationLine:
     """error(x) = `offset_um` + `slope_um_m` (x − reference), x in the machine's coordinates."""
 
     offset_um: float
@@ -31,7 +31,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class CompensationPlan:
     """Where and how fast a compensation may go.
 
     `screw_m`, `machine_m` (n,) are the table's points on the screw and in the machine, whose zero is `zero_m`
@@ -74,7 +74,7 @@ class CompensationState:
         return self.reason is None
 
 
-def plan_of(config: Config) -> Plan:
+def plan_of(config: Config) -> CompensationPlan:
     """Return the plan of a configuration; the travel is, unless given, the first stroke, else the screw."""
     settings = config.compensation
     strokes = [s.stroke_m for s in config.source if s.stroke_m is not None]
@@ -85,7 +85,7 @@ def plan_of(config: Config) -> Plan:
     reference_m = settings.reference_m if settings.reference_m is not None else (low + high) / 2
     at_m = direction * (reference_m - settings.zero_m)
     design = np.column_stack([np.ones_like(machine_m), machine_m - at_m])
-    return Plan(
+    return CompensationPlan(
         screw_m=screw_m,
         machine_m=machine_m,
         zero_m=settings.zero_m,
@@ -101,34 +101,34 @@ def plan_of(config: Config) -> Plan:
     )
 
 
-def initial(plan: Plan) -> CompensationState:
+def initial(plan: CompensationPlan) -> CompensationState:
     """Return the state before anybody has armed: off, at zero."""
     return CompensationState(NOT_ARMED, float("nan"), np.zeros(len(plan.screw_m)), np.zeros(2))
 
 
-def table_of(plan: Plan, grid_m: FloatArray, error_um: FloatArray) -> FloatArray:
+def table_of(plan: CompensationPlan, grid_m: FloatArray, error_um: FloatArray) -> FloatArray:
     """Return the error at the table's points (n,) from that on the grid (g,), in the machine's direction."""
     return np.asarray(plan.direction * np.interp(plan.screw_m, grid_m, error_um))
 
 
-def bound_of(plan: Plan, grid_m: FloatArray, block: EstimateBlock) -> FloatArray:
+def bound_of(plan: CompensationPlan, grid_m: FloatArray, block: EstimateBlock) -> FloatArray:
     """Return the bound of an estimate's error at the table's points (n,); NaN where it is not known."""
     if not block.error_bound_um.size:
         return np.full(len(plan.screw_m), np.nan)
     return np.asarray(np.interp(plan.screw_m, grid_m, block.error_bound_um[0]))
 
 
-def line_of(plan: Plan, table_um: FloatArray) -> Line:
+def line_of(plan: CompensationPlan, table_um: FloatArray) -> CompensationLine:
     """Return the line that fits a table best, by least squares over the travel, within the gradient limit.
 
     Where the slope is cut, the line keeps its value at the reference.
     """
     offset_um, slope_um_m = plan.fit @ table_um
     limit = plan.gradient_um_m
-    return Line(float(offset_um), float(np.clip(slope_um_m, -limit, limit)))
+    return CompensationLine(float(offset_um), float(np.clip(slope_um_m, -limit, limit)))
 
 
-def within_gradient(plan: Plan, table_um: FloatArray) -> FloatArray:
+def within_gradient(plan: CompensationPlan, table_um: FloatArray) -> FloatArray:
     """Return the table with no step between neighbours above the gradient limit, true at the reference."""
     most = plan.gradient_um_m * np.abs(np.diff(plan.machine_m))
     steps = np.clip(np.diff(table_um), -most, most)
@@ -144,15 +144,20 @@ def toward(now_um: FloatArray, wanted_um: FloatArray, most_um: float) -> FloatAr
     return now_um + np.clip(wanted_um - now_um, -most_um, most_um)
 
 
-def line_through(plan: Plan, ends_um: FloatArray) -> Line:
+def line_through(plan: CompensationPlan, ends_um: FloatArray) -> CompensationLine:
     """Return the line through two values at the ends of the travel."""
     first_m, last_m = plan.machine_m[0], plan.machine_m[-1]
     slope_um_m = (ends_um[1] - ends_um[0]) / (last_m - first_m)
-    return Line(float(ends_um[0] + slope_um_m * (plan.reference_m - first_m)), float(slope_um_m))
+    return CompensationLine(float(ends_um[0] + slope_um_m * (plan.reference_m - first_m)), float(slope_um_m))
 
 
 def advance(
-    plan: Plan, state: CompensationState, block: EstimateBlock, grid_m: FloatArray, *, arm: bool = False
+    plan: CompensationPlan,
+    state: CompensationState,
+    block: EstimateBlock,
+    grid_m: FloatArray,
+    *,
+    arm: bool = False,
 ) -> CompensationState:
     """Return the state after an estimate, a block of one; `arm` says that somebody has armed by hand.
 
@@ -185,7 +190,7 @@ def advance(
     return CompensationState(None, time_s, table_um, ends_um, limited)
 
 
-def _why_beyond(plan: Plan, error_um: float, bound_um: FloatArray) -> str | None:
+def _why_beyond(plan: CompensationPlan, error_um: float, bound_um: FloatArray) -> str | None:
     """Say why an error that is as large, with these bounds at the table's points, is not to be used; None
     where it may be.
     """

@@ -1,4 +1,4 @@
-"""The compensation beside the loop: armed by a subscriber, followed at each estimate, told as JSON."""
+"""The compensation beside the loop: armed by a subscriber, updated at each estimate, published as JSON."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Compensator:
         instance: str = "",
         held: compensation.CompensationState | None = None,
     ) -> None:
-        """Plan the compensation of a configuration whose `[compensation]` is enabled.
+        """CompensationPlan the compensation of a configuration whose `[compensation]` is enabled.
 
         `held` is what one before held: off, with its values for the next arming to start from.
         """

@@ -48,7 +48,7 @@ class Snapshot:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class CheckpointFit:
     """What a checkpoint has to fit: plant and compensation by digest, states by those of a cold start."""
 
     plant: str
@@ -61,7 +61,7 @@ class Fit:
     @classmethod
     def of(
         cls, config: Config, drive: FrameDrive[Any], estimator: Estimator, gap: GapWatch | None = None
-    ) -> Fit:
+    ) -> CheckpointFit:
         """What fits these parts."""
         settings = config.compensation
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]
@@ -70,7 +70,7 @@ class Fit:
         return cls(config.plant_digest, drive.initial(), estimator.initial(), setup, held, watched)
 
 
-def pack(snapshot: Snapshot, fit: Fit) -> bytes:
+def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
     """A snapshot as bytes; `fit` says of which plant and which compensation."""
     held = {"setup": fit.setup, "state": _plain(snapshot.compensation)} if snapshot.compensation else None
     body = cbor2.dumps(
@@ -87,7 +87,7 @@ def pack(snapshot: Snapshot, fit: Fit) -> bytes:
     return _FORMAT + hashlib.sha256(body).digest() + body
 
 
-def unpack(data: bytes, fit: Fit) -> Snapshot:
+def unpack(data: bytes, fit: CheckpointFit) -> Snapshot:
     """A snapshot from bytes; raises `UnfitError` where they are damaged, or of another plant or program."""
     document = _document(data)
     for key, wanted, remark in (
@@ -109,7 +109,7 @@ def unpack(data: bytes, fit: Fit) -> Snapshot:
     )
 
 
-def load(path: Path, fit: Fit) -> Snapshot:
+def load(path: Path, fit: CheckpointFit) -> Snapshot:
     """A snapshot from a file; raises `UnfitError`, also where the file is missing or cannot be read."""
     try:
         with path.open("rb") as file:
@@ -212,7 +212,7 @@ def _moved(value: Any, by_s: float) -> Any:
     )
 
 
-def _compensation(plain: Any, fit: Fit) -> CompensationState | None:
+def _compensation(plain: Any, fit: CheckpointFit) -> CompensationState | None:
     """What a compensation held, off; None where there is none, or it was set up otherwise."""
     if fit.compensation is None or not isinstance(plain, dict) or plain.get("setup") != fit.setup:
         return None
@@ -222,7 +222,7 @@ def _compensation(plain: Any, fit: Fit) -> CompensationState | None:
     return replace(held, reason=SINCE_RESTART)
 
 
-def _gap(plain: Any, fit: Fit) -> GapState | None:
+def _gap(plain: Any, fit: CheckpointFit) -> GapState | None:
     """What was known of the prediction's gap; None where there is none, or it does not fit."""
     if fit.gap is None or plain is None:
         return None

@@ -13,7 +13,7 @@ import numpy as np
 from observer.align.aligner import AlignPlan, blocks_of_log
 from observer.config import Config
 from observer.errors import LogError
-from observer.estimate.checkpoint import Fit, Snapshot, UnfitError, load, recent
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, recent
 from observer.estimate.pipeline import Pipeline
 from observer.files.folders import write_json
 from observer.files.logs import SUFFIXES, TIME, Log
@@ -40,7 +40,7 @@ def estimates_of(
 ) -> Iterator[EstimateBlock]:
     """The estimates of a log in blocks, by a pipeline that begins cold or, with `start`, there.
 
-    `progress` hears the rows done and their total, `not_good` every block with its frames.
+    `progress` gets the rows done and their total, `not_good` every block with its frames.
     """
     if start is not None:
         pipeline.restore(start.drive, start.estimator, start.gap)
@@ -60,7 +60,7 @@ def estimates_of(
         progress(done, total)
 
 
-def start_of(log: Log, fit: Fit) -> tuple[Snapshot | None, str]:
+def start_of(log: Log, fit: CheckpointFit) -> tuple[Snapshot | None, str]:
     """Where the service stood when it began a recording, None if cold, and a sentence that says so."""
     suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
     beside = log.path.with_name(log.path.name.removesuffix(suffix) + START_SUFFIX)
@@ -177,7 +177,7 @@ def write_results(
 
 
 def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
-    """Return, per moving source, whether the log tells the nut's path."""
+    """Return, per moving source, how well the log shows the nut's path."""
     found = {}
     for source in config.source:
         if source.position_channel is not None:
@@ -221,8 +221,8 @@ def write_history(
     """
     if not np.isfinite(history.heat_W).any():
         raise LogError(
-            f"{log.path}: no sensor has a value while all inputs are known, so no heat can be told; check "
-            "the sensors' channels"
+            f"{log.path}: no sensor has a value while all inputs are known, so no heat can be estimated; "
+            "check the sensors' channels"
         )
     with TableWriter(output / f"heat{suffix}") as writer:
         writer.write(heat_columns(layout, history))

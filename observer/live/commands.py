@@ -67,7 +67,7 @@ class Commands:
                 self._arming.append(command)
 
     def after_step(self, tick_s: float) -> None:
-        """Tell those who asked for the compensation to be armed what the step has made of it."""
+        """Answer those who asked to arm the compensation, by what came of it in the step."""
         arming, self._arming = self._arming, []
         for command in arming:
             assert self._compensator is not None
@@ -87,7 +87,7 @@ class Commands:
         return Outcome(True, "disarmed" if before is None else f"it was off already: {before}", time_s)
 
     def _close(self, command: Command, outcome: Outcome) -> None:
-        if command.refused is None:  # else who asked has been told already
+        if command.refused is None:  # else the sender has been answered already
             command.answer(outcome)
         log.info("command", command=command.kind, done=outcome.done, text=outcome.text, by=command.by)
         if self._recorder is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import structlog
 
-from observer.estimate.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, unpack
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, pack, recent, unpack
 from observer.files.folders import make_folder, write_whole
 from observer.live.observers import Step, StepObserver
 from observer.quality.gap import GapState
@@ -20,7 +20,7 @@ _END_S = 0.1
 log = structlog.get_logger()
 
 
-def stored(path: Path, fit: Fit, now_s: float, oldest_s: float) -> Snapshot | None:
+def stored(path: Path, fit: CheckpointFit, now_s: float, oldest_s: float) -> Snapshot | None:
     """Where the service stood when it ran last, None for a cold start; the log says which and why."""
     try:
         snapshot = recent(load(path, fit), now_s, oldest_s)
@@ -31,7 +31,7 @@ def stored(path: Path, fit: Fit, now_s: float, oldest_s: float) -> Snapshot | No
     return snapshot
 
 
-def known_of_gap(path: Path, fit: Fit) -> GapState | None:
+def known_of_gap(path: Path, fit: CheckpointFit) -> GapState | None:
     """What was known of the prediction's gap when the service ran last, however long ago; None if nothing."""
     try:
         gap = load(path, fit).gap
@@ -41,7 +41,10 @@ def known_of_gap(path: Path, fit: Fit) -> GapState | None:
 
 
 def carried(
-    snapshot: Snapshot | None, before: Fit, now: Fit, over: Callable[[], Snapshot | None] = lambda: None
+    snapshot: Snapshot | None,
+    before: CheckpointFit,
+    now: CheckpointFit,
+    over: Callable[[], Snapshot | None] = lambda: None,
 ) -> Snapshot | None:
     """A snapshot for parts that are built anew, None where there is no way; the log says why.
 
@@ -65,7 +68,7 @@ def carried(
 class Keeper(StepObserver):
     """Writes the newest snapshot to one file, at most every `period_s`, and the last one at the end."""
 
-    def __init__(self, path: Path, fit: Fit, period_s: float) -> None:
+    def __init__(self, path: Path, fit: CheckpointFit, period_s: float) -> None:
         self._path = path
         self._fit = fit
         self._period_s = period_s
@@ -121,7 +124,7 @@ class Keeper(StepObserver):
             self._changed.notify()
 
     def _supervised(self) -> None:
-        """Write until closed; a defect in here is told, and ends the thread, which `alive` shows."""
+        """Write until closed; a defect in here is reported and ends the thread, which `alive` shows."""
         try:
             self._run()
         except Exception as error:  # whatever it is, health and watchdog are to know
@@ -144,4 +147,4 @@ class Keeper(StepObserver):
             write_whole(self._path, pack(snapshot, self._fit))
             self.reason = None
         except OSError as error:
-            self.reason = f"{self._path}: cannot be written ({error.strerror}); free space or mend the place"
+            self.reason = f"{self._path}: cannot be written ({error.strerror}); free space or repair it"

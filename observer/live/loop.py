@@ -167,7 +167,7 @@ def _end(service: Service, cycles: _Cycles) -> None:
 
 
 async def _refuse_a_second_service(publisher: Publisher) -> None:
-    """Raise `UserError` where another service has the axis, as far as the network tells in six seconds."""
+    """Raise `UserError` where another service has the axis, as far as the network shows in six seconds."""
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(_SETTLE_S):
             while not publisher.status.settled:
@@ -311,20 +311,20 @@ class _Cycles:
         return before != self._estimate
 
     def _compensation(self, document: Mapping[str, Any]) -> None:
-        """Tell the subscribers and the control what is compensated."""
+        """Send the compensation to the subscribers and the control."""
         self._service.publisher.document("compensation", document)
         if self._service.control is not None:
             self._service.control.take(document)
 
     def _ping(self) -> None:
-        """Tell the service manager that a cycle is complete and, if they are, that all threads live."""
+        """Report to the service manager that a cycle is complete and, if so, that all threads are alive."""
         words = ["READY=1"] if self.count == 1 else []
         words += ["WATCHDOG=1"] if self._all_alive() else []
         if words:
             self._service.notify("\n".join(words))
 
     def _all_alive(self) -> bool:
-        """Whether every thread lives that the service needs; else the watchdog is pinged no more."""
+        """Whether every thread that the service needs is alive; if not, the watchdog is not pinged."""
         service = self._service
         parts = (self.wires, service.publisher.status, service.recorder, *service.observers)
         return all(part is None or part.alive for part in parts)

@@ -22,7 +22,7 @@ LOOK_S = 5.0
 """How long is waited for a value of every channel; half as long again as a period, where that is longer."""
 LONGEST_S = 15.0
 ENOUGH = 4
-"""Readings of a driver by which its rate can be told."""
+"""Readings of a driver that are enough for its rate."""
 _END_S = 2.0
 _LOOK_AGAIN_S = 0.05
 

@@ -113,7 +113,7 @@ class Renewals(Generic[Prepared]):
         return None
 
     def notices(self) -> tuple[str, ...]:
-        """What health is to tell of them."""
+        """Reasons for health."""
         if self._refused is None or time.monotonic() - self._refused[0] > NOTICE_S:
             return ()
         return (f"the new configuration was refused, the old one is in force: {self._refused[1]}",)

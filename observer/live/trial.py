@@ -73,7 +73,7 @@ class Pair:
         )
 
     def _running_s(self, inputs: Inputs) -> float:
-        """How long some heat entered by its law; a machine that stands still tells nothing of either."""
+        """How long some heat entered by its law; a machine at rest says nothing about either."""
         runs = (inputs.law_W != 0.0).any(axis=1) | (not self._has_laws)
         return float(inputs.dt_s[runs].sum())
 
@@ -83,7 +83,7 @@ def has_shrunk(adoption: Adoption) -> bool:
     return adoption.values > 0 and adoption.squares_K2 <= SHRUNK**2 * adoption.before_squares_K2
 
 
-class Trial(StepObserver):
+class AdoptionTrial(StepObserver):
     """Watches the file of a configuration for what is adopted in its place, and what comes of it.
 
     `reload` has the service read its configuration again.
@@ -122,7 +122,7 @@ class Trial(StepObserver):
             self._frames.append(frame)
 
     def document(self) -> dict[str, Any] | None:
-        """What health tells of the last adoption, None where there was none."""
+        """The last adoption as a field of health, None where there was none."""
         return None if self._adoption is None else self._adoption.document()
 
     def health(self) -> dict[str, Any]:
@@ -130,11 +130,11 @@ class Trial(StepObserver):
         return {"adoption": self.document()}
 
     def notices(self) -> tuple[str, ...]:
-        """What health is to give as a reason."""
-        told = () if self._problem is None else (f"adoption: {self._problem}",)
+        """Reasons for health."""
+        reasons = () if self._problem is None else (f"adoption: {self._problem}",)
         if self._told is None or time.monotonic() - self._told[0] > NOTICE_S:
-            return told
-        return (*told, f"adoption: {self._told[1]}")
+            return reasons
+        return (*reasons, f"adoption: {self._told[1]}")
 
     def close(self, timeout_s: float) -> None:
         """Write down how far it has come, and end."""
@@ -142,7 +142,7 @@ class Trial(StepObserver):
         self._thread.join(timeout_s)
 
     def _supervised(self) -> None:
-        """Watch until closed; whatever goes wrong is told, and the service goes on."""
+        """Watch until closed; whatever goes wrong is reported, and the service goes on."""
         while not self._closing.wait(LOOK_S):
             try:
                 self.look()

@@ -61,7 +61,7 @@ class Wires:
 
     @property
     def alive(self) -> bool:
-        """Whether the thread lives and comes round."""
+        """Whether the thread is alive and its event loop responds."""
         return self._thread.is_alive() and time.monotonic() - self._beat_s < _DEAF_S
 
     def statuses(self) -> dict[str, DriverStatus]:
@@ -95,7 +95,7 @@ class Wires:
             log.error("the drivers' thread has ended", error=repr(error), exc_info=True)
 
     async def _run(self) -> None:
-        """Run every driver until told to end; a driver that does not end then is left behind."""
+        """Run every driver until asked to end; a driver that does not end then is left behind."""
         tasks = [asyncio.ensure_future(self._listen(driver)) for driver in self._drivers]
         while not self._closing.is_set():
             self._beat_s = time.monotonic()

@@ -14,7 +14,7 @@ STEP_S = 0.5
 class ServiceClock:
     """The epoch as it was at the start, plus what a monotonic clock has counted since.
 
-    When somebody sets the computer's clock, the service's time goes on evenly and `offset_s` tells how far
+    When somebody sets the computer's clock, the service's time goes on evenly and `offset_s` is how far
     the two are apart.
     """
 

@@ -1,4 +1,4 @@
-"""The service manager (systemd), told of readiness and life without ever being waited for."""
+"""Reports readiness and life to the service manager (systemd) without ever waiting for it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _SEND_S = 0.05
 
 
 def service_manager() -> Callable[[str], object]:
-    """Return what tells the service manager; where it reads nothing, a message is dropped after 50 ms.
+    """Return what notifies the service manager; where it reads nothing, a message is dropped after 50 ms.
 
     Its socket holds ten messages. A manager that is held up must not hold up the estimator.
     """

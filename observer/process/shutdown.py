@@ -25,7 +25,7 @@ ON_ITS_WAY_S = 1.0
 class StopSignals:
     """Tells of the first SIGTERM or SIGINT and leaves the process `GRACE_S` later, or at the second.
 
-    Signals are heard by a thread through the wake-up descriptor, which the system writes to even while the
+    Signals reach a thread through the wake-up descriptor, which the system writes to even while the
     main thread hangs in compiled code. `flush` is called before the process is left by force. SIGHUP asks for
     the configuration to be read again; where there is none, or because the terminal has gone, it ends the
     process like the others. Only the main thread may enter.
@@ -53,7 +53,7 @@ class StopSignals:
 
     def __enter__(self) -> StopSignals:
         self._there.setblocking(False)
-        # nothing: the wake-up descriptor tells the thread
+        # nothing: the wake-up descriptor notifies the thread
         self._handlers = {s: signal.signal(s, lambda *_: None) for s in _HEARD}
         self._fd = signal.set_wakeup_fd(self._there.fileno(), warn_on_full_buffer=False)
         threading.Thread(target=self._listen, name="signals", daemon=True).start()

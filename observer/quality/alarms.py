@@ -43,7 +43,7 @@ _RESTLESS = 3.0
 log = structlog.get_logger()
 
 
-class Source(NamedTuple):
+class BandedSource(NamedTuple):
     """A source with a law: its name, its place among the estimated ones, and what its band depends on."""
 
     name: str
@@ -51,7 +51,7 @@ class Source(NamedTuple):
     law: str
 
 
-class Offsets(NamedTuple):
+class KnownSensor(NamedTuple):
     """A sensor: its name, the place of its offset among what is learnt if it is, and what is said of it."""
 
     name: str
@@ -60,22 +60,22 @@ class Offsets(NamedTuple):
 
 
 class AlarmDesk:
-    """Takes every estimate, looks at the facts now and then, and tells what somebody should come for."""
+    """Takes every estimate, looks at the facts now and then, and says which alarms are raised."""
 
     def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
-        """Begin where the file tells, None where nothing is kept; `layout` is that of the estimates."""
+        """Begin from what `file` holds, if there is one; `layout` is that of the estimates."""
         self._settings = settings
         self._sensors = {s.channel: s.name for s in config.sensor}
         estimated = [s for s in config.source if s.estimate]
         self._sources = [
-            Source(s.name, i, s.model_dump_json()) for i, s in enumerate(estimated) if s.law is not None
+            BandedSource(s.name, i, s.model_dump_json()) for i, s in enumerate(estimated) if s.law is not None
         ]
         self._gathering = {source.name: _NOTHING for source in self._sources}
         self._bands = {source.name: bands.nothing_known() for source in self._sources}
         said = {s.name: s.model_dump_json() for s in config.sensor}
         learned = {name: i for i, name in enumerate(layout.learned)}
         self._known = [
-            Offsets(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
+            KnownSensor(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
         ]
         self._offsets = {sensor.name: SensorOffset() for sensor in self._known}
         self._apart_K = np.zeros(len(self._known))
@@ -137,7 +137,7 @@ class AlarmDesk:
         return bands.learnt(band, window, self._settings.learn_h, self._settings.deadband)
 
     def look(self, facts: Facts, departure: Departure | None) -> bool:
-        """Judge what holds now; says whether something changed that is worth telling at once."""
+        """Judge what holds now; says whether something changed that should be published at once."""
         holding = [
             condition
             for condition in (
@@ -255,7 +255,7 @@ class AlarmDesk:
         }
 
     def _restore(self, file: Path) -> None:
-        """Take what a service before this one has kept, as far as it fits; the rest begins afresh."""
+        """Take what a service before this one has kept, as far as it fits; the rest starts anew."""
         try:
             kept = json.loads(file.read_bytes())
             if kept["format"] != _FORMAT:
@@ -321,7 +321,7 @@ def conditions(facts: Facts, departure: Departure | None, sensors: Mapping[str, 
 def _of_channels(
     frame: FrameBlock, faults: Mapping[str, str], sensors: Mapping[str, str]
 ) -> Iterator[Condition]:
-    """Channels that give no value, but those of a wire that is gone: the wire's alarm tells of them."""
+    """Channels that give no value, but those of a wire that is gone: the wire has an alarm of its own."""
     for j, channel in enumerate(frame.channels):
         quality, fault = Quality(frame.quality[-1, j]), faults.get(channel)
         if quality == Quality.GOOD or fault == _DISCONNECTED:

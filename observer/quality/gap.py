@@ -29,11 +29,11 @@ LEAST_H = 1.0
 LEAST_REST_H = 0.25
 """… or of a machine at rest, before so many."""
 LIMIT, LIMIT_OFF = 1.3, 1.0
-"""How much more than allowed a sensor's gap must be to be told, and how little to be told no more."""
+"""How much more than allowed a sensor's gap must be to be reported, and how small for the report to end."""
 BREAK_S = 300.0
 """After so long without an input the prediction begins again where the sensors say."""
 HARDLY_WARM_K = 1.0
-"""A machine that does not work and is hardly warmer than the air is at rest, and tells of sensors only."""
+"""A machine that does not work and is hardly warmer than the air is at rest: only sensors are judged."""
 WORKS = 0.02
 """Part of the most heat of any law from which on the machine works."""
 FASTEST_FADES_S = 4 * 86_400.0
@@ -51,7 +51,7 @@ class GapState:
     `x`, `theta` and `P` as in `TolerantState`; `sums` (phases, s, 3): ∫ gap², ∫ allowed² and the time,
     fading; `waiting` (s, 3) those of a standstill of `stood_s` that may be a dwell or a cool-down; `judged_s`
     of work so far; `rise_K` of the sensors on average, and its `fastest_K_s` growth; `most_W` any law's most
-    heat; `last_s` is since when a gap is told, NaN while none is, of sensor number `sensor`, in `phase`.
+    heat; `last_s` is since when a gap is reported, NaN while none is, of sensor number `sensor`, in `phase`.
     """
 
     time_s: float
@@ -81,7 +81,7 @@ class Departure(NamedTuple):
 
 
 class GapWatch:
-    """Watches the gap; `figures` and `departure` tell what is known, `state` is what a checkpoint keeps."""
+    """Watches the gap; `figures` and `departure` describe it, `state` is what a checkpoint keeps."""
 
     def __init__(self, tolerant: Tolerant, sensors: tuple[str, ...]) -> None:
         """Begin with nothing known of the machine."""
@@ -179,10 +179,10 @@ class GapWatch:
             state = replace(state, waiting=state.waiting + new, stood_s=state.stood_s + dt_s)
             if state.stood_s >= DWELL_S:
                 state = replace(_resolved(state, _COOL), stood_s=state.stood_s)
-        return self._told(state)
+        return self._reported(state)
 
-    def _told(self, state: GapState) -> GapState:
-        """The state, with what is to be told of it."""
+    def _reported(self, state: GapState) -> GapState:
+        """The state, with the departure to be reported, if any."""
         ratio = _ratios(state.sums)
         worst = int(np.argmax(ratio))
         if ratio[worst] > (LIMIT if math.isnan(state.last_s) else LIMIT_OFF):
@@ -210,26 +210,26 @@ class GapWatch:
 
     @property
     def history(self) -> dict[str, Any]:
-        """What a replay tells of it: the figures at the end, the largest gap over what was allowed of any
+        """For the summary of a replay: the figures at the end, the largest gap over what was allowed of any
         sensor, and every departure.
         """
-        told = [
+        departures = [
             {"sensor": d.sensor, "since_s": d.since_s, "phase": d.phase, "rms_K": round(d.rms_K, 3),
              "allowed_K": round(d.allowed_K, 3)}
             for d in self._departures
         ]  # fmt: skip
-        return {"now": self.figures, "most_of_allowed": round(self._most, 3), "departures": told}
+        return {"now": self.figures, "most_of_allowed": round(self._most, 3), "departures": departures}
 
     @property
     def figures(self) -> dict[str, Any] | None:
-        """What health tells of the gap, None before an hour of work."""
+        """For health, None before an hour of work."""
         state = self.state
         work = state.sums[_REST + 1 :].sum(axis=0)
         if state.judged_s < 3600.0 * LEAST_H or not work[:, 2].any():
             return None
         gap_K, _ = _rms(work)
         total = _rms(work.sum(axis=0)[None])
-        told = not math.isnan(state.last_s)
+        departed = not math.isnan(state.last_s)
         return {
             "hours": round(state.judged_s / 3600.0, 2),
             "rms_K": round(float(total[0][0]), 3),
@@ -238,9 +238,9 @@ class GapWatch:
                 name: round(float(rms_K), 3) if seen_s else None
                 for name, rms_K, seen_s in zip(self._sensors, gap_K, work[:, 2], strict=True)
             },
-            "since_s": state.last_s if told else None,
-            "sensor": self._sensors[state.sensor] if told else None,
-            "phase": PHASES[state.phase] if told else None,
+            "since_s": state.last_s if departed else None,
+            "sensor": self._sensors[state.sensor] if departed else None,
+            "phase": PHASES[state.phase] if departed else None,
         }
 
 

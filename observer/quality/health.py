@@ -1,4 +1,4 @@
-"""What the service says of itself: one state, the reasons for it, and the counts behind them."""
+"""The health of the service: one state, the reasons for it, and the counts behind them."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def _excess(facts: Facts) -> dict[str, dict[str, Any]]:
     found = {}
     for finding in facts.findings:
         if (unit := _LEFT_OUT.get(finding.fault)) is not None:
-            first, _, _ = finding.subject.partition(", ")  # of two that were exchanged, the one it tells of
+            first, _, _ = finding.subject.partition(", ")  # of two that were exchanged, the one it is about
             name = first if finding.fault is Fault.LEAPT else channels.get(first, first)
             value = round(finding.value, _DIGITS) if math.isfinite(finding.value) else None
             sigma = round(finding.expected, _DIGITS) if finding.expected > 0.0 else None
@@ -176,7 +176,7 @@ def _reasons(facts: Facts, channels: Mapping[str, Mapping[str, Any]]) -> Iterato
         yield f"the estimator's step failed: {facts.failure}"
     for name, channel in channels.items():
         quality, fault = channel["quality"], channel["fault"]
-        if quality not in (Quality.GOOD.label, Quality.EXCLUDED.label):  # of these a finding tells
+        if quality not in (Quality.GOOD.label, Quality.EXCLUDED.label):  # a finding reports these
             yield channel_sentence(name, quality, fault)
     yield from dict.fromkeys(map(sentence, facts.findings))
     for name, (status, _) in facts.drivers.items():

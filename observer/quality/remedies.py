@@ -1,4 +1,4 @@
-"""What to look at when a channel delivers a fault, or nothing: a sentence for each that a driver tells."""
+"""What to look at when a channel delivers a fault, or nothing: a sentence for each of the drivers' faults."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _EXCEPTIONS = {
 def remedy_for(fault: str | None, implausible: str | None) -> str | None:
     """What to do about a channel; None where nothing is wrong with it.
 
-    An implausible value says itself what it looks like; so the rest is where to mend it.
+    An implausible value says itself what it looks like; so the rest is where to fix it.
     """
     if fault is not None:
         if fault.startswith("exception_") and fault[10:].isdigit():

@@ -34,7 +34,7 @@ _STAMP = re.compile(r"-(\d{8}T\d{6}Z)(?:-(\d+))?\.csv$")
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class RecordedStretch:
     """Frames without a long pause, and the file that they begin in."""
 
     path: Path
@@ -66,7 +66,7 @@ def duration_s(text: str) -> float:
     return float(found[1]) * _UNITS_S[found[2]]
 
 
-def stretches(record: Record, name: str, plan: AlignPlan, last_s: float) -> list[Stretch]:
+def stretches(record: Record, name: str, plan: AlignPlan, last_s: float) -> list[RecordedStretch]:
     """The stretches of the last `last_s` seconds that a service called `name` has recorded, the oldest first.
 
     Time counts back from the newest row. A row that is being written is left out. Raises `ConfigError` where
@@ -159,7 +159,7 @@ def _one(before: Log, after: Log) -> Log:
     )
 
 
-def _stretches(run: Sequence[Log], plan: AlignPlan, from_s: float) -> Iterator[Stretch]:
+def _stretches(run: Sequence[Log], plan: AlignPlan, from_s: float) -> Iterator[RecordedStretch]:
     """The frames of a run from a time on, parted where nothing came for long, or the estimator was reset."""
     blocks, starts, count, last_tick_s = list[FrameBlock](), list[int](), 0, math.nan
     for log in run:
@@ -174,4 +174,4 @@ def _stretches(run: Sequence[Log], plan: AlignPlan, from_s: float) -> Iterator[S
     starts += [wanted, *np.flatnonzero(frames.dt_s > PAUSE_S).tolist()]
     edges = [*sorted({start for start in starts if wanted <= start < count}), count]
     for begin, end in itertools.pairwise(edges):
-        yield Stretch(run[0].path, part(frames, begin, end))
+        yield RecordedStretch(run[0].path, part(frames, begin, end))

@@ -125,7 +125,7 @@ class Recorder:
             self._queue.append((row, is_tick))
 
     def _supervised(self) -> None:
-        """Write until closed; a defect in here is told, and ends the thread, which `alive` shows."""
+        """Write until closed; a defect in here is reported and ends the thread, which `alive` shows."""
         try:
             self._run()
         except Exception as error:  # whatever it is, health and watchdog are to know
@@ -144,7 +144,7 @@ class Recorder:
                 self._refused = None
             except OSError as error:
                 place = self._file.path or self._directory
-                self._refused = f"{place}: cannot be written ({error.strerror}); free space or mend the place"
+                self._refused = f"{place}: cannot be written ({error.strerror}); free space or repair it"
             if closing:
                 self._file.close()
                 return
@@ -185,7 +185,7 @@ class Recorder:
                 log.info("recording removed", path=str(path))
             self._shortage = shortage(self._directory, self._keep)
         except OSError as error:
-            self._shortage = f"{self._directory}: cannot be looked after ({error.strerror}); mend the place"
+            self._shortage = f"{self._directory}: cannot be cleaned up ({error.strerror}); repair it"
 
 
 def header(channels: Sequence[str]) -> bytes:

@@ -122,7 +122,7 @@ def is_being_written(path: Path) -> bool:
 
 
 def refuse_shared(folder: Path, name: str) -> None:
-    """Raise `ConfigError` where a service of this name is recording into a folder, as far as locks tell.
+    """Raise `ConfigError` where a service of this name is recording into a folder, as far as locks show.
 
     The network may not show it. The two would write over each other's checkpoint.
     """

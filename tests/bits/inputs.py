@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from observer.align.aligner import Aligner, AlignPlan, Position
-from observer.align.plausibility import Kind, Limits
+from observer.align.plausibility import ChannelKind, Limits
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.selftest import SelfTest
 from observer.frames import EstimateBlock, FrameBlock, Inputs, NutPath, Reading
@@ -227,9 +227,8 @@ def _plan(*, ambient=2, periods=(0.5, 0.5, math.nan, 0.1, 0.02, math.nan), speed
     rate[0], slack[0] = 5.0, 0.5
     above, below = np.full(c, inf), np.full(c, inf)
     above[:2], below[:2] = 45.0, 25.0
-    limits = Limits(
-        (Kind.OTHER,) * c, low, high, rate, above, below, slack, np.column_stack([low, high]), ambient, 21.0
-    )
+    kinds = (ChannelKind.OTHER,) * c
+    limits = Limits(kinds, low, high, rate, above, below, slack, np.column_stack([low, high]), ambient, 21.0)
     noise_K = np.array([0.05, 0.05, *(math.nan,) * 4])
     positions = (Position(4, speed, 0.01), Position(5))
     return AlignPlan(CHANNELS, positions, np.array(periods, float), noise_K, 0.5, limits)

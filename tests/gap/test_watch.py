@@ -13,7 +13,7 @@ import pytest
 from campaigns.gap.months import EFFECTS, Rig
 from observer import app
 from observer.align.aligner import frames_of_log
-from observer.estimate.checkpoint import Fit, Snapshot, pack, shifted, unpack
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted, unpack
 from observer.estimate.machine import Machine
 from observer.estimate.pipeline import Pipeline
 from observer.files.folders import write_whole
@@ -164,7 +164,7 @@ def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inp
     estimator = machine.estimator()
     watch = _watch(machine)
     watch.take(inputs[0])
-    fit = Fit.of(machine.config, machine.drive, estimator, watch)
+    fit = CheckpointFit.of(machine.config, machine.drive, estimator, watch)
     snapshot = Snapshot(9.0, machine.drive.initial(), estimator.initial(), gap=watch.state)
     again = unpack(pack(snapshot, fit), fit).gap
     assert again.P.tobytes() == watch.state.P.tobytes()

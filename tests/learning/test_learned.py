@@ -8,7 +8,7 @@ import pytest
 from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import ConfigError
-from observer.estimate.checkpoint import Fit, Snapshot, pack
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.machine import Machine
 from observer.installation import load
 from tests.learning.cover import log_of
@@ -34,7 +34,7 @@ def run_for_an_hour(config_path: Path) -> dict[str, tuple[float, float]]:
     snapshot = Snapshot(float(block.time_s[-1]), *pipeline.snapshot())
     file = config.checkpoint_file
     assert file is not None
-    file.write_bytes(pack(snapshot, Fit.of(config, machine.drive, estimator)))
+    file.write_bytes(pack(snapshot, CheckpointFit.of(config, machine.drive, estimator)))
     each = zip(block.learned[-1].tolist(), block.learned_sigma[-1].tolist(), strict=True)
     return dict(zip(machine.plant.layout.learned, each, strict=True))
 

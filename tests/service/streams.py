@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from observer.align.aligner import Aligner, AlignPlan, Position
-from observer.align.plausibility import Kind, Limits
+from observer.align.plausibility import ChannelKind, Limits
 from observer.frames import FrameBlock, Reading
 from observer.record.recorder import header, row_of_reading
 
@@ -22,7 +22,16 @@ def plan(*, expected_s=(0.5, 0.5, 0.02), noise_K=(0.05, 0.05, math.nan), period_
         np.array(expected_s, float),
         np.array(noise_K, float),
         period_s,
-        Limits((Kind.OTHER,) * 3, -WIDE, WIDE, WIDE, WIDE, WIDE, np.zeros(3), np.column_stack([-WIDE, WIDE])),
+        Limits(
+            (ChannelKind.OTHER,) * 3,
+            -WIDE,
+            WIDE,
+            WIDE,
+            WIDE,
+            WIDE,
+            np.zeros(3),
+            np.column_stack([-WIDE, WIDE]),
+        ),
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from observer.align.aligner import blocks_of_log
 from observer.config import Config
-from observer.estimate.checkpoint import Fit, Snapshot
+from observer.estimate.checkpoint import CheckpointFit, Snapshot
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
@@ -137,8 +137,8 @@ def test_without_anything_in_common_it_starts_cold():
     assert carried_over(unknown, last, machine, *other) is None
 
 
-def _fit(machine: Machine, estimator: Estimator, config: Config) -> Fit:
-    return Fit.of(config, machine.drive, estimator)
+def _fit(machine: Machine, estimator: Estimator, config: Config) -> CheckpointFit:
+    return CheckpointFit.of(config, machine.drive, estimator)
 
 
 def test_a_service_built_anew_goes_on_with_what_is_carried_over():

@@ -16,7 +16,16 @@ from hypothesis import strategies as st
 from observer.align.aligner import frames_of_log
 from observer.control import compensation
 from observer.estimate import checkpoint
-from observer.estimate.checkpoint import Fit, Snapshot, UnfitError, load, pack, recent, shifted, unpack
+from observer.estimate.checkpoint import (
+    CheckpointFit,
+    Snapshot,
+    UnfitError,
+    load,
+    pack,
+    recent,
+    shifted,
+    unpack,
+)
 from observer.estimate.machine import Machine
 from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
@@ -49,8 +58,8 @@ def rig(machine):
 
 
 @pytest.fixture(scope="module")
-def fit(machine, rig) -> Fit:
-    return Fit.of(machine.config, machine.drive, rig[0])
+def fit(machine, rig) -> CheckpointFit:
+    return CheckpointFit.of(machine.config, machine.drive, rig[0])
 
 
 def _assert_same(one, other) -> None:

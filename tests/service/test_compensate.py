@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from observer.config import Config
 from observer.control import compensation
-from observer.control.compensation import CompensationState, Plan
+from observer.control.compensation import CompensationPlan, CompensationState
 from observer.control.compensator import Compensator
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Layout
@@ -48,7 +48,9 @@ def estimate(
     )
 
 
-def followed(plan: Plan, error_um: FloatArray, seconds: float, state: CompensationState | None = None):
+def followed(
+    plan: CompensationPlan, error_um: FloatArray, seconds: float, state: CompensationState | None = None
+):
     """The state after estimates of one error, one every half second."""
     state = compensation.initial(plan) if state is None else state
     begin = 0.0 if np.isnan(state.time_s) else state.time_s

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import Aligner, AlignPlan
-from observer.align.plausibility import Breach, Kind, Limits, doubts_of_log, motion_sentence, unit_hint
+from observer.align.plausibility import Breach, ChannelKind, Limits, doubts_of_log, motion_sentence, unit_hint
 from observer.config import ConfigError
 from observer.frames import Quality, Reading
 from observer.installation import parse
@@ -86,8 +86,8 @@ def test_a_heater_on_a_bench_may_be_hot():
 
 
 def test_no_unit_is_guessed_where_none_fits():
-    assert unit_hint(Kind.SCREW, 9e5, -40.0, 150.0, math.nan) is None
-    assert unit_hint(Kind.OTHER, 1e9, -math.inf, math.inf, math.nan) is None
+    assert unit_hint(ChannelKind.SCREW, 9e5, -40.0, 150.0, math.nan) is None
+    assert unit_hint(ChannelKind.OTHER, 1e9, -math.inf, math.inf, math.nan) is None
     assert Breach(0) is Breach.NONE
 
 

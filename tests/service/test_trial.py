@@ -17,7 +17,7 @@ from observer.frames import FrameBlock
 from observer.installation import adopt as adopting
 from observer.installation import load
 from observer.installation.adopt import Adoption, adopt, adoption_of, sha256, undo
-from observer.live.trial import Trial
+from observer.live.trial import AdoptionTrial
 from tests.discovery.cases import machine, made_log, table
 
 EFFECT = {"kind": "end_conduction", "target": "left", "conductance_W_K": 0.4}
@@ -48,7 +48,7 @@ class Running:
     def __init__(self, config: Path) -> None:
         self.config = config
         self.reloads = 0
-        self.trial = Trial(config, self._reload)
+        self.trial = AdoptionTrial(config, self._reload)
         self.trial.in_force(load(config))
 
     def _reload(self) -> None:

@@ -18,7 +18,7 @@ from observer.fit.runs import joined
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
 from observer.installation.adopt import adoption_of
-from observer.live.trial import Trial
+from observer.live.trial import AdoptionTrial
 from tests.service.recorded import recorded, thinned
 from tests.system.plant import ROOT
 from tests.truth.machine.effects import Effect
@@ -119,7 +119,7 @@ def test_what_appears_is_found_in_the_recordings_adopted_and_kept(config, tmp_pa
         reloads.append(load(config).digest)
         trial.in_force(load(config))
 
-    trial = Trial(config, reload)
+    trial = AdoptionTrial(config, reload)
     trial.in_force(load(config))
     said = _observer("adopt", str(found), "--config", str(config), "--hours", "1")
     assert "watches the gap for 1 h" in said
