@@ -1,4 +1,4 @@
-"""Signals that are put off while something is started."""
+"""Signals that are blocked while something is started."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def unheard(*numbers: signal.Signals) -> Iterator[None]:
-    """Put signals off; threads and processes that are started within do not hear them at all."""
+def blocked(*numbers: signal.Signals) -> Iterator[None]:
+    """Block signals; threads and processes started within never receive them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield

@@ -7,7 +7,7 @@ Over windows of running, the logarithm of the ratio of the estimated heat to its
 whose θ is learnt by recursive least squares (Ljung and Söderström 1983, ch. 2) in the first hours of running
 and then stays as it is: wear must not be learnt away. Of those hours the earlier ones, in which a new machine
 runs in, are forgotten; what friction falls by after them, up to a tenth, is taken for running in too. What is
-left is smoothed over hours of running, and a line through it tells the trend over days.
+left is smoothed over hours of running, and a line through it is the trend over days.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SETTLE_H = 20.0
 RUN_IN = 0.1
 """The most, as a logarithm, that it falls by in running in: more is less heat than usual."""
 ALIKE_H = 1.5
-"""Errors of an estimate stay alike for about so long, so windows within it tell no more than one."""
+"""Errors of an estimate stay alike for about so long, so windows within it count as one."""
 MEMORY_H = 15.0
 """What is learnt in the first hours of running fades in so many: a new machine runs in."""
 TREND_H = 60.0
@@ -106,7 +106,7 @@ def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
     `deadband` is how much more than usual, as a part of it, a heat has to be.
     """
     band = band._replace(most_W=max(band.most_W, window.law_W, window.most_W))
-    if not _tells(window, band.most_W):
+    if not _is_informative(window, band.most_W):
         return band
     y, phi = math.log(max(window.heat_W / window.law_W, _LEAST_RATIO)), _features(window, band.most_W)
     off = y - float(phi @ band.theta)
@@ -138,7 +138,7 @@ def trend_per_day(band: Band) -> float | None:
     return float((n * ty - t * y) / spread)
 
 
-def _tells(window: Window, most_W: float) -> bool:
+def _is_informative(window: Window, most_W: float) -> bool:
     """Whether a window says something of the heat."""
     law_W = window.law_W
     return law_W > LEAST_SHARE * most_W > 0.0 and window.sigma_W < SURE * max(window.heat_W, law_W)

@@ -57,7 +57,7 @@ KINDS: dict[str, AlarmKind] = {
     ),
     "model_inconsistent": AlarmKind(
         "minor", 0.0, 600.0, True,
-        "run `observer discover --recent 8h`, which names what the model lacks",
+        "run `observer discover --recent 8h`, which names the missing effect",
     ),
     "wire": AlarmKind(
         "major", 5.0, 10.0, False,
@@ -84,7 +84,7 @@ State = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 class Condition:
     """Something that holds now: of which kind, about what, why in words, and the figures it rests on.
 
-    `name` tells conditions of one kind and target apart.
+    `name` distinguishes conditions of one kind and target.
     """
 
     kind: str

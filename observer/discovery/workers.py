@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from observer.fit.problem import Problem
-from observer.signals import unheard
+from observer.signals import blocked
 
 Work = Callable[..., Any]
 Task = tuple[Any, ...]
@@ -37,7 +37,7 @@ class Crew:
             self._other = ProcessPoolExecutor(
                 1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
             )
-            with unheard(signal.SIGINT):  # who has started it ends it
+            with blocked(signal.SIGINT):  # who has started it ends it
                 self._other.submit(_awake)  # it takes a second
 
     def __enter__(self) -> Self:

@@ -26,7 +26,7 @@ from observer.errors import UserError
 from observer.fleet.jobs import Job
 from observer.fleet.journal import Row, RunOptions, done, exclusive
 from observer.fleet.work import failed, work
-from observer.signals import unheard
+from observer.signals import blocked
 
 WAIT_S = 30.0
 AHEAD = 2
@@ -157,7 +157,7 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
         stack.enter_context(dask.config.set(settings))
         runner = _blocking_ctrl_c()
         stack.callback(runner.stop)
-        with unheard(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
+        with blocked(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
             cluster = stack.enter_context(_cluster(runner, workers, memory_GB, folder))
         client = stack.enter_context(Client(cluster))
         try:
@@ -191,7 +191,7 @@ def _blocking_ctrl_c() -> LoopRunner:
     for name in ("asyncio", "distributed"):  # of workers that are ended while they start, and what follows
         logging.getLogger(name).setLevel(logging.CRITICAL)
     runner = LoopRunner()
-    with unheard(signal.SIGINT):
+    with blocked(signal.SIGINT):
         runner.start()
     return runner
 

@@ -25,7 +25,7 @@ HOUR_S = 3600.0
 DRIFT = 0.2
 """How far a heat drifts from its law in an hour, in parts of the law's uncertainty."""
 AIR_K_sqrt_h = 0.3
-"""How far air wanders in an hour where nothing tells more."""
+"""How far air wanders in an hour where nothing more is known."""
 REST = 0.1
 """How much of what the estimator allows for a heat at rest is left once none was seen there."""
 CALM = 0.3
@@ -125,18 +125,18 @@ def heats_of(plant: Plant, program: Program) -> MeanHeats:
     length_s = float(past.dt_s.sum())
     heat_W, law_W = past.heat_W.mean(axis=0), past.own_law_W.mean(axis=0)
     ahead_W = program.mean.law_W[0, free]
-    told_W = past.sigma_W.mean(axis=0) * min(1.0, np.sqrt(MEMORY_S / max(length_s, 1e-9)))
+    mean_sigma_W = past.sigma_W.mean(axis=0) * min(1.0, np.sqrt(MEMORY_S / max(length_s, 1e-9)))
     for i, j in enumerate(free):
         if abs(law_W[i]) <= 1e-6:  # no law, or none at rest
             stays = abs(ahead_W[i]) <= 1e-6
-            extra_W[j] = heat_W[i] if stays and abs(heat_W[i]) > 2.0 * told_W[i] else 0.0
+            extra_W[j] = heat_W[i] if stays and abs(heat_W[i]) > 2.0 * mean_sigma_W[i] else 0.0
             own = plant.law_uncertainty[i] * abs(ahead_W[i])
-            sigma_W[i] = np.hypot(min(told_W[i], abs(heat_W[i]) + REST * told_W[i]), own)
+            sigma_W[i] = np.hypot(min(mean_sigma_W[i], abs(heat_W[i]) + REST * mean_sigma_W[i]), own)
             continue
-        prior, told = max(plant.law_uncertainty[i], 1e-3), max(told_W[i] / abs(law_W[i]), 1e-6)
-        weight = prior**2 / (prior**2 + told**2)
+        prior, estimated = max(plant.law_uncertainty[i], 1e-3), max(mean_sigma_W[i] / abs(law_W[i]), 1e-6)
+        weight = prior**2 / (prior**2 + estimated**2)
         ratio[j] = 1.0 + weight * (heat_W[i] / law_W[i] - 1.0)
-        sigma_W[i] = np.sqrt(weight) * told * abs(ahead_W[i])
+        sigma_W[i] = np.sqrt(weight) * estimated * abs(ahead_W[i])
     return MeanHeats(ratio, extra_W, sigma_W)
 
 

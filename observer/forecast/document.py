@@ -116,18 +116,18 @@ def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
     ahead_, last = found.ahead, -1
     i = int(np.argmax(ahead_.field_degC[last]))
     hours = ahead_.time_s[last] / 3600.0
-    told = (
+    text = (
         f"In {hours:.3g} h ({found.program.text}) the warmest place, "
         f"{1000 * plant.layout.position_m[i]:.0f} mm, "
         f"is at {ahead_.field_degC[last, i]:.1f} ± {1.96 * ahead_.field_sigma_K[last, i]:.1f} °C"
     )
     if plant.layout.has_error:
         j = int(np.argmax(np.abs(ahead_.error_um[last])))
-        told += (
+        text += (
             f" and the thermal error at {1000 * plant.layout.position_m[j]:.0f} mm "
             f"{ahead_.error_um[last, j]:.1f} ± {1.96 * ahead_.error_sigma_um[last, j]:.1f} µm"
         )
-    lines = [told + "."]
+    lines = [text + "."]
     if plant.layout.has_error:
         lines.append(_settles(found, within_um))
     if found.warm_up is not None:

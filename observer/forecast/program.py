@@ -21,7 +21,7 @@ BIN_S = 10.0
 WINDOW_BINS = 540
 """How many bins are remembered: three cycles of half an hour."""
 FEWEST = 6
-"""A minute tells something of a program; less does not."""
+"""A program can be recognised from a minute on, not from less."""
 _LAST = 30  # five minutes are what runs now
 _EVEN = 0.1  # bins that differ by no more of their mean are one level
 _ALIKE = 0.6  # an autocorrelation above this is a cycle
@@ -173,15 +173,15 @@ def learnt(bins: Bins) -> Program:
     total_W = bins.total_W
     if (even := _even(total_W)) is not None:
         now = bins.at(slice(even, None))
-        told = f"runs evenly, {averaged(now).total_W[0]:.3g} W by the laws"
-        return Program("cycle", None, told, averaged(now), now, noise_W2_s(now))
+        text = f"runs evenly, {averaged(now).total_W[0]:.3g} W by the laws"
+        return Program("cycle", None, text, averaged(now), now, noise_W2_s(now))
     if (period := period_bins(total_W)) is not None:
-        told = f"a cycle of {period * BIN_S / 60:.3g} min"
+        text = f"a cycle of {period * BIN_S / 60:.3g} min"
         return Program(
-            "cycle", period * BIN_S, told, _one_cycle(bins, period), bins, noise_W2_s(bins, period)
+            "cycle", period * BIN_S, text, _one_cycle(bins, period), bins, noise_W2_s(bins, period)
         )
-    told = f"mixed work, {averaged(bins).total_W[0]:.3g} W in the mean by the laws"
-    return Program("mixed", None, told, averaged(bins), bins, noise_W2_s(bins))
+    text = f"mixed work, {averaged(bins).total_W[0]:.3g} W in the mean by the laws"
+    return Program("mixed", None, text, averaged(bins), bins, noise_W2_s(bins))
 
 
 def given(bins: Bins, past: Bins) -> Program:
@@ -268,7 +268,7 @@ def _integrated_W2_s(total_W: FloatArray) -> float:
     """Variance times the integrated correlation, ∑ ρ dt, while neighbours' sums are positive (Geyer 1992,
     section 3.3), with the mean's own variance put back.
 
-    It is held to `_CHANGES_S` in proportion to what the series, n blocks long, can tell of it itself.
+    It is held to `_CHANGES_S` in proportion to what the series, n blocks long, shows of it itself.
     """
     n = len(total_W)
     off = total_W - total_W.mean()

@@ -103,7 +103,7 @@ def draws(begin: Runner, program: Program) -> list[Runner]:
 
 
 def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float, float] | None:
-    """The 95 % interval of when it has settled, None where that is not told: from how far its time is off in
+    """The 95 % interval of when it has settled, None where that is not known: from how far its time is off in
     the draws of `draws`.
     """
     if settled.after_s is None:

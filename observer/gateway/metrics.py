@@ -61,7 +61,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
 
 
 class _Figures(Collector):
-    """Collects what was told last, at each scrape."""
+    """Collects the newest figures at each scrape."""
 
     def __init__(self, start: Start, latest: Latest) -> None:
         self._names = {"machine": start.machine, "axis": start.axis}
@@ -107,8 +107,8 @@ class _Figures(Collector):
         rows = [({"sensor": a}, float(b == "good")) for a, b in good]
         yield self._gauge("sensor_good", "Whether the reading was used.", rows)
         for name, key in (("learned", "value"), ("learned_sigma", "sigma")):
-            told = learned.get("parameters", {}).items()
-            rows = [({"parameter": p}, float(v[key])) for p, v in told if v.get(key) is not None]
+            learnt = learned.get("parameters", {}).items()
+            rows = [({"parameter": p}, float(v[key])) for p, v in learnt if v.get(key) is not None]
             yield self._gauge(name, "What has been learnt, in the unit of its name.", rows)
         if forecast.get("quality") in _SHOWN and forecast.get("settled_at_s") is not None:
             rows = [({"quality": forecast["quality"]}, float(forecast["settled_at_s"]))]
@@ -128,9 +128,9 @@ class _Figures(Collector):
             yield self._counter(f"driver_{key}", words, [({"driver": n}, float(d[key])) for n, d in drivers])
 
     def _alarms(self, document: Mapping[str, Any]) -> Iterator[Metric]:
-        told = [(alarm["severity"], alarm["state"]) for alarm in document.get("alarms", ())]
+        raised = [(alarm["severity"], alarm["state"]) for alarm in document.get("alarms", ())]
         rows = [
-            ({"severity": severity, "state": state}, float(told.count((severity, state))))
+            ({"severity": severity, "state": state}, float(raised.count((severity, state))))
             for severity in ("minor", "major", "invalid")
             for state in ("unacknowledged", "acknowledged", "returned")
         ]

@@ -1,8 +1,8 @@
 """Every message to a broker of MQTT, under topics that are the Zenoh keys.
 
-State is retained, so that who comes late knows it; `alive` is `false` as the last will, and `quality` tells
-in one word what the estimates are worth, `stale` once the service is silent. While no broker answers, nothing
-waits: when one does, it gets the newest of everything.
+State is retained, so that late subscribers get it; `alive` is `false` as the last will, and `quality` is the
+quality of the estimates in one word, `stale` once the service is silent. Nothing waits for a missing broker:
+once it answers, it gets the newest of everything.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ class _Broker:
         client.will_set(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
         client.reconnect_delay_set(_RETRY_S, _RETRY_S)
         client.on_connect, client.on_disconnect = self._connected, self._disconnected
-        client.on_connect_fail = lambda *_: self._tell(self._why_not(sys.exception()))
+        client.on_connect_fail = lambda *_: self._report(self._why_not(sys.exception()))
         if settings.user is not None and settings.password_file is not None:
-            client.username_pw_set(settings.user, _word_in(settings.password_file))
+            client.username_pw_set(settings.user, _password_in(settings.password_file))
         if settings.ca is not None:
             try:
                 client.tls_set(str(settings.ca))
@@ -68,10 +68,10 @@ class _Broker:
                 ) from None
         client.connect_async(*host_and_port(settings.broker), keepalive=_KEEPALIVE_S)
         client.loop_start()
-        self._say({"reason": f"mqtt: {self._nobody()}"})
+        self._say({"reason": f"mqtt: {self._no_broker()}"})
 
     def put(self, key: str, payload: bytes) -> None:
-        """Hand a message on; without a broker it is left out."""
+        """Publish a message; without a broker it is dropped."""
         if self._client.is_connected():
             retained = key in RETAINED
             self._client.publish(
@@ -79,7 +79,7 @@ class _Broker:
             )
 
     async def look(self) -> None:
-        """Tell of the quality when it changes, for ever."""
+        """Publish the quality whenever it changes, for ever."""
         while True:
             quality = "stale" if self._latest.is_stale else self._latest.document("heat").get("quality")
             if quality != self._quality and quality is not None and self._client.is_connected():
@@ -88,7 +88,7 @@ class _Broker:
             await asyncio.sleep(_LOOK_S)
 
     def close(self) -> None:
-        """Say that nothing more comes, and leave."""
+        """Announce the end and disconnect."""
         if self._client.is_connected():
             last = self._client.publish(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
             last.wait_for_publish(_END_S)
@@ -99,7 +99,7 @@ class _Broker:
         """On the library's thread: begin anew with all that is known, or say why the broker refuses."""
         if code.is_failure:
             broker = self._settings.broker
-            self._tell(f"the broker at {broker} refuses: {code}; look at mqtt.user and its password")
+            self._report(f"the broker at {broker} refuses: {code}; look at mqtt.user and its password")
             return
         self._let_in = True
         self._loop.call_soon_threadsafe(self._begin)
@@ -114,10 +114,10 @@ class _Broker:
 
     def _disconnected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _more: Any) -> None:
         if code.is_failure and self._let_in:  # else it has said why not
-            self._tell(self._nobody())
+            self._report(self._no_broker())
         self._let_in = False
 
-    def _nobody(self) -> str:
+    def _no_broker(self) -> str:
         return f"no broker answers at {self._settings.broker}; start it, or change mqtt.broker"
 
     def _why_not(self, error: BaseException | None) -> str:
@@ -125,15 +125,15 @@ class _Broker:
         if isinstance(error, ssl.SSLError):
             why = getattr(error, "verify_message", None) or error.reason
             return f"the broker at {self._settings.broker} is not trusted ({why}); look at mqtt.ca"
-        return self._nobody()
+        return self._no_broker()
 
-    def _tell(self, reason: str) -> None:
+    def _report(self, reason: str) -> None:
         self._loop.call_soon_threadsafe(self._say, {"reason": f"mqtt: {reason}"})
 
 
-def _word_in(file: Path) -> str:
+def _password_in(file: Path) -> str:
     """The password in a file, its first line."""
     try:
         return file.read_text(encoding="utf-8").splitlines()[0]
     except (OSError, IndexError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: no password can be read ({error}); mend mqtt.password_file") from None
+        raise ConfigError(f"{file}: no password can be read ({error}); fix mqtt.password_file") from None

@@ -29,7 +29,7 @@ from observer.gateway.messages import Latest
 from observer.gateway.opcua_server import guarded
 from observer.gateway.start import Say, Start
 
-# What asyncua logs is what clients do wrong, with tracebacks; they must not fill the service's log.
+# asyncua logs every client error with a traceback, which would fill the service's log.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
 NAMESPACE = "urn:ballscrew-observer"
@@ -79,18 +79,18 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
 
 
 def values(latest: Latest) -> Iterator[Value]:
-    """Give every variable that there is now."""
+    """Yield every variable known now."""
     silent = latest.is_stale
     if estimate := latest.document("estimate"):
         yield from _of_estimate(estimate, "stale" if silent else estimate["quality"])
-    told = "stale" if silent else "good"
+    own = "stale" if silent else "good"
     if health := latest.document("health"):
-        yield Value(("Health", "State"), "stale" if silent else health["state"], told, health["time_s"])
-        yield Value(("Health", "Reasons"), list(health["reasons"]), told, health["time_s"])
+        yield Value(("Health", "State"), "stale" if silent else health["state"], own, health["time_s"])
+        yield Value(("Health", "Reasons"), list(health["reasons"]), own, health["time_s"])
     if alarms := latest.document("alarms"):
         words = [f"{a['severity']} {a['id']} ({a['state']}): {a['reason']}" for a in alarms["alarms"]]
-        yield Value(("Alarms", "Raised"), words, told, alarms["time_s"])
-        yield Value(("Alarms", "Count"), float(len(words)), told, alarms["time_s"])
+        yield Value(("Alarms", "Raised"), words, own, alarms["time_s"])
+        yield Value(("Alarms", "Count"), float(len(words)), own, alarms["time_s"])
     if learned := latest.document("learned"):
         yield from _of_learned(learned, "stale" if silent else learned["quality"])
     if (forecast := latest.document("forecast")) and forecast.get("settled_at_s") is not None:
@@ -115,9 +115,9 @@ def _of_estimate(estimate: Mapping[str, Any], quality: str) -> Iterator[Value]:
 
 
 def _of_learned(learned: Mapping[str, Any], quality: str) -> Iterator[Value]:
-    for name, told in learned["parameters"].items():
+    for name, learnt in learned["parameters"].items():
         for leaf, key in (("Value", "value"), ("Sigma", "sigma")):
-            number = math.nan if told[key] is None else float(told[key])
+            number = math.nan if learnt[key] is None else float(learnt[key])
             yield Value(("Learned", name, leaf), number, quality, learned["time_s"])
 
 
@@ -152,8 +152,8 @@ class _Tree:
         variant = _variant(value.value)
         node = self._variables.get(value.path) or await self._made(value.path, variant)
         at = ua.DateTime.fromtimestamp(value.time_s, UTC).replace(tzinfo=None)
-        told = ua.DataValue(variant, ua.StatusCode(ua.UInt32(status)), SourceTimestamp=at)
-        await self._server.write_attribute_value(node.nodeid, told)
+        data = ua.DataValue(variant, ua.StatusCode(ua.UInt32(status)), SourceTimestamp=at)
+        await self._server.write_attribute_value(node.nodeid, data)
 
     async def _made(self, path: tuple[str, ...], variant: ua.Variant) -> Node:
         for depth in range(1, len(path)):

@@ -97,7 +97,7 @@ def _read(key: str, path: Path, *, secret: bool = False) -> bytes:
         mode, data = path.stat().st_mode, path.read_bytes()
     except OSError as error:
         raise ConfigError(
-            f"opcua.{key}: {path} cannot be read ({error.strerror}); mend or rename it"
+            f"opcua.{key}: {path} cannot be read ({error.strerror}); fix or rename it"
         ) from None
     if secret and stat.S_IMODE(mode) & 0o077:
         raise ConfigError(f"opcua.{key}: others on this computer can read {path}; run chmod 600 {path}")
@@ -167,7 +167,7 @@ class _Guarded(InternalServer):
         raise ServiceError(StatusCodes.BadServiceUnsupported)
 
     def decrypt_user_token(self, isession: Any, token: ua.UserNameIdentityToken) -> tuple[str, str]:
-        """Name and password; padding of PKCS #1 is refused, because its errors would tell of the key."""
+        """Name and password; padding of PKCS #1 is refused, because its errors reveal the key."""
         if token.EncryptionAlgorithm == _PKCS1:
             raise ServiceError(StatusCodes.BadIdentityTokenRejected)
         self._readers.asking = isession.name[0]

@@ -27,14 +27,14 @@ def read_users(path: Path, key: str = "page.users_file") -> dict[str, str]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigError(f"{key}: {path} cannot be read ({reason}); mend or rename it") from None
+        raise ConfigError(f"{key}: {path} cannot be read ({reason}); fix or rename it") from None
     if mode & 0o077:
         raise ConfigError(f"{key}: others on this computer can read {path}; run chmod 600 {path}")
     users = {}
     for number, line in enumerate(lines, 1):
         name, colon, password = line.strip().partition(":")
         if line.strip() and not (name and colon and password):
-            raise ConfigError(f"{key}: line {number} of {path} is not user:password; mend it")
+            raise ConfigError(f"{key}: line {number} of {path} is not user:password; fix it")
         if name:
             users[name] = password
     if not users:

@@ -31,10 +31,10 @@ from starlette.types import ASGIApp
 
 from observer.errors import LogError
 from observer.gateway.start import Start
-from observer.page.digest import Digests
 from observer.page.guard import REPORT_POLICY, Guard, Logins, cookie_of
 from observer.page.history import Recorded, history, recordings
 from observer.page.reports import report_html, reports
+from observer.page.rows import Digests
 from observer.page.stream import Stream
 from observer.tables.gateway import host_and_port
 
@@ -50,7 +50,7 @@ _IN_THE_CLEAR = (
 
 
 def application(start: Start, stream: Stream, login: Logins | None, acknowledge: Acknowledge) -> ASGIApp:
-    """The page of an axis, for those whom `login` lets in; `acknowledge(id, by)` tells of a seen alarm."""
+    """The page of an axis, for those whom `login` lets in; `acknowledge(id, by)` reports a seen alarm."""
     assert start.page is not None
     pages = _Pages(start, stream, login, acknowledge)
     app = Starlette(
@@ -115,13 +115,13 @@ class _Pages:
             found = await run_in_threadpool(self._recordings)
         except LogError as error:
             return JSONResponse({"reason": str(error), "files": []})
-        told = [{"name": r.path.name, "from_s": r.from_s, "to_s": r.to_s} for r in found]
+        listed = [{"name": r.path.name, "from_s": r.from_s, "to_s": r.to_s} for r in found]
         off = (
             None
             if self._start.recordings is not None
             else "nothing is recorded; name a folder in record.directory"
         )
-        return JSONResponse({"reason": off, "files": told})
+        return JSONResponse({"reason": off, "files": listed})
 
     async def history(self, request: Request) -> Response:
         """Readings of a span, decimated."""
@@ -166,7 +166,7 @@ class _Pages:
         return HTMLResponse(html, headers={"content-security-policy": REPORT_POLICY})
 
     async def acknowledge(self, request: Request) -> Response:
-        """Tell the service that somebody has seen an alarm."""
+        """Report to the service that somebody has seen an alarm."""
         alarm = (await _form(request)).get("id", "")
         if not alarm or len(alarm) > _MOST_NAME or not alarm.isprintable():
             return PlainTextResponse("which alarm? give its id\n", 400)
@@ -185,7 +185,7 @@ class _Pages:
         if self._login.is_throttled(address):
             return self._ask("Too many wrong passwords; wait a minute.", 429)
         if not self._login.is_right(form.get("user", ""), form.get("password", ""), address):
-            return self._ask("That name and password do not go together.", 403)
+            return self._ask("That name and password do not match.", 403)
         return RedirectResponse("/", 303, {"set-cookie": self._login.cookie(form["user"])})
 
     def _ask(self, message: str, status: int) -> Response:
@@ -204,13 +204,16 @@ class _Pages:
 
 
 def _give_way() -> None:
-    """Let the thread that reads recordings wait for whatever else the computer has to do."""
+    """Lower the priority of the thread that reads recordings."""
     with suppress(AttributeError, OSError):  # a thread has a priority of its own on Linux only
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _GIVES_WAY)
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """The fields of a short form; raises `HTTPException` where it is none."""
+    """The fields of a short form; raises `HTTPException` where it is none.
+
+    Starlette's own parser needs python-multipart and sets no limit of bytes for a plain form.
+    """
     body = b""
     try:
         async for part in request.stream():

@@ -15,8 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.errors import LogError
-from observer.page.digest import COARSE_S, FINE_S, Digest, Digests
-from observer.page.rows import Values, blocks, channels_of, ends, extremes, header, offset
+from observer.page.rows import (
+    COARSE_S,
+    FINE_S,
+    Digest,
+    Digests,
+    Values,
+    blocks,
+    channels_of,
+    ends,
+    extremes,
+    header,
+    offset,
+)
 
 _STAMPED = r"-\d{8}T\d{6}Z[^/]*\.csv"
 """How the recorder names a file after its machine and axis; what somebody has appended to it may stay."""
@@ -48,7 +59,7 @@ def recordings(folder: Path, name: str) -> list[Recorded]:
             path for path in folder.glob(f"{name}*") if own.fullmatch(path.name) and path.is_file()
         )
     except OSError as error:
-        raise LogError(f"{folder}: cannot be read ({error.strerror}); mend record.directory") from None
+        raise LogError(f"{folder}: cannot be read ({error.strerror}); fix record.directory") from None
     found = []
     for path in paths:
         try:
@@ -98,7 +109,7 @@ def history(
         "to_s": to_s,
         "read": read,
         "time_s": np.round(middle_s, 3).tolist(),
-        "channels": parts.told(),
+        "channels": parts.document(),
     }
 
 
@@ -124,7 +135,7 @@ class _Parts:
             low[keys] = np.fmin(low[keys], least[:, k])
             high[keys] = np.fmax(high[keys], most[:, k])
 
-    def told(self) -> dict[str, dict[str, list[float | None]]]:
+    def document(self) -> dict[str, dict[str, list[float | None]]]:
         """By channel, for JSON; channels without any value are left out."""
         return {
             name: {"least": _known(least), "most": _known(most)}

@@ -113,7 +113,7 @@ def _bound(listen: str) -> Iterator[socket.socket]:
 
 
 def acknowledge(alarm: str, by: str) -> None:
-    """Tell the service that somebody has seen an alarm, by its `id`."""
+    """Report to the service that somebody has seen an alarm, by its `id`."""
     sys.stdout.write(json.dumps({"acknowledge": alarm, "by": by}) + "\n")
     sys.stdout.flush()
 

@@ -54,7 +54,7 @@ class Stream:
         return len(self._viewers) >= _MOST_VIEWERS
 
     async def run(self) -> None:
-        """Take the service's messages as they come, for ever, and tell each second that the page lives."""
+        """Pass on the service's messages as they come, for ever, and each second a sign of life."""
         beating = asyncio.create_task(self._beat())
         try:
             async for key, payload in self._latest.messages():
@@ -63,7 +63,7 @@ class Stream:
             beating.cancel()
 
     def take(self, key: str, payload: bytes) -> None:
-        """Hand a message on, unless one of its kind went out just now."""
+        """Pass a message on, unless one of its kind went out just now."""
         now_s = self._clock()
         try:
             estimate = decode_estimate(payload) if key == "estimate" else None
@@ -79,7 +79,7 @@ class Stream:
         self._tell(key, event(key, data))
 
     def end(self) -> None:
-        """End what every viewer is told, so that the server can end too."""
+        """End every viewer's events, so that the server can end too."""
         self._ended = True
         self._tell("end", b"")
 
@@ -117,7 +117,7 @@ def event(name: str, data: bytes) -> bytes:
 
 
 def shown(estimate: Mapping[str, Any], innovations: Innovations) -> bytes:
-    """What the page shows of an estimate, with the last innovation of each sensor, as JSON."""
+    """The part of an estimate that the page shows, with the last residual of each sensor, as JSON."""
     kept = {key: _plain(estimate[key]) for key in _KEPT if key in estimate}
     return json.dumps({**kept, "innovations": innovations.document(estimate["time_s"])}).encode()
 

@@ -152,7 +152,7 @@ class Responder:
         return array_of(list(wanted)), ESTIMATES_ENCODING
 
     def _take_command(self, key: str, query: Any) -> None:
-        """Hand a command to the loop; what is wrong with it is told at once."""
+        """Pass a command to the loop; an invalid one is refused at once."""
         kind = key.removeprefix("command/")
         refused = self._refusal(key, query)
         if len(self._commands) >= _WAITING:
@@ -172,7 +172,7 @@ class Responder:
             return f"a command names one axis: ask {self._prefix}/{key}, without a wildcard"
         given = query.parameters.get("config")
         if given is None:
-            return f"a command names the configuration: add config=HASH, as told by {self._prefix}/config"
+            return f"a command names the configuration: add config=HASH, as {self._prefix}/config answers it"
         if not self._digest or given != self._digest:
             return "config names another configuration than the one in force; look at it and ask again"
         return None

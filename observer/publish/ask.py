@@ -44,7 +44,7 @@ def gives_estimates(health: Mapping[str, Any]) -> bool:
     """Whether a service with this health report makes estimates from measurements.
 
     A `state` of `starting` says that a heat is not known yet, or that nothing has been estimated at all; the
-    `quality` of the estimates tells which, where the service is not an older one.
+    `quality` of the estimates says which, unless the service is an older one.
     """
     state, quality = health.get("state"), health.get("quality", "good")
     return all(isinstance(word, str) and word in _ESTIMATING for word in (state, quality))
@@ -67,10 +67,10 @@ def command(
     """
     until_s = time.monotonic() + timeout_s
     if digest is None:
-        told = ask(connect, machine, axis, "config", timeout_s, client)
-        if told.document is None:
-            return told
-        digest = told.document.get("hash")
+        config = ask(connect, machine, axis, "config", timeout_s, client)
+        if config.document is None:
+            return config
+        digest = config.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
         return Reply(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
     wanted = f"command/{kind}?config={digest};by={_myself()}" + (f";id={about}" if about else "")

@@ -28,7 +28,7 @@ _DIGITS = 6
 _QUALITY = [quality.label for quality in EstimateQuality]
 _CHANNEL_QUALITY = [quality.label for quality in Quality]
 _FLOAT64_MARK = b"\xfb"
-_WHO_MAY: Any = {
+_ACCESS: Any = {
     "publish": {"tls", "login", "access"}, "page": True, "metrics": True, "mqtt": True, "opcua": True
 }  # fmt: skip
 _JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
@@ -174,8 +174,8 @@ class EstimateEncoder:
     def learned(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `learned` document."""
         pairs = zip(_rounded(block.learned[k]), _rounded(block.learned_sigma[k]), strict=True)
-        told = [{"value": value, "sigma": sigma} for value, sigma in pairs]
-        return self._json(block, k, sequence, {"parameters": dict(zip(self._learned, told, strict=True))})
+        learned = [{"value": value, "sigma": sigma} for value, sigma in pairs]
+        return self._json(block, k, sequence, {"parameters": dict(zip(self._learned, learned, strict=True))})
 
     def readings(self, frame: FrameBlock, k: int, sequence: int) -> bytes:
         """The `readings` document: of every channel its value, what that is worth, and how old it is."""
@@ -210,7 +210,7 @@ def config_json(config: Config, instance: str) -> str:
 
     Who may connect, and by which files, is left out: everybody who may look can read the answer.
     """
-    kept = config.model_dump(mode="json", by_alias=True, exclude=_WHO_MAY)
+    kept = config.model_dump(mode="json", by_alias=True, exclude=_ACCESS)
     return json.dumps({"hash": config.digest, "instance": instance, "config": kept})
 
 

@@ -23,7 +23,7 @@ _INSTANCE = re.compile(rb'instance(?:":"|h)([0-9a-f]{8})')
 class Rivals:
     """Looks for others on the keys directly under a prefix, where only one service may be.
 
-    A peer is told nothing of the other peers of its router. Where `ear` is given, a session of that
+    A router does not pass a peer what its other peers publish. Where `ear` is given, a session of that
     configuration, a client of the same router, listens in its place as soon as it can be opened.
     """
 
@@ -38,7 +38,7 @@ class Rivals:
         self._heard: tuple[str, float] | None = None
 
     def token_is_there(self) -> bool:
-        """Whether somebody holds the axis' liveliness token, as far as the network tells in a second."""
+        """Whether somebody holds the axis' liveliness token, by the answers of one second."""
         session = self._listener()
         if session is None:
             return False

@@ -78,7 +78,7 @@ def service_config(settings: Publish) -> zenoh.Config:
 
 
 def ear_config(settings: Publish) -> zenoh.Config | None:
-    """A session beside a peer's, which hears what its router does not tell peers; None for all others."""
+    """A session beside a peer's, which gets what its router does not pass to peers; None for all others."""
     if settings.mode != "peer" or not settings.connect:
         return None
     alone = {"mode": "client", "listen": (), "access": None}
@@ -93,7 +93,7 @@ def client_config(connect: tuple[str, ...], client: Client | None = None) -> zen
 
 
 def listening(settings: Publish) -> tuple[str, ...]:
-    """Where a session of these settings listens: on loopback, if it is told no place and nobody to go to."""
+    """Where a session of these settings listens: on loopback, if neither a place nor a peer is given."""
     if settings.listen or settings.connect or settings.mode == "client":
         return settings.listen
     return (DEFAULT_LISTEN,)
@@ -186,9 +186,9 @@ _EVERYTHING = "ballscrew/**"
 _ANSWERS = ("ballscrew/*/*/*", "ballscrew/*/*/truth/*")
 _COMMANDS = "ballscrew/*/*/command/*"
 _ROLES = {
-    "viewer": ("hear", "be told", "ask"),
-    "operator": ("hear", "be told", "ask", "command"),
-    "service": ("hear", "be told", "ask", "command", "serve", "be asked"),
+    "viewer": ("receive", "be sent", "ask"),
+    "operator": ("receive", "be sent", "ask", "command"),
+    "service": ("receive", "be sent", "ask", "command", "serve", "be asked"),
 }
 
 
@@ -198,11 +198,11 @@ def _rule(name: str, flow: str, messages: tuple[str, ...], *keys: str) -> dict[s
 
 _RULES = (
     _rule(
-        "hear", "ingress",
+        "receive", "ingress",
         ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"), _EVERYTHING,
     ),
     _rule(
-        "be told", "egress",
+        "be sent", "egress",
         ("put", "delete", "reply", "liveliness_token", "declare_queryable"), _EVERYTHING,
     ),
     _rule("ask", "ingress", ("query",), *_ANSWERS),
@@ -263,7 +263,7 @@ def close(session: Closable) -> None:
     try:
         session.close()
     except zenoh.ZError:
-        return  # a frozen router does not confirm; there is nobody left to tell
+        return  # a frozen router does not confirm; nobody is left to notify
 
 
 def short(error: Exception) -> str:

@@ -200,7 +200,7 @@ def _sources(document: Mapping[str, Any], key: str) -> dict[str, float | None]:
 
 
 def _heats(heat: Mapping[str, Any], truth: Mapping[str, Any]) -> Table:
-    """One row per source; the truth, and how many σ the estimate is from it, where a simulator tells it."""
+    """One row per source; the truth, and its distance from the estimate in σ, if a simulator publishes it."""
     true_W = _sources(truth, "heat_W")
     sigma_W = _sources(heat, "sigma_W")
     table = Table("source", *(["heat, W", "± σ, W"] + (["truth, W", "off, σ"] if true_W else [])))
@@ -252,11 +252,11 @@ def _sensors(estimate: Mapping[str, Any]) -> Table:
 
 def _learned(document: Mapping[str, Any]) -> Text:
     """What has been learnt of the machine in one paragraph, value ± σ of each."""
-    told = [
+    learned = [
         f"{_word(name)} {_short(_table(entry).get('value'))} ± {_short(_table(entry).get('sigma'))}"
         for name, entry in list(_table(document.get("parameters")).items())[:_LONGEST_LIST]
     ]
-    return Text("learnt: " + (", ".join(told) or _UNKNOWN))
+    return Text("learnt: " + (", ".join(learned) or _UNKNOWN))
 
 
 def _short(value: object) -> str:

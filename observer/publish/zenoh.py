@@ -206,7 +206,7 @@ class ZenohPublisher:
                 self._look(link)
                 link.rivals.look()
                 self._answers.answer(link.queryables)
-            except zenoh.ZError as error:  # the session is being closed; else it is told and tried again
+            except zenoh.ZError as error:  # the session is being closed; else it is reported and tried again
                 self._reason = f"Zenoh: the session is disturbed ({short(error)}); restart the service"
 
     def _open(self) -> None:

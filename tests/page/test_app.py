@@ -94,7 +94,7 @@ async def test_who_has_to_log_in_sees_nothing_before(page):
     assert (await client.post("/acknowledge", data={"id": "a"}, headers=own)).status_code == 401
     wrong = await client.post("/login", data={"user": "anna", "password": "x"}, headers=own)
     assert wrong.status_code == 403
-    assert "do not go together" in wrong.text
+    assert "do not match" in wrong.text
     right = await client.post("/login", data={"user": "anna", "password": "right"}, headers=own)
     assert right.headers["location"] == "/"
     assert (await client.get("/recent.json")).status_code == 200
