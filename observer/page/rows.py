@@ -1,9 +1,9 @@
 """The rows of a recording's file, and digests of them for viewers who look at days.
 
-The files are long: only the rows asked for are read, a block at a time, so neither the size of a file nor of
-a span decides how much memory is used. Reading a day takes longer than a viewer waits, so a `Digest` keeps the
-least and the most of each channel in bins of seconds and of minutes. It grows for as long as there is time,
-continues when it is asked again, and then from the end of a file that has grown meanwhile.
+The files are long: only the rows asked for are read, a block at a time, so memory depends neither on the size
+of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps the least
+and the most of each channel in bins of seconds and of minutes. It grows for as long as there is time, and
+continues when it is asked again, from the end of a file that has grown meanwhile too.
 """
 
 from __future__ import annotations
