@@ -17,7 +17,7 @@ from observer.align.unit_errors import read_rightly
 from observer.discovery.candidates import library, signatures
 from observer.discovery.search import tried
 from observer.discovery.suspects import Suspect, suspects
-from observer.discovery.workers import ALONE
+from observer.discovery.workers import IN_PROCESS
 from observer.files.logs import Log
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
@@ -60,10 +60,10 @@ def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
     """What is told of the logs: by the first round of a search, and what stands before it."""
     case = entry.case
     config = parse(tomllib.loads(configuration(case.unmodelled, entry.without, known=not case.typical)))
-    plan, prepared, righted = AlignPlan.of(config), [], dict[Suspect, None]()
+    plan, prepared, corrected = AlignPlan.of(config), [], dict[Suspect, None]()
     for i, run in enumerate(trouble.runs):
         log, misread = read_rightly(Log(Path(f"log {i + 1}"), run.time_s, run.channels, run.values), config)
-        righted |= {Suspect("units", m.channel, m.unit, m.text): None for m in misread}
+        corrected |= {Suspect("units", m.channel, m.unit, m.text): None for m in misread}
         prepared.append(prepare(config, list(frames_of_log(log, plan)), f"log {i + 1}"))
     forward = Forward(config, prepared)
     noise_K = np.array([s.noise_K for s in config.sensor])
@@ -73,8 +73,8 @@ def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
     if found:  # effects only take suspects back
         known = library(config, problem.keys, config.discover.without)
         marks = signatures(null.problem, null.config, known)
-        found = suspects(null, tried(null, null, marks, (), ALONE), marks)
-    return (*righted, *found)
+        found = suspects(null, tried(null, null, marks, (), IN_PROCESS), marks)
+    return (*corrected, *found)
 
 
 def try_suspect(entry: Entry, _answers: Path) -> SuspectRow:

@@ -57,7 +57,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     """
     from observer.estimate.checkpoint import CheckpointFit, UnfitError
     from observer.estimate.checkpoint import load as load_checkpoint
-    from observer.fit.tolerance import offered
+    from observer.fit.tolerance import learnt_changes
     from observer.installation.write_back import with_effects, write_back
 
     config, searched = load(config_path), config_path.read_bytes()
@@ -75,7 +75,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
         raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None
     first = len(stood.x_hat) - machine.plant.learnt
     told = learning.estimates(stood.x_hat[first:], stood.P[first:, first:])
-    offer = offered(config, told)
+    offer = learnt_changes(config, told)
     with results_in(output) as part:
         text = write_back(config_path.read_text(encoding="utf-8"), offer.values | offer.left)
         (part / "config.toml").write_text(with_effects(text, offer.biases), encoding="utf-8")
@@ -103,7 +103,7 @@ def discover(
     from observer.discovery.discover import discover as find
     from observer.discovery.result import discovery_result
     from observer.discovery.suspects import Suspect
-    from observer.discovery.workers import Crew
+    from observer.discovery.workers import WorkerPool
     from observer.installation.write_back import with_effects, write_back
     from observer.report.discovery import write_discovery_report
 
@@ -114,10 +114,10 @@ def discover(
         runs, names = _runs(log_paths, config, rightly=True), [path.name for path in log_paths]
     else:
         runs, names = _recent(config, recent_s)
-    righted = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
+    corrected = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
     with results_in(output) as part:
-        with Crew(alone=alone) as crew:
-            found = find(config, runs.frames, progress, crew, righted)
+        with WorkerPool(alone=alone) as pool:
+            found = find(config, runs.frames, progress, pool, corrected)
         result = _about(searched, names) | discovery_result(found) | {"doubts": runs.odd}
         if found.verdict.kind == "named":
             values = {key: entry["value"] for key, entry in result["calibrated"].items()}

@@ -14,11 +14,11 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.log_faults import deviance
-from observer.discovery.workers import ALONE, Crew
+from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import EffectTable, Fitted, Shape
 from observer.effects.catalogue import LIBRARY
-from observer.fit.hypothesis import Fit, Parameter
-from observer.fit.problem import Problem, told_lags
+from observer.fit.hypothesis import EffectParameter, Fit
+from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
 from observer.tables.sections import Description
 
@@ -57,17 +57,17 @@ class Candidate(NamedTuple):
             low, high = max(low, ends[0]), min(high, ends[1])
         return low, high
 
-    def parameters(self, index: int) -> tuple[Parameter, ...]:
+    def parameters(self, index: int) -> tuple[EffectParameter, ...]:
         """What is fitted where the effect is number `index` of the configuration."""
         bounds = {key: self.of.bounds(key) for key in self.fitted}
         return tuple(
-            Parameter(
+            EffectParameter(
                 index, key, p.scale, max(bounds[key][0], p.low), min(bounds[key][1], p.high), p.open_above
             )
             for key, p in self.fitted.items()
         )  # fmt: skip
 
-    def _strong(self) -> list[tuple[Parameter, float]]:
+    def _strong(self) -> list[tuple[EffectParameter, float]]:
         """The parameters that a strength multiplies, all together, each with its neutral value."""
         every = zip(self.parameters(0), self.fitted.values(), strict=True)
         return [(p, known.neutral) for p, known in every if known.neutral is not None]
@@ -77,7 +77,7 @@ def library(
     machine: Description, free: Collection[str], without: Sequence[str] = (), *, coarse: bool = False
 ) -> tuple[Candidate, ...]:
     """Return the candidates of a machine whose free parameters are `free`, but for some kinds; and for those
-    of a nut's way where the rows of some log are too `coarse` to tell it.
+    of a nut's path where the rows of some log are too `coarse` to show it.
     """
     length_m = machine.screw.length_m
     return tuple(
@@ -104,7 +104,7 @@ class Promise(NamedTuple):
     """What a signature promises beside a fit.
 
     `strength` is that of the shape which explains most within the bounds, `drop` the fall of the deviance it
-    would bring; `kept` is the part of the signature that the free parameters cannot make up.
+    would bring; `kept` is the part of the signature that the free parameters cannot absorb.
     """
 
     signature: Signature
@@ -114,12 +114,12 @@ class Promise(NamedTuple):
 
 
 def signatures(
-    problem: Problem, config: Config, candidates: Sequence[Candidate], crew: Crew = ALONE
+    problem: Problem, config: Config, candidates: Sequence[Candidate], pool: WorkerPool = IN_PROCESS
 ) -> list[Signature]:
-    """Return the signatures of all shapes; those that move nothing are left out."""
+    """Return the signatures of all shapes; those that change no prediction are left out."""
     kinds = groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
     groups = [tuple(group) for _, group in kinds]
-    found = crew.each(_changes, problem, [(config, group) for group in groups])
+    found = pool.each(_changes, problem, [(config, group) for group in groups])
     changes = [
         (group[number], shape, change)
         for group, own in zip(groups, found, strict=True)
@@ -142,12 +142,12 @@ def promises(base: Fit, found: Sequence[Signature], *, everywhere: bool = False)
     by_tolerance: dict[frozenset[str], list[Signature]] = {}
     for s in found:
         effect = s.candidate.effect(s.candidate.shapes[s.shape])
-        by_tolerance.setdefault(told_lags(base.config, effect), []).append(s)
-    for told, group in by_tolerance.items():
-        marginal = problem.marginal(used, told)
+        by_tolerance.setdefault(modelled_lags(base.config, effect), []).append(s)
+    for lags, group in by_tolerance.items():
+        marginal = problem.marginal(used, lags)
         Q, _ = np.linalg.qr(marginal(base.jacobian[used]))
         remainder = marginal(base.residual[used])
-        remainder = remainder - Q @ (Q.T @ remainder)  # the free parameters fitted to these tolerances
+        remainder = remainder - Q @ (Q.T @ remainder)  # the free parameters, refitted with these tolerances
         price = before - float(np.sum(remainder**2))
         columns = marginal(np.column_stack([s.change for s in group])[used])
         rest = columns - Q @ (Q.T @ columns)
@@ -165,8 +165,8 @@ def promises(base: Fit, found: Sequence[Signature], *, everywhere: bool = False)
 def _changes(
     problem: Problem, config: Config, group: Sequence[Candidate]
 ) -> list[tuple[int, int, FloatArray]]:
-    """Of each candidate of one kind, by its number, and of each of its shapes, by its number, the change (n,)
-    in K of the prediction.
+    """The change (n,) of the prediction, K, with each shape of each candidate of one kind, as (candidate's
+    number, shape's number, change).
     """
     here = problem.predicted(config)
 
@@ -175,7 +175,7 @@ def _changes(
         return problem.predicted(more) - here
 
     changes = []
-    if group[0].of.targets == "sensor":  # each moves its own sensor only: all at once
+    if group[0].of.targets == "sensor":  # each changes its own sensor only: predict all at once
         names = [s.name for s in config.sensor]
         for i in range(len(group[0].shapes)):
             whole = change(*(c.effect(c.shapes[i]) for c in group))

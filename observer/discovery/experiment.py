@@ -1,4 +1,4 @@
-"""Which test would tell: cycles that a machine can run, ranked by how far they set two answers apart."""
+"""Which test would separate two answers: cycles that a machine can run, ranked by that separation."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.phases import courses_of
-from observer.discovery.workers import ALONE, Crew
+from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
-from observer.fit.problem import Problem, told_lags
+from observer.fit.problem import Problem, modelled_lags
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock, NutPath
 
 STEP_S = 1.0
 LEAD_M = 0.01
-"""Used where the logs do not show how far a turn carries the nut."""
+"""Lead assumed where the logs do not show it."""
 SEPARATES = 5.0
-"""Standard deviations between the answers from which a test is worth its time."""
+"""Least separation, in standard deviations, for a test to be worth its time."""
 
 
 class Phase(NamedTuple):
-    """A stretch of a cycle: how long, how fast, between which positions; speed 0 rests."""
+    """A phase of a cycle: duration, speed (0 is rest), and stroke."""
 
     duration_s: float
     speed_rpm: float
@@ -46,7 +46,7 @@ class Habits(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A test cycle, and by how many standard deviations it sets the answers apart."""
+    """A test cycle, and by how many standard deviations it separates the answers."""
 
     name: str
     description: str
@@ -54,13 +54,13 @@ class Experiment:
     separation_sigma: float
 
 
-def propose(problem: Problem, answers: Sequence[Config], crew: Crew = ALONE) -> Experiment:
-    """Return the cycle of the menu that best tells the two answers that are hardest to tell.
+def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_PROCESS) -> Experiment:
+    """Return the cycle of the menu that best separates the two closest answers.
 
-    A cycle that separates them by `SEPARATES` and is shorter is preferred to one that separates more.
+    A shorter cycle that separates them by `SEPARATES` is preferred to one that separates them further.
     """
     cycles = list(menu(habits_of(problem)))
-    sigmas = crew.each(separation, problem, [(answers, phases) for _, _, phases in cycles])
+    sigmas = pool.each(separation, problem, [(answers, phases) for _, _, phases in cycles])
     found = [
         Experiment(name, text, sum(p.duration_s for p in phases), sigma)
         for (name, text, phases), sigma in zip(cycles, sigmas, strict=True)
@@ -125,7 +125,7 @@ def habits_of(problem: Problem) -> Habits:
 
 
 def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
-    """How far a turn carries the nut, from the largest distances between samples."""
+    """The nut's lead, m per revolution, from the largest distances between samples."""
     if speed is None:
         return LEAD_M
     rpm = np.abs(frames.values[1:, frames.channels.index(speed)])
@@ -140,15 +140,15 @@ def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
 def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Phase]) -> float:
     """The distance in standard deviations of the two answers nearest each other, over a cycle.
 
-    What the free parameters could make up is projected out, and the tolerances are marginalised.
+    What the free parameters could absorb is projected out, and the tolerances are marginalised.
     """
     config = problem.config
     run = prepare(config, [frames_of(config, phases, habits_of(problem))], "cycle")
     forward = Forward(config, [run, run])
     evidence = gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
-    test = Problem(config, problem.keys, forward, evidence).tolerant(answers[0])
+    test = Problem(config, problem.keys, forward, evidence).with_nuisance(answers[0])
     rows = test.evidence.proof
-    marginal = test.marginal(rows, told_lags(answers[0]))
+    marginal = test.marginal(rows, modelled_lags(answers[0]))
     Q, _ = np.linalg.qr(marginal(test.derivatives(answers[0]).columns[rows]))
     seen = [marginal(test.evidence.whitened(test.predicted(a))[rows]) for a in answers]
     apart = [b - a for i, a in enumerate(seen) for b in seen[i + 1 :]]
@@ -156,7 +156,7 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
 
 
 def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameBlock:
-    """The frames of a cycle that starts at ambient temperature; sensors show nothing but that."""
+    """The frames of a cycle that starts at ambient temperature, which all sensors read throughout."""
     count = [round(p.duration_s / STEP_S) for p in phases]
     count[-1] += 1
     speed, low, high = (
@@ -189,7 +189,7 @@ def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameB
 
 
 def _shuttle(travel_m: FloatArray, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
-    """The position of a nut that runs to and fro, turning at the ends of the stroke in force."""
+    """The position of a nut that runs to and fro, reversing at the ends of the current stroke."""
     out = np.empty(len(travel_m))
     position, sense = float(low_m[0]), 1.0
     for k, step in enumerate(travel_m):

@@ -1,4 +1,4 @@
-"""What logs tell of effects that they cannot tell apart: the family they belong to, and its figure.
+"""Effects that logs cannot distinguish: the family they belong to, and what is known of it, its figure.
 
 The figure follows from the heat that an effect takes out of the screw, by the field that a fit predicts.
 """
@@ -24,7 +24,7 @@ from observer.effects.terms import (
     StretchFilm,
     Term,
 )
-from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit, Parameter, with_effects
+from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, EffectParameter, Fit, with_effects
 from observer.fit.problem import Problem
 from observer.fit.runs import mean_over
 from observer.fit.steps import SteppedRun
@@ -35,11 +35,12 @@ from observer.tables.sections import law_channels
 
 
 @dataclass(frozen=True, slots=True)
-class Past:
-    """What a screw went through in one run, in T steps.
+class ScrewHistory:
+    """The state of a screw over one run of T steps.
 
     `position_m` (P,) from end to end, `temperature_degC` (T, P) there, `ambient_degC` (T,), `length_s` (T,)
-    of each step, `channels` the mean size (T,) of what each tells; `counted` (T,) the steps that were fitted.
+    of each step, `channels` the mean magnitude (T,) of each channel; `counted` (T,) the steps that were
+    fitted.
     """
 
     position_m: FloatArray
@@ -59,68 +60,74 @@ class Past:
         return np.asarray(np.trapezoid(values, self.position_m, axis=1))
 
     def within(self, values: FloatArray, from_m: float, to_m: float) -> FloatArray:
-        """The integral (T,) of values (T, P) over a stretch, straight between the places."""
+        """The integral (T,) of values (T, P) over a stretch, linear between the positions."""
         inside = (self.position_m > from_m) & (self.position_m < to_m)
         x = np.concatenate([[from_m], self.position_m[inside], [to_m]])
         edges = [self.at(values, place_m)[:, None] for place_m in (from_m, to_m)]
         return np.asarray(np.trapezoid(np.hstack([edges[0], values[:, inside], edges[1]]), x, axis=1))
 
     def at(self, values: FloatArray, place_m: float) -> FloatArray:
-        """Values (T, P) at one place, (T,)."""
+        """Values (T, P) interpolated at one position, (T,)."""
         i = int(np.clip(np.searchsorted(self.position_m, place_m), 1, len(self.position_m) - 1))
         a, b = self.position_m[i - 1], self.position_m[i]
         share = (place_m - a) / (b - a)
         return np.asarray((1 - share) * values[:, i - 1] + share * values[:, i])
 
 
-def loss_W(effect: EffectTable, config: Config, past: Past) -> FloatArray:
+def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatArray:
     """Return the heat (T,) that an effect of a configuration takes out of the screw.
 
-    What acts on the heats of other sources, on sensors or on the air itself takes none.
+    Effects on the heats of other sources, on sensors or on the air itself take none.
     """
     terms = effect.terms(config)
     places = {t.source.name: t.source.position_m for t in terms if isinstance(t, Heat)}
-    return np.asarray(sum((_of_term(t, config, past, places) for t in terms), np.zeros(len(past.length_s))))
+    return np.asarray(
+        sum((_of_term(t, config, history, places) for t in terms), np.zeros(len(history.length_s)))
+    )
 
 
-def _of_term(term: Term, config: Config, past: Past, places: Mapping[str, float | None]) -> FloatArray:
-    """The heat (T,) that one term takes; `places` are where the effect's own sources stand."""
-    taken_W = np.zeros(len(past.length_s))
+def _of_term(
+    term: Term, config: Config, history: ScrewHistory, places: Mapping[str, float | None]
+) -> FloatArray:
+    """The heat (T,) that one term takes; `places` are the positions of the effect's own sources."""
+    taken_W = np.zeros(len(history.length_s))
     match term:
         case Film() | StretchFilm() | SpeedLoss() | Radiation():
-            taken_W = np.pi * config.screw.diameter_m * _of_surface(term, past)
+            taken_W = np.pi * config.screw.diameter_m * _of_surface(term, history)
         case EndConductance(end, G):
-            taken_W = G * past.excess_K[:, 0 if end == "left" else -1]
+            taken_W = G * history.excess_K[:, 0 if end == "left" else -1]
         case Heat(source):
             law = heat_law(source, config.source, config.screw.length_m)
-            read = [past.channels[c] for c in law_channels(source, config.source)]
-            taken_W = -law(*(read or [np.zeros(len(past.length_s))]))
+            read = [history.channels[c] for c in law_channels(source, config.source)]
+            taken_W = -law(*(read or [np.zeros(len(history.length_s))]))
         case Body(source, C, G) if (place_m := places.get(source)) is not None:
-            taken_W = _into_body(past, past.at(past.temperature_degC, place_m), C, G)
+            taken_W = _into_body(history, history.at(history.temperature_degC, place_m), C, G)
     return taken_W
 
 
-def _of_surface(term: Film | StretchFilm | SpeedLoss | Radiation, past: Past) -> FloatArray:
-    """The heat (T,) that a term takes from the surface, along the screw, per m of its girth."""
+def _of_surface(term: Film | StretchFilm | SpeedLoss | Radiation, history: ScrewHistory) -> FloatArray:
+    """The heat (T,) that a term takes from the surface, along the screw, per m of its circumference."""
     match term:
         case Film(h):
-            return h * past.along(past.excess_K)
+            return h * history.along(history.excess_K)
         case StretchFilm(from_m, to_m, extra):
-            return extra * past.within(past.excess_K, from_m, to_m)
+            return extra * history.within(history.excess_K, from_m, to_m)
         case SpeedLoss(channel, film_W_m2K, temperature_degC):
-            drawn_degC = past.ambient_degC if temperature_degC is None else temperature_degC
-            above_K = past.temperature_degC - np.reshape(drawn_degC, (-1, 1))
-            return film_W_m2K(past.channels[channel]) * past.along(above_K)
+            drawn_degC = history.ambient_degC if temperature_degC is None else temperature_degC
+            above_K = history.temperature_degC - np.reshape(drawn_degC, (-1, 1))
+            return film_W_m2K(history.channels[channel]) * history.along(above_K)
         case Radiation(emissivity):
-            fourth = (past.temperature_degC + ZERO_DEGC_K) ** 4
-            fourth -= ((past.ambient_degC + ZERO_DEGC_K) ** 4)[:, None]
-            return emissivity * STEFAN_BOLTZMANN_W_m2K4 * past.along(fourth)
+            fourth = (history.temperature_degC + ZERO_DEGC_K) ** 4
+            fourth -= ((history.ambient_degC + ZERO_DEGC_K) ** 4)[:, None]
+            return emissivity * STEFAN_BOLTZMANN_W_m2K4 * history.along(fourth)
 
 
-def _into_body(past: Past, screw_degC: FloatArray, capacity_J_K: float, conductance_W_K: float) -> FloatArray:
+def _into_body(
+    history: ScrewHistory, screw_degC: FloatArray, capacity_J_K: float, conductance_W_K: float
+) -> FloatArray:
     """The heat (T,) into a body that begins as warm as the screw beside it, C dT_b/dt = G (T − T_b)."""
-    kept, body_degC, taken = np.exp(-conductance_W_K / capacity_J_K * past.length_s), screw_degC[0], []
-    for screw, share, dt_s in zip(screw_degC, kept, past.length_s, strict=True):
+    kept, body_degC, taken = np.exp(-conductance_W_K / capacity_J_K * history.length_s), screw_degC[0], []
+    for screw, share, dt_s in zip(screw_degC, kept, history.length_s, strict=True):
         more_K = (1 - share) * (screw - body_degC)
         taken.append(capacity_J_K * more_K / dt_s if dt_s > 0 else 0.0)
         body_degC += more_K
@@ -128,14 +135,14 @@ def _into_body(past: Past, screw_degC: FloatArray, capacity_J_K: float, conducta
 
 
 PLACES = 41
-"""How finely the field is looked at along the screw."""
+"""Positions along the screw at which the field is evaluated."""
 DIFFERENCE = 1e-3
 """Step of a parameter, in its scale, by which a figure's derivative is taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A family's figure as logs tell it, with its 95 % interval."""
+    """A family's figure as estimated from logs, with its 95 % interval."""
 
     value: float
     ci95: tuple[float, float]
@@ -143,10 +150,10 @@ class Figure:
 
 @dataclass(frozen=True)
 class Tie:
-    """Candidates that explain logs alike, each in the place of the other.
+    """Candidates that explain logs equally well, any of which can replace another.
 
-    A single one stands beside the others in every answer: it needs no family. `place` is what `family` asks
-    for; `figure` counts every member alike and spans their intervals.
+    A single one is part of every answer and needs no family. `place` is the end that a placed `family` acts
+    at; `figure` is the members' mean and spans their intervals.
     """
 
     members: tuple[Candidate, ...]
@@ -178,7 +185,8 @@ class Member(NamedTuple):
 
 
 def ties(sets: Sequence[Sequence[Candidate]], fits: Sequence[Fit]) -> tuple[Tie, ...]:
-    """Return what sets of effects have in common, effect by effect; nothing where not all is of one family.
+    """Return what sets of effects have in common, effect by effect; empty unless each exchange stays in a
+    family.
 
     The first set is the best; every other has one effect exchanged.
     """
@@ -216,15 +224,15 @@ def tie_of(members: Sequence[Member]) -> Tie | None:
 def figure_of(member: Member, family: Family) -> Figure:
     """Return the family's figure for one member, by the field that its fit predicts.
 
-    The interval carries along that of the effect's parameters, and what its form may be off.
+    The interval includes that of the effect's parameters and the uncertainty of its form.
     """
     fit, config = member.fit, member.fit.config
-    pasts = () if family.against == "own" else pasts_of(fit.problem, config)
+    histories = () if family.against == "own" else histories_of(fit.problem, config)
     own = [(j, p) for j, p in enumerate(fit.parameters) if p.effect == member.effect]
 
-    def at(parameter: Parameter | None = None, value: float = 0.0) -> float:
+    def at(parameter: EffectParameter | None = None, value: float = 0.0) -> float:
         moved = config if parameter is None else with_effects(config, [parameter], np.array([value]))
-        return effective(moved.effect[member.effect], family, moved, pasts)
+        return effective(moved.effect[member.effect], family, moved, histories)
 
     value, slopes = at(), []
     for j, p in own:
@@ -236,40 +244,42 @@ def figure_of(member: Member, family: Family) -> Figure:
     return Figure(value, (value - wide, value + wide))
 
 
-def effective(effect: EffectTable, family: Family, config: Config, pasts: Sequence[Past]) -> float:
+def effective(
+    effect: EffectTable, family: Family, config: Config, histories: Sequence[ScrewHistory]
+) -> float:
     """Return the figure of a family for one of its effects: see `Family`."""
     if family.against == "own":
         return float(getattr(effect, family.key))
-    taken_W = np.concatenate([loss_W(effect, config, past)[past.counted] for past in pasts])
+    taken_W = np.concatenate([loss_W(effect, config, history)[history.counted] for history in histories])
     if family.against == "time":
-        length_s = np.concatenate([past.length_s[past.counted] for past in pasts])
+        length_s = np.concatenate([history.length_s[history.counted] for history in histories])
         return -float(taken_W @ length_s / length_s.sum())
     end = effect.place(config.screw.length_m)
-    driven = np.concatenate([_drive(family, config, past, end)[past.counted] for past in pasts])
+    driven = np.concatenate([_drive(family, config, history, end)[history.counted] for history in histories])
     return float(taken_W @ driven / (driven @ driven))
 
 
-def _drive(family: Family, config: Config, past: Past, end: str | None) -> FloatArray:
-    """What the heat (T,) is held against: K, or m² K for a surface."""
+def _drive(family: Family, config: Config, history: ScrewHistory, end: str | None) -> FloatArray:
+    """What the heat (T,) is regressed on: K, or m² K for a surface."""
     if family.against == "end":
-        return np.asarray(past.excess_K[:, 0 if end == "left" else -1])
-    mean_K = past.along(past.excess_K) / config.screw.length_m
+        return np.asarray(history.excess_K[:, 0 if end == "left" else -1])
+    mean_K = history.along(history.excess_K) / config.screw.length_m
     surface_m2 = np.pi * config.screw.diameter_m * config.screw.length_m
     return surface_m2 * mean_K if family.against == "surface" else mean_K
 
 
-def pasts_of(problem: Problem, config: Config) -> tuple[Past, ...]:
-    """Return what the screw went through in each run, as a configuration predicts it."""
+def histories_of(problem: Problem, config: Config) -> tuple[ScrewHistory, ...]:
+    """Return the state of the screw over each run, as a configuration predicts it."""
     places_m = np.linspace(0.0, config.screw.length_m, PLACES)
     fields = problem.forward.fields(config, places_m)
     return tuple(
-        Past(places_m, *field, run.ticks.length_s, _sizes(run), _fitted(problem, i, run))
+        ScrewHistory(places_m, *field, run.ticks.length_s, _sizes(run), _fitted(problem, i, run))
         for i, (run, field) in enumerate(zip(problem.forward.runs, fields, strict=True))
     )
 
 
 def _sizes(run: SteppedRun) -> dict[str, FloatArray]:
-    """The mean size (T,) of what each channel tells over each step."""
+    """The mean magnitude (T,) of each channel over each step."""
     frames, ticks = run.run.frames, run.ticks
     sizes = mean_over(np.nan_to_num(np.abs(frames.values)), frames.dt_s, ticks.first)
     return dict(zip(frames.channels, sizes.T, strict=True))

@@ -27,9 +27,9 @@ BLOCK_MEANS, DRAWS = 20, 200
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """The error of one sensor in one phase: its rms and mean (measured less predicted), and the regressor it
-    goes with best, with the correlation and its 95 % interval from a block bootstrap.
+class ErrorLocation:
+    """The error of one sensor in one phase: its rms and mean (measured minus predicted), and the regressor it
+    correlates with best, with the correlation and its 95 % interval from a block bootstrap.
     """
 
     sensor: str
@@ -41,8 +41,8 @@ class Place:
     correlation_ci95: tuple[float, float]
 
 
-def localised(fit: Fit, rows: BoolArray) -> tuple[Place, ...]:
-    """Return the places where a fit misses some rows (n,) of the evidence, the worst first."""
+def localised(fit: Fit, rows: BoolArray) -> tuple[ErrorLocation, ...]:
+    """Return where a fit is wrong on some rows (n,) of the evidence, the worst first."""
     problem, evidence = fit.problem, fit.problem.evidence
     error_K = evidence.measured_degC - problem.predicted(fit.config)
     courses = courses_of(problem)
@@ -57,12 +57,12 @@ def localised(fit: Fit, rows: BoolArray) -> tuple[Place, ...]:
             mine = of_sensor & (phase == p)
             if np.count_nonzero(mine) >= LEAST_MEANS:
                 rms_K, mean_K = float(np.sqrt(np.mean(error_K[mine] ** 2))), float(error_K[mine].mean())
-                places.append(Place(name, phase_name, key, rms_K, mean_K, correlation, ci95))
+                places.append(ErrorLocation(name, phase_name, key, rms_K, mean_K, correlation, ci95))
     return tuple(sorted(places, key=lambda place: -place.rms_K)[:MOST])
 
 
 def _regressors(fit: Fit, courses: Sequence[Course]) -> dict[str, list[FloatArray]]:
-    """What an error may go with: for each run (b, s)."""
+    """What an error may correlate with: for each run (b, s)."""
     problem = fit.problem
     out: dict[str, list[FloatArray]] = {}
     for run, course in zip(problem.forward.runs, courses, strict=True):
@@ -121,14 +121,14 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
 WINDOW_S = 600.0
 PRIOR_W = 10.0
 LEAST_SIGMA = 4.0
-"""Windows beside the worst one that stand out so far belong to the same event."""
+"""Windows next to the worst one with at least this significance belong to the same event."""
 
 
 class Event(NamedTuple):
     """Where and when something unmodelled was largest.
 
     The sensor nearest by, phase, run (from 0), and time within the run; the latent heat with its standard
-    deviation; and the error (measured less predicted) at that sensor, mean over that time.
+    deviation; and the error (measured minus predicted) at that sensor, mean over that time.
     """
 
     sensor: str
@@ -203,5 +203,5 @@ def _one_watt_at(config: Config, sensor: Sensor) -> Config:
 
 
 def _later(step: FloatArray, by: int) -> FloatArray:
-    """The response to a step that comes so many means later."""
+    """The response to a step, delayed by so many means."""
     return np.vstack([np.zeros((by, step.shape[1])), step[: len(step) - by]])

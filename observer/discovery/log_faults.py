@@ -1,9 +1,9 @@
-"""What may be wrong with logs, as hypotheses: clocks, columns, scales, offsets, the air.
+"""Possible faults of logs, as hypotheses: clocks, columns, scales, offsets, the air.
 
 Each is fitted with every free parameter and within every tolerance: inputs shifted in time, two sensors
 exchanged, a heat scale or an ambient of its own for each log, offsets, a sensor that reads a source's heat.
-Most are linear in what they add, and all are in the free parameters nearly so: a few Gauss-Newton steps on
-predictions that are there already, where the search for an effect predicts anew for each.
+Most are linear in what they add, and nearly linear in the free parameters: a few Gauss-Newton steps on
+existing predictions suffice, where the search for an effect needs a new prediction for each.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from observer.config import Config
 from observer.effects.base import Unnamed
 from observer.effects.terms import AmbientShift, Offset
 from observer.fit.hypothesis import Fit
-from observer.fit.problem import Problem, told_lags
+from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
 
 What = Literal[
@@ -34,31 +34,31 @@ What = Literal[
 Means = list[FloatArray]
 """Of each run (b, s, …)."""
 Change = Callable[[int, FloatArray], FloatArray]
-"""What makes means (b, s, c) of run number i others."""
+"""Transforms the means (b, s, c) of run number i."""
 Columns = Callable[[Problem, Config], list[FloatArray]]
 """Changes (n,) in K of the prediction with one unit of each parameter of a hypothesis."""
 
 PER_PARAMETER = 6.0
-"""What each parameter beyond the first has to earn, as those of effects have."""
+"""Drop of the deviance required for each parameter beyond the first, as for effects."""
 WORTH = 3.0
-"""The least score from which on a hypothesis is linearised anew where it brought the parameters."""
+"""Least score at which a hypothesis is linearised again at its fitted parameters."""
 SHIFTS_S = np.concatenate([np.arange(-900.0, 0.0, 60.0), np.arange(60.0, 901.0, 60.0)])
 LAST = 6
-"""Half minutes from which a log is taken on beyond its end."""
+"""Half minutes at the end of a log from which it is extrapolated."""
 FINER_S = (30.0, 10.0)
-"""By how much inputs may be shifted, and how finely that is told in later rounds."""
+"""Resolutions of the time shift in later rounds."""
 NEAR = 0.1
-"""How far from a source, as a part of the screw's length, a sensor may sit that follows its heat."""
+"""Largest distance from a source, as a part of the screw's length, of a sensor that follows its heat."""
 SCALED, DIFFERENCE = 0.1, 1e-3
 """Finite differences: of a heat's scale, and of a free parameter in its natural scale."""
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class LogFault:
     """What may be wrong with the logs.
 
-    `change` puts the predicted means where the logs have them, `columns` are what its `parameters` multiply;
-    `about`: the sensors, sources or runs it is about; `late_s` by how much inputs come late.
+    `change` transforms the predicted means as the fault would, `columns` are what its `parameters` multiply;
+    `about`: the sensors, sources or runs concerned; `late_s` the delay of the inputs.
     """
 
     what: What
@@ -70,14 +70,14 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class Weighed:
+class FaultFit:
     """A hypothesis about the logs, fitted.
 
-    `drop`: how far it brings the deviance over all logs down from that of the null hypothesis. `values` and
-    their standard deviations `sigma` (k,) are those of its columns' parameters; `left`: the deviance.
+    `drop`: by how much it lowers the deviance over all logs from that of the null hypothesis. `values` and
+    their standard deviations `sigma` (k,) belong to its columns' parameters; `left`: the remaining deviance.
     """
 
-    hypothesis: Hypothesis
+    hypothesis: LogFault
     drop: float
     left: float
     values: FloatArray
@@ -95,7 +95,7 @@ class Linear(NamedTuple):
 
 def solved(problem: Problem, config: Config, residual: FloatArray, J: FloatArray) -> Linear:
     """The least squares of a whitened residual (n,) over all rows, tolerances marginalised."""
-    marginal = problem.marginal(np.ones(len(residual), dtype=bool), told_lags(config))
+    marginal = problem.marginal(np.ones(len(residual), dtype=bool), modelled_lags(config))
     A, b = marginal(J), marginal(residual)
     step = np.linalg.lstsq(A, b, rcond=1e-8)[0]
     covariance = np.asarray(np.linalg.pinv(A.T @ A))
@@ -103,12 +103,12 @@ def solved(problem: Problem, config: Config, residual: FloatArray, J: FloatArray
 
 
 def deviance(fit: Fit) -> float:
-    """The deviance of a fitted hypothesis over all logs, its parameters brought to all of them."""
+    """The deviance of a fitted hypothesis over all logs, its parameters refitted to all of them."""
     return solved(fit.problem, fit.config, fit.residual, fit.jacobian).deviance
 
 
 @dataclass(frozen=True)
-class Look:
+class Linearised:
     """The problem at a configuration: predicted means with their derivatives, (b, s, 1 + f) of each run."""
 
     problem: Problem
@@ -116,7 +116,7 @@ class Look:
     means: Means
 
     @classmethod
-    def at(cls, problem: Problem, config: Config) -> Look:
+    def at(cls, problem: Problem, config: Config) -> Linearised:
         """Predict, and take the derivatives by the free parameters."""
         here, values = problem.forward(config), problem.free_values(config)
         slopes = []
@@ -130,7 +130,7 @@ class Look:
             problem, config, [np.stack([h, *(s[i] for s in slopes)], axis=2) for i, h in enumerate(here)]
         )
 
-    def weighed(self, hypothesis: Hypothesis, null: float) -> Weighed:
+    def fitted(self, hypothesis: LogFault, null: float) -> FaultFit:
         """Fit a hypothesis, linear about here; `null` is the deviance without it."""
         change = hypothesis.change or (lambda _run, means: means)
         rows = _rows(self.problem, [change(i, m) for i, m in enumerate(self.means)])
@@ -141,7 +141,7 @@ class Look:
         k = len(more)
         values = self.problem.free_values(self.config) + fit.step[: len(fit.step) - k] * self.problem.scale
         sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        return Weighed(
+        return FaultFit(
             hypothesis,
             null - fit.deviance,
             fit.deviance,
@@ -151,7 +151,7 @@ class Look:
         )
 
     def heats(self) -> dict[str, float]:
-        """What the free parameters of heats are to be multiplied by, linear about here, without bounds."""
+        """The factors on the free parameters of heats, from an unbounded linear fit about here."""
         problem, values = self.problem, self.problem.free_values(self.config)
         rows = _rows(problem, self.means)
         residual = problem.evidence.measured_degC - rows[:, 0]
@@ -171,8 +171,8 @@ def _rows(problem: Problem, means: Means) -> FloatArray:
     return out
 
 
-def late(problem: Problem, late_s: float) -> Hypothesis:
-    """Inputs that come so much later in the logs than they came."""
+def late(problem: Problem, late_s: float) -> LogFault:
+    """Inputs recorded so much later than they occurred."""
 
     def change(run: int, means: FloatArray) -> FloatArray:
         time_s = problem.forward.runs[run].ticks.time_s
@@ -181,27 +181,27 @@ def late(problem: Problem, late_s: float) -> Hypothesis:
         low = np.minimum(at.astype(int), max(len(time_s) - 2, 0))
         high = np.minimum(low + 1, len(time_s) - 1)
         part = (at - low)[:, None, None]
-        last = max(len(time_s) - 1 - LAST, 0)  # beyond the end it goes on as it went
+        last = max(len(time_s) - 1 - LAST, 0)  # extrapolate beyond the end
         slope = (means[-1] - means[last]) / max(time_s[-1] - time_s[last], 1.0)
         beyond_s = np.maximum(at_s - time_s[-1], 0.0)[:, None, None]
         return np.asarray((1 - part) * means[low] + part * means[high] + beyond_s * slope)
 
-    return Hypothesis("heat starts late", 1, change=change, late_s=late_s)
+    return LogFault("heat starts late", 1, change=change, late_s=late_s)
 
 
-def exchanged(a: int, b: int) -> Hypothesis:
-    """Two sensors in each other's place."""
+def exchanged(a: int, b: int) -> LogFault:
+    """Two exchanged sensors."""
 
     def change(_run: int, means: FloatArray) -> FloatArray:
         out = means.copy()
         out[:, a], out[:, b] = means[:, b], means[:, a]
         return out
 
-    return Hypothesis("sensors exchanged", 1, (a, b), change)
+    return LogFault("sensors exchanged", 1, (a, b), change)
 
 
-def elsewhere(runs: int) -> Iterator[Hypothesis]:
-    """Air that is warmer or colder than it is said to be: in all logs alike, or in each and as it goes on."""
+def elsewhere(runs: int) -> Iterator[LogFault]:
+    """Air warmer or colder than stated: by the same in all logs, or by an offset and a drift in each."""
 
     def change(problem: Problem, config: Config, *term: AmbientShift) -> FloatArray:
         return np.asarray(problem.predicted(_with(config, *term)) - problem.predicted(config))
@@ -213,21 +213,21 @@ def elsewhere(runs: int) -> Iterator[Hypothesis]:
         shifts = (AmbientShift(0.0, 1.0), AmbientShift(1.0, 0.0))
         return [c for s in shifts for c in problem.by_run(change(problem, config, s))]
 
-    yield Hypothesis("ambient", 1, tuple(range(runs)), columns=alike)
-    yield Hypothesis("ambient", 2 * runs, tuple(range(runs)), columns=each)
+    yield LogFault("ambient", 1, tuple(range(runs)), columns=alike)
+    yield LogFault("ambient", 2 * runs, tuple(range(runs)), columns=each)
 
 
-def offset(sensors: int) -> Hypothesis:
+def offset(sensors: int) -> LogFault:
     """An offset of each sensor, beyond its tolerance."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
         here = problem.predicted(config)
         return [problem.predicted(_with(config, Offset(s.name, 1.0, 0.0))) - here for s in config.sensor]
 
-    return Hypothesis("offsets", sensors, tuple(range(sensors)), columns=columns)
+    return LogFault("offsets", sensors, tuple(range(sensors)), columns=columns)
 
 
-def scaled(runs: int, sources: Sequence[int]) -> Hypothesis:
+def scaled(runs: int, sources: Sequence[int]) -> LogFault:
     """Another scale of some sources' heat in each log but the first."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
@@ -238,11 +238,11 @@ def scaled(runs: int, sources: Sequence[int]) -> Hypothesis:
         moved = problem.predicted(config.model_copy(update={"source": tuple(more)}))
         return problem.by_run((moved - problem.predicted(config)) / SCALED)[1:]
 
-    return Hypothesis("heat differs between logs", runs - 1, tuple(sources), columns=columns)
+    return LogFault("heat differs between logs", runs - 1, tuple(sources), columns=columns)
 
 
-def follows(sensor: int, source: int, late: int = 0) -> Hypothesis:
-    """A sensor that shows a source's heat at once; or in some shares up to so many half minutes late."""
+def follows(sensor: int, source: int, late: int = 0) -> LogFault:
+    """A sensor that responds to a source's heat at once, or partly up to so many half minutes late."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
         heats = [
@@ -251,7 +251,7 @@ def follows(sensor: int, source: int, late: int = 0) -> Hypothesis:
         each = [[np.vstack([h[:1]] * by + [h[: len(h) - by]]) for h in heats] for by in range(late + 1)]
         return [np.where(problem.evidence.sensor == sensor, problem.evidence.rows(m), 0.0) for m in each]
 
-    return Hypothesis("sensor follows the heater", 1 + late, (sensor, source), columns=columns)
+    return LogFault("sensor follows the heater", 1 + late, (sensor, source), columns=columns)
 
 
 def _with(config: Config, *terms: AmbientShift | Offset) -> Config:
@@ -259,7 +259,7 @@ def _with(config: Config, *terms: AmbientShift | Offset) -> Config:
 
 
 def _beside(config: Config, sensor: int, source: int) -> bool:
-    """Whether a sensor sits on or right beside a source that stays in its place."""
+    """Whether a sensor sits on or right beside a source that does not move."""
     at, by, near_m = config.sensor[sensor], config.source[source], NEAR * config.screw.length_m
     if at.position_m is None:
         return at.on in (by.nodes or {})
@@ -270,8 +270,8 @@ def _beside(config: Config, sensor: int, source: int) -> bool:
     return by.from_m - near_m <= at.position_m <= by.to_m + near_m
 
 
-def hypotheses(problem: Problem) -> Iterator[Hypothesis]:
-    """Yield what may be wrong with the logs of a problem."""
+def hypotheses(problem: Problem) -> Iterator[LogFault]:
+    """Yield the possible faults of the logs of a problem."""
     config = problem.config
     sensors, runs = len(config.sensor), len(problem.forward.runs)
     laws = [i for i, s in enumerate(config.source) if s.law not in (None, "heat_of")]
@@ -285,37 +285,37 @@ def hypotheses(problem: Problem) -> Iterator[Hypothesis]:
     yield from (follows(*pair) for pair in itertools.product(range(sensors), laws) if _beside(config, *pair))
 
 
-def weigh(null: Fit) -> list[Weighed]:
-    """Return the best hypothesis of each suspect, the most telling first."""
+def fit_faults(null: Fit) -> list[FaultFit]:
+    """Return the best hypothesis for each kind of fault, the highest score first."""
     problem, without = null.problem, deviance(null)
-    first = Look.at(problem, null.config)
-    best: dict[str, Weighed] = {}
+    first = Linearised.at(problem, null.config)
+    best: dict[str, FaultFit] = {}
     for h in hypotheses(problem):
-        one = first.weighed(h, without)
+        one = first.fitted(h, without)
         if h.what not in best or score(one) > score(best[h.what]):
             best[h.what] = one
     return sorted((_refined(problem, w, without) for w in best.values()), key=lambda w: -score(w))
 
 
-def score(weighed: Weighed) -> float:
-    """The drop of the deviance, less what its parameters have to earn."""
-    return weighed.drop - PER_PARAMETER * (weighed.hypothesis.parameters - 1)
+def score(fitted: FaultFit) -> float:
+    """The drop of the deviance, less that required for its parameters."""
+    return fitted.drop - PER_PARAMETER * (fitted.hypothesis.parameters - 1)
 
 
-def _refined(problem: Problem, weighed: Weighed, null: float) -> Weighed:
-    """The hypothesis linearised anew where it brought the parameters: from the calibration on, which without
-    it may have gone far astray, or from the configuration as given.
+def _refined(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:
+    """The hypothesis linearised again at its fitted parameters: starting from the calibration, which may be
+    far off without it, or from the configuration as given.
     """
-    if score(weighed) < WORTH:
-        return weighed
-    given = replace(weighed, config=problem.config)
-    return max((_nearer(problem, w, null) for w in (weighed, given)), key=lambda w: w.drop)
+    if score(fitted) < WORTH:
+        return fitted
+    given = replace(fitted, config=problem.config)
+    return max((_nearer(problem, w, null) for w in (fitted, given)), key=lambda w: w.drop)
 
 
-def _nearer(problem: Problem, weighed: Weighed, null: float) -> Weighed:
+def _nearer(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:
     """The hypothesis after a few more rounds."""
     for finer_s in FINER_S:
-        look, h = Look.at(problem, weighed.config), weighed.hypothesis
+        look, h = Linearised.at(problem, fitted.config), fitted.hypothesis
         near = [h] if not h.late_s else [late(problem, h.late_s + i * finer_s) for i in range(-2, 3)]
-        weighed = max((look.weighed(n, null) for n in near), key=lambda w: w.drop)
-    return weighed
+        fitted = max((look.fitted(n, null) for n in near), key=lambda w: w.drop)
+    return fitted

@@ -1,4 +1,4 @@
-"""What the machine was doing in each half minute, and what the logs would need beyond that."""
+"""What the machine was doing in each half minute, and what excitation the logs lack."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def course_of(config: Config, run: SteppedRun) -> Course:
 
 
 def _on(values: FloatArray) -> NDArray[np.bool_]:
-    """Where a speed or power is more than little, (b,)."""
+    """Where a speed or power is not negligible, (b,)."""
     return np.asarray(values > 0.02 * max(values.max(initial=0.0), 1e-9))
 
 
@@ -85,13 +85,13 @@ def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArr
 
 
 def _mean_of_known(values: FloatArray) -> FloatArray:
-    """The mean of each row (b, s), NaN where nothing is known."""
+    """The mean of each row (b, s) over its finite values, NaN without any."""
     count = np.isfinite(values).sum(axis=1)
     return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
 
 
 def _filled(values: FloatArray) -> FloatArray:
-    """The values with gaps bridged by straight lines."""
+    """The values with missing ones interpolated."""
     known = np.isfinite(values)
     if not known.any():
         return np.zeros_like(values)
@@ -105,17 +105,17 @@ def courses_of(problem: Problem) -> tuple[Course, ...]:
 
 
 TELLING_S = 1800.0
-"""How long the longest log has to be for slow effects to be told."""
+"""Least duration of the longest log for slow effects to be identifiable."""
 WARM_SIGMA = 20.0
-"""The least rise of some sensor, in units of its noise."""
+"""Least rise of some sensor, in units of its noise."""
 SPEEDS_APART = 0.1
-"""Speeds closer than this part of the larger count as one."""
+"""Relative difference below which two speeds count as one."""
 LASTS_MEANS = 6
 """A speed or a rest counts if it lasts three minutes."""
 
 
-def lacking(config: Config, runs: Sequence[Run], courses: Sequence[Course]) -> tuple[str, ...]:
-    """Return what the logs lack, a clause for each; empty if nothing is missing."""
+def missing_excitation(config: Config, runs: Sequence[Run], courses: Sequence[Course]) -> tuple[str, ...]:
+    """Return the excitation that the logs lack, a clause for each; empty if nothing is missing."""
     out = []
     longest_s = max(run.duration_s for run in runs)
     if longest_s < TELLING_S:
@@ -129,9 +129,9 @@ def lacking(config: Config, runs: Sequence[Run], courses: Sequence[Course]) -> t
     if turning and len(speeds) == 0:
         out.append("the screw never turns")
     if turning and len(speeds) == 1:
-        out.append(f"the screw turns at {speeds[0]:.0f} rpm only, so what goes with speed cannot be told")
+        out.append(f"the screw turns at {speeds[0]:.0f} rpm only, so effects of speed are not identifiable")
     if not any(np.count_nonzero(~c.working) >= LASTS_MEANS for c in courses):
-        out.append("the machine never rests, so what acts at rest as well cannot be told")
+        out.append("the machine never rests, so effects that act at rest are not identifiable")
     return tuple(out)
 
 

@@ -1,4 +1,4 @@
-"""The proof: how large the gap is, before and after, on data that took no part in fitting or choosing."""
+"""The proof: the prediction error before and after, on data that took no part in fitting or choosing."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
 
 WORSE = 1.2
-"""A sensor whose whitened error grows by this factor, and beyond `NOTICED`, has got worse."""
+"""A sensor whose whitened error grows by this factor, and beyond `NOTICED`, is predicted worse."""
 NOTICED = 0.4
 """Mean squared whitened error beyond that of noise."""
 
 
 @dataclass(frozen=True, slots=True)
-class SensorGap:
-    """Root mean square of measured less predicted on the proof, in K: before, after, and the noise alone.
+class SensorError:
+    """Root mean square of measured minus predicted on the proof, in K: before, after, and of noise alone.
 
     `before`, `after`: the mean squared whitened error, tolerances marginalised. `beyond_tolerances_K`: the
-    root mean square before and after without what the tolerances make of it, as the fitted data tell them; a
-    machine that lacks nothing is left with its sensors' offsets otherwise. `form_K`: noise and what no model
-    of this form gets right, together.
+    root mean square before and after, less what the tolerances explain as estimated from the fitted data;
+    without this, a complete model would still show its sensors' offsets. `form_K`: noise and model form error
+    together.
     """
 
     before_rms_K: float
@@ -38,38 +38,38 @@ class SensorGap:
 
     @property
     def growth_K(self) -> tuple[float, float]:
-        """By how much the gap has grown, raw and beyond tolerances."""
+        """By how much the error has grown, raw and beyond tolerances, K."""
         before_K, after_K = self.beyond_tolerances_K
         return self.after_rms_K - self.before_rms_K, after_K - before_K
 
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """The gap over all sensors and by sensor.
+    """The error over all sensors and by sensor.
 
     Before: with the free parameters calibrated and no effect added. `as_given_rms_K`: with the configuration
-    as it was given. `expected`: what noise alone makes of the mean squared whitened error. `unproved`: the
-    effects of several without which, all else fitted anew, the gap is smaller, in K as well as whitened.
+    as it was given. `expected`: the mean squared whitened error of noise alone. `unproved`: those of several
+    effects without which, all else refitted, the error is smaller, in K and whitened.
     """
 
-    whole: SensorGap
-    per_sensor: dict[str, SensorGap]
+    whole: SensorError
+    per_sensor: dict[str, SensorError]
     as_given_rms_K: float
     expected: float
     unproved: tuple[str, ...] = ()
 
     @property
     def grown(self) -> bool:
-        """Whether the gap has grown in kelvin, raw and beyond tolerances alike, by more than noise."""
+        """Whether the error has grown in kelvin, raw and beyond tolerances, by more than noise."""
         return min(self.whole.growth_K) > self.whole.floor_rms_K
 
     @property
     def grown_on(self) -> tuple[str, ...]:
-        """The sensors whose own gap has grown: in kelvin, raw and beyond tolerances alike, by more than what
-        no model of this form gets right, and whitened as well, beyond noise.
+        """The sensors whose own error has grown: in kelvin, raw and beyond tolerances, by more than noise and
+        form error, and whitened, beyond noise.
 
-        Where the prediction has changed by less than that, it cannot have grown by more. In kelvin alone it
-        may: tolerances are stretched over a missing effect at a price, and give way when it is there.
+        Growth in kelvin alone is no proof: tolerances stretch to cover a missing effect, at a price, and
+        relax when it is added.
         """
         return tuple(
             name
@@ -87,9 +87,9 @@ class Proof:
         )
 
 
-class Gone(NamedTuple):
-    """What a fit leaves of the measured on every row (n,): in K, beyond tolerances, and on the proof's rows
-    whitened, tolerances marginalised.
+class ProofError(NamedTuple):
+    """The error of a fit on every row (n,): in K, in K beyond tolerances, and on the proof's rows whitened,
+    tolerances marginalised.
     """
 
     error_K: FloatArray
@@ -97,8 +97,8 @@ class Gone(NamedTuple):
     whitened: FloatArray
 
     @classmethod
-    def of(cls, fit: Fit) -> Gone:
-        """Predict what was held back."""
+    def of(cls, fit: Fit) -> ProofError:
+        """Predict all rows, the held-out ones as well."""
         rows, error_K = fit.problem.evidence.proof, _error_K(fit, fit.config)
         whitened = fit.marginal(rows)(fit.problem.evidence.whitened(error_K)[rows])
         return cls(error_K, error_K - fit.within_tolerances_K, whitened)
@@ -107,16 +107,16 @@ class Gone(NamedTuple):
 def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
     """Open the proof: compare the fit without effects with the one chosen.
 
-    `less` are the chosen one's effects, where there are several, each with the fit of the others alone.
+    `less`: where several effects were chosen, each with the fit of the others alone.
     """
     problem, evidence = fit.problem, fit.problem.evidence
     rows = evidence.proof
-    before, after = Gone.of(null), Gone.of(fit)
+    before, after = ProofError.of(null), ProofError.of(fit)
     deviation_K = evidence.deviation_K
 
-    def gap(mine: BoolArray) -> SensorGap:
+    def gap(mine: BoolArray) -> SensorError:
         within = mine[rows]
-        return SensorGap(
+        return SensorError(
             before_rms_K=_rms(before.error_K[mine]),
             after_rms_K=_rms(after.error_K[mine]),
             floor_rms_K=_rms(evidence.noise_K[mine]),
@@ -133,12 +133,12 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
         per_sensor={name: gap(mine) for name, mine in sensors.items() if mine.any()},
         as_given_rms_K=_rms(_error_K(fit, problem.config)[rows]),
         expected=evidence.expected,
-        unproved=tuple(name for name, others in less if _better(Gone.of(others), rows, whole)),
+        unproved=tuple(name for name, others in less if _better(ProofError.of(others), rows, whole)),
     )
 
 
-def _better(others: Gone, rows: BoolArray, whole: SensorGap) -> bool:
-    """Whether the fit of fewer effects leaves less: in K, raw and beyond tolerances, and whitened."""
+def _better(others: ProofError, rows: BoolArray, whole: SensorError) -> bool:
+    """Whether the fit of fewer effects has a smaller error: in K, raw and beyond tolerances, and whitened."""
     more_K = (
         whole.after_rms_K - _rms(others.error_K[rows]),
         whole.beyond_tolerances_K[1] - _rms(others.beyond_K[rows]),

@@ -1,4 +1,4 @@
-"""What a calibration or a discovery found, as plain data for a file."""
+"""The results of a calibration or a discovery as plain data for a file."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 
 from observer.discovery.discover import Discovery
 from observer.discovery.family import Tie
-from observer.discovery.proof import SensorGap
-from observer.discovery.search import Trial
-from observer.fit.calibrate import Calibration, Gap, describe
+from observer.discovery.proof import SensorError
+from observer.discovery.search import FittedCandidate
+from observer.fit.calibrate import Calibration, ErrorRms, describe
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit
-from observer.fit.parameters import kind_of, rounded
+from observer.fit.parameters import info_of, rounded
 
 
 def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> dict[str, Any]:
-    """Return the content of `result.json`: parameters with intervals, what could not be told, and the gap."""
+    """Return the content of `result.json`: parameters with intervals, those not identified, and the error."""
     return {
         "calibrated": {
             f.key: {**_interval(f.value, *f.ci95, f.unit), "before": f.before} for f in calibration.fitted
@@ -27,14 +27,14 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
         "not_told": [describe(obstacle) for obstacle in calibration.obstacles],
         "process_noise": _rounded(dict(noise)),
         "gap": {
-            **_gap(calibration.gap),
-            "per_sensor": {name: _gap(gap) for name, gap in calibration.per_sensor.items()},
+            **_error(calibration.error),
+            "per_sensor": {name: _error(gap) for name, gap in calibration.per_sensor.items()},
         },
     }
 
 
 def _rounded(value: Any) -> Any:
-    """Plain data with every number in it rounded."""
+    """Plain data with every float in it rounded."""
     if isinstance(value, dict):
         return {key: _rounded(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
@@ -46,12 +46,12 @@ def _interval(value: float, low: float, high: float, unit: str) -> dict[str, Any
     return {"value": rounded(value), "ci95": [rounded(low), rounded(high)], "unit": unit}
 
 
-def _gap(gap: Gap | SensorGap) -> dict[str, Any]:
-    """The root mean squares of a gap, in K."""
+def _error(gap: ErrorRms | SensorError) -> dict[str, Any]:
+    """Root mean squares of the error, in K."""
     out: dict[str, Any] = {
         key: rounded(value) for key, value in asdict(gap).items() if key.endswith("_rms_K")
     }
-    if isinstance(gap, SensorGap):
+    if isinstance(gap, SensorError):
         before_K, after_K = map(rounded, gap.beyond_tolerances_K)
         out["beyond_tolerances"] = {"before_rms_K": before_K, "after_rms_K": after_K}
     return out
@@ -69,9 +69,9 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
         "family": _family(found.ties),
         "calibrated": calibrated_of(verdict.fit),
         "gap": {
-            **_gap(proof.whole),
+            **_error(proof.whole),
             "as_given_rms_K": rounded(proof.as_given_rms_K),
-            "per_sensor": {name: _gap(gap) for name, gap in proof.per_sensor.items()},
+            "per_sensor": {name: _error(gap) for name, gap in proof.per_sensor.items()},
             "on": "proof",
         },
         "where": _where(found),
@@ -103,8 +103,8 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
 
 
 def reciprocal(value: float, half: float) -> tuple[float, float]:
-    """Return the ends of the interval of a value whose reciprocal is known to `half` over its square: it may
-    have no upper one.
+    """Return the interval of a value whose reciprocal is known to `half` over the value's square; the upper
+    end may be infinite.
     """
     middle, half = 1.0 / value, half / value**2
     return 1.0 / (middle + half), 1.0 / (middle - half) if middle > half else np.inf
@@ -116,7 +116,7 @@ def calibrated_of(fit: Fit) -> dict[str, Any]:
     values = problem.free_values(fit.config).tolist()
     out = {}
     for key, value, half in zip(problem.keys, values, fit.half_width_free.tolist(), strict=True):
-        kind = kind_of(key)
+        kind = info_of(key)
         out[key] = _interval(value, max(value - half, kind.low), min(value + half, kind.high), kind.unit)
     return out
 
@@ -141,7 +141,7 @@ def _where(found: Discovery) -> list[dict[str, Any]]:
 
 
 def _partial(found: Discovery) -> dict[str, Any] | None:
-    """Of an unknown the effect that explains most, how much of it, and what it leaves."""
+    """The effect that explains most of an unknown, its share, and what remains."""
     if (partial := found.partial) is None:
         return None
     return {
@@ -156,12 +156,12 @@ def _partial(found: Discovery) -> dict[str, Any] | None:
 
 
 def _family(ties: Sequence[Tie]) -> dict[str, Any] | None:
-    """The family of an answer, and what stands beside it in every set."""
+    """The family of an answer, and the effects common to all of its sets."""
     return {**_tie(ties[0]), "beside": [_tie(tie) for tie in ties[1:]]} if ties else None
 
 
 def _tie(tie: Tie) -> dict[str, Any]:
-    """Members that explain alike; a single one without a family stands in every set."""
+    """Members that explain the logs equally well; a single one without a family is in every set."""
     members = [c.name for c in tie.members]
     if tie.family is None or tie.figure is None:
         return {"name": None, "target": None, "members": members, "effective": {}}
@@ -174,8 +174,8 @@ def _tie(tie: Tie) -> dict[str, Any]:
     }
 
 
-def _trial(trial: Trial) -> dict[str, Any]:
-    """A candidate of the first round: what it explains of the error, and of that on data held out."""
+def _trial(trial: FittedCandidate) -> dict[str, Any]:
+    """A candidate of the first round: how much of the error it explains, and of that on held-out data."""
     effect = effects_of(trial.fit)[-1]
     return {
         **effect,

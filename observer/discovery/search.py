@@ -1,8 +1,8 @@
-"""Choose effects: screen the library by signatures, fit the best in earnest, add, and prune.
+"""Choose effects: screen the library by signatures, fit the best, add, and prune.
 
-What of a signature the free parameters could also do is projected out; what of the residual lies along the
-rest is the drop of the deviance to be expected. The best few are then fitted with every parameter free, and
-judged on data held out: what is fitted to all folds but one must also explain that one.
+The part of a signature that the free parameters could absorb is projected out; the projection of the residual
+on the rest gives the expected drop of the deviance. The best few are then fitted with every parameter free,
+and cross-validated: a fit to all folds but one must also explain that one.
 """
 
 from __future__ import annotations
@@ -14,47 +14,48 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from observer.discovery.candidates import Candidate, Promise, Signature, promises, signatures
-from observer.discovery.workers import ALONE, Crew
+from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import Fitted
-from observer.fit.hypothesis import Fit, Parameter, fit_effects, fit_null
+from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null
 from observer.fit.problem import Problem
 from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
 FITTED, FITTED_LATER = 5, 4
-"""How many candidates are fitted in earnest after the first screening, and after later ones."""
+"""How many candidates are fitted after the first screening, and after later ones."""
 ACCEPT = 30.0
 """The least drop of the deviance that names an effect; see `docs/discovery.md` for how it was found."""
 PER_PARAMETER = 6.0
-"""What each parameter beyond the first has to earn."""
+"""Drop of the deviance required for each parameter beyond the first."""
 FORM = 0.01
-"""Part of what is explained already that a further effect has to explain, for no form is quite right; more
-beside effects that are `rough`."""
+"""Part of the deviance already explained that a further effect has to explain as well, since no form is
+exact; larger beside effects that are `rough`.
+"""
 MATERIAL = 0.05
-"""The least part of the deviance on data held out that has to go."""
+"""Least part of the held-out deviance that has to be explained."""
 SAME = 0.97
-"""Part of the drop that a simple effect must bring to stand for a richer one of the same physics."""
+"""Part of the drop that a simple effect must reach to replace a richer one of the same physics."""
 STARTS = 2
-"""Promised shapes from which an effect of several parameters is fitted, as long as none explains all."""
+"""Starting shapes for an effect of several parameters, as long as none explains everything."""
 EXPLAINED = 1.1
-"""So many times what noise does is about that: no other start can do better."""
+"""A deviance below this multiple of that of noise: no other start can do better."""
 PLAIN_TO_SEE = 10.0
-"""A parameter is needed that is so many half widths of its 95 % interval from nothing."""
+"""A parameter this many half widths of its 95 % interval from zero is needed."""
 WEAK = 0.1
-"""Part of the promised strength with which a fit begins where the whole leads astray."""
+"""Part of the promised strength with which a fit starts again if it diverged from the whole."""
 BLIND = 0.02
-"""A signature of which less than this part remains cannot be told from the free parameters."""
+"""A signature of which less than this part remains is confounded with the free parameters."""
 
 Progress = Callable[[str, float], None]
 Entry = TypeVar("Entry")
 
 
 @dataclass(frozen=True)
-class Trial:
+class FittedCandidate:
     """A candidate added to a fit.
 
-    `drop` of the deviance and the `least` that is asked; `held_out`, the part of the deviance on data held
-    out that goes.
+    `drop` of the deviance and the `least` required; `held_out`, the part of the held-out deviance that it
+    explains.
     """
 
     candidate: Candidate
@@ -65,35 +66,35 @@ class Trial:
 
     @property
     def score(self) -> float:
-        """The drop of the deviance, less what its parameters have to earn."""
+        """The drop of the deviance, less that required for its parameters."""
         return self.drop - PER_PARAMETER * (len(self.candidate.fitted) - 1)
 
     @property
     def accepted(self) -> bool:
-        """Whether it explains enough, on data held out as well, within its bounds."""
-        sound = not self.fit.at_bound and self.told and self.there
+        """Whether it explains enough, on held-out data as well, within its bounds."""
+        sound = not self.fit.at_bound and self.bounded and self.significant
         return self.score >= self.least and self.held_out >= MATERIAL and sound
 
     @property
-    def there(self) -> bool:
-        """Whether the 95 % interval of every strength leaves out where there is no effect."""
+    def significant(self) -> bool:
+        """Whether the 95 % interval of every strength excludes its neutral value."""
         own = [
             (known.neutral, value, half)
             for known, _, value, half in self._own
-            if not known.reciprocal  # the drop itself says that it is not nothing
+            if not known.reciprocal  # the drop itself shows that it is significant
         ]
         return all(neutral is None or abs(value - neutral) > half for neutral, value, half in own)
 
     @property
-    def told(self) -> bool:
-        """Whether the parameters without which the effect would be another one have an upper bound."""
+    def bounded(self) -> bool:
+        """Whether the intervals of the parameters that define the effect lie below their upper bounds."""
         return all(value + half < p.high for known, p, value, half in self._own if known.bounded)
 
     @property
-    def _own(self) -> Iterator[tuple[Fitted, Parameter, float, float]]:
-        """Of the candidate's own parameters what is known, the parameter, its value and half its interval.
+    def _own(self) -> Iterator[tuple[Fitted, EffectParameter, float, float]]:
+        """Prior knowledge, parameter, value and half interval of each of the candidate's own parameters.
 
-        Another effect of the kind at another target is not its own: it may have been fitted in another form.
+        An effect of the same kind at another target is not its own: it may have been fitted in another form.
         """
         each = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
         for p, value, half in each:
@@ -106,19 +107,19 @@ class Trial:
 
 
 class Search(NamedTuple):
-    """What a search found.
+    """The result of a search.
 
     `null` is the fit without effects, `fit` the last accepted one; `chosen` its effects, each with the trials
     it won against (`rivals`, itself first, then the best) while the others stood; `ranking` the first round;
-    `blind` the candidates that this test cannot tell from the free parameters; `signatures` those of the
+    `blind` the candidates confounded with the free parameters; `signatures` those of the
     library.
     """
 
     null: Fit
     fit: Fit
-    chosen: tuple[Trial, ...]
-    rivals: tuple[tuple[Trial, ...], ...]
-    ranking: tuple[Trial, ...]
+    chosen: tuple[FittedCandidate, ...]
+    rivals: tuple[tuple[FittedCandidate, ...], ...]
+    ranking: tuple[FittedCandidate, ...]
     blind: tuple[Candidate, ...]
     signatures: tuple[Signature, ...] = ()
 
@@ -127,19 +128,19 @@ def search(
     problem: Problem,
     library: Sequence[Candidate],
     progress: Progress = lambda _text, _done: None,
-    crew: Crew = ALONE,
+    pool: WorkerPool = IN_PROCESS,
 ) -> Search:
-    """Find the effects that are missing from the configuration of a problem."""
+    """Find the effects missing from the configuration of a problem."""
     progress("calibrating without any effect", 0.0)
     null = fit_null(problem, problem.config)
     progress("signatures of the library", 0.15)
-    found = signatures(null.problem, null.config, library, crew)
+    found = signatures(null.problem, null.config, library, pool)
     blind = _blind(promises(null, found))
     fit = null
-    chosen: list[Trial] = []
-    ranking: tuple[Trial, ...] = ()
+    chosen: list[FittedCandidate] = []
+    ranking: tuple[FittedCandidate, ...] = ()
     while len(chosen) < MOST_EFFECTS:
-        trials = tried(null, fit, found, [t.candidate for t in chosen], crew)
+        trials = tried(null, fit, found, [t.candidate for t in chosen], pool)
         ranking = ranking or trials
         progress(f"effects found: {len(chosen)}", 0.3 + 0.2 * len(chosen))
         best = _best(trials)
@@ -147,29 +148,34 @@ def search(
             break
         chosen.append(best)
         fit = best.fit
-    fit, chosen = _pruned(null, fit, chosen, crew)
+    fit, chosen = _pruned(null, fit, chosen, pool)
     progress("rivals", 0.9)
-    rivals: list[tuple[Trial, ...]] = []
+    rivals: list[tuple[FittedCandidate, ...]] = []
     if len(chosen) == 1:
         alone = replace(chosen[0], fit=fit, drop=null.deviance - fit.deviance)
         rivals.append((alone, *(t for t in ranking if t.candidate.name != alone.candidate.name)))
     for i in range(len(chosen) if len(chosen) > 1 else 0):
-        fit, chosen, trials = _exchanged(null, fit, chosen, i, found, crew)
+        fit, chosen, trials = _exchanged(null, fit, chosen, i, found, pool)
         rivals.append(trials)
     return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind, tuple(found))
 
 
 def _exchanged(
-    null: Fit, fit: Fit, chosen: list[Trial], number: int, found: Sequence[Signature], crew: Crew
-) -> tuple[Fit, list[Trial], tuple[Trial, ...]]:
-    """Put the best in the place of a chosen effect while the others stand; give its rivals as well."""
+    null: Fit,
+    fit: Fit,
+    chosen: list[FittedCandidate],
+    number: int,
+    found: Sequence[Signature],
+    pool: WorkerPool,
+) -> tuple[Fit, list[FittedCandidate], tuple[FittedCandidate, ...]]:
+    """Replace a chosen effect by the best while the others stay; return its rivals as well."""
     others = [t.candidate for j, t in enumerate(chosen) if j != number]
     problem = null.problem
     base = without(problem, fit, number)
     now = chosen[number]
-    trials = tried(null, base, found, others, crew)
+    trials = tried(null, base, found, others, pool)
     own = [t for t in trials if t.candidate.name == now.candidate.name]
-    if not own or own[0].fit.deviance > fit.deviance:  # begun elsewhere, it ended worse
+    if not own or own[0].fit.deviance > fit.deviance:  # started elsewhere, it ended worse
         mine = replace(now, fit=fit, drop=base.deviance - fit.deviance)
         trials = tuple(_descending([mine, *(t for t in trials if t not in own)], lambda t: t.score))
     best = _best(trials) or trials[0]
@@ -181,7 +187,7 @@ def _exchanged(
 
 
 def _in_order(fit: Fit, number: int, before: int) -> Fit:
-    """A fit with its last effect moved to the place of the one it replaces, refitted in no way."""
+    """A fit with its last effect moved to the position of the one it replaces."""
     effects, last = list(fit.config.effect), len(fit.config.effect) - 1
     effects.insert(before + number, effects.pop())
     order = {last: before + number} | {i: i + (i >= before + number) for i in range(last)}
@@ -195,9 +201,9 @@ def tried(
     base: Fit,
     found: Sequence[Signature],
     present: Sequence[Candidate],
-    crew: Crew = ALONE,
-) -> tuple[Trial, ...]:
-    """Fit the most promising candidates beside a fit in earnest, two at a time; the best first."""
+    pool: WorkerPool = IN_PROCESS,
+) -> tuple[FittedCandidate, ...]:
+    """Fit the most promising candidates beside a fit, two at a time; the best first."""
     least = max(ACCEPT, form_of(present) * (null.deviance - base.deviance))
     by_name: dict[str, list[Promise]] = {}
     for p in promises(base, [s for s in found if not _taken(s.candidate, present)]):
@@ -206,28 +212,28 @@ def tried(
     each = [_descending(every, lambda p: p.drop) for every in by_name.values()]
     order = _descending(each, lambda every: every[0].drop)[: FITTED if not present else FITTED_LATER]
     worthwhile = [every for every in order if every[0].drop > 0.25 * least]
-    trials: list[Trial] = []
+    trials: list[FittedCandidate] = []
     for pair in (worthwhile[i : i + 2] for i in range(0, len(worthwhile), 2)):
         rival = min([t.fit.deviance for t in trials], default=np.inf)
         tasks = [(base, tuple(every), least, rival) for every in pair]
-        trials += [t for t in crew.each(_try, base.problem, tasks) if t is not None]
+        trials += [t for t in pool.each(_try, base.problem, tasks) if t is not None]
     return tuple(_descending(trials, lambda t: t.score))
 
 
 def form_of(present: Sequence[Candidate]) -> float:
-    """The part of what effects explain that their forms may leave: that of the roughest."""
+    """The form error of effects, as a part of what they explain: that of the roughest."""
     return max([FORM, *(c.of.rough for c in present)])
 
 
 def _descending(every: Iterable[Entry], worth: Callable[[Entry], float]) -> list[Entry]:
-    """Sort by worth, the best first; twins stay as they stood, whatever rounding makes of them."""
+    """Sort by worth, the best first; rounded, so that equal ones keep their order."""
     return sorted(every, key=lambda entry: -round(worth(entry), 3))
 
 
 def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
-    """Whether a candidate is out of the question beside others: itself, or a second sensor at fault.
+    """Whether a candidate is excluded beside others: present already, or a second sensor fault.
 
-    Offsets of several sensors can mimic almost any steady field.
+    Offsets of several sensors can reproduce almost any steady field.
     """
     of_sensor = [c for c in (candidate, *present) if c.of.targets == "sensor"]
     return candidate.name in {c.name for c in present} or (candidate in of_sensor and len(of_sensor) > 1)
@@ -235,9 +241,9 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
 
 def _try(
     problem: Problem, base: Fit, promised: Sequence[Promise], least: float, rival: float
-) -> Trial | None:
-    """Fit a candidate in earnest, in its richest form from the shapes that promise most, and in as plain a
-    form as does; None where no prediction is finite.
+) -> FittedCandidate | None:
+    """Fit a candidate, in its richest form from the most promising shapes, then keep the simplest form that
+    fits equally well; None where no prediction is finite.
     """
     forms = sorted({len(p.signature.candidate.fitted): p.signature.candidate for p in promised}.items())
     candidate, fit = forms[-1][1], None
@@ -255,21 +261,21 @@ def _try(
             candidate, fit = plain, plainer
             break
     drop, share = base.deviance - fit.deviance, 1 - held_out(fit) / held_out(base)
-    return Trial(candidate, fit, drop, least, share)
+    return FittedCandidate(candidate, fit, drop, least, share)
 
 
 def _from(problem: Problem, base: Fit, candidate: Candidate, promise: Promise, rival: float) -> Fit:
-    """Fit a candidate beside a fit from the promised shape and strength on."""
+    """Fit a candidate beside a fit, starting from the promised shape and strength."""
     index, of_shape = len(base.config.effect), promise.signature.candidate
     shape = of_shape.shapes[promise.signature.shape]
     effect = of_shape.effect(shape, promise.strength)
     as_given = problem.with_free(base.config, problem.free_values(problem.config))
-    # a calibration without a strong effect may have gone far astray
+    # a calibration without a strong effect may be far off
     starts = [c.model_copy(update={"effect": (*c.effect, effect)}) for c in (base.config, as_given)]
     costs = [float(np.sum(problem.residual(c)[problem.evidence.used] ** 2)) for c in starts]
     parameters = (*base.parameters, *candidate.parameters(index))
     fit = fit_effects(problem, starts[int(np.argmin(costs))], parameters, rival)
-    # if not, it led astray, for with next to nothing of the effect it is `base`
+    # it diverged: with almost nothing of the effect, it would equal `base`
     if not fit.deviance <= base.deviance:
         weak = (*base.config.effect, of_shape.effect(shape, WEAK * promise.strength))
         fit = fit_effects(problem, base.config.model_copy(update={"effect": weak}), parameters, rival)
@@ -277,13 +283,13 @@ def _from(problem: Problem, base: Fit, candidate: Candidate, promise: Promise, r
 
 
 def _explained(fit: Fit) -> bool:
-    """Whether a fit leaves about what noise does."""
+    """Whether a fit explains all but noise."""
     return fit.deviance < EXPLAINED * fit.problem.evidence.expected * len(fit.remainder)
 
 
 def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:
-    """A fit of a candidate's last effect in a plainer form, begun from the richer one's; None where what it
-    leaves out is plain to see.
+    """A fit of a candidate's last effect in a simpler form, started from the richer one; None where the
+    parameters that it drops are clearly needed.
     """
     index, gone = len(fit.config.effect) - 1, set(rich.fitted) - set(plain.fitted)
     own = zip(fit.parameters, fit.values, fit.half_width, strict=True)
@@ -296,7 +302,7 @@ def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:
 
 
 def held_out(fit: Fit) -> float:
-    """The deviance of every fold under the parameters that the other folds give, linear about the fit."""
+    """The deviance of every fold with the parameters fitted to the other folds, linear about the fit."""
     problem, total = fit.problem, 0.0
     fold = problem.evidence.fold
     for number in range(problem.evidence.folds):
@@ -315,8 +321,8 @@ def _step(fit: Fit, rows: BoolArray) -> FloatArray:
     return np.clip(step, -0.5, 0.5)
 
 
-def _best(trials: Sequence[Trial]) -> Trial | None:
-    """The best accepted trial; one of fewer parameters in its place, where both come down to the same."""
+def _best(trials: Sequence[FittedCandidate]) -> FittedCandidate | None:
+    """The best accepted candidate, or one of fewer parameters to which it reduces."""
     accepted = [t for t in trials if t.accepted]
     if not accepted:
         return None
@@ -324,8 +330,8 @@ def _best(trials: Sequence[Trial]) -> Trial | None:
     return same[0] if same and same[0].drop > SAME * accepted[0].drop else accepted[0]
 
 
-def same_physics(simple: Trial, rich: Trial) -> bool:
-    """Whether a trial with more parameters comes down to a simple one: at an end, or over the whole screw."""
+def same_physics(simple: FittedCandidate, rich: FittedCandidate) -> bool:
+    """Whether a candidate with more parameters reduces to a simple one, at an end or over the whole screw."""
     config = rich.fit.config
     return config.effect[-1].comes_down_to(config.screw.length_m) == (
         simple.candidate.of,
@@ -333,10 +339,12 @@ def same_physics(simple: Trial, rich: Trial) -> bool:
     )
 
 
-def _pruned(null: Fit, fit: Fit, chosen: list[Trial], crew: Crew) -> tuple[Fit, list[Trial]]:
-    """Leave out effects that the others have made needless, the least needed first."""
+def _pruned(
+    null: Fit, fit: Fit, chosen: list[FittedCandidate], pool: WorkerPool
+) -> tuple[Fit, list[FittedCandidate]]:
+    """Remove effects that the others have made redundant, the least needed first."""
     while len(chosen) > 1:
-        less = crew.each(without, null.problem, [(fit, i) for i in range(len(chosen))])
+        less = pool.each(without, null.problem, [(fit, i) for i in range(len(chosen))])
         costs = [
             f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.fitted) - 1)
             for f, t in zip(less, chosen, strict=True)
@@ -350,7 +358,7 @@ def _pruned(null: Fit, fit: Fit, chosen: list[Trial], crew: Crew) -> tuple[Fit, 
 
 
 def without(problem: Problem, fit: Fit, effect: int) -> Fit:
-    """Fit a hypothesis without the effect that was added as number `effect`."""
+    """Refit a hypothesis without the effect that was added as number `effect`."""
     index = effect + len(problem.config.effect)
     effects = [e for i, e in enumerate(fit.config.effect) if i != index]
     kept = [p for p in fit.parameters if p.effect != index]
@@ -359,7 +367,7 @@ def without(problem: Problem, fit: Fit, effect: int) -> Fit:
 
 
 def _blind(found: Sequence[Promise]) -> tuple[Candidate, ...]:
-    """The candidates all of whose signatures the free parameters can make up."""
+    """The candidates all of whose signatures the free parameters can absorb."""
     most: dict[str, tuple[float, Candidate]] = {}
     for p in found:
         candidate = p.signature.candidate

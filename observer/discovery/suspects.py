@@ -1,7 +1,8 @@
-"""What is wrong with the logs rather than with the model, as far as it shows.
+"""Faults of the logs rather than of the model.
 
-All logs are looked at, the proof as well, for a suspect is no part of a model: it can only take a name back.
-It is told where it explains the logs, but for a rest, and no single effect of the library does so as well.
+All logs are examined, the proof as well, for a suspect is no part of a model: it can only withdraw a named
+effect. It is reported if it explains nearly all of the error and no single effect of the library does so
+equally well.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Signature, promises
-from observer.discovery.log_faults import Look, Weighed, What, deviance, follows, score, weigh
-from observer.discovery.search import BLIND, PER_PARAMETER, Trial
+from observer.discovery.log_faults import FaultFit, Linearised, What, deviance, fit_faults, follows, score
+from observer.discovery.search import BLIND, PER_PARAMETER, FittedCandidate
 from observer.discovery.verdict import WITHIN_REACH
 from observer.effects.base import EffectTable
 from observer.effects.terms import AmbientShift
@@ -24,25 +25,25 @@ from observer.fit.problem import Problem
 from observer.physics.constants import RAD_S_PER_RPM
 
 LEAST = 30.0
-"""The least fall of the deviance over all logs, less what parameters have to earn, that tells a suspect."""
+"""Least score, over all logs, for a suspect to be reported."""
 LEAST_FOLLOWING = 100.0
-"""The same of a sensor that follows a heat: beside a source one dimension alone is a little wrong."""
+"""The same for a sensor that follows a heat: the one-dimensional model is inexact beside a source."""
 BEYOND = {"ambient": 3.0, "offsets": 12.0}
-"""The same beside what the configuration tolerates of the air and of offsets."""
+"""The same beyond the configured tolerances of the air and of offsets."""
 SPARED = 12.0
-"""The same where the tolerances explain the logs without it: one of them at three and a half of its sigma."""
+"""The same where the tolerances alone explain the logs: one of them at 3.5 σ."""
 BEYOND_PER_LOG = 3.0
-"""By how much each log's scale of heats, beside what is tolerated of it, has to bring the deviance down: 1.7
-standard deviations. Of more logs no more is asked for each.
+"""Required drop of the deviance for each log's scale of heats, beyond its tolerance: 1.7 standard deviations,
+however many logs there are.
 """
 SHARE = 0.9
-"""The least part of what noise does not explain that has to go with it."""
+"""Least part of the misfit beyond noise that it has to explain."""
 WITHIN = 0.01
-"""A single effect whose fall is lower by less than this part, or by `WITHIN_REACH`, explains as much."""
+"""A single effect whose drop is lower by less than this part, or by `WITHIN_REACH`, explains as much."""
 ALIKE = 2.0
-"""Offsets whose mean is so many times their spread are alike."""
+"""Offsets whose mean exceeds this multiple of their spread count as equal."""
 SLOWLY = 5
-"""Half minutes within which a sensor that follows a heat shows all of it."""
+"""Half minutes within which a sensor that follows a heat shows its full effect."""
 FACTORS = {
     "rpm": {
         "rad/s": 1.0 / RAD_S_PER_RPM, "revolutions a second": 60.0, "degrees a second": 1.0 / 6.0,
@@ -50,16 +51,16 @@ FACTORS = {
     },
     "W": {"kW": 1000.0, "mW": 0.001},
 }  # fmt: skip
-"""What an input in another unit is to be multiplied by."""
+"""Factors on an input that was logged in another unit."""
 LIKE = 0.5
-"""How near (natural logarithm) to a unit's factor a heat's has to be."""
+"""Largest difference of natural logarithms between a heat's factor and a unit's."""
 
 
 class Suspect(NamedTuple):
-    """Something that is wrong with the logs.
+    """A fault of the logs.
 
-    `channel`: which it is about, several joined by commas; `by`: how much, a number (s late, K too cold, K/W,
-    a ratio of heats, K of offset) or the unit; `text`: the same with what to do, in a sentence.
+    `channel`: the channel concerned, several joined by commas; `by`: how much, a number (s late, K too cold,
+    K/W, a ratio of heats, K of offset) or the unit; `text`: a sentence with the remedy.
     """
 
     what: What
@@ -68,73 +69,79 @@ class Suspect(NamedTuple):
     text: str
 
 
-def suspects(null: Fit, rivals: Sequence[Trial], marks: Sequence[Signature] = ()) -> tuple[Suspect, ...]:
-    """Return what is wrong with the logs, as far as it shows; `rivals` are fits of single effects, `marks`
-    the signatures of all that could have been fitted.
+def suspects(
+    null: Fit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature] = ()
+) -> tuple[Suspect, ...]:
+    """Return the faults found in the logs; `rivals` are fits of single effects, `marks` the signatures of the
+    whole library.
     """
-    if units := tuple(misscaled(null)):  # beside which nothing else can be told
+    if units := tuple(misscaled(null)):  # which mask everything else
         return units
-    for weighed in weigh(null):
-        if alike(weighed):
+    for fitted in fit_faults(null):
+        if alike(fitted):
             continue
-        if beyond_tolerance(null.problem.config, weighed) and plain(null, weighed, rivals, marks):
-            return (told(null.problem, weighed),)
+        if beyond_tolerance(null.problem.config, fitted) and plain(null, fitted, rivals, marks):
+            return (described(null.problem, fitted),)
     return ()
 
 
-def alike(weighed: Weighed) -> bool:
-    """Whether offsets are much the same, for then it is the air that is off, or its sensor."""
-    spread = float(np.std(weighed.values, ddof=1)) if len(weighed.values) > 1 else np.inf
-    return weighed.hypothesis.what == "offsets" and abs(float(np.mean(weighed.values))) > ALIKE * spread
+def alike(fitted: FaultFit) -> bool:
+    """Whether offsets are about equal: then the air, or its sensor, is off instead."""
+    spread = float(np.std(fitted.values, ddof=1)) if len(fitted.values) > 1 else np.inf
+    return fitted.hypothesis.what == "offsets" and abs(float(np.mean(fitted.values))) > ALIKE * spread
 
 
-def beyond_tolerance(config: Config, weighed: Weighed) -> bool:
-    """Whether a hypothesis earns enough beside what the configuration tolerates of its kind."""
-    what = weighed.hypothesis.what
+def beyond_tolerance(config: Config, fitted: FaultFit) -> bool:
+    """Whether a hypothesis explains enough beyond the configured tolerance of its kind."""
+    what = fitted.hypothesis.what
     if config.tolerance == intolerant(config, what).tolerance:
-        return score(weighed) >= (LEAST_FOLLOWING if what == "sensor follows the heater" else LEAST)
+        return score(fitted) >= (LEAST_FOLLOWING if what == "sensor follows the heater" else LEAST)
     if what == "heat differs between logs":
-        return weighed.drop >= BEYOND_PER_LOG * weighed.hypothesis.parameters
-    return score(weighed) >= BEYOND[what]
+        return fitted.drop >= BEYOND_PER_LOG * fitted.hypothesis.parameters
+    return score(fitted) >= BEYOND[what]
 
 
-def plain(null: Fit, weighed: Weighed, rivals: Sequence[Trial], marks: Sequence[Signature] = ()) -> bool:
-    """Whether a hypothesis, its kind not tolerated, explains the logs, and no single effect does as well."""
+def plain(
+    null: Fit, fitted: FaultFit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature] = ()
+) -> bool:
+    """Whether a hypothesis, without its kind's tolerance, explains the logs, and no single effect does."""
     noise = null.problem.evidence.expected * len(null.residual)
-    taken = deviance(null) <= noise  # by the tolerances, at a price that this would spare them
-    if taken and score(weighed) >= SPARED and _alone(null, weighed, rivals, marks):
+    taken = deviance(null) <= noise  # by the tolerances, at a cost that this hypothesis would avoid
+    if taken and score(fitted) >= SPARED and _alone(null, fitted, rivals, marks):
         return True
-    config, strict = intolerant(null.config, weighed.hypothesis.what), null
+    config, strict = intolerant(null.config, fitted.hypothesis.what), null
     if config.tolerance != null.config.tolerance:
-        strict = replace(null, problem=null.problem.tolerant(config))
-        weighed = Look.at(strict.problem, weighed.config).weighed(weighed.hypothesis, deviance(strict))
-    misfit = weighed.left + weighed.drop - noise
-    earned = score(weighed) >= LEAST and weighed.drop >= SHARE * misfit
-    return earned and _alone(null, weighed, rivals, marks)
+        strict = replace(null, problem=null.problem.with_nuisance(config))
+        fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.hypothesis, deviance(strict))
+    misfit = fitted.left + fitted.drop - noise
+    earned = score(fitted) >= LEAST and fitted.drop >= SHARE * misfit
+    return earned and _alone(null, fitted, rivals, marks)
 
 
-def _alone(null: Fit, weighed: Weighed, rivals: Sequence[Trial], marks: Sequence[Signature]) -> bool:
+def _alone(
+    null: Fit, fitted: FaultFit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature]
+) -> bool:
     """Whether no single effect explains the logs as well as a hypothesis about them."""
-    as_well = any(_as_well(null, weighed, trial) for trial in rivals if not _the_same(weighed, trial))
-    return not as_well and not _promised(null, weighed, marks)
+    as_well = any(_as_well(null, fitted, trial) for trial in rivals if not _the_same(fitted, trial))
+    return not as_well and not _promised(null, fitted, marks)
 
 
-def _the_same(weighed: Weighed, rival: Trial) -> bool:
-    """Whether an effect is what is suspected: the air, as it goes on."""
-    return weighed.hypothesis.what == "ambient" and about_the_air(rival.fit)
+def _the_same(fitted: FaultFit, rival: FittedCandidate) -> bool:
+    """Whether an effect and the suspected fault are the same: the air."""
+    return fitted.hypothesis.what == "ambient" and about_the_air(rival.fit)
 
 
-def _promised(null: Fit, weighed: Weighed, marks: Sequence[Signature]) -> bool:
-    """Whether an effect, no stronger than it may be, promises to leave less of all logs than a hypothesis
-    about them. One that shows on the proof alone is not among those fitted, and suspects look at the proof.
+def _promised(null: Fit, fitted: FaultFit, marks: Sequence[Signature]) -> bool:
+    """Whether an effect within its bounds promises a smaller deviance over all logs than a hypothesis about
+    them. An effect visible on the proof alone is not among those fitted, but suspects use the proof as well.
     """
     before = deviance(null)
     for promise in promises(null, marks, everywhere=True):
         candidate = promise.signature.candidate
         effect = candidate.effect(candidate.shapes[promise.signature.shape])
-        more = PER_PARAMETER * (len(candidate.fitted) - weighed.hypothesis.parameters)
-        same = weighed.hypothesis.what == "ambient" and _is_air(effect, null.config)
-        if before - promise.drop + more < weighed.left and promise.kept >= BLIND and not same:
+        more = PER_PARAMETER * (len(candidate.fitted) - fitted.hypothesis.parameters)
+        same = fitted.hypothesis.what == "ambient" and _is_air(effect, null.config)
+        if before - promise.drop + more < fitted.left and promise.kept >= BLIND and not same:
             return True
     return False
 
@@ -149,18 +156,18 @@ def about_the_air(fit: Fit) -> bool:
     return any(_is_air(effect, fit.config) for effect in fit.config.effect[len(fit.problem.config.effect) :])
 
 
-def _as_well(null: Fit, weighed: Weighed, rival: Trial) -> bool:
-    """Whether a single effect of the library, within the tolerances, leaves about as little of the logs as a
+def _as_well(null: Fit, fitted: FaultFit, rival: FittedCandidate) -> bool:
+    """Whether a single effect of the library, within the tolerances, explains the logs about as well as a
     hypothesis about them.
     """
     left = deviance(replace(rival.fit, problem=null.problem))
     drop = deviance(null) - left - PER_PARAMETER * (len(rival.candidate.fitted) - 1)
-    more = PER_PARAMETER * (len(rival.candidate.fitted) - weighed.hypothesis.parameters)
-    return left + more < weighed.left + max(WITHIN_REACH, WITHIN * drop)
+    more = PER_PARAMETER * (len(rival.candidate.fitted) - fitted.hypothesis.parameters)
+    return left + more < fitted.left + max(WITHIN_REACH, WITHIN * drop)
 
 
 def intolerant(config: Config, what: What) -> Config:
-    """The configuration without the tolerance that is of the kind of a suspect, if one is."""
+    """The configuration without the tolerance that corresponds to a kind of suspect, if there is one."""
     known = config.tolerance
     if what == "ambient":
         return config.model_copy(update={"tolerance": known.model_copy(update={"ambient_K": 0.0})})
@@ -173,32 +180,32 @@ def intolerant(config: Config, what: What) -> Config:
     return config
 
 
-def told(problem: Problem, w: Weighed) -> Suspect:
+def described(problem: Problem, w: FaultFit) -> Suspect:
     """A suspect in words."""
-    return _TELL[w.hypothesis.what](problem, w)
+    return _DESCRIBE[w.hypothesis.what](problem, w)
 
 
-def _late(_problem: Problem, w: Weighed) -> Suspect:
+def _late(_problem: Problem, w: FaultFit) -> Suspect:
     late_s = w.hypothesis.late_s
     much, how = f"{abs(late_s):.0f} s", "later" if late_s > 0 else "earlier"
     text = (
-        f"In the logs the heat starts {much} {how} than the temperatures tell; set the recorders' clocks "
-        f"alike, or move the columns of position, speed and power by {much}"
+        f"In the logs the heat starts {much} {how} than the temperatures indicate; synchronise the "
+        f"recorders' clocks, or shift the columns of position, speed and power by {much}"
     )
     return Suspect("heat starts late", None, late_s, text)
 
 
-def _exchanged(problem: Problem, w: Weighed) -> Suspect:
+def _exchanged(problem: Problem, w: FaultFit) -> Suspect:
     config = problem.config
     a, b = (config.sensor[i] for i in w.hypothesis.about)
     text = (
-        f"The columns {a.channel} and {b.channel} look exchanged: each fits the place of the other; exchange "
+        f"The columns {a.channel} and {b.channel} look exchanged: each fits the other's position; swap "
         "the two channels in the configuration, or the wires"
     )
     return Suspect("sensors exchanged", f"{a.channel}, {b.channel}", "exchanged", text)
 
 
-def _ambient(problem: Problem, w: Weighed) -> Suspect:
+def _ambient(problem: Problem, w: FaultFit) -> Suspect:
     config = problem.config
     channel, runs = config.ambient.channel, len(w.hypothesis.about)
     if len(w.values) == 1:
@@ -212,13 +219,13 @@ def _ambient(problem: Problem, w: Weighed) -> Suspect:
         how = "by " + ", ".join(f"{a:+.1f} to {b:+.1f} K in log {i + 1}" for i, (a, b) in enumerate(each))
     said = "the configuration states" if channel is None else f"{channel} says"
     text = (
-        f"The air near the screw is not what {said}: it departs from it {how}; measure it beside the screw, "
+        f"The air near the screw differs from what {said} {how}; measure it beside the screw, "
         "or raise tolerance.ambient_K"
     )
     return Suspect("ambient", channel, _short(most_K), text.replace("-", "−"))
 
 
-def _differs(problem: Problem, w: Weighed) -> Suspect:
+def _differs(problem: Problem, w: FaultFit) -> Suspect:
     config = problem.config
     ratios = 1.0 + np.concatenate([[0.0], w.values])
     low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
@@ -234,27 +241,27 @@ def _differs(problem: Problem, w: Weighed) -> Suspect:
     return Suspect("heat differs between logs", ", ".join(channels) or None, _short(ratio), text)
 
 
-def _follows(problem: Problem, w: Weighed) -> Suspect:
+def _follows(problem: Problem, w: FaultFit) -> Suspect:
     at, by = w.hypothesis.about
     sensor, source = problem.config.sensor[at], problem.config.source[by]
-    slowly = Look.at(problem, w.config).weighed(follows(at, by, SLOWLY), w.left)
+    slowly = Linearised.at(problem, w.config).fitted(follows(at, by, SLOWLY), w.left)
     per_W = float(np.sum(slowly.values))
     text = (
-        f"{sensor.channel} shows the heat of {source.name} at once, {per_W:.2g} K for each watt, beside the "
-        "screw's own temperature; mount the sensor on the screw, or leave it out of the configuration"
+        f"{sensor.channel} responds to the heat of {source.name} at once, {per_W:.2g} K per watt on top of "
+        "the screw's temperature; mount the sensor on the screw, or leave it out of the configuration"
     )
     return Suspect("sensor follows the heater", sensor.channel, _short(per_W), text)
 
 
-def _offsets(problem: Problem, w: Weighed) -> Suspect:
+def _offsets(problem: Problem, w: FaultFit) -> Suspect:
     config = problem.config
     values = w.values.tolist()
     off = [(s, v) for s, v in zip(config.sensor, values, strict=True)]
     most_K = max(values, key=abs)
     each = ", ".join(f"{s.channel} {v:+.1f} K" for s, v in off).replace("-", "−")
     text = (
-        f"The sensors disagree by more than their tolerance: {each}; compare them after a night of "
-        "standstill, and correct them or give each sensor its offset_K"
+        f"The sensors disagree by more than their tolerance: {each}; compare them after a night at "
+        "standstill, then correct them or set each sensor's offset_K"
     )
     return Suspect("offsets", ", ".join(s.channel for s, _ in off), _short(most_K), text)
 
@@ -263,7 +270,7 @@ def _short(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-_TELL: dict[str, Callable[[Problem, Weighed], Suspect]] = {
+_DESCRIBE: dict[str, Callable[[Problem, FaultFit], Suspect]] = {
     "heat starts late": _late,
     "sensors exchanged": _exchanged,
     "ambient": _ambient,
@@ -274,9 +281,9 @@ _TELL: dict[str, Callable[[Problem, Weighed], Suspect]] = {
 
 
 def misscaled(null: Fit) -> Iterator[Suspect]:
-    """Yield the inputs whose heats, all of them, fit only after the factor of a unit."""
+    """Yield the inputs all of whose heats fit only with the factor of another unit."""
     given = null.problem.config
-    ratio = Look.at(null.problem, given).heats()
+    ratio = Linearised.at(null.problem, given).heats()
     for channel, ours in _inputs(given).items():
         own = [r for key, r in ratio.items() if _input_of(given, key) == channel]
         if not own or min(own) <= 0.0:
@@ -284,7 +291,7 @@ def misscaled(null: Fit) -> Iterator[Suspect]:
         for unit, factor in FACTORS[ours].items():
             if all(abs(np.log(r / factor)) < LIKE for r in own):
                 text = (
-                    f"{channel} looks like {unit} where {ours} is expected: the temperatures ask for "
+                    f"{channel} looks like {unit} where {ours} is expected: the temperatures require "
                     f"{factor:.3g} times the heat that its laws give; log it in {ours}"
                 )
                 yield Suspect("units", channel, unit, text)

@@ -15,35 +15,37 @@ from observer.discovery.candidates import Candidate
 from observer.discovery.family import Member, Tie, tie_of
 from observer.discovery.localise import localised
 from observer.discovery.proof import Proof
-from observer.discovery.search import Search, Trial, form_of, same_physics
+from observer.discovery.search import FittedCandidate, Search, form_of, same_physics
 from observer.fit.hypothesis import Fit
 from observer.frames import FloatArray
 
-Kind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
+VerdictKind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
 
 UNFIT = 0.12
-"""Mean squared whitened error beyond that of noise, from which on something is left unexplained."""
+"""Mean squared whitened error beyond that of noise at which something is left unexplained."""
 PROOF_UNFIT = 0.3
-"""The same on data held back, which the parameters were not fitted to."""
+"""The same on held-out data, to which the parameters were not fitted."""
 WITHIN_REACH = 9.0
-"""A rival whose score is no further below the winner's cannot be told from it: three standard deviations."""
+"""A rival whose score is within this of the winner's cannot be distinguished from it: three standard
+deviations.
+"""
 WITHIN_SHARE, WITHIN_UNFIT = 0.02, 4.0
-"""The same as a part of the winner's own drop, for its form may be a little wrong, but at most so many times
-what it leaves unexplained beyond noise: it owes no more of its lead to that.
+"""The same as a part of the winner's own drop, since its form may be slightly wrong, but at most so many
+times what it leaves unexplained beyond noise.
 """
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a search comes to.
+    """The conclusion of a search.
 
     `fit` is what may be written back, or what remains to be explained; `sets` the sets of effects that
-    explain the logs equally well, the best first, and `fits` their fits; `remains` where an error is left
-    that nothing explains; `lacking` what the logs do not hold, a clause for each; `suspected` what is wrong
-    with the logs, a sentence for each without its full stop, where nothing is claimed because of it, or was.
+    explain the logs equally well, the best first, and `fits` their fits; `remains` where an unexplained error
+    is left; `lacking` the excitation that the logs lack, a clause for each; `suspected` the faults of the
+    logs, a sentence for each without its full stop, that withdraw or qualify the verdict.
     """
 
-    kind: Kind
+    kind: VerdictKind
     fit: Fit
     sets: tuple[tuple[Candidate, ...], ...] = ()
     fits: tuple[Fit, ...] = ()
@@ -55,21 +57,21 @@ class Verdict:
     def reason(self) -> str:
         """Why, in a sentence without its full stop."""
         if self.suspected:
-            nothing = "no effect is missing that shows, but " if self.kind == "none" else ""
+            nothing = "no missing effect is found, but " if self.kind == "none" else ""
             return f"{nothing}the logs themselves are in doubt: {'; '.join(self.suspected)}"
         names = [" and ".join(c.name for c in each) for each in self.sets]
         return {
             "named": f"missing: {''.join(names[:1])}",
-            "none": "the calibrated model explains the logs; nothing is missing that shows",
-            "unknown": f"an error remains {self.remains} that no effect of the library, nor three together, "
-            "explains",
-            "ambiguous": f"these logs cannot tell {' from '.join(names)}",
-            "not_identifiable": f"nothing is missing that shows, but {'; '.join(self.lacking)}",
+            "none": "the calibrated model explains the logs; no missing effect is found",
+            "unknown": f"an error remains {self.remains} that no effect of the library, nor three of them "
+            "together, explains",
+            "ambiguous": f"these logs cannot distinguish {' from '.join(names)}",
+            "not_identifiable": f"no missing effect is found, but {'; '.join(self.lacking)}",
         }[self.kind]
 
 
 def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
-    """Weigh a search; `lacking` says what the logs do not hold."""
+    """Judge a search; `lacking` is the excitation that the logs lack."""
     fit = search.fit
     form = form_of([t.candidate for t in search.chosen]) * (goodness(search.null) - goodness(fit))
     noise = proof.expected
@@ -85,8 +87,8 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
 
 
 def under_suspicion(verdict: Verdict, suspected: Sequence[str]) -> Verdict:
-    """Take back what a verdict claims where the logs explain it: an effect, or of *none* that the model
-    explains them.
+    """Withdraw a verdict where a fault of the logs explains them: a named effect, or the claim of *none* that
+    the model explains the logs.
     """
     if not suspected or verdict.kind == "not_identifiable":
         return verdict
@@ -101,8 +103,8 @@ def goodness(fit: Fit) -> float:
 
 
 def alternatives(search: Search, noise: float) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Fit, ...]]:
-    """The sets of effects within reach of each other, and their fits: the chosen one, and it with one effect
-    exchanged. `noise` is the mean squared whitened error that noise alone makes.
+    """The sets of effects that cannot be distinguished, and their fits: the chosen one, and those with one
+    effect exchanged. `noise` is the mean squared whitened error that noise alone makes.
     """
     chosen = tuple(t.candidate for t in search.chosen)
     sets, fits = [chosen], [search.fit]
@@ -119,15 +121,15 @@ def alternatives(search: Search, noise: float) -> tuple[tuple[tuple[Candidate, .
 
 @dataclass(frozen=True)
 class Partial:
-    """The effect that alone explains most of the fitted logs.
+    """The effect that alone explains most of the fitted logs; its strength differs significantly from none.
 
-    `share`: the part of the misfit that goes with it. `remains_rms_K`: what it leaves, as measured and
-    `beyond_tolerances_rms_K`; `most_on`: the sensor with most of that, and the `phase` in which it has
-    most, where any is long enough to tell.
-    `tie`: the effects that explain as much, itself first, where they are one family.
+    `share`: the part of the misfit that it explains. `remains_rms_K`: the remaining error, and
+    `beyond_tolerances_rms_K`; `most_on`: the sensor with the largest, and the `phase` in which it is largest,
+    if any is long enough.
+    `tie`: the effects that explain as much, itself first, where they form one family.
     """
 
-    trial: Trial
+    trial: FittedCandidate
     share: float
     remains_rms_K: float
     beyond_tolerances_rms_K: float
@@ -137,8 +139,8 @@ class Partial:
 
 
 def partial_of(search: Search) -> Partial | None:
-    """Return what an effect explains of what is left of the null hypothesis; None where none does any."""
-    trials = [t for t in search.ranking if t.drop > 0.0 and t.there]
+    """Return the effect that explains most of the null hypothesis's misfit; None where none explains any."""
+    trials = [t for t in search.ranking if t.drop > 0.0 and t.significant]
     if not trials:
         return None
     best = max(trials, key=lambda t: t.drop)
@@ -161,8 +163,8 @@ def partial_of(search: Search) -> Partial | None:
     )
 
 
-def _alike(best: Trial, trials: list[Trial]) -> Tie | None:
-    """The best and all that explain as much, where they are one family."""
+def _alike(best: FittedCandidate, trials: list[FittedCandidate]) -> Tie | None:
+    """The best and all that explain as much, where they form one family."""
     reach = max(WITHIN_REACH, WITHIN_SHARE * best.drop)
     near = [t for t in trials if best.drop - t.drop <= reach and not t.fit.at_bound]
     if best not in near:

@@ -1,4 +1,4 @@
-"""A second process that fits hypotheses beside this one: threads would wait for each other's interpreter."""
+"""A worker process that fits hypotheses beside this one; threads would share one interpreter lock."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ from observer.signals import blocked
 Work = Callable[..., Any]
 Task = tuple[Any, ...]
 _problems: list[Problem] = []
-"""In the second process: the problem that was sent last."""
+"""In the worker: the problem that was sent last."""
 
 
-class Crew:
-    """Does pieces of work on one problem, each in this process or the other; which, the results do not tell.
+class WorkerPool:
+    """Runs tasks on one problem in this process and one worker, with the same results as this process alone.
 
-    Without a second core, where a second process cannot be had, or in a process that itself works for
-    another, this one does all.
+    Without a second core, if the worker fails, or inside a worker process, this process runs all tasks.
     """
 
     def __init__(self, *, alone: bool = False) -> None:
@@ -37,8 +36,8 @@ class Crew:
             self._other = ProcessPoolExecutor(
                 1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
             )
-            with blocked(signal.SIGINT):  # who has started it ends it
-                self._other.submit(_awake)  # it takes a second
+            with blocked(signal.SIGINT):  # this process ends it
+                self._other.submit(_awake)  # importing takes a second
 
     def __enter__(self) -> Self:
         return self
@@ -47,16 +46,16 @@ class Crew:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._other is not None:
-            if error is not None:  # nobody waits for what it does
+            if error is not None:  # nobody needs its results
                 for process in multiprocessing.active_children():
                     process.kill()
             self._other.shutdown(wait=error is not None, cancel_futures=True)
 
     def each(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
-        """Return `work(problem, *task)` of every task; the work is a pure function of a module."""
+        """Return `work(problem, *task)` for every task; the work is a pure, module-level function."""
         later = [self._submit(work, problem, task) for task in tasks[1:]]
         done: list[Any] = [work(problem, *task) for task in tasks[:1]]
-        # from behind, for the other begins in front
+        # from the end, for the worker starts at the front
         for future, task in zip(reversed(later), reversed(tasks[1:]), strict=True):
             done.insert(1, None if future and not future.cancel() else work(problem, *task))
         for i, future in enumerate(later, start=1):
@@ -77,7 +76,7 @@ class Crew:
             return None
 
     def _result(self, future: Future[bytes], work: Work, problem: Problem, task: Task) -> Any:
-        """What the other process found; worked out here where it has gone."""
+        """The worker's result, computed here if the worker is gone."""
         try:
             return _unpacked(future.result(), problem)
         except BrokenProcessPool:
@@ -85,25 +84,25 @@ class Crew:
             return work(problem, *task)
 
 
-ALONE = Crew(alone=True)
+IN_PROCESS = WorkerPool(alone=True)
 
 
 class _Packer(pickle.Pickler):
-    """Writes the problem that all tasks share as a mark."""
+    """Pickles the problem that all tasks share as a reference."""
 
     problem: Problem
 
     def persistent_id(self, obj: Any) -> str | None:
-        """Mark the problem."""
+        """Replace the problem by a reference."""
         return "problem" if obj is self.problem else None
 
 
 class _Unpacker(pickle.Unpickler):
-    """Puts this process' own problem where the mark is."""
+    """Resolves the reference to this process's own problem."""
 
     problem: Problem
 
-    def persistent_load(self, pid: Any) -> Problem:  # noqa: ARG002 - there is only one mark
+    def persistent_load(self, pid: Any) -> Problem:  # noqa: ARG002 - there is only one reference
         """Return the problem."""
         return self.problem
 
@@ -123,7 +122,7 @@ def _unpacked(data: bytes, problem: Problem) -> Any:
 
 
 def _end_with_parent() -> None:
-    """In the second process: end when the first has, however it was ended."""
+    """In the worker: exit when the parent has, however it ended."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -135,16 +134,16 @@ def _end_with_parent() -> None:
 
 
 def _awake() -> None:
-    """Nothing: to be asked imports what a fit needs."""
+    """Do nothing; unpickling the call imports what a fit needs."""
 
 
 def _take(data: bytes) -> None:
-    """In the second process: keep the problem of what follows."""
+    """In the worker: keep the problem of the tasks that follow."""
     _problems[:] = [pickle.loads(data)]
 
 
 def _do(data: bytes) -> bytes:
-    """In the second process: do a piece of work."""
+    """In the worker: run a task."""
     [problem] = _problems
     work, task = _unpacked(data, problem)
     return _packed(work(problem, *task), problem)

@@ -1,9 +1,9 @@
 """Fit the free parameters of a configuration to logs: a hypothesis without effects, on every row.
 
-The heat of every source comes from its law, nothing corrects the prediction on the way (an estimator would
-absorb what is wrong), and the parameters minimise the weighted squares of what is left of the 30 s means.
-What else is known only within a tolerance may vary at its price, so that an offset or a loss at an end is not
-taken for film or heat, and the intervals hold what it leaves open. Pure: logs come in as frames.
+The heat of every source comes from its law, the prediction is open loop (an estimator would absorb model
+errors), and the parameters minimise the weighted squares of the residuals of the 30 s means. Nuisance
+parameters vary within their tolerances, so that an offset or a loss at an end is not taken for film or heat,
+and the intervals include their uncertainty. Pure: logs come in as frames.
 (Output-error method; Ljung 1999, §7.)
 """
 
@@ -20,21 +20,21 @@ from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, fit_null
-from observer.fit.parameters import FILM, free_keys, kind_of, replaced
+from observer.fit.parameters import FILM, free_keys, info_of, replaced
 from observer.fit.problem import Problem
 from observer.fit.runs import LEAST_S, Run, prepare
-from observer.fit.tolerance import calibration_tolerances, left_of_tolerances
+from observer.fit.tolerance import calibration_tolerances, remaining_tolerances
 from observer.frames import FloatArray, FrameBlock
 from observer.tables.sections import law_channels
 
 SEEN_SIGMA = 3.0
-"""A change by its natural scale must move some 30 s mean by this many standard deviations of its noise."""
+"""A change by its natural scale must change some 30 s mean by this many standard deviations of its noise."""
 APART = 0.01
-"""Sine of the angle below which one parameter's effect counts as a mixture of others'."""
+"""Sine of the angle below which one parameter's effect counts as a linear combination of others'."""
 
 
 class Obstacle(NamedTuple):
-    """A free parameter that the logs cannot tell: why, and what to do about it."""
+    """A free parameter that is not identifiable from the logs: why, and the remedy."""
 
     key: str
     reason: str
@@ -49,14 +49,14 @@ def describe(obstacle: Obstacle) -> str:
 def distinguishable(
     config: Config, keys: tuple[str, ...], jacobian: FloatArray, runs: Sequence[Run]
 ) -> tuple[tuple[str, ...], tuple[Obstacle, ...]]:
-    """Split the free parameters into those the logs tell and the others.
+    """Split the free parameters into those identifiable from the logs and obstacles to the others.
 
-    `jacobian` (n, p) is in standard deviations per natural scale. A parameter is told if its effect is seen
-    at all and is not a mixture of the effects of those before it in the configuration (Gram-Schmidt on
-    angles, so that a parameter's size does not matter).
+    `jacobian` (n, p) is in standard deviations per natural scale. A parameter is identifiable if its effect
+    is visible and not a linear combination of the effects of those before it in the configuration
+    (Gram-Schmidt on angles, so that a parameter's size does not matter).
     """
     basis: list[FloatArray] = []
-    told: list[str] = []
+    identified: list[str] = []
     obstacles: list[Obstacle] = []
     for key, column in zip(keys, jacobian.T, strict=True):
         if float(np.max(np.abs(column))) < SEEN_SIGMA:
@@ -66,25 +66,26 @@ def distinguishable(
         for q in basis * 2:  # twice is enough (Giraud, Langou & Rozložník 2005)
             rest = rest - q * float(q @ rest)
         if float(np.linalg.norm(rest)) < APART:
-            obstacles.append(_mixed(key, column, told, jacobian[:, [keys.index(k) for k in told]]))
+            obstacles.append(
+                _mixed(key, column, identified, jacobian[:, [keys.index(k) for k in identified]])
+            )
             continue
         basis.append(rest / float(np.linalg.norm(rest)))
-        told.append(key)
-    return tuple(told), tuple(obstacles)
+        identified.append(key)
+    return tuple(identified), tuple(obstacles)
 
 
-def _mixed(key: str, column: FloatArray, told: Sequence[str], others: FloatArray) -> Obstacle:
-    """The obstacle of a parameter whose effect others can make up; they are named by their shares."""
+def _mixed(key: str, column: FloatArray, identified: Sequence[str], others: FloatArray) -> Obstacle:
+    """The obstacle of a parameter confounded with others, which are named by their shares."""
     share = np.linalg.lstsq(others, column)[0] * np.linalg.norm(others, axis=0) / np.linalg.norm(column)
-    partners = [k for k, s in zip(told, np.abs(share), strict=True) if s > 0.1]
+    partners = [k for k, s in zip(identified, np.abs(share), strict=True) if s > 0.1]
     fewer = "one of the two" if len(partners) == 1 else "some of them"
-    return Obstacle(
-        key, f"its effect on the sensors is that of {' and '.join(partners)}", f"free only {fewer}"
-    )
+    reason = f"its effect on the sensors is confounded with that of {' and '.join(partners)}"
+    return Obstacle(key, reason, f"free only {fewer}")
 
 
 def _unseen(config: Config, key: str, runs: Sequence[Run]) -> Obstacle:
-    """The obstacle of a parameter that moves no sensor."""
+    """The obstacle of a parameter without a visible effect."""
     if key.startswith("source."):
         source = next(s for s in config.source if key.startswith(f"source.{s.name}."))
         channels = law_channels(source, config.source)
@@ -93,14 +94,16 @@ def _unseen(config: Config, key: str, runs: Sequence[Run]) -> Obstacle:
             return Obstacle(
                 key, f"{channel} stays at 0 in these logs", f"add a run in which {channel} is not 0"
             )
-        return Obstacle(key, "its heat reaches no sensor", "add a run with more heat, or a sensor nearer by")
+        return Obstacle(
+            key, "its heat reaches no sensor", "add a run with more heat, or a sensor closer to it"
+        )
     if key == FILM:
         return Obstacle(
             key,
             f"the screw stays within {max(map(_swing_K, runs)):.1f} K of its start",
             "add a run that warms the screw up and lets it cool",
         )
-    return Obstacle(key, "it moves no sensor in these logs", "take it out of [calibrate] free")
+    return Obstacle(key, "it changes no sensor in these logs", "remove it from [calibrate] free")
 
 
 def _moves(run: Run, channel: str) -> bool:
@@ -117,8 +120,8 @@ AT_BOUND = 1e-4
 Progress = Callable[[int, float], None]
 
 
-class Fitted(NamedTuple):
-    """A parameter, the value it had, the one that fits best, and its 95 % interval."""
+class FittedParameter(NamedTuple):
+    """A parameter: value before, fitted value, and 95 % interval."""
 
     key: str
     unit: str
@@ -128,7 +131,7 @@ class Fitted(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class ErrorRms:
     """Root mean square of measurement minus open-loop prediction, 30 s means, in K."""
 
     before_rms_K: float
@@ -137,19 +140,19 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What a calibration found.
+    """The result of a calibration.
 
-    `config` carries the fitted values, `left` what is left of their tolerances by the configuration's keys;
-    `obstacles` says which free parameters these logs cannot tell (these keep their values) or tell badly, and
-    why. `gap` is over all sensors, `per_sensor` by name.
+    `config` carries the fitted values, `left` their remaining tolerances by the configuration's keys;
+    `obstacles` names the free parameters that are not identifiable from these logs (they keep their values)
+    or poorly determined, and why. `error` is over all sensors, `per_sensor` by name.
     """
 
     config: Config
-    fitted: tuple[Fitted, ...]
+    fitted: tuple[FittedParameter, ...]
     left: dict[str, float]
     obstacles: tuple[Obstacle, ...]
-    gap: Gap
-    per_sensor: dict[str, Gap]
+    error: ErrorRms
+    per_sensor: dict[str, ErrorRms]
 
     @property
     def values(self) -> dict[str, float]:
@@ -163,7 +166,7 @@ def calibrate(
     """Fit the free parameters of a configuration to one or more runs, each with its own initial state.
 
     `progress(evaluations, rms_K)` is called after each prediction. Raises `ConfigError` where a free key
-    does not exist, `LogError` where the logs are too short, or tell none of the parameters.
+    does not exist, `LogError` where the logs are too short, or no parameter is identifiable.
     """
     keys = free_keys(config)
     prepared = [prepare(config, blocks, f"log {i + 1}") for i, blocks in enumerate(runs)]
@@ -180,38 +183,39 @@ def calibrate(
     evidence = gather(forward.runs, noise_K, proves=False)
     whole = Problem(config, keys, forward, evidence, within=calibration_tolerances)
     white = replace(whole, evidence=replace(evidence, groups=()))
-    told, obstacles = distinguishable(config, keys, white.derivatives(config).columns, prepared)
-    if not told:
-        raise LogError(" ".join(["the logs tell none of the free parameters:", *map(describe, obstacles)]))
-    fit = fit_null(replace(whole, keys=told), config)
+    identified, obstacles = distinguishable(config, keys, white.derivatives(config).columns, prepared)
+    if not identified:
+        why = " ".join(map(describe, obstacles))
+        raise LogError(f"none of the free parameters is identifiable from the logs: {why}")
+    fit = fit_null(replace(whole, keys=identified), config)
     fitted = _fitted(fit)
     after = replaced(config, {f.key: f.value for f in fitted})
     before_K, after_K = (_missed(prepared, forward(c)) for c in (config, after))
-    overall, per_sensor = _gaps(config, before_K, after_K)
+    overall, per_sensor = _errors(config, before_K, after_K)
     doubts = _doubts(fit.problem, fitted)
-    left = left_of_tolerances(config, fit.relative_sigma)
+    left = remaining_tolerances(config, fit.relative_sigma)
     return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor)
 
 
-def _fitted(fit: Fit) -> tuple[Fitted, ...]:
-    """The free parameters with 95 % intervals, which hold what the tolerances leave open."""
+def _fitted(fit: Fit) -> tuple[FittedParameter, ...]:
+    """The free parameters with 95 % intervals, which include the uncertainty of the nuisance parameters."""
     problem = fit.problem
     before, values = problem.free_values(problem.config), problem.free_values(fit.config)
     low, high = (np.clip(values + sign * fit.half_width_free, *problem.bounds).tolist() for sign in (-1, 1))
     each = zip(problem.keys, before.tolist(), values.tolist(), zip(low, high, strict=True), strict=True)
-    return tuple(Fitted(key, kind_of(key).unit, was, value, ci95) for key, was, value, ci95 in each)
+    return tuple(FittedParameter(key, info_of(key).unit, was, value, ci95) for key, was, value, ci95 in each)
 
 
-def _doubts(problem: Problem, fitted: Sequence[Fitted]) -> tuple[Obstacle, ...]:
-    """What is fitted but not to be relied on: values at their bounds, intervals as wide as the parameter."""
+def _doubts(problem: Problem, fitted: Sequence[FittedParameter]) -> tuple[Obstacle, ...]:
+    """Fitted parameters that are unreliable: values at their bounds, intervals as wide as the parameter."""
     doubts = []
     for f, scale, low, high in zip(fitted, problem.scale, *problem.bounds, strict=True):
         if min(abs(f.value - low), abs(f.value - high)) < AT_BOUND * scale:
-            reason = f"the fit runs into its bound of {f.value:.5g} {f.unit}"
+            reason = f"the fit stops at its bound of {f.value:.5g} {f.unit}"
             doubts.append(Obstacle(f.key, reason, "check the model and the log"))
         elif f.ci95[1] - f.ci95[0] > 2 * scale:
             reason = "its interval is as wide as the parameter itself"
-            doubts.append(Obstacle(f.key, reason, "add longer or livelier runs"))
+            doubts.append(Obstacle(f.key, reason, "add longer runs, or runs with more excitation"))
     return tuple(doubts)
 
 
@@ -220,16 +224,16 @@ def _missed(runs: Sequence[Run], predicted: Sequence[FloatArray]) -> list[FloatA
     return [run.measured_degC - p for run, p in zip(runs, predicted, strict=True)]
 
 
-def _gaps(
+def _errors(
     config: Config, before_K: Sequence[FloatArray], after_K: Sequence[FloatArray]
-) -> tuple[Gap, dict[str, Gap]]:
+) -> tuple[ErrorRms, dict[str, ErrorRms]]:
     before, after = np.vstack(before_K), np.vstack(after_K)
     per_sensor = {
-        s.name: Gap(_rms(before[:, i]), _rms(after[:, i]))
+        s.name: ErrorRms(_rms(before[:, i]), _rms(after[:, i]))
         for i, s in enumerate(config.sensor)
         if np.isfinite(before[:, i]).any()
     }
-    return Gap(_rms(before), _rms(after)), per_sensor
+    return ErrorRms(_rms(before), _rms(after)), per_sensor
 
 
 def _rms(residual_K: FloatArray) -> float:
@@ -240,6 +244,6 @@ def _long_enough(runs: Sequence[Run]) -> None:
     longest = max((run.duration_s for run in runs), default=0.0)
     if longest < LEAST_S:
         raise LogError(
-            f"the longest log lasts {longest:.0f} s and a calibration needs {LEAST_S:.0f} s at the least; "
+            f"the longest log lasts {longest:.0f} s and a calibration needs at least {LEAST_S:.0f} s; "
             "record from a standstill through warming up to cooling down"
         )

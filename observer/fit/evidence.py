@@ -1,7 +1,7 @@
-"""What the logs say, split into folds and weighed: the measured side of every hypothesis.
+"""The measurements, split into folds and weighted: the measured side of every hypothesis.
 
-Each log is cut into means of half a minute. The last log, or the end of a single one, is the proof: it takes
-no part in fitting or choosing. The others are folds: what is fitted to all but one is judged on that one.
+Each log is averaged over half minutes. The last log, or the end of a single one, is the proof: it takes no
+part in fitting or choosing. The others are folds for cross-validation.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
 
 PROOF, UNUSED = -1, -2
-FITTED_SHARE, GAP_SHARE = 0.62, 0.08
-"""Part of a single log that is fitted, and part left out between that and what proves."""
+FITTED_SHARE, MARGIN_SHARE = 0.62, 0.08
+"""Part of a single log that is fitted, and part left out between that and the proof."""
 SLOW_S, SLOW_K, SLOW_SHARE = 900.0, 0.006, 0.0015
-"""What a one-dimensional model cannot follow: correlation time, and standard deviation, of which a part is
-a share of the sensor's rms rise."""
+"""Form error of a one-dimensional model: correlation time, standard deviation, and its share of the sensor's
+rms rise.
+"""
 BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.003, 0.0006
-"""The same of what beats between a nut's motion and the sampling of its position."""
+"""The same for the beat between a nut's motion and the sampling of its position."""
 TRUSTED, LEAST_SAMPLES = 3.0, 200
 LEFT_OF_STEP, LEAST_K = 0.29, 0.003
-"""What the steps of a log leave of a mean over half a minute: 1/√12 of a step, and at least so much."""
+"""Error of a half-minute mean due to the resolution of a log: 1/√12 of a step, and at least so much."""
 FEW, MOSTLY, ENOUGH = 0.1, 0.9, 8
-"""Values stand in steps where most of their distances are whole multiples of what few of them are below, and
-there are enough of them.
+"""Values are quantised where most of their differences are multiples of a low quantile, and there are enough
+of them.
 """
 
 
@@ -60,21 +61,21 @@ class Evidence:
         return out
 
     def whitened(self, columns: FloatArray) -> FloatArray:
-        """Return columns (n,) or (n, c) in units of their noise, neighbours in time made independent."""
-        out = (columns.T / self.noise_K).T  # what no group holds is white
+        """Return columns (n,) or (n, c) whitened: of variance 1 and uncorrelated in time."""
+        out = (columns.T / self.noise_K).T  # rows outside all groups are white
         for index, matrix in self.groups:
             out[index] = matrix @ columns[index]
         return out
 
     @cached_property
     def expected(self) -> float:
-        """What white noise alone makes of the mean squared whitened error of a model without fault."""
+        """The mean squared whitened error of a perfect model, from white noise alone."""
         total = sum(float(np.sum((matrix * self.noise_K[index]) ** 2)) for index, matrix in self.groups)
         return total / max(len(self.run), 1)
 
     @cached_property
     def deviation_K(self) -> FloatArray:
-        """One standard deviation (n,) of every row: its noise, and what no model of this form gets right."""
+        """One standard deviation (n,) of every row: noise and model form error."""
         out = self.noise_K.copy()
         for index, matrix in self.groups:
             out[index] = np.linalg.norm(np.linalg.inv(matrix), axis=1)
@@ -111,7 +112,7 @@ def even(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
 def gather(runs: Sequence[SteppedRun], noise_K: FloatArray, *, proves: bool = True) -> Evidence:
     """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured.
 
-    Unless it is to prove anything, all of it is one fold.
+    Without `proves`, all of it is one fold.
     """
     noise_K = shown_noise(runs, noise_K)
     every = even(runs, noise_K)
@@ -132,7 +133,7 @@ def gather(runs: Sequence[SteppedRun], noise_K: FloatArray, *, proves: bool = Tr
 def shown_noise(runs: Sequence[SteppedRun], noise_K: FloatArray) -> FloatArray:
     """The noise (s,) that the logs show from sample to sample, within a factor `TRUSTED` of `noise_K`.
 
-    The proof is not looked at.
+    The proof is not used.
     """
     out = noise_K.copy()
     fitted = [r.run for r in (runs[:-1] if len(runs) > 1 else runs)]
@@ -148,7 +149,7 @@ def shown_noise(runs: Sequence[SteppedRun], noise_K: FloatArray) -> FloatArray:
 
 
 def resolution(runs: Sequence[SteppedRun], sensors: int) -> FloatArray:
-    """Return the steps (s,) in which the sensors' values stand in the logs, K; 0 where they show none."""
+    """Return the sensors' resolution (s,) in the logs, K; 0 where none is visible."""
     out = np.zeros(sensors)
     for s in range(sensors):
         values = np.concatenate([r.run.values_degC[r.run.usable[:, s], s] for r in runs])
@@ -160,13 +161,13 @@ def resolution(runs: Sequence[SteppedRun], sensors: int) -> FloatArray:
 
 
 def _full(count: FloatArray) -> NDArray[np.bool_]:
-    """Which means have at least half of the usual number of values."""
+    """Which means have at least half of the median number of values."""
     usual = np.median(count[count > 0]) if (count > 0).any() else 1.0
     return np.asarray(count >= 0.5 * usual)
 
 
 def _folds(time_s: FloatArray, end_s: float, run: int, runs: int) -> NDArray[np.int64]:
-    """The folds of one run's rows: whole runs where there are several, else parts with a gap between."""
+    """The folds of one run's rows: whole runs if there are several, otherwise parts with a margin."""
     if runs >= 3:
         return np.full(len(time_s), PROOF if run == runs - 1 else run)
     if runs == 2:
@@ -174,13 +175,13 @@ def _folds(time_s: FloatArray, end_s: float, run: int, runs: int) -> NDArray[np.
     begin = FITTED_SHARE * end_s
     fold = np.where(time_s < begin / 2, 0, 1)
     fold = np.where(time_s > begin, UNUSED, fold)
-    return np.where(time_s > begin + GAP_SHARE * end_s, PROOF, fold)
+    return np.where(time_s > begin + MARGIN_SHARE * end_s, PROOF, fold)
 
 
 def _rises(
     run: NDArray[np.int64], sensor: NDArray[np.int64], measured: FloatArray, fold: NDArray[np.int64]
 ) -> FloatArray:
-    """How far each sensor rises over the start of each run, rms, (runs, s), K; the proof is not looked at."""
+    """How far each sensor rises over the start of each run, rms, (runs, s), K; the proof is not used."""
     out = np.zeros((int(run.max()) + 1, int(sensor.max()) + 1))
     for i, s in np.ndindex(out.shape):
         whole = (run == i) & (sensor == s)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from observer.config import Config
 from observer.effects.terms import Body
 from observer.fit.runs import Run, mean_over
-from observer.fit.steps import Kept, SteppedRun, driving
+from observer.fit.steps import Cache, SteppedRun, driving
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.plant import Plant
@@ -22,30 +22,31 @@ from observer.model.realise import terms_of
 from observer.model.simulate import Means, simulate_means, start_from_sensors
 from observer.tables.sections import Source, owner
 
-GAP_S, GAP_ROWS, MOST_GAPS = 30.0, 2.5, 12
-"""A gap lasts longer than both; of several the longest count."""
+OUTAGE_S, OUTAGE_ROWS, MOST_OUTAGES = 30.0, 2.5, 12
+"""An outage lasts longer than both; of several the longest count."""
 SWITCHED, MOST_SWITCHES = 0.1, 24
-"""Part of a source's usual heat by which it has to change, and how often in a log, the largest first."""
+"""Relative change of a source's usual heat that counts as a switch, and the most in a log, the largest first.
+"""
 STRETCHES, STRETCH_SHARE = 8, 0.3
-"""Stretches of the screw that a gap may have heated, each by a part of what the strongest source usually
-gives.
+"""Stretches of the screw that may have been heated during an outage, each by a part of the strongest source's
+usual heat.
 """
 WANDERS = 0.7
-"""Of a nut's heat on a stretch, the part of which rows too far apart to follow its way do not tell."""
+"""Uncertain part of a nut's heat on a stretch where rows are too far apart to follow its path."""
 MOST_KEPT = 8
 PREDICTS = {
     "screw", "surface", "ambient", "boundary", "source", "node", "link", "sensor", "model", "estimator",
     "output",
 }  # fmt: skip
-"""What of a configuration a prediction depends on, beside the effects."""
+"""The sections of a configuration that a prediction depends on, beside the effects."""
 
 
 class Forward:
-    """Predicts the means (b, s) of each run; the number of modes is that of the configuration it began with.
+    """Predicts the means (b, s) of each run; the number of modes is that of the initial configuration.
 
-    What the runs alone decide is worked out once, what depends on the parameters is kept for as long as they
-    come back: a prediction with other heats costs a march, one with another film the building of a plant as
-    well. In ticks (see `steps`), or `by_row`; `watch` is shown every prediction.
+    Results that depend only on the runs are computed once, those that depend on parameters are cached: a
+    prediction with other heats costs a simulation, one with another film the building of a plant as well. In
+    ticks (see `steps`), or `by_row`; `watch` is called with every prediction.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class Forward:
         self._modes = len(plant.mode_index)
         self._tables = [m.table for m in plant.moving]
         self.runs = tuple(SteppedRun(run, config, plant, by_row=by_row) for run in runs)
-        self._plants, self._means = Kept[Plant](MOST_KEPT), Kept[list[FloatArray]](MOST_KEPT)
+        self._plants, self._means = Cache[Plant](MOST_KEPT), Cache[list[FloatArray]](MOST_KEPT)
 
     def __call__(self, config: Config) -> list[FloatArray]:
         """Return the prediction (b, s) of each run in °C."""
@@ -95,13 +96,13 @@ class Forward:
         with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis may be absurd
             return [self._predict(setting, run) for run in self.runs]
 
-    def by_gaps(self, config: Config) -> list[list[FloatArray]]:
-        """The change (b, s) of each prediction with a heat in each gap of a log: of each source throughout,
-        and on each stretch of the screw throughout and at the end.
+    def by_outages(self, config: Config) -> list[list[FloatArray]]:
+        """The change (b, s) of each prediction with a heat in each outage of a log: of each source
+        throughout, and on each stretch of the screw throughout and at the end.
 
-        Nobody knows what the machine did there; a heat may have been off, or on, or elsewhere, or later.
+        What the machine did there is unknown; a heat may have been off, or on, or elsewhere, or later.
         """
-        if not any(len(gaps_of(run)) for run in self.runs):
+        if not any(len(outages_of(run)) for run in self.runs):
             return []
         setting, bands = self._with_stretches(config)
         here, changes = self._every(setting), list[list[FloatArray]]()
@@ -110,8 +111,8 @@ class Forward:
             law_W, length_s = self._inputs(setting, run).law_W, run.ticks.length_s
             usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
             usual_W[stretch] = STRETCH_SHARE * usual_W.max()
-            gaps = gaps_of(run)
-            longest = gaps[np.argsort(-length_s[gaps])][:MOST_GAPS]
+            gaps = outages_of(run)
+            longest = gaps[np.argsort(-length_s[gaps])][:MOST_OUTAGES]
             for tick in longest.tolist():
                 after = min(tick + 1, len(law_W) - 1)
                 all_at_once = length_s[tick] / max(length_s[after], 1.0)
@@ -123,8 +124,8 @@ class Forward:
         return changes
 
     def fields(self, config: Config, positions_m: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Return, for each run, the temperature (T, P) at places of the screw at the ends of its steps, and
-        the ambient (T,), °C.
+        """Return, for each run, the temperature (T, P) at positions of the screw at the ends of its steps,
+        and the ambient (T,), °C.
         """
         like = config.sensor[0].model_copy(update={"position_m": 0.0, "on": None})
         places = [
@@ -141,9 +142,9 @@ class Forward:
         ambient = plant.known.ambient
         return [(values.ends[:, -len(places) :], inputs.z_end[:, ambient]) for inputs, values in rows]
 
-    def by_rows(self, config: Config) -> list[list[FloatArray]]:
-        """The change (b, s) of each prediction with what rows far apart do not tell, one standard deviation
-        each: when between two rows a heat changed, and where on its way a nut left how much of its own.
+    def by_coarse_rows(self, config: Config) -> list[list[FloatArray]]:
+        """The change (b, s) of each prediction with what rows far apart leave open, one standard deviation
+        each: when between two rows a heat changed, and where on its path a nut left how much heat.
         """
         if not any(run.coarse for run in self.runs):
             return []
@@ -151,8 +152,8 @@ class Forward:
         here, changes = self._every(setting), list[list[FloatArray]]()
         for i, run in enumerate(self.runs):
             if run.coarse:
-                untold = _untold(run, setting.plant, self._inputs(setting, run).law_W, bands)
-                changes += [self._with_more(setting, i, more_W, here) for more_W in untold]
+                open_W = _undetermined(run, setting.plant, self._inputs(setting, run).law_W, bands)
+                changes += [self._with_more(setting, i, more_W, here) for more_W in open_W]
         return changes
 
     def _with_stretches(self, config: Config) -> tuple[Setting, list[tuple[int, Source]]]:
@@ -170,7 +171,7 @@ class Forward:
         return change
 
     def airs(self, config: Config) -> list[FloatArray]:
-        """The air of each run as every sensor's mean (b, s) has it, °C."""
+        """The air temperature of each run over every sensor's means, (b, s), °C."""
         setting, out = self._setting(config), []
         for run in self.runs:
             air = self._inputs(setting, run).z_end[:, setting.plant.known.ambient]
@@ -180,19 +181,21 @@ class Forward:
         return out
 
     def _with_tables(self, plant: Plant) -> Plant:
-        """The plant with the first one's tables: what the dropped modes add goes with 1/kA, not the film."""
+        """The plant with the first one's tables: the dropped modes' part scales with 1/kA, not the film."""
         moving = []
         for m, first in zip(plant.moving, self._tables, strict=True):
             ratio = first.conductance_W_m / m.table.conductance_W_m
             table_C, mean_C = first.table_C * ratio, first.mean_C * ratio
-            own = m.table  # what is the same wherever the nut is, as of sensors that lag, stays as it is
+            own = m.table  # columns independent of the nut's position, as of lagging sensors, stay
             same = (own.table_C == own.mean_C).all(axis=0)
             table_C[:, same], mean_C[same] = own.mean_C[same], own.mean_C[same]
             moving.append(m.with_table(table_C=table_C, mean_C=mean_C))
         return replace(plant, moving=tuple(moving))
 
     def _inputs(self, setting: Setting, run: SteppedRun) -> Inputs:
-        """The inputs of a run, its laws at their strengths; those that effects and links add keep theirs."""
+        """The inputs of a run, its laws scaled to their strengths; those added by effects and links are
+        unscaled.
+        """
         inputs = run.inputs(setting.config, setting.plant, setting.key, setting.driving)
         added = np.ones(inputs.law_W.shape[1] - len(setting.strength))
         return inputs._replace(law_W=inputs.law_W * np.concatenate([setting.strength, added]))
@@ -205,7 +208,7 @@ class Forward:
     ) -> tuple[Inputs, Means]:
         """The inputs of a run's steps, and the output rows (T, R) of these.
 
-        Rows beyond the run's own sensors have nothing to start from.
+        Rows beyond the run's own sensors have no initial readings.
         """
         plant, inputs = setting.plant, self._inputs(setting, run)
         if more_W is not None:
@@ -216,18 +219,20 @@ class Forward:
         )
         state = start_from_sensors(plant, start_degC, start_R_K2, inputs.law_W[0], inputs.z_start[0])
         sweep = run.sweep(plant)
-        return inputs, simulate_means(plant if sweep is None else _told(plant), state, inputs, sweep)
+        return inputs, simulate_means(
+            plant if sweep is None else _without_sweeps(plant), state, inputs, sweep
+        )
 
 
-def gaps_of(run: SteppedRun) -> NDArray[np.int64]:
-    """The ticks of a run that are gaps: long, and longer than its rows usually are apart."""
-    return np.flatnonzero(run.ticks.length_s > max(GAP_S, GAP_ROWS * run.row_s))
+def outages_of(run: SteppedRun) -> NDArray[np.int64]:
+    """The ticks of a run that are outages: long, and longer than its rows usually are apart."""
+    return np.flatnonzero(run.ticks.length_s > max(OUTAGE_S, OUTAGE_ROWS * run.row_s))
 
 
-def _untold(
+def _undetermined(
     run: SteppedRun, plant: Plant, law_W: FloatArray, bands: Sequence[tuple[int, Source]]
 ) -> Iterator[FloatArray]:
-    """Yield heats (T, m) beside those by law (T, m) that rows far apart allow; `bands` are stretches of the
+    """Yield changes of the heats by law (T, m) that rows far apart leave open; `bands` are stretches of the
     screw, each with its number among the sources.
     """
     usual_W = np.maximum(np.quantile(np.abs(law_W), 0.9, axis=0), 1e-9)
@@ -237,7 +242,7 @@ def _untold(
     switches = np.sort(largest[size[largest] > SWITCHED])
     for tick in switches.tolist():
         more_W = np.zeros_like(law_W)
-        more_W[tick] = later_W[tick] / np.sqrt(12.0)  # the standard deviation of an even chance
+        more_W[tick] = later_W[tick] / np.sqrt(12.0)  # standard deviation of a uniform distribution
         yield more_W
     parts = np.split(np.arange(len(law_W)), switches)
     for nut in plant.moving:
@@ -263,8 +268,8 @@ class Setting(NamedTuple):
     driving: str
 
 
-def _told(plant: Plant) -> Plant:
-    """The plant without what it holds of the sweeps of nuts that move, since these are known."""
+def _without_sweeps(plant: Plant) -> Plant:
+    """The plant without its own spreads of moving nuts, since the sweeps are known."""
     c = plant.coupling
     s, none = c.spreads, np.zeros(0, dtype=np.int64)
     s = s._replace(source=none, rate_1_s=s.rate_1_s[:0], row=s.row[:0], into=s.into[:0])
@@ -272,8 +277,8 @@ def _told(plant: Plant) -> Plant:
 
 
 def lean_config(config: Config, modes: int) -> Config:
-    """The same screw with as few output rows as can be, and, where they are the first ones, a fixed number of
-    modes: one more or less from one value of the film to the next would be a step in the misfit.
+    """The same screw with a minimum of output rows and, under the tail criterion, a fixed number of modes: a
+    mode more or less from one film value to the next would be a step in the misfit.
     """
     model = config.model
     if model.criterion == "tail" and model.modes is None:
@@ -303,7 +308,7 @@ def unit_laws(config: Config) -> tuple[Config, FloatArray]:
 
 
 def _linear_in(source: Source, divided: Collection[str]) -> tuple[str, ...]:
-    """The parameters that only multiply a source's law; of `divided` ones the share does more than that."""
+    """The parameters that only scale a source's law; for `divided` sources the share does more."""
     share = () if source.name in divided else ("share",)
     if source.torque_Nm is not None and source.nut_torque_Nm is None:
         return ("scale", *share, "torque_Nm")
@@ -315,7 +320,7 @@ def _linear_in(source: Source, divided: Collection[str]) -> tuple[str, ...]:
 
 
 def _strength(source: Source, config: Config, divided: Collection[str]) -> float:
-    """What the law of strength 1 is to be multiplied by."""
+    """The factor on the law of strength 1."""
     if source.law == "heat_of":
         other = _strength(owner(source, config.source), config, divided)
         return source.scale / (source.heat_ratio or 1.0) * other

@@ -1,9 +1,9 @@
 """A hypothesis: a set of effects, fitted together with every free parameter and within every tolerance.
 
-The fit is by Gauss and Newton on the whitened residuals of the open-loop prediction; tolerances are
-marginalised, so a residual that they explain costs what its share of their standard deviations costs and no
-more. The free parameters' derivatives are those at the hypothesis without any effect, until they are far from
-there; the effects' own are taken anew in every step, and each step's residual is that of a real prediction.
+The fit is by Gauss-Newton on the whitened residuals of the open-loop prediction; nuisance parameters are
+marginalised, so a residual that they explain costs only their prior. The free parameters' derivatives are
+those at the hypothesis without any effect, until they are far from there; the effects' own are updated in
+every step, and each step's residual is that of a full prediction.
 """
 
 from __future__ import annotations
@@ -16,26 +16,25 @@ import numpy as np
 
 from observer.config import Config
 from observer.fit.minimise import Range, Stop, minimise
-from observer.fit.problem import Marginal, Problem, told_lags
+from observer.fit.problem import Marginal, Problem, modelled_lags
 from observer.frames import BoolArray, FloatArray
 
 NULL_ROUNDS, STEPS = 4, 10
 LITTLE = 0.05
 """A drop of the deviance by less than this ends a fit."""
 SMALL = 0.03
-"""A step of this many standard deviations of every parameter ends a fit."""
+"""A step smaller than this many standard deviations of every parameter ends a fit."""
 MOST_STEP = 0.5
-"""How far a free parameter may go in one step, in its scale: beyond, its derivatives mean little."""
+"""Largest step of a free parameter, in its scale; beyond, its derivatives are unreliable."""
 FAR = 0.2
-"""How far a free parameter may go, in its scale, before the derivatives are taken anew."""
+"""Largest change of a free parameter, in its scale, before the derivatives are updated."""
 NORMAL_95 = 1.96
 FORM_SHARE = 0.015
-"""How far an effect's own form may be from that of the machine, as a part of its parameters, places and
-temperatures aside: one σ."""
+"""Form error of an effect as a part of its parameters, positions and temperatures excepted: one σ."""
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class EffectParameter:
     """A parameter of an effect that is fitted: which effect and key, a natural scale, its bounds, and whether
     it may stand at the upper one.
     """
@@ -59,15 +58,17 @@ class Fit:
 
     problem: Problem
     config: Config
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     values: FloatArray
     residual: FloatArray
     jacobian: FloatArray
     scale: FloatArray
 
     def marginal(self, rows: BoolArray) -> Marginal:
-        """The map that marginalises the tolerances on some rows, but for lags that the fit itself tells."""
-        return self.problem.marginal(rows, told_lags(self.config))
+        """The map that marginalises the nuisance parameters on some rows, except lags that the fit itself
+        models.
+        """
+        return self.problem.marginal(rows, modelled_lags(self.config))
 
     @cached_property
     def deviance(self) -> float:
@@ -82,15 +83,17 @@ class Fit:
 
     @cached_property
     def within_tolerances_K(self) -> FloatArray:
-        """What the tolerances most probably make of every row, (n,), K, as the used rows tell."""
-        slack = self.problem.slack
-        if slack is None or not slack.columns.shape[1]:
+        """The most probable contribution of the tolerances to every row, (n,), K, estimated from the used
+        rows.
+        """
+        nuisance = self.problem.nuisance
+        if nuisance is None or not nuisance.columns.shape[1]:
             return np.zeros(len(self.residual))
-        kept = np.array([name not in told_lags(self.config) for name in slack.lag_of])
+        kept = np.array([name not in modelled_lags(self.config) for name in nuisance.lag_of])
         used = self.problem.evidence.used
-        T = slack.columns[used][:, kept]
+        T = nuisance.columns[used][:, kept]
         taken = np.linalg.solve(T.T @ T + np.eye(T.shape[1]), T.T @ self.residual[used])
-        return np.asarray(slack.changes_K[:, kept] @ taken)
+        return np.asarray(nuisance.changes_K[:, kept] @ taken)
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -111,7 +114,7 @@ class Fit:
 
     @property
     def relative_sigma(self) -> dict[str, float]:
-        """The standard deviation of each free parameter as a part of it, by its key; of none that is 0."""
+        """The relative standard deviation of each free parameter that is not 0, by its key."""
         values = self.problem.free_values(self.config).tolist()
         each = zip(self.problem.keys, values, (self.half_width_free / NORMAL_95).tolist(), strict=True)
         return {key: sigma / abs(value) for key, value, sigma in each if value}
@@ -130,24 +133,24 @@ class Fit:
 
 
 def fit_null(problem: Problem, config: Config) -> Fit:
-    """Fit the free parameters alone; the fit's problem has the derivatives that all hypotheses share."""
-    problem = problem.tolerant(config)
+    """Fit the free parameters alone; the fit's problem holds the derivatives that all hypotheses share."""
+    problem = problem.with_nuisance(config)
     for _ in range(NULL_ROUNDS):
-        fit = fit_effects(problem.around(config), config, ())
+        fit = fit_effects(problem.linearised_at(config), config, ())
         moved = np.abs(problem.free_values(fit.config) - problem.free_values(config)) / problem.scale
         config = fit.config
         if not len(moved) or moved.max() < 5e-3:
             break
-    return fit_effects(problem.around(config).tolerant(config), config, ())
+    return fit_effects(problem.linearised_at(config).with_nuisance(config), config, ())
 
 
 def fit_effects(
-    problem: Problem, config: Config, parameters: Sequence[Parameter], rival: float = np.inf
+    problem: Problem, config: Config, parameters: Sequence[EffectParameter], rival: float = np.inf
 ) -> Fit:
     """Fit the free parameters and those of the effects in `config`, from where they stand.
 
-    `rival` is a deviance to compete with: a fit that at its pace would not get there in the steps that are
-    left is given up where it is.
+    `rival` is a deviance to compete with: a fit that would not reach it in the remaining steps at its current
+    rate is stopped.
     """
     scale = np.concatenate([problem.scale, [p.scale for p in parameters]])
     low = np.concatenate([problem.bounds[0], [p.low for p in parameters]]) / scale
@@ -155,7 +158,7 @@ def fit_effects(
     effects = [getattr(config.effect[p.effect], p.key) for p in parameters]
     theta = np.clip(np.concatenate([problem.free_values(config), effects]) / scale, low, high)
     used, f = problem.evidence.used, len(problem.keys)
-    marginal = problem.marginal(used, told_lags(config))
+    marginal = problem.marginal(used, modelled_lags(config))
     free = problem.by_free or problem.derivatives(config)
     if not parameters:
         free = replace(free, at=theta[:f])
@@ -182,7 +185,7 @@ def fit_effects(
     return Fit(problem, at(found.theta), tuple(parameters), values, found.residual, found.jacobian, scale)
 
 
-def with_effects(config: Config, parameters: Sequence[Parameter], values: FloatArray) -> Config:
+def with_effects(config: Config, parameters: Sequence[EffectParameter], values: FloatArray) -> Config:
     """The configuration with other values of its effects' parameters."""
     effects = list(config.effect)
     for p, value in zip(parameters, values.tolist(), strict=True):
@@ -192,7 +195,7 @@ def with_effects(config: Config, parameters: Sequence[Parameter], values: FloatA
     return config.model_copy(update={"effect": tuple(e.resolved(length_m) for e in effects)})
 
 
-def _by_effects(problem: Problem, config: Config, parameters: Sequence[Parameter]) -> FloatArray:
+def _by_effects(problem: Problem, config: Config, parameters: Sequence[EffectParameter]) -> FloatArray:
     """Derivatives (n, k) of the whitened prediction by the effects' parameters, in units of their scales."""
     if not parameters:
         return np.zeros((len(problem.evidence.run), 0))

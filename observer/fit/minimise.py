@@ -1,7 +1,7 @@
-"""Least squares of what is slow to predict, by Gauss and Newton's steps, damped where they lead astray.
+"""Least squares for slow predictions, by Gauss-Newton steps, damped where they diverge.
 
-An own loop in place of scipy's, because a search gives a fit up that cannot overtake its rival, and keeps
-derivatives over steps that are small; the bounded step itself is scipy's.
+An own loop in place of scipy's, because a search stops a fit that cannot overtake its rival, and keeps
+derivatives over small steps; the bounded step itself is scipy's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from observer.frames import FloatArray
 
 TRIALS = 8
-"""How often a step that leads astray is shortened."""
+"""How often a diverging step is shortened."""
 
 
 class Range(NamedTuple):
@@ -25,14 +25,14 @@ class Range(NamedTuple):
     reach: FloatArray
 
     def step(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The least and the largest step (p,) from a place."""
+        """The smallest and the largest step (p,) from a point."""
         return np.maximum(self.low - theta, -self.reach), np.minimum(self.high - theta, self.reach)
 
 
 class Stop(NamedTuple):
-    """When a fit is over: after so many steps, after one that brings a `little` drop of the sum of squares or
-    is `small` in standard deviations of every parameter, or when it would not get to a `rival`'s sum of
-    squares at its pace in the steps that are left.
+    """When a fit ends: after so many steps, after one that lowers the sum of squares by less than `little` or
+    is `small` in standard deviations of every parameter, or when it would not reach a `rival`'s sum of
+    squares in the remaining steps at its current rate.
     """
 
     steps: int
@@ -42,7 +42,7 @@ class Stop(NamedTuple):
 
 
 class Minimum(NamedTuple):
-    """Where a fit ended: parameters (p,), the residual (n,) there, and its derivatives (n, p) nearby."""
+    """The end of a fit: parameters (p,), the residual (n,) there, and its derivatives (n, p) nearby."""
 
     theta: FloatArray
     residual: FloatArray
@@ -59,7 +59,7 @@ def minimise(
 ) -> Minimum:
     """Return where the sum of squares of `weighed(residual)` is least.
 
-    `slope` gives the derivatives (n, p) of the prediction, that is of the residual with its sign changed.
+    `slope` returns the derivatives (n, p) of the prediction, that is of the residual with its sign changed.
     """
     theta, here, damping = start, residual(start), 0.0
     J = slope(theta)

@@ -16,8 +16,8 @@ from observer.tables.sections import Source
 FILM = "surface.convection_W_m2K"
 
 
-class Kind(NamedTuple):
-    """What is known of a parameter beforehand: unit, a change that matters (`scale`), and bounds."""
+class ParameterInfo(NamedTuple):
+    """Prior knowledge of a parameter: unit, a change that matters (`scale`), and bounds."""
 
     unit: str
     scale: float
@@ -25,23 +25,23 @@ class Kind(NamedTuple):
     high: float
 
 
-KINDS: dict[str, dict[str, Kind]] = {
+PARAMETERS: dict[str, dict[str, ParameterInfo]] = {
     "surface": {
-        "convection_W_m2K": Kind("W/m2K", 5.0, 0.0, 1000.0),
-        "factor": Kind("1", 0.5, 1e-3, 100.0),
+        "convection_W_m2K": ParameterInfo("W/m2K", 5.0, 0.0, 1000.0),
+        "factor": ParameterInfo("1", 0.5, 1e-3, 100.0),
     },
-    "boundary": {"coefficient_W_m2K": Kind("W/m2K", 50.0, 1e-3, 1e5)},
+    "boundary": {"coefficient_W_m2K": ParameterInfo("W/m2K", 50.0, 1e-3, 1e5)},
     "screw": {
-        "diameter_m": Kind("m", 0.01, 1e-3, 1.0),
-        "conductivity_W_mK": Kind("W/mK", 10.0, 1.0, 1000.0),
-        "density_kg_m3": Kind("kg/m3", 1000.0, 500.0, 25_000.0),
-        "specific_heat_J_kgK": Kind("J/kgK", 100.0, 50.0, 5000.0),
+        "diameter_m": ParameterInfo("m", 0.01, 1e-3, 1.0),
+        "conductivity_W_mK": ParameterInfo("W/mK", 10.0, 1.0, 1000.0),
+        "density_kg_m3": ParameterInfo("kg/m3", 1000.0, 500.0, 25_000.0),
+        "specific_heat_J_kgK": ParameterInfo("J/kgK", 100.0, 50.0, 5000.0),
     },
     "source": {
-        "torque_Nm": Kind("Nm", 0.1, 0.0, 1000.0),
-        "share": Kind("1", 0.25, 0.0, 1.0),
-        "heat_W_rpm": Kind("W/rpm", 0.005, 0.0, 100.0),
-        "scale": Kind("1", 0.5, 0.0, 100.0),
+        "torque_Nm": ParameterInfo("Nm", 0.1, 0.0, 1000.0),
+        "share": ParameterInfo("1", 0.25, 0.0, 1.0),
+        "heat_W_rpm": ParameterInfo("W/rpm", 0.005, 0.0, 100.0),
+        "scale": ParameterInfo("1", 0.5, 0.0, 100.0),
     },
 }
 """By the first part of the key, then by its last."""
@@ -52,8 +52,8 @@ def candidates(config: Config) -> tuple[str, ...]:
     keys = ["surface.factor" if config.surface.law else FILM]
     for side in ("left", "right"):
         if getattr(config.boundary, side).kind == "convective":
-            keys += [f"boundary.{side}.{key}" for key in KINDS["boundary"]]
-    keys += [f"screw.{key}" for key in KINDS["screw"]]
+            keys += [f"boundary.{side}.{key}" for key in PARAMETERS["boundary"]]
+    keys += [f"screw.{key}" for key in PARAMETERS["screw"]]
     for source in config.source:
         keys += [f"source.{source.name}.{key}" for key in _law_keys(source)]
     return tuple(keys)
@@ -82,10 +82,10 @@ def free_problems(config: Config) -> list[str]:
     return list(_unknown(config, dict.fromkeys(config.calibrate.free or ())))
 
 
-def kind_of(key: str) -> Kind:
-    """Return what is known of a parameter beforehand."""
+def info_of(key: str) -> ParameterInfo:
+    """Return the prior knowledge of a parameter."""
     parts = key.split(".")
-    return KINDS[parts[0]][parts[-1]]
+    return PARAMETERS[parts[0]][parts[-1]]
 
 
 def get(config: Config, key: str) -> float:
@@ -104,7 +104,7 @@ def get(config: Config, key: str) -> float:
 
 
 def replaced(config: Config, values: Mapping[str, float]) -> Config:
-    """Return the configuration with other values, checked anew.
+    """Return the configuration with other values, validated again.
 
     Raises `ConfigError` for a key that cannot be free and for a value out of its range.
     """
@@ -114,7 +114,7 @@ def replaced(config: Config, values: Mapping[str, float]) -> Config:
 
 
 def put(config: Config, values: Mapping[str, float]) -> Config:
-    """Return the configuration with other values of parameters that may be free: not checked anew."""
+    """Return the configuration with other values of parameters that may be free, without validation."""
     for key, value in values.items():
         head, *middle, last = key.split(".")
         if head == "source":
@@ -132,14 +132,16 @@ def put(config: Config, values: Mapping[str, float]) -> Config:
 
 
 def bounds_of(config: Config, key: str) -> tuple[float, float]:
-    """Return the range in which a parameter is sought; it holds the configured value."""
-    kind, value = kind_of(key), get(config, key)
+    """Return the range of a parameter in a fit, which includes the configured value."""
+    kind, value = info_of(key), get(config, key)
     return min(kind.low, value), max(kind.high, value)
 
 
 def scale_of(config: Config, key: str) -> float:
-    """Return a change of a parameter that matters: its own size, or its kind's where it is smaller."""
-    return max(abs(get(config, key)), 0.2 * kind_of(key).scale)
+    """Return a change of a parameter that matters: its own magnitude, or a fifth of its kind's scale if
+    larger.
+    """
+    return max(abs(get(config, key)), 0.2 * info_of(key).scale)
 
 
 def _law_keys(source: Source) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What all hypotheses of one search share, handed down and never changed."""
+"""What all hypotheses of one search share; immutable."""
 
 from __future__ import annotations
 
@@ -15,31 +15,33 @@ from observer.effects.terms import Lag
 from observer.fit.evidence import Evidence
 from observer.fit.forward import Forward
 from observer.fit.parameters import bounds_of, get, put, scale_of
-from observer.fit.steps import Kept
-from observer.fit.tolerance import Kind, tolerances
+from observer.fit.steps import Cache
+from observer.fit.tolerance import Scope, tolerances
 from observer.frames import BoolArray, FloatArray
 
 DIFFERENCE = 1e-3
-"""Finite difference, in natural scales; the prediction is free of noise, so this costs no digits."""
+"""Finite difference, in natural scales; the prediction is free of noise, so no digits are lost."""
 MOST_KEPT = 64
 FAR_APART_S = 2.0
-"""Rows less far apart tell when a value changed as well as any sensor follows it."""
+"""Rows closer together resolve a change as well as any sensor follows it."""
 
 
 @dataclass(frozen=True)
-class Slack:
-    """What is known within a tolerance only: changes (n, t) of the prediction with one standard deviation of
-    each, whitened and in K, and of which sensor it is the lag, if of one.
+class Nuisance:
+    """Nuisance parameters: changes (n, t) of the prediction with one standard deviation of each, whitened and
+    in K; `lag_of` names the sensor whose lag it is, if it is one.
     """
 
     columns: FloatArray
     changes_K: FloatArray
     lag_of: tuple[str | None, ...]
-    _kept: Kept[Marginal] = field(default_factory=lambda: Kept(MOST_KEPT), init=False, repr=False)
+    _kept: Cache[Marginal] = field(default_factory=lambda: Cache(MOST_KEPT), init=False, repr=False)
 
-    def marginal(self, rows: BoolArray, told: frozenset[str]) -> Marginal:
-        """Return the map that marginalises the tolerances on some rows, but for the lags of some sensors."""
-        kept = np.flatnonzero([name not in told for name in self.lag_of])
+    def marginal(self, rows: BoolArray, modelled: frozenset[str]) -> Marginal:
+        """Return the map that marginalises the nuisance parameters on some rows, except `modelled` lags of
+        sensors.
+        """
+        kept = np.flatnonzero([name not in modelled for name in self.lag_of])
         key = rows.tobytes(), tuple(kept.tolist())
         return self._kept.get(key, lambda: Marginal.of(self.columns[rows][:, kept]))
 
@@ -56,9 +58,8 @@ class Derivatives:
 
 @dataclass(frozen=True)
 class Problem:
-    """The runs, their evidence and free parameters; and, once they are known, the derivatives by these and
-    what is known within tolerances. `within` yields these of a configuration
-    and a number of runs.
+    """The runs, their evidence and free parameters; once known, the derivatives by these and the nuisance
+    parameters. `within` yields the latter from a configuration and a number of runs.
     """
 
     config: Config
@@ -66,8 +67,8 @@ class Problem:
     forward: Forward
     evidence: Evidence
     by_free: Derivatives | None = None
-    slack: Slack | None = None
-    within: Callable[[Config, int], Iterable[tuple[Config, Kind]]] = tolerances
+    nuisance: Nuisance | None = None
+    within: Callable[[Config, int], Iterable[tuple[Config, Scope]]] = tolerances
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -76,7 +77,7 @@ class Problem:
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Between which the free parameters are sought, (f,) each."""
+        """Lower and upper bounds of the free parameters, (f,) each."""
         low, high = np.array([bounds_of(self.config, key) for key in self.keys]).reshape(-1, 2).T
         return low, high
 
@@ -99,26 +100,26 @@ class Problem:
         clipped = np.clip(values, *self.bounds).tolist()
         return put(config, dict(zip(self.keys, clipped, strict=True)))
 
-    def around(self, config: Config) -> Problem:
+    def linearised_at(self, config: Config) -> Problem:
         """The same problem with the derivatives by the free parameters taken at a configuration."""
         return replace(self, by_free=self.derivatives(config))
 
-    def tolerant(self, config: Config) -> Problem:
-        """The same problem within the tolerances of a configuration."""
-        here, slacks, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
+    def with_nuisance(self, config: Config) -> Problem:
+        """The same problem with the nuisance parameters of a configuration."""
+        here, nuisances, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
         for changed, kind in self.within(config, len(self.forward.runs)):
             change = self.predicted(changed) - here
             own = {"whole": lambda c: [c], "run": self.by_run}.get(kind, self.by_sensor)(change)
-            slacks += own
+            nuisances += own
             lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
         known = [*self.by_gain(config, here), *self.by_timing(here)]
-        slacks, lag_of = slacks + known, lag_of + [None] * len(known)
-        unseen = [*self.forward.by_gaps(config), *self.forward.by_rows(config)]
+        nuisances, lag_of = nuisances + known, lag_of + [None] * len(known)
+        unseen = [*self.forward.by_outages(config), *self.forward.by_coarse_rows(config)]
         gaps = [self.evidence.rows(change) for change in unseen]
-        every = [*slacks, *gaps]
+        every = [*nuisances, *gaps]
         changes_K = np.column_stack(every) if every else np.zeros((len(here), 0))
         lags = (*lag_of, *[None] * len(gaps))
-        return replace(self, slack=Slack(self._columns(every), changes_K, lags))
+        return replace(self, nuisance=Nuisance(self._columns(every), changes_K, lags))
 
     def derivatives(self, config: Config) -> Derivatives:
         """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
@@ -140,8 +141,8 @@ class Problem:
         return [np.where(self.evidence.run == i, change, 0.0) for i in range(len(self.forward.runs))]
 
     def by_gain(self, config: Config, here: FloatArray) -> list[FloatArray]:
-        """The change (n,) for each sensor that reads too near to the air by its tolerance; `here` (n,) is the
-        prediction.
+        """The change (n,) for each sensor with its gain off towards the air by its tolerance; `here` (n,) is
+        the prediction.
         """
         gain = config.tolerance.gain
         if gain == 0.0:
@@ -149,8 +150,8 @@ class Problem:
         return self.by_sensor(gain * (self.evidence.rows(self.forward.airs(config)) - here))
 
     def by_timing(self, here: FloatArray) -> list[FloatArray]:
-        """The change (n,) of each run whose rows are so far apart that it matters if all comes later by half
-        of their distance: whether a value holds until the next row or ramps to it, the recorder knows.
+        """The change (n,) of each coarsely sampled run with a delay of half a row: only the recorder knows
+        whether a value holds until the next row or ramps to it.
         """
         changes = []
         for i, run in enumerate(self.forward.runs):
@@ -164,10 +165,12 @@ class Problem:
             changes.append(change)
         return changes
 
-    def marginal(self, rows: BoolArray, told: frozenset[str]) -> Marginal:
-        """Return the map that marginalises the tolerances on some rows, but for the lags of some sensors."""
-        slack = self.slack or Slack(self._columns([]), self._columns([]), ())
-        return slack.marginal(rows, told)
+    def marginal(self, rows: BoolArray, modelled: frozenset[str]) -> Marginal:
+        """Return the map that marginalises the nuisance parameters on some rows, except `modelled` lags of
+        sensors.
+        """
+        nuisance = self.nuisance or Nuisance(self._columns([]), self._columns([]), ())
+        return nuisance.marginal(rows, modelled)
 
     def _columns(self, columns: Sequence[FloatArray]) -> FloatArray:
         if not columns:
@@ -175,8 +178,8 @@ class Problem:
         return self.evidence.whitened(np.column_stack(columns))
 
 
-def told_lags(config: Config, *more: EffectTable) -> frozenset[str]:
-    """The sensors whose lag an effect of a configuration tells, or one more effect would."""
+def modelled_lags(config: Config, *more: EffectTable) -> frozenset[str]:
+    """The sensors whose lag is modelled by an effect of a configuration, or by one more effect."""
     terms = (term for effect in (*config.effect, *more) for term in effect.terms(config))
     return frozenset(term.sensor for term in terms if isinstance(term, Lag))
 
@@ -189,7 +192,7 @@ class Marginal(NamedTuple):
 
     @classmethod
     def of(cls, T: FloatArray) -> Marginal:
-        """Work it out for the whitened columns of the tolerances."""
+        """Compute it from the whitened columns of the tolerances."""
         Q, sigma, _ = np.linalg.svd(T, full_matrices=False)
         return cls(Q, 1 - 1 / np.sqrt(1 + sigma**2))
 

@@ -1,11 +1,11 @@
-"""How fast heats wander from their laws, and the field from the model, by maximum likelihood from the logs.
+"""Process noise of the heats and of the field, by maximum likelihood from the logs.
 
-Both must be sought: with a field that is taken to follow the model exactly, whatever the model lacks can only
-be said with heats that jump about, and the gate then refuses sensors that are right.
+Both must be estimated: if the field were taken to follow the model exactly, model errors could only show as
+jumping heats, and the gate would then reject correct sensors.
 
-Nothing is learnt meanwhile: what one log's parameters could absorb is left to the noise, for the next day may
-differ by that much. Nor can it be where parameters are only allowed for: innovations then share one error
-all along, and their product is no likelihood.
+No parameter is learnt meanwhile: what one log's parameters could absorb is left to the noise, since the next
+day may differ by that much. Considered parameters are excluded as well: innovations would then share one
+error throughout, and their product would be no likelihood.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from observer.model.drive import Drive
 from observer.model.plant import Plant
 
 MOST_ROWS = 3000
-"""In all runs together: the filter is run some eighty times."""
+"""In all runs together: the filter runs some eighty times."""
 FIELD_BOUNDS_K_SQRT_S, HEAT_BOUNDS_W_SQRT_S = (1e-4, 0.1), (1e-3, 1e2)
 _SWEEPS = 2
 FIELD = "estimator.field_noise_K_sqrt_s"
@@ -35,8 +35,8 @@ FIELD = "estimator.field_noise_K_sqrt_s"
 def fit_noise(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> dict[str, float]:
     """Return the most likely `estimator.field_noise_K_sqrt_s` and `source.<name>.random_walk_W_sqrt_s`.
 
-    Call it with the calibrated configuration. Of a long run only the stretch around the largest change of
-    heat is used. First the field's noise is sought, then the heats', then the field's again. Raises
+    Call it with the calibrated configuration. Of a long run only the part around the largest change of
+    heat is used. First the field's noise is fitted, then the heats', then the field's again. Raises
     `LogError` as `prepare` does.
     """
     plant, unit_Q = build_plant(config), _unit_field_noise(config)
@@ -80,8 +80,7 @@ def _most_likely_field_noise(plant: Plant, unit_Q: FloatArray, logs: Sequence[In
 def fit_process_noise(plant: Plant, logs: Sequence[Inputs]) -> FloatArray:
     """Return the `random_walk_W_sqrt_s` (m_e,) of the estimated heats that makes the logs most likely.
 
-    First one factor common to all heats, then each heat in turn, twice; every one a bounded search over
-    log10.
+    First one factor common to all heats, then each heat in turn, twice; each by a bounded search over log10.
     """
 
     def cost(log10_walk: FloatArray) -> float:

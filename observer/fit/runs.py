@@ -26,7 +26,7 @@ START_S = 10.0
 TICK_S = 10.0
 TICKS_IN_MEAN = 3
 LEAST_S = 300.0
-"""What the longest log has to last for anything to be fitted."""
+"""Least duration of the longest log for a fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     """
     frames = joined(blocks)
     _refuse_empty(config, frames, name)
-    drive = Drive(config, replace(build_plant(config), moving=()))  # nobody asks here where nuts are
+    drive = Drive(config, replace(build_plant(config), moving=()))  # nut positions are not needed here
     inputs = drive.run(drive.initial(), frames)[1]
     known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
     if len(known) == 0:
@@ -185,19 +185,19 @@ def rows_of(run: Run) -> Ticks:
 
 
 def _refuse_empty(config: Config, frames: FrameBlock, name: str) -> None:
-    """Refuse a log in which what tells a heat is without a value throughout: no heat is another heat."""
-    tell = [c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)]
-    for channel in dict.fromkeys(c for c in tell if c is not None):
+    """Raise `LogError` where an input of a heat law has no value throughout: that would read as no heat."""
+    inputs = [c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)]
+    for channel in dict.fromkeys(c for c in inputs if c is not None):
         if not np.isfinite(frames.values[:, frames.channels.index(channel)]).any():
             raise LogError(
-                f"{name}: {channel}, by which heat enters, has no value; mend that column of the log"
+                f"{name}: {channel}, an input of a heat law, has no value; fix that column of the log"
             )
 
 
 def frozen(y_degC: FloatArray, rejected: BoolArray) -> BoolArray:
-    """Which values (K, s) belong to a stretch of equal ones that was rejected in the end.
+    """Which values (K, s) belong to a stretch of equal ones that was later rejected.
 
-    A sensor is known to be stuck only after a while; a log can be read backwards.
+    A stuck sensor is detected only after a while; in a log, the values before that can be rejected as well.
     """
     out = np.zeros_like(rejected)
     for s, own in enumerate(y_degC.T):
@@ -244,19 +244,19 @@ _ROWS = ("time_s", "dt_s", "values", "fresh", "quality", "age_s")
 
 
 FAR_APART_S = 15.0
-"""Rows nearer to each other show a nut's way."""
+"""Rows closer together than this show a nut's path."""
 LEAST_LEAD_M = 1e-3
-"""A turn of any ball screw moves its nut at least so far."""
+"""Least lead of any ball screw."""
 SAME_SPEED = 0.03
-"""Part of the largest speed by which it may change from row to row."""
+"""Largest change of the speed from row to row within a stretch, as a part of the largest speed."""
 FEWEST = 4
-"""Rows from which a stroke can be told."""
+"""Least number of rows to identify a stroke."""
 TRAVERSES, PER_TRAVERSE = 5, 24
-"""Of the way between two rows, where it is not known."""
+"""Traverses between two rows where the path is unknown, and points on each."""
 
 
 def filled(frames: FrameBlock, config: Config) -> FrameBlock:
-    """Return the frames of a log with the ways of nuts that its rows cannot show."""
+    """Return the frames of a log with the paths of nuts that its rows cannot show filled in."""
     paths = dict(frames.path)
     if len(frames) < FEWEST or np.median(frames.dt_s[1:]) < FAR_APART_S:
         return frames
@@ -270,7 +270,7 @@ def filled(frames: FrameBlock, config: Config) -> FrameBlock:
 
 
 def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m: float) -> NutPath:
-    """The path with traverses between samples among which it cannot be followed."""
+    """The path with traverses inserted between samples too far apart to follow it."""
     ends = np.full((len(path.time_s), 2), np.nan)
     for part in _alike(speed_rpm):
         low, high = float(path.position_m[part].min()), float(path.position_m[part].max())
@@ -295,7 +295,7 @@ def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m
 
 
 def _alike(speed_rpm: FloatArray) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows of each stretch of a log throughout which a nut runs at one speed."""
+    """Yield the rows of each stretch of a log in which a nut runs at one speed."""
     new = np.abs(np.diff(speed_rpm, prepend=speed_rpm[0])) > SAME_SPEED * speed_rpm.max()
     for part in np.split(np.arange(len(speed_rpm)), np.flatnonzero(new)):
         if len(part) >= FEWEST and speed_rpm[part].min() > 0.0:

@@ -37,15 +37,15 @@ PER_MODE = 4
 NEIGHBOURS = 8
 """How many of them an interpolation takes."""
 PLACES = 33
-"""Places along the screw among which the nut's time in a tick is shared out."""
+"""Positions along the screw among which the nut's time in a tick is distributed."""
 
 
 class Footprint(NamedTuple):
-    """What a nut's path leaves in the ticks of a run, for G tabulated wave numbers.
+    """A nut's path over the ticks of a run, for G tabulated wave numbers.
 
     `waves` (T, 2G): the mean over each tick, weighted by the nut's heat, of cos(μ(x − L/2)) and of its sine;
-    `early_s` (T, 2G): ∫ of them × (½ − t/τ) dt over each tick of length τ, how much earlier than evenly they
-    came.
+    `early_s` (T, 2G): ∫ of them × (½ − t/τ) dt over each tick of length τ, how much earlier than uniformly
+    they came.
     """
 
     step_1_m: float
@@ -86,8 +86,8 @@ def footprint(
     """Follow a nut's path through the ticks that begin at the rows `first` (T,), for modes up to number
     `highest`, counted from 1.
 
-    `stroke` is the stretch it counts as spread over while its place is not known; `weight` (K,) how much
-    each row counts; `at_ends` that the nut is taken to stand at both ends of its real stroke.
+    `stroke` is the stretch it is spread over while its position is unknown; `weight` (K,) the weight of each
+    row; `at_ends` places the nut at both ends of its actual stroke.
     """
     frames, step_1_m = run.frames, np.pi / (table.screw_m * PER_MODE)
     waves, path = _wave_table(table, highest, step_1_m, stroke), frames.path[channel]
@@ -138,7 +138,7 @@ def presence(
 ) -> FloatArray:
     """Return the share (T, PLACES) of each tick that a nut spends at places from end to end.
 
-    A place between two counts for both, the nearer the more.
+    A position between two is shared linearly.
     """
     share = np.eye(PLACES)
     anywhere = np.linspace(stroke.a_m, stroke.b_m, 4 * PLACES) / table.screw_m * (PLACES - 1)
@@ -152,14 +152,14 @@ def presence(
 Value = TypeVar("Value")
 
 
-class Kept(Generic[Value]):
-    """Results of a pure function by key, the newest so many; nobody can tell but by the clock."""
+class Cache(Generic[Value]):
+    """The most recent results of a pure function, by key."""
 
     def __init__(self, most: int) -> None:
         self._most, self._store = most, dict[Hashable, Value]()
 
     def get(self, key: Hashable, work_out: Callable[[], Value]) -> Value:
-        """Return what is kept under a key, worked out if it is not."""
+        """Return the result for a key, computed if it is not stored."""
         value = self._store.pop(key) if key in self._store else work_out()
         self._store[key] = value
         if len(self._store) > self._most:
@@ -171,11 +171,11 @@ MOST_KEPT, MOST_ROWS_KEPT = 16, 2
 
 
 class SteppedRun:
-    """A run whose inputs can be had for any configuration: in ticks, or, exact and some tens of times slower,
-    row by row.
+    """A run with its inputs for any configuration: in ticks, or, exact and some tens of times slower, row by
+    row.
 
-    For ticks the nuts' paths are followed once, each row of them weighed by the nut's heat at the
-    configuration that the run is made with.
+    For ticks the nuts' paths are followed once, each row weighted by the nut's heat in the initial
+    configuration.
     """
 
     def __init__(self, run: Run, config: Config, plant: Plant, *, by_row: bool = False) -> None:
@@ -183,28 +183,28 @@ class SteppedRun:
         self.ticks = rows_of(run) if by_row else ticks_of(run)
         ends = np.append(self.ticks.first[1:], len(run.frames)) - 1
         self._ends_s = run.frames.time_s[ends]
-        self._rows_kept, self._driven = Kept[Inputs](MOST_ROWS_KEPT), Kept[Driving](MOST_KEPT)
-        self._footprints, self._presences = Kept[Footprint](MOST_KEPT), Kept[FloatArray](MOST_KEPT)
-        self._of_modes = Kept[tuple[FloatArray, FloatArray]](MOST_KEPT)
-        self._sweeps = Kept[FloatArray](MOST_KEPT)
-        self._lags = Kept[FloatArray](MOST_KEPT)
+        self._rows_kept, self._driven = Cache[Inputs](MOST_ROWS_KEPT), Cache[Driving](MOST_KEPT)
+        self._footprints, self._presences = Cache[Footprint](MOST_KEPT), Cache[FloatArray](MOST_KEPT)
+        self._of_modes = Cache[tuple[FloatArray, FloatArray]](MOST_KEPT)
+        self._sweeps = Cache[FloatArray](MOST_KEPT)
+        self._lags = Cache[FloatArray](MOST_KEPT)
         sources = realise(config).config.source
         self._strokes = [mean_stretch(sources[m.index], config.screw) for m in plant.moving]
         self._weight = [] if by_row else self._weights(config, plant)
 
     @property
     def row_s(self) -> float:
-        """How far its rows usually are apart."""
+        """The median distance of its rows."""
         return float(np.median(self.run.frames.dt_s[1:])) if len(self.run.frames) > 1 else 0.0
 
     @property
     def coarse(self) -> bool:
-        """Whether its rows are further apart than ticks: what changed between them changed at any time."""
+        """Whether its rows are further apart than ticks: the time of a change between them is unknown."""
         return self.row_s > 1.5 * TICK_S
 
     def inputs(self, config: Config, plant: Plant, key: str, driven_by: str) -> Inputs:
-        """Return the inputs of the steps, (T,); `key` says the configuration, and `driven_by` what of it
-        `driving` tells.
+        """Return the inputs of the steps, (T,); `key` identifies the configuration, and `driven_by` is the
+        key returned by `driving`.
         """
         if self._by_row:
             return self._rows_kept.get(key, lambda: self._rows(config, plant))
@@ -240,10 +240,10 @@ class SteppedRun:
         return means_of(self.ticks, rows, self.ripple_K(plant, inputs))
 
     def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
-        """What the passing nut adds to the mean of a tick beside its mean heat, (T, s).
+        """What the passing nut adds to the mean of a tick beyond its mean heat, (T, s), K.
 
-        A pass early in a tick warms a sensor for longer than one late in it, by what of it is not lost
-        again within the tick.
+        A pass early in a tick warms a sensor for longer than one late in it, less what decays within the
+        tick.
         """
         length_s, which = np.unique(inputs.dt_s, return_inverse=True)
         kept = np.exp(-0.5 * length_s[:, None] * plant.decay_1_s)[which]
@@ -255,7 +255,7 @@ class SteppedRun:
 
     def sweep(self, plant: Plant) -> FloatArray | None:
         """The shapes (T, M, e, N) of which the squares add up to the covariance of each nut's column over
-        the ticks; nothing where no nut has a body, and row by row, for within one a nut hardly moves.
+        the ticks; None where no nut has a body, and row by row, since a nut hardly moves within a row.
         """
         bodies = set(plant.coupling.links.source.tolist())
         on = tuple(i for i, m in enumerate(plant.moving) if m.index in bodies)
@@ -292,7 +292,7 @@ class SteppedRun:
         )
 
     def _weights(self, config: Config, plant: Plant) -> list[FloatArray]:
-        """How much each row of each nut's path counts, (K,)."""
+        """The weight of each row of each nut's path, (K,)."""
         heat_W = np.abs(self._aggregated(config, plant).law_W)
         heat_W = np.repeat(heat_W, np.diff([*self.ticks.first, len(self.run.frames)]), axis=0)
         return [self.run.frames.dt_s * (heat_W[:, m.index] + 1e-6) for m in plant.moving]
@@ -335,13 +335,13 @@ class SteppedRun:
 
 
 def _shape_of(table: NutTable) -> bytes:
-    """What of a nut's table its input columns depend on, as a key."""
+    """A key of the parts of a nut's table that its input columns depend on."""
     shape = (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m))
     return b"".join(a.tobytes() for a in shape)
 
 
 def driving(config: Config) -> str:
-    """What of a configuration decides the heats, losses and known inputs, as a key."""
+    """A key of the parts of a configuration that determine the heats, losses and known inputs."""
     machine = realise(config)
     laws = [heat_parts(s) for s in machine.config.source]
     own = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]

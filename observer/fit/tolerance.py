@@ -1,11 +1,11 @@
-"""What is known of any machine only within a tolerance, and must not be taken for a missing effect.
+"""Nuisance parameters: what is known of any machine only within a tolerance, and is no missing effect.
 
-Each is a small change of the configuration with the standard deviation that its `[tolerance]` tells: it may
-vary inside every hypothesis, at a price (a Gaussian prior), and is neither reported nor written back.
+Each is a small change of the configuration with the standard deviation given by `[tolerance]`: it may vary
+inside every hypothesis under a Gaussian prior, and is neither reported nor written back.
 
-A change of the whole configuration, where filters take parameters to first order on the modes that are kept
-(`model.learning`): a fit varies film, heats and material together, which make up for each other exactly, and
-what the first order leaves out would tell them apart. The film of `tests/data/rig`, 13.9 W/m²K, would come
+The whole configuration is changed, where filters take parameters to first order on the retained modes
+(`model.learning`): a fit varies film, heats and material together, which compensate each other exactly, and
+first-order errors would separate them. The film of `tests/data/rig`, 13.9 W/m²K, would come
 out at 14.4.
 """
 
@@ -36,32 +36,32 @@ from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Screw, Sensor
 
-Kind = Literal["whole", "place", "lag", "run"]
+Scope = Literal["whole", "position", "lag", "run"]
 
 TOLERANCE_OF = {
     "convection": ("surface.convection_W_m2K", "surface.factor"),
     "conductivity": ("screw.conductivity_W_mK",),
     "heat_capacity": ("screw.density_kg_m3", "screw.specific_heat_J_kgK"),
 }
-"""Which parameters each relative tolerance is of."""
+"""The parameters that each relative tolerance covers."""
 UNEVEN = 0.01
-"""A film's unevenness along the screw, as a part of itself."""
+"""Relative unevenness of a film along the screw."""
 STRETCHES = 4
 SETTLING_S = 1800.0
-"""How long friction that is not what its law says takes to settle, once running."""
+"""Time constant with which friction settles to its law, once running."""
 
 
-def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
-    """Yield the configuration changed by one standard deviation of a tolerance, and of what it is one.
+def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
+    """Yield the configuration changed by one standard deviation of a tolerance, and its scope.
 
-    "place" and "lag" are one for each sensor, all changed at once; "run" is one for each of so many logs.
+    "position" and "lag" stand for one of each sensor, all changed at once; "run" for one of each log.
     """
     screw, known = config.screw, config.tolerance
     for key, material in _materials(config).items():
         if TOLERANCE_OF[key][-1] not in (config.calibrate.free or ()):
             yield material, "whole"
     for moved in _places(config):
-        yield moved, "place"
+        yield moved, "position"
     film = config.surface.convection_W_m2K
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
@@ -82,23 +82,23 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Kind]]:
         yield config.model_copy(update={"source": changed}), "run"
 
 
-def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, Kind]]:
-    """Yield the tolerances, and those within which an effect would be missing rather than a value off: a loss
-    at each end, and heat by friction that settles with use.
+def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, Scope]]:
+    """Yield the tolerances, and those that in a search would be missing effects: a loss at each end, and
+    friction that settles with use.
     """
     yield from tolerances(config, runs)
     for changed in _ends(config):
         yield changed, "whole"
     for source in config.source:
         if source.law in SPEED_LAWS and source.law_uncertainty > 0.0:
-            yield _with(config, LawFactor(source.name, Settling(source.law_uncertainty))), "whole"
+            yield _with(config, LawFactor(source.name, SettlingFriction(source.law_uncertainty))), "whole"
 
 
-def left_of_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:
-    """Return what is left of the tolerances of parameters that were fitted, by their keys in a configuration.
+def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:
+    """Return the remaining tolerances of fitted parameters, by their keys in a configuration.
 
     `sigma` is the relative standard deviation of each fitted parameter, by its key. A tolerance never grows.
-    Heats keep their `law_uncertainty`: friction departs from its law by the day, its scale known or not.
+    Heats keep their `law_uncertainty`: friction varies from day to day, even with a known scale.
     """
     left = {}
     for name, keys in TOLERANCE_OF.items():
@@ -109,13 +109,13 @@ def left_of_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, 
 
 
 @dataclass(frozen=True)
-class Settling:
-    """The factor on a heat that is larger by a `part` at first, and by 1/e of that after `SETTLING_S`."""
+class SettlingFriction:
+    """The factor on a heat that is larger by a `part` initially and decays with `SETTLING_S`."""
 
     part: float
 
     def __call__(self, _speed_rpm: FloatArray, running_s: FloatArray, /) -> FloatArray:
-        """Return it at speeds and times of running (K,)."""
+        """Return it for running times (K,)."""
         return np.asarray(1.0 + self.part * np.exp(-running_s / SETTLING_S))
 
 
@@ -159,7 +159,7 @@ def _ends(config: Config) -> Iterator[Config]:
 
 
 def _with(config: Config, *terms: Term) -> Config:
-    """The configuration with terms that no effect of it tells."""
+    """The configuration with terms added."""
     return config.model_copy(update={"effect": (*config.effect, Unnamed(terms))})
 
 
@@ -171,13 +171,13 @@ def _moved_inward(sensor: Sensor, length_m: float, by_m: float) -> Sensor:
     return sensor.model_copy(update={"position_m": sensor.position_m + signed_m})
 
 
-PLAIN = 2.0
-"""An offset of so many σ is worth an entry of its own."""
+CLEAR_SIGMA = 2.0
+"""An offset of this many σ is written as an effect of its own."""
 
 
-class Offer(NamedTuple):
-    """Values and what is left of their tolerances, by the keys of a configuration, and the sensors' offsets
-    as effects.
+class LearntChanges(NamedTuple):
+    """What was learnt, as changes of a configuration: values and remaining tolerances by key, and the
+    sensors' offsets as effects.
     """
 
     values: dict[str, float]
@@ -185,20 +185,20 @@ class Offer(NamedTuple):
     biases: tuple[EffectTable, ...]
 
 
-def offered(config: Config, learnt: Mapping[str, tuple[float, float]]) -> Offer:
-    """Return what a configuration could say after what was learnt: value and σ by name.
+def learnt_changes(config: Config, learnt: Mapping[str, tuple[float, float]]) -> LearntChanges:
+    """Return the changes of a configuration after an estimator has learnt value and σ by name while it ran.
 
-    What it has no key for, such as the ambient's offset, stays within its tolerance. A sensor that has an
-    entry for its offset already keeps that one.
+    What has no key, such as the ambient's offset, stays within its tolerance. A sensor with an offset effect
+    keeps it.
     """
     values = {key: value for key, (value, _) in learnt.items() if key in candidates(config) and value > 0.0}
-    left = left_of_tolerances(config, {key: learnt[key][1] / value for key, value in values.items()})
+    left = remaining_tolerances(config, {key: learnt[key][1] / value for key, value in values.items()})
     terms = [term for effect in config.effect for term in effect.terms(config)]
-    told = {term.sensor for term in terms if isinstance(term, Offset)}
+    modelled = {term.sensor for term in terms if isinstance(term, Offset)}
     biases = []
     for sensor in config.sensor:
         value_K, sigma_K = learnt.get(key := f"sensor.{sensor.name}.offset_K", (0.0, 0.0))
-        if abs(value_K) > PLAIN * sigma_K and sensor.name not in told:
+        if abs(value_K) > CLEAR_SIGMA * sigma_K and sensor.name not in modelled:
             biases.append(offset_of(sensor.name, value_K))
             left[key] = min(sigma_K, config.tolerance.offset_of_K(sensor.offset_K))
-    return Offer(values, left, tuple(biases))
+    return LearntChanges(values, left, tuple(biases))

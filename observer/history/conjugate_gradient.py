@@ -26,11 +26,13 @@ from observer.model.plant import Plant
 _ITERATIONS = 1000
 _REST = 1e-10
 _PATIENCE, _WORTH_IT = 20, 1e-3
-"""A descent goes on while twenty iterations still take a thousandth off the misfit."""
+"""A descent continues while twenty iterations still lower the misfit by a thousandth."""
 
 
 class Descent(NamedTuple):
-    """Where a descent ended: the heats (T, m_e), the misfit |Z - H Q|², iterations, and if it was enough."""
+    """The end of a descent: heats (T, m_e), misfit |Z - H Q|², iterations, and whether it reached the noise
+    level.
+    """
 
     heat_W: FloatArray
     misfit: float
@@ -51,7 +53,7 @@ class Convolution:
         self._spectrum = fft.rfft(response_K_W, self._length, axis=0)
 
     def forward(self, heat_W: FloatArray) -> FloatArray:
-        """H Q: sensors (T + 1, s) from heats (T, m_e); nothing has come of them at the first row."""
+        """H Q: sensors (T + 1, s) from heats (T, m_e); the first row is 0."""
         heats = self._fft.rfft(heat_W, self._length, axis=0)
         rows = np.einsum("fsm,fm->fs", self._spectrum, heats)
         out = np.zeros((self._T + 1, rows.shape[1]))
@@ -66,9 +68,9 @@ class Convolution:
 
 
 def descend(problem: StackedProblem, prior: Prior, H: Convolution, rise_K: FloatArray) -> Descent:
-    """Return the first heats on the way to the minimum of |Z - H S w|² that explain Z to its noise.
+    """Return the first iterate towards the minimum of |Z - H S w|² that explains Z to its noise level.
 
-    `rise_K` (K, s) is Z; it stands apart from the problem so that a simulated one can take its place.
+    `rise_K` (K, s) is Z, given separately so that a simulated one can replace that of the problem.
     """
     w = np.zeros((problem.steps, problem.heats))
     error = problem.whiten(rise_K)
@@ -95,7 +97,7 @@ def descend(problem: StackedProblem, prior: Prior, H: Convolution, rise_K: Float
 
 
 REPLICAS, REPLICAS_LONG, LONG = 24, 6, 3000
-"""How many logs are drawn; few where a log of more than 3000 steps holds many times to average over."""
+"""How many logs are drawn; fewer for a log of more than 3000 steps, which averages by itself."""
 _SMOOTHED_SHARE = 0.05
 
 
@@ -108,9 +110,9 @@ def spread(
 ) -> FloatArray:
     """Return the root mean square error (T, m_e) of a method over logs drawn from the configured prior.
 
-    `find` makes heats (T, m_e) of Z (K, s). Heats, the field at the start and the noise are drawn anew for
-    each of 24 logs, or of 6 where they are long, all of this log's length and gaps: what noise, stopping
-    early and blind sensors do is in it, as far as the configured walk is true of this machine's heats.
+    `find` estimates heats (T, m_e) from Z (K, s). Heats, the initial field and the noise are drawn for each
+    of 24 logs, or 6 long ones, of this log's length and missing values. The error includes noise, early
+    stopping and missing sensors, as far as the configured walk describes this machine's heats.
     """
     rng = np.random.default_rng(seed)
     noise_K = np.where(problem.weight_1_K > 0.0, 1.0 / np.maximum(problem.weight_1_K, 1e-300), 0.0)
@@ -124,7 +126,7 @@ def spread(
 
 
 def _smoothed(variance: FloatArray) -> FloatArray:
-    """Running means over a twentieth of the log: a few replicas tell a variance to 30 % at best."""
+    """Running means over a twentieth of the log: a few replicas give a variance to 30 % at best."""
     reach = max(int(_SMOOTHED_SHARE * len(variance)) // 2, 1)
     total = np.vstack([np.zeros((1, variance.shape[1])), np.cumsum(variance, axis=0)])
     row = np.arange(len(variance))

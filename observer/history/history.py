@@ -17,11 +17,11 @@ Gradient = Literal["adjoint", "central-differences"]
 
 
 class MethodOptions(NamedTuple):
-    """Which method, and what may be asked of it; None is the method's own default.
+    """The method and its options; None is the method's own default.
 
     `regularisation` multiplies the weight of the configured prior. `order` is that of the prior: 1 for heats
-    that walk, from an uncertain field; 0, as the papers print it, for each step's heat by itself, from a
-    screw of one temperature. `seed` is that of whatever is drawn at random.
+    as a random walk, from an uncertain field; 0, as in the papers, for independent heats of each step, from a
+    screw of one temperature. `seed` is that of all random draws.
     """
 
     method: Method = "smoother"
@@ -64,7 +64,7 @@ class HeatHistory:
 
     Shapes, with m_e estimated sources and s sensors: `heat_W`, `heat_sigma_W` (K, m_e), NaN where nothing is
     known; `residual_K` (K, s), measured minus explained temperature, NaN where no value was used. `details`
-    says how the method went, in names and numbers; `warnings` are sentences.
+    are figures of the method by name; `warnings` are sentences.
     """
 
     time_s: FloatArray

@@ -28,7 +28,7 @@ from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 _EXPLAINED = 1.2
-"""Up to this many times the noise's own misfit, heats still explain a log."""
+"""Up to this multiple of the noise's own misfit, heats explain a log."""
 _Found = tuple[FloatArray, FloatArray, dict[str, Any]]
 
 
@@ -41,11 +41,11 @@ def heat_history(
 ) -> HeatHistory:
     """Return the heats over a whole log, given as consecutive blocks of inputs.
 
-    `tolerances` returns what one standard deviation of each tolerance does to the sensors, along heats
-    (K, m_e), NaN where they are not known; it is shown those that the smoother finds without any. What is
-    learnt of them is taken off the readings, and what they leave to the heats is in σ: for every method what
-    they leave to the smoother. Raises `UserError` where the options contradict each other, or the method
-    cannot take this log.
+    `tolerances` returns what one standard deviation of each tolerance does to the sensors, along heats (K,
+    m_e), NaN where they are not known; it is given those that the smoother estimates without any. The learnt
+    part is subtracted from the readings, and the remaining uncertainty, as for the smoother, is added to σ
+    for every method. Raises `UserError` where the options contradict each other, or the method cannot take
+    this log.
     """
     options.check()
     first = None if tolerances is None else smooth_heats(plant, settings, blocks)
@@ -63,7 +63,7 @@ def heat_history(
 
 
 def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> Iterator[str]:
-    """Say which sources would take heat away, on average and beyond σ, though their laws do not."""
+    """Warn of sources whose estimated heat is negative on average, beyond σ, though their laws are not."""
     law_W = np.concatenate([block.law_W for block in blocks])[:, plant.estimated]
     names = [name for name, is_one in zip(plant.source_names, plant.estimated, strict=True) if is_one]
     for name, heat_W, sigma_W, law in zip(
@@ -72,8 +72,8 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
         known = np.isfinite(heat_W) & np.isfinite(sigma_W)
         if known.any() and heat_W[known].mean() < -sigma_W[known].mean() and not (law < 0.0).any():
             yield (
-                f"{name} would cool, by {-heat_W[known].mean():.3g} W on average, which it cannot: a sensor "
-                "near it, the ambient or the film is not as configured, or the model lacks an effect; try "
+                f"{name} would cool by {-heat_W[known].mean():.3g} W on average, which is impossible: a "
+                "sensor near it, the ambient or the film is not as configured, or an effect is missing; try "
                 "`observer calibrate`, then `observer discover`"
             )
 
@@ -81,7 +81,7 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
 def _by_method(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], options: MethodOptions
 ) -> HeatHistory:
-    """The heats of a machine that is as configured."""
+    """The heats without regard to tolerances."""
     if options.method == "smoother":
         return smooth_heats(plant, settings, blocks)
     as_printed = options.order == 0 or options.gradient == "central-differences"
@@ -111,7 +111,7 @@ def _tikhonov(plant: Plant, problem: StackedProblem, options: MethodOptions) -> 
 def _regularisation(
     normal: NormalEquations, problem: StackedProblem, options: MethodOptions
 ) -> tuple[float, dict[str, Any]]:
-    """The weight of the prior, and how it came about."""
+    """The weight of the prior, and how it was chosen."""
     if options.regularisation is not None:
         return options.regularisation, {}
     choice = options.parameter_choice or "gcv"
@@ -151,12 +151,12 @@ def _warnings(plant: Plant, options: MethodOptions, misfit: float) -> list[str]:
         elif options.regularisation is not None:
             remedy = f"use less regularisation, {remedy}"
         found.append(
-            f"the heats do not explain the log to its noise, what is left is {misfit**0.5:.3g} times that; "
+            f"the residual is {misfit**0.5:.3g} times the noise, so the heats do not explain the log; "
             f"{remedy}"
         )
     return found
 
 
 def _rows(values: FloatArray, first: int) -> FloatArray:
-    """Steps (T, m) as rows of the log (K, m): the first row has the first step's, nothing is known before."""
+    """Steps (T, m) as rows of the log (K, m): the first row has the first step's value, earlier ones NaN."""
     return np.vstack([np.full((first, values.shape[1]), np.nan), values[:1], values])

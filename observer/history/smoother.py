@@ -20,7 +20,7 @@ from observer.tables.estimator import EstimatorSettings
 
 
 class Tape(NamedTuple):
-    """What the backward pass needs of K steps of the filter.
+    """What the backward pass needs from K steps of the filter.
 
     `kind` (K,); per sensor in the order of the corrections `gain` (K, s, width), `weight` (K, s) = 1/S, 0
     where it did not correct, and `innovation` (K, s) given the sensors before it; after the corrections the
@@ -38,7 +38,9 @@ class Tape(NamedTuple):
 
 
 class Adjoint(NamedTuple):
-    """What later measurements say of the state, in place: `r` (width,), `N` (n, width), scratch `NK`."""
+    """The information of later measurements on the state, in place: `r` (width,), `N` (n, width), scratch
+    `NK`.
+    """
 
     r: FloatArray
     N: FloatArray
@@ -46,14 +48,14 @@ class Adjoint(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """Where the backward pass writes: heats and their σ (K, m_e), residuals (K, s)."""
+    """The output of the backward pass: heats and their σ (K, m_e), residuals (K, s)."""
 
     heat: FloatArray
     sigma: FloatArray
     residual: FloatArray
 
 
-# Long enough that the filter's states kept between segments do not count, short enough for the cache.
+# Long enough that the stored filter states need little memory, short enough for the cache.
 _STEPS_IN_SEGMENT = 1024
 _REGISTER = 4
 
@@ -61,13 +63,13 @@ _REGISTER = 4
 def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs]) -> HeatHistory:
     """Return the heats given all measurements of consecutive blocks, with their standard deviations.
 
-    The Kalman filter runs forward; the adjoint r and its covariance N run back,
-    r⁻ = (I - K C)ᵀ r + Cᵀ S⁻¹ ν, x_s = x̂ + P r, P_s = P - P N P. Nothing is inverted but the innovations'
-    variances: the predicted covariance, which the smoother of Rauch, Tung and Striebel inverts, is singular
-    to rounding here, where fast modes follow the heats. The filter's state is kept at the start of each
-    segment only, and the segment is run once more when the way back comes to it.
+    The Kalman filter runs forward; the adjoint r and its covariance N run back, r⁻ = (I - K C)ᵀ r + Cᵀ S⁻¹ ν,
+    x_s = x̂ + P r, P_s = P - P N P. Only the innovations' variances are inverted: the predicted covariance,
+    which the Rauch-Tung-Striebel smoother inverts, is singular to rounding here, where fast modes follow the
+    heats. The filter's state is stored at the start of each segment only, and the segment is filtered again
+    when the backward pass reaches it.
 
-    Sensors that the gate refused on the way forward are left out on the way back too. Sources: Bierman
+    Sensors rejected by the gate in the forward pass are left out of the backward pass too. Sources: Bierman
     (1973), de Jong (1989); Durbin and Koopman (2012), section 6.4, for one sensor at a time.
     """
     heat, sigma, residual = _Passes(plant.sensors_only(), settings).run(blocks)
@@ -77,11 +79,11 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
 def smooth_changes(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], changes_K: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what the smoother makes of changes D (K, s, c) of what sensors read, K, beside the log itself.
+    """Return the smoother's response to changes D (K, s, c) of the sensor readings, K, beside the log itself.
 
     Σ being the covariance of all readings, that is Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), and the changes of the
-    heats (K, m_e, c), W. Readings that the gate refused say nothing. Gains and covariances are those of the
-    log, so one pass does for all.
+    heats (K, m_e, c), W. Readings rejected by the gate carry no information. Gains and covariances are
+    those of the log, so one pass serves all.
     """
     passes = _ChangedPasses(plant.sensors_only(), settings, changes_K)
     [heat] = passes.run(blocks)
@@ -89,7 +91,7 @@ def smooth_changes(
 
 
 class _Segment(NamedTuple):
-    """Some of a log's steps: which, their inputs, and where each one's length is in the table."""
+    """Some of a log's steps: their rows, inputs, and the index of each one's length in the table."""
 
     rows: slice
     u: Inputs
@@ -98,7 +100,7 @@ class _Segment(NamedTuple):
 
 
 class _Passes:
-    """The way forward over all blocks, and the way back over them in the opposite order."""
+    """The forward pass over all blocks, and the backward pass over them in reverse order."""
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         self._arrays = packing.pack_plant(plant)
@@ -123,8 +125,8 @@ class _Passes:
         )
 
     def run(self, blocks: Sequence[Inputs]) -> list[FloatArray]:
-        """Go forward, keeping the state at the start of each segment, and back; return what that makes of
-        the K rows.
+        """Run the forward pass, storing the state at the start of each segment, and the backward pass; return
+        the results of the K rows.
         """
         kept, parts = [], list[tuple[FloatArray, ...]]()
         begins = np.cumsum([0, *map(len, blocks)]).tolist()
@@ -135,7 +137,7 @@ class _Passes:
         for block, begin in zip(reversed(blocks), begins[-2::-1], strict=True):
             for segment in reversed(list(self._segments(block, begin))):
                 state = kept.pop()
-                if parts:  # at first the tape is that of the last segment
+                if parts:  # the tape still holds the last segment
                     self._recall(state)
                     self._filter(segment)
                 parts.append(self._smooth(segment))
@@ -175,7 +177,7 @@ class _Passes:
 
 
 class _ChangedPasses(_Passes):
-    """The same with changes of the readings beside the log, which is column 0."""
+    """The same passes with changes of the readings beside the log, which is column 0."""
 
     def __init__(self, plant: Plant, settings: EstimatorSettings, changes_K: FloatArray) -> None:
         super().__init__(plant, settings)
@@ -188,7 +190,7 @@ class _ChangedPasses(_Passes):
 
     @property
     def information(self) -> FloatArray:
-        """Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), when the way back is done."""
+        """Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), after the backward pass."""
         return self._information[:, : self._own.stop]
 
     def _remembered(self) -> tuple[FloatArray | IntArray, ...]:

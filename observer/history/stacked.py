@@ -1,13 +1,14 @@
-"""A whole log as one linear equation, Z = H Q: stationary plants, an even step, heats held over each step.
+"""A whole log as one linear equation, Z = H Q: stationary plants, an even step, heats constant over each
+step.
 
-Row k of Z is what the sensors read at step k above the free response of the screw, element l of Q the heats
-over step l + 1. Every row is weighted by its sensor's noise, and what the unknown field at the start can
-explain is discounted by its prior:
+Row k of Z is the sensor readings at step k above the free response of the screw, element l of Q the heats
+over step l + 1. Every row is weighted by its sensor's noise, and the unknown initial field is marginalised
+under its prior:
 
-    |Z - H Q|² = (Z - H Q)ᵀ (R + U Uᵀ)⁻¹ (Z - H Q),    U = C exp(-decay t) √P₀.
+|Z - H Q|² = (Z - H Q)ᵀ (R + U Uᵀ)⁻¹ (Z - H Q),    U = C exp(-decay t) √P₀.
 
 H is block Toeplitz and is kept as its first block column, the response to one watt held over one step.
-Source: Li et al. (2022), equations 28 to 31, who know the field at the start; in modes here, not in nodes.
+Source: Li et al. (2022), equations 28 to 31, with a known initial field; in modes here, not in nodes.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ from observer.model.plant import Plant
 from observer.model.simulate import SimulationState, simulate
 
 _UNEVEN = 0.02
-"""Share of the step by which steps may differ and still count as even."""
+"""Largest relative difference of steps that still count as even."""
 _NEGLIGIBLE = 1e-10
 _CHUNK = 4096
 
 
 class Prior(NamedTuple):
-    """What is believed of the heats: q_l = keep q_{l-1} + a step of `step_W`, with `first_W` for the first.
+    """The prior of the heats: q_l = keep q_{l-1} + a step of `step_W`, with `first_W` for the first.
 
-    All (m_e,). Order 1 is the plant's own random walk, order 0 takes each step's heat by itself.
+    All (m_e,). Order 1 is the plant's own random walk; in order 0 each step's heat is independent.
     """
 
     keep: FloatArray
@@ -70,8 +71,8 @@ class StackedProblem(NamedTuple):
 
     `time_s` (K,); `dt_s`; `response_K_W` (T, s, m_e), the temperatures at the ends of steps 1, 2, … after one
     watt over step 1; `rise_K` (K, s), Z, 0 where there is no measurement; `weight_1_K` (K, s), one over the
-    noise, 0 where there is no measurement; `start` (K s, r), an orthonormal basis of what the field at the
-    start can do to the weighted rows, and `discount` (r,), the share of each that is taken for it.
+    noise, 0 where there is no measurement; `start` (K s, r), an orthonormal basis of the initial field's
+    effect on the weighted rows, and `discount` (r,), the share of each attributed to it.
     """
 
     time_s: FloatArray
@@ -94,11 +95,11 @@ class StackedProblem(NamedTuple):
 
     @property
     def measurements(self) -> int:
-        """How many values there are to explain; with the right heats |Z - H Q|² is about this."""
+        """The number of values; with the correct heats |Z - H Q|² is about this."""
         return int(np.count_nonzero(self.weight_1_K))
 
     def whiten(self, rows: FloatArray) -> FloatArray:
-        """Weight rows (K, s, …) so that noise and field at the start together have variance 1.
+        """Weight rows (K, s, …) so that noise and initial field together have variance 1.
 
         (I + U Uᵀ)^(-1/2) R^(-1/2), which is symmetric but for the weights.
         """
@@ -110,20 +111,20 @@ class StackedProblem(NamedTuple):
         return np.asarray(self._less(self.discount, rows.copy()) * self.weight_1_K)
 
     def unexplained(self, rows_K: FloatArray) -> FloatArray:
-        """Return what rows Z - H Q (K, s), K, hold beyond the most probable field at the start."""
+        """Return what rows Z - H Q (K, s), K, hold beyond the most probable initial field."""
         weighted = self._less(1.0 - (1.0 - self.discount) ** 2, rows_K * self.weight_1_K)
         used = self.weight_1_K > 0.0
         return np.where(used, weighted / np.where(used, self.weight_1_K, 1.0), np.nan)
 
     def draw_start(self, rng: np.random.Generator) -> FloatArray:
-        """Return what a field drawn from its prior makes the sensors read above its mean, (K, s), K."""
+        """Return the sensor readings of an initial field drawn from its prior, above its mean, (K, s), K."""
         size = np.sqrt(1.0 / (1.0 - self.discount) ** 2 - 1.0)
         weighted = (self.start @ (size * rng.standard_normal(len(size)))).reshape(self.weight_1_K.shape)
         used = self.weight_1_K > 0.0
         return np.where(used, weighted / np.where(used, self.weight_1_K, 1.0), 0.0)
 
     def _less(self, share: FloatArray, weighted: FloatArray) -> FloatArray:
-        """Take from weighted rows, in place, these shares (r,) of what the field at the start can do."""
+        """Subtract from weighted rows, in place, these shares (r,) of the initial field's effect."""
         flat = weighted.reshape(len(self.start), -1)
         flat -= self.start @ (share[:, None] * (self.start.T @ flat))
         return flat.reshape(weighted.shape)
@@ -134,11 +135,10 @@ def stacked_problem(
 ) -> tuple[StackedProblem, int]:
     """Return the equation of a log and the number of its first row, before which nothing was measured.
 
-    With `start_known` the screw has one temperature at the start, as in the papers; without, its field is
-    uncertain by the plant's prior. A moving source is taken at the mean of its stroke. The laws of the
-    estimated heats are left aside.
-    Raises `UserError` where effects couple the plant's states, the steps are uneven or there is nothing to
-    work on.
+    With `start_known` the screw has one temperature initially, as in the papers; otherwise its field is
+    uncertain by the plant's prior. A moving source is spread over its stroke. The laws of the estimated heats
+    are not used. Raises `UserError` where effects couple the plant's states, the steps are uneven or there
+    are too few.
     """
     if plant.coupling.active:
         raise UserError(
@@ -249,8 +249,9 @@ def _start_basis(plant: Plant, decay: FloatArray, weight: FloatArray) -> tuple[F
     U *= weight[:, :, None]
     U = U.reshape(weight.size, -1)
     square, turn = np.linalg.eigh(U.T @ U)
-    told = square > _NEGLIGIBLE * max(1.0, float(square[-1]) if len(square) else 0.0)
-    return U @ (turn[:, told] / np.sqrt(square[told])), 1.0 - 1.0 / np.sqrt(1.0 + square[told])
+    significant = square > _NEGLIGIBLE * max(1.0, float(square[-1]) if len(square) else 0.0)
+    square, turn = square[significant], turn[:, significant]
+    return U @ (turn / np.sqrt(square)), 1.0 - 1.0 / np.sqrt(1.0 + square)
 
 
 def _over_heats(per_heat: FloatArray, values: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ noise's variance over the prior's. Everything is dense: time grows with the cube
 with its square.
 Source: Li et al. (2022), equations 36 to 39.
 
-How much weight α the prior gets is Li's ICO as printed, or one of three rules that know when to stop. All
+How much weight α the prior gets is Li's ICO as printed, or one of three rules with a stopping criterion. All
 work on the spectrum of the normal equations, G = V diag(λ) Vᵀ and c = Vᵀ b, where each trial costs n
 operations: |Z - H S w|² = |Z|² - Σ c²(λ + 2α)/(λ + α)², |w|² = Σ c²/(λ + α)², and the trace of the influence
 matrix is Σ λ/(λ + α).
@@ -24,7 +24,7 @@ from observer.frames import FloatArray
 from observer.history.stacked import Prior, StackedProblem, accumulate
 
 LARGEST_BYTES = 1.0e9
-"""What H and the normal equations, with the copies made on the way, may take."""
+"""Memory limit of H and the normal equations with their temporary copies."""
 
 
 class NormalEquations(NamedTuple):
@@ -96,7 +96,7 @@ def _dense(problem: StackedProblem, prior: Prior) -> FloatArray:
 
 
 _SPAN = 12.0
-"""Decades below the largest eigenvalue that are searched."""
+"""Decades searched below the largest eigenvalue."""
 _PER_DECADE = 8
 _STANDSTILL = 0.02
 ICO_DECADES = 12.0
@@ -104,7 +104,7 @@ ICO_TRIALS, ICO_ROUNDS, ICO_TOLERANCE = 10, 40, 1e-3
 
 
 class Spectrum(NamedTuple):
-    """Eigenvalues (n,), coefficients c (n,), |Z|², and how many values Z holds."""
+    """Eigenvalues (n,), coefficients c (n,), |Z|², and the number of values in Z."""
 
     eigenvalues: FloatArray
     coefficients: FloatArray
@@ -129,19 +129,19 @@ class Spectrum(NamedTuple):
         return float(np.sum((self.coefficients / (self.eigenvalues + alpha)) ** 2))
 
     def freedom(self, alpha: float) -> float:
-        """How many numbers the solution for α takes from the data."""
+        """The effective degrees of freedom of the solution for α."""
         return float(np.sum(self.eigenvalues / (self.eigenvalues + alpha)))
 
     def trials(self) -> FloatArray:
-        """α over the whole range that can make a difference, rising."""
+        """α over the whole range that matters, ascending."""
         top = np.log10(self.eigenvalues[-1])
         return np.logspace(top - _SPAN, top + 2.0, int(_PER_DECADE * (_SPAN + 2.0)) + 1)
 
 
 def by_discrepancy(spectrum: Spectrum) -> float:
-    """Return the α at which the misfit is what the noise alone makes. Source: Morozov (1966).
+    """Return the α at which the misfit is that of the noise alone. Source: Morozov (1966).
 
-    The largest on offer that explains the log, or the smallest where none does.
+    The largest trial value if all explain the log, the smallest if none does.
     """
     from scipy.optimize import brentq  # noqa: PLC0415 - slow to import
 
@@ -187,7 +187,7 @@ def by_l_curve(spectrum: Spectrum) -> float:
     dx, dy = np.gradient(x), np.gradient(y)
     ddx, ddy = np.gradient(dx), np.gradient(dy)
     pace = np.hypot(dx, dy)
-    moves = pace > _STANDSTILL * pace.max()  # where the curve stands still its bend is rounding
+    moves = pace > _STANDSTILL * pace.max()  # where the curve does not move, its curvature is rounding
     bend = np.where(moves, (dx * ddy - dy * ddx) / np.where(moves, pace, 1.0) ** 3, -np.inf)
     return float(trials[1 + np.argmax(bend[1:-1])])
 
@@ -202,8 +202,8 @@ def by_ico(
     """Return Li's choice of α and the α kept after each round (…,), as printed.
 
     Draw ten values evenly in [low, high], keep the one of smallest W = |Z^α - Z|/|Z|, stop if W is below
-    `tolerance`, else keep the half of the interval it lies in. W falls with α without end, so this goes to
-    the lower bound unless the tolerance stops it. Without `bounds`, those are the largest eigenvalue and
+    `tolerance`, else keep the half of the interval it lies in. W decreases with α without limit, so this ends
+    at the lower bound unless the tolerance stops it. Without `bounds`, those are the largest eigenvalue and
     twelve decades below it. Source: Li et al. (2022), equations 40 to 42.
     """
     low, high = bounds or (spectrum.eigenvalues[-1] * 10.0**-ICO_DECADES, spectrum.eigenvalues[-1])

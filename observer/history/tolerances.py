@@ -36,8 +36,8 @@ from observer.tables.estimator import EstimatorSettings
 
 
 class Changes(NamedTuple):
-    """What one standard deviation of each of c tolerances does to the sensors: `sensor_K` (K, s, c), K; and
-    which of them are `learnt` (c,), the others being considered only.
+    """The change of the sensors with one standard deviation of each of c tolerances: `sensor_K` (K, s, c), K;
+    and which of them are `learnt` (c,), the others being only considered.
     """
 
     sensor_K: FloatArray
@@ -45,11 +45,11 @@ class Changes(NamedTuple):
 
 
 def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray) -> Changes:
-    """Return what tolerances do over consecutive blocks of K steps together, as the plant has them.
+    """Return the effect of the plant's tolerances over consecutive blocks of K steps in total.
 
-    `heat_W` (K, m_e) are the estimated heats, NaN where they are not known: the change is taken along them,
-    since a film's goes with how warm the screw was. At the start nothing has changed: it is what the sensors
-    say. Learnt is what `[estimator] learn` names; a sensor's gain never is.
+    `heat_W` (K, m_e) are the estimated heats, NaN where unknown: the change is simulated along them, since
+    that of a film depends on how warm the screw was. It is zero initially, where the sensors give the field.
+    Learnt are those named in `[estimator] learn`; a sensor's gain never is.
     """
     plant, learnt = _roughly_known(config)
     known = np.flatnonzero(np.isfinite(heat_W).any(axis=1))
@@ -73,14 +73,14 @@ def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray)
 
 
 def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
-    """The plant with its tolerances but those of heats, which are sought, and which of them are learnt."""
+    """The plant with all tolerances but those of the estimated heats, and which of them are learnt."""
     by_kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
     lean = config.model_copy(update={"estimator": by_kalman})
-    plant = build_plant(lean, nut_places=2, learns=True).sensors_only()  # the inputs have the nut's columns
+    plant = build_plant(lean, nut_places=2, learns=True).sensors_only()  # the inputs hold the nut's columns
     if plant.learning is None:
         return plant, np.zeros(0, dtype=np.bool_)
     fades, every = plant.coupling.fades, plant.learning.arrays
-    sought = fades._replace(per_K=np.where(plant.estimated, 0.0, fades.per_K))  # found as they are
+    sought = fades._replace(per_K=np.where(plant.estimated, 0.0, fades.per_K))
     which = np.flatnonzero(every.kind != Kind.LAW)
     learning = replace(plant.learning, arrays=of_parameters(every, which))
     plant = replace(plant, coupling=plant.coupling._replace(fades=sought), learning=learning)
@@ -88,7 +88,7 @@ def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
 
 
 class _Along:
-    """The way over a log: a field, and what one standard deviation of each parameter has done to it."""
+    """A simulation over a log: the field, and its change with one standard deviation of each parameter."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant, self._steps, self._begins = plant, StepCache(plant), True
@@ -111,8 +111,8 @@ class _Along:
         )
 
     def __call__(self, u: Inputs, D: FloatArray) -> FloatArray:
-        """Fill D (K, s, …) for the steps of a block, the first of which begins where the sensors are; return
-        what they would read with no parameter changed, (K, s), °C.
+        """Fill D (K, s, …) for the steps of a block, the very first of which starts from the sensors; return
+        the readings expected with no parameter changed, (K, s), °C.
         """
         if self._begins:
             seen = np.where(u.usable[0], u.y_degC[0], np.nan)
@@ -128,8 +128,8 @@ class _Along:
 
 
 class Within(NamedTuple):
-    """What the learnt tolerances most probably do to the sensors (K, s), K, and the variance (K, m_e), W²,
-    that all of them leave to the heats.
+    """The most probable effect of the learnt tolerances on the sensors (K, s), K, and the variance (K, m_e),
+    W², that all tolerances add to the heats.
     """
 
     sensor_K: FloatArray
@@ -139,9 +139,7 @@ class Within(NamedTuple):
 def most_probable(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], changes: Changes
 ) -> Within:
-    """Return what the readings of consecutive blocks that the gate lets pass say of tolerances, of which
-    there is one at least.
-    """
+    """Return the estimate of at least one tolerance from the accepted readings of consecutive blocks."""
     information, M = smooth_changes(plant, settings, blocks, changes.sensor_K)
     S = np.linalg.inv(np.eye(len(information)) + information[:, 1:])
     theta = np.where(changes.learnt, S @ information[:, 0], 0.0)
@@ -152,7 +150,7 @@ def most_probable(
 
 
 def less(blocks: Sequence[Inputs], change_K: FloatArray) -> list[Inputs]:
-    """Return the blocks with readings that are less by changes (K, s)."""
+    """Return the blocks with changes (K, s) subtracted from the readings."""
     out, begin = [], 0
     for block in blocks:
         out.append(block._replace(y_degC=block.y_degC - change_K[begin : begin + len(block)]))

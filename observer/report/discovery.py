@@ -12,7 +12,7 @@ import numpy as np
 from observer.config import Config
 from observer.discovery.discover import Discovery
 from observer.discovery.result import effects_of
-from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, Trial
+from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, FittedCandidate
 from observer.fit.evidence import UNUSED
 from observer.fit.tolerance import UNEVEN
 from observer.frames import FloatArray
@@ -276,7 +276,7 @@ def _standing(trial: dict[str, Any], best: set[str], verdict: str) -> str:
     return "not needed" if trial["accepted"] else "too little"
 
 
-def _next_best(trials: Sequence[Trial]) -> tuple[str, str]:
+def _next_best(trials: Sequence[FittedCandidate]) -> tuple[str, str]:
     return (code(trials[0].candidate.name), f"{trials[0].drop:,.0f}") if trials else ("none", "")
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 from observer.discovery.candidates import library
-from observer.discovery.search import Search, Trial
+from observer.discovery.search import FittedCandidate, Search
 from observer.discovery.verdict import partial_of
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
 from tests.discovery.cases import machine, made_log
@@ -22,17 +22,17 @@ def null() -> Fit:
 
 
 @cache
-def trial(name: str) -> Trial:
+def trial(name: str) -> FittedCandidate:
     """An effect fitted beside it."""
     base = null()
     config = base.problem.config
     candidate = next(c for c in library(config, base.problem.keys) if c.name == name)
     added = config.model_copy(update={"effect": (candidate.effect(candidate.shapes[0]),)})
     fit = fit_effects(base.problem, added, candidate.parameters(0))
-    return Trial(candidate, fit, base.deviance - fit.deviance, 30.0, 0.5)
+    return FittedCandidate(candidate, fit, base.deviance - fit.deviance, 30.0, 0.5)
 
 
-def told(*ranking: Trial) -> str | None:
+def told(*ranking: FittedCandidate) -> str | None:
     partial = partial_of(Search(null(), null(), (), (), ranking, ()))
     return None if partial is None else partial.trial.candidate.name
 
@@ -46,5 +46,5 @@ def test_a_strength_that_may_be_nothing_is_not_told() -> None:
     """The interval of an offset of the sensor without one holds zero."""
     right = trial("sensor_bias at a")
     weak = replace(trial("sensor_bias at c"), drop=2.0 * right.drop)
-    assert not weak.there
+    assert not weak.significant
     assert told(weak, right) == "sensor_bias at a"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.discovery.phases import Course, course_of, lacking, speeds_rpm
+from observer.discovery.phases import Course, course_of, missing_excitation, speeds_rpm
 from observer.fit.runs import prepare
 from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
@@ -85,7 +85,7 @@ GOOD = made(np.repeat([0.0, 500.0, 1500.0], 20))
 
 
 def clauses(config: Config, course: Course, **of_run: float) -> tuple[str, ...]:
-    return lacking(config, [run(**of_run)], [course])
+    return missing_excitation(config, [run(**of_run)], [course])
 
 
 def test_good_logs_lack_nothing() -> None:
@@ -98,7 +98,7 @@ def test_good_logs_lack_nothing() -> None:
         (GOOD, {"minutes": 20.0}, ("20 min", "30 min are needed")),
         (GOOD, {"rise_K": 0.5}, ("0.50 K", "1.0 K are needed")),  # 20 × 0.05 K
         (made(np.zeros(40)), {}, ("never turns",)),
-        (made(np.repeat([0.0, 800.0], 20)), {}, ("800 rpm only", "with speed cannot be told")),
+        (made(np.repeat([0.0, 800.0], 20)), {}, ("800 rpm only", "effects of speed are not identifiable")),
         (made(np.repeat([0.0, 800.0, 840.0], 20)), {}, ("rpm only",)),  # a twentieth apart is no other speed
         (made(np.repeat([0.0, 800.0, 1600.0], [20, 20, 5])), {}, ("800 rpm only",)),  # 2.5 min do not count
         (made(np.repeat([500.0, 1500.0], 20)), {}, ("never rests",)),
@@ -113,7 +113,7 @@ def test_each_lack_is_one_clause(course: Course, of_run: dict[str, float], words
 def test_lacks_add_up_and_the_best_log_counts() -> None:
     poor = clauses(machine(), made(np.zeros(40)), minutes=10.0, rise_K=0.1)
     assert len(poor) == 3
-    both = lacking(machine(), [run(minutes=10.0, rise_K=0.1), run()], [made(np.zeros(40)), GOOD])
+    both = missing_excitation(machine(), [run(minutes=10.0, rise_K=0.1), run()], [made(np.zeros(40)), GOOD])
     assert both == ()
 
 

@@ -12,12 +12,12 @@ import pytest
 from observer.config import Config
 from observer.discovery.candidates import Candidate, library
 from observer.discovery.discover import Discovery, discover
-from observer.discovery.search import Trial, held_out, same_physics
+from observer.discovery.search import FittedCandidate, held_out, same_physics
 from observer.effects.catalogue import BY_KIND, KINDS
 from observer.effects.film import UnevenConvection
 from observer.effects.heat import LocalHeat
 from observer.errors import LogError
-from observer.fit.hypothesis import Fit, Parameter
+from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
 from tests.discovery.cases import machine, made_log
@@ -155,7 +155,7 @@ def bodies_beside_each_other(values: list[float], half_width: list[float]) -> An
     """A fit of a body at the nut that takes of its heat, and of a plain one at the left end."""
     shared = ("capacity_J_K", "conductance_W_K", "heat_share")
     numbers = [(0, key) for key in shared] + [(1, key) for key in shared[:2]]
-    parameters = [Parameter(effect, key, 1.0, 0.0, 2e4) for effect, key in numbers]
+    parameters = [EffectParameter(effect, key, 1.0, 0.0, 2e4) for effect, key in numbers]
     body = {"kind": "attached_mass", "capacity_J_K": 400.0, "conductance_W_K": 3.0}
     effects = [BY_KIND["attached_mass"].model_validate({**body, "target": at}) for at in ("nut", "left")]
     return SimpleNamespace(
@@ -177,8 +177,8 @@ def test_a_second_body_is_judged_by_its_own_parameters_whatever_form_the_first_h
     plain = body("left", "capacity_J_K", "conductance_W_K")
     wide = [100.0, 1.0, 0.1, 9e4, 1.0]
     fit = bodies_beside_each_other([400.0, 3.0, 0.3, 400.0, 3.0], wide)
-    assert not Trial(plain, fit, 100.0, 30.0, 0.5).told  # its own capacity has no upper bound
-    assert Trial(body("nut", *(p.key for p in fit.parameters[:3])), fit, 100.0, 30.0, 0.5).told
-    assert Trial(
+    assert not FittedCandidate(plain, fit, 100.0, 30.0, 0.5).bounded  # its own capacity has no upper bound
+    assert FittedCandidate(body("nut", *(p.key for p in fit.parameters[:3])), fit, 100.0, 30.0, 0.5).bounded
+    assert FittedCandidate(
         plain, bodies_beside_each_other([400.0, 3.0, 0.3, 400.0, 3.0], [1.0] * 5), 1.0, 1.0, 0.5
-    ).there
+    ).significant

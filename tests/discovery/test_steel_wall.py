@@ -19,7 +19,7 @@ from observer.discovery.candidates import Signature, library, signatures
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.proof import prove
 from observer.discovery.result import discovery_result
-from observer.discovery.search import Trial, tried, without
+from observer.discovery.search import FittedCandidate, tried, without
 from observer.discovery.verdict import goodness
 from observer.fit.hypothesis import Fit
 from observer.installation import parse
@@ -61,7 +61,7 @@ def rms_K(fit: Fit) -> float:
 
 
 @cache
-def losses() -> dict[str, Trial]:
+def losses() -> dict[str, FittedCandidate]:
     """Each loss alone, fitted in earnest as the search does it."""
     found = searched("screw.conductivity_W_mK")
     null = found.search.null

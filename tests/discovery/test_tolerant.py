@@ -11,7 +11,7 @@ import pytest
 
 from observer.app import discover
 from observer.discovery.candidates import library
-from observer.discovery.search import Trial
+from observer.discovery.search import FittedCandidate
 from observer.effects.base import Unnamed
 from observer.effects.heat import EndHeat
 from observer.effects.terms import AmbientShift, Offset
@@ -91,14 +91,14 @@ def test_the_step_of_a_log_is_read_from_it(step_K: float) -> None:
 def test_effects_of_friction_are_offered_where_there_is_friction() -> None:
     """The heater of this bar follows a measured power; its bearing rubs."""
     config = machine()
-    offered = {(c.kind, c.target) for c in library(config, free_keys(config))}
+    learnt_changes = {(c.kind, c.target) for c in library(config, free_keys(config))}
     for kind in ("run_in", "friction_fade", "friction_speed"):
-        assert (kind, "bearing.l") in offered
-        assert (kind, "heater") not in offered
+        assert (kind, "bearing.l") in learnt_changes
+        assert (kind, "heater") not in learnt_changes
 
 
 @pytest.mark.parametrize(("half", "there"), [(0.9e-3, True), (1.1e-3, False)])
-def test_a_strength_whose_interval_holds_nothing_is_not_there(half: float, there: bool) -> None:
+def test_a_strength_whose_interval_holds_nothing_is_not_there(half: float, significant: bool) -> None:
     config = machine(effect=[{"kind": "end_heat", "target": "left", "heat_W_rpm": 1e-3}])
     candidate = next(c for c in library(machine(), ()) if c.of is EndHeat)
     fit: Any = SimpleNamespace(
@@ -108,6 +108,6 @@ def test_a_strength_whose_interval_holds_nothing_is_not_there(half: float, there
         half_width=np.array([half]),
         at_bound=False,
     )
-    trial = Trial(candidate, fit, 100.0, 30.0, 0.5)
-    assert trial.there is there
-    assert trial.accepted is there
+    trial = FittedCandidate(candidate, fit, 100.0, 30.0, 0.5)
+    assert trial.significant is significant
+    assert trial.accepted is significant

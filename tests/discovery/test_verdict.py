@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer.discovery import verdict
-from observer.discovery.proof import Proof, SensorGap, prove
+from observer.discovery.proof import Proof, SensorError, prove
 from observer.discovery.verdict import alternatives, decide, goodness
 from observer.effects.sensing import SensorBias
 
@@ -51,13 +51,13 @@ def gap(
     after: float = NOISE,
     raw_K: tuple[float, float] = (1.0, 0.5),
     beyond_K: tuple[float, float] = (1.0, 0.5),
-) -> SensorGap:
+) -> SensorError:
     """A gap by its whitened squares, as measured, and beyond tolerances; its form is known to 0.05 K."""
-    return SensorGap(*raw_K, 0.01, before, after, beyond_K, 0.05)
+    return SensorError(*raw_K, 0.01, before, after, beyond_K, 0.05)
 
 
 def proof(
-    after: float = NOISE, *, sensors: tuple[SensorGap, ...] = (), unproved: tuple[str, ...] = ()
+    after: float = NOISE, *, sensors: tuple[SensorError, ...] = (), unproved: tuple[str, ...] = ()
 ) -> Proof:
     each = {f"t{i}": sensor for i, sensor in enumerate(sensors)}
     return Proof(gap(after=after), each, 1.0, NOISE, unproved)
@@ -227,7 +227,7 @@ def test_one_effect_is_exchanged_in_its_own_place() -> None:
     assert sets(found) == ["a b", "x b", "a y", "a z"]
     said = decide(found, proof(), ())
     assert said.kind == "ambiguous"
-    assert said.reason == "these logs cannot tell a and b from x and b from a and y from a and z"
+    assert said.reason == "these logs cannot distinguish a and b from x and b from a and y from a and z"
     assert said.fits[0] is said.fit is found.fit
 
 

@@ -31,8 +31,8 @@ def test_the_film_of_the_rig_is_found(of_the_rig: Calibration) -> None:
 
 def test_the_gap_of_the_rig_falls_to_what_its_source_states(of_the_rig: Calibration) -> None:
     # with the right parameters this run is left with 0.09 K rms, says where it comes from
-    assert of_the_rig.gap.before_rms_K > 1.0
-    assert of_the_rig.gap.after_rms_K < 0.095
+    assert of_the_rig.error.before_rms_K > 1.0
+    assert of_the_rig.error.after_rms_K < 0.095
     assert set(of_the_rig.per_sensor) == {"t1", "t2", "t3", "t4", "t5"}
     assert of_the_rig.obstacles == ()
 
@@ -182,4 +182,4 @@ def test_a_fit_that_runs_into_a_bound_says_so() -> None:
     log.values[:, 2] += np.linspace(0.0, 2.0, len(log))
     found = calibrate(config, [[log]])
     [doubt] = found.obstacles
-    assert describe(doubt).startswith(f"{FILM}: the fit runs into its bound of ")
+    assert describe(doubt).startswith(f"{FILM}: the fit stops at its bound of ")

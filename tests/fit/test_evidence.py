@@ -13,7 +13,7 @@ from observer.fit.evidence import (
     BEAT_S,
     BEAT_SHARE,
     FITTED_SHARE,
-    GAP_SHARE,
+    MARGIN_SHARE,
     PROOF,
     SLOW_K,
     SLOW_S,
@@ -141,7 +141,7 @@ def test_one_log_is_halves_a_gap_and_a_proof() -> None:
     order = [ends[fold] for fold in (0, 1, UNUSED, PROOF)]
     assert all(a.max() < b.min() for a, b in pairwise(order))
     apart_s = ends[PROOF].min() - ends[1].max()
-    assert apart_s >= GAP_SHARE * evidence.time_s.max()
+    assert apart_s >= MARGIN_SHARE * evidence.time_s.max()
     assert not (evidence.used & evidence.proof).any()
 
 
@@ -149,7 +149,7 @@ def test_one_log_is_halves_a_gap_and_a_proof() -> None:
 def test_no_fit_sees_the_proof(count: int) -> None:
     """Other values there leave the fit as it is, to the last bit."""
     honest = logs(count)
-    begin_s = 3600.0 * (FITTED_SHARE + GAP_SHARE) if count == 1 else 0.0
+    begin_s = 3600.0 * (FITTED_SHARE + MARGIN_SHARE) if count == 1 else 0.0
     fits = []
     for runs in (honest, [*honest[:-1], warmer(honest[-1], begin_s)]):
         problem = problem_of(CONFIG, runs)

@@ -8,12 +8,12 @@ from observer.config import Config
 from observer.errors import ConfigError
 from observer.fit.parameters import (
     FILM,
-    KINDS,
+    PARAMETERS,
     bounds_of,
     candidates,
     free_keys,
     get,
-    kind_of,
+    info_of,
     put,
     replaced,
     rounded,
@@ -31,7 +31,7 @@ def test_a_replaced_value_is_read_back_and_nothing_else_changes(data: st.DataObj
     config = machine(boundary=CONVECTIVE)
     keys = candidates(config)
     key = data.draw(st.sampled_from(keys))
-    kind = kind_of(key)
+    kind = info_of(key)
     value = data.draw(st.floats(max(kind.low, 1e-6), kind.high))
     other = replaced(config, {key: value})
     assert get(other, key) == value
@@ -129,7 +129,7 @@ def test_a_parameter_is_sought_within_its_bounds_in_steps_of_its_size(
 
 
 def test_every_kind_of_parameter_is_positive_and_has_a_size() -> None:
-    for kinds in KINDS.values():
+    for kinds in PARAMETERS.values():
         for kind in kinds.values():
             assert 0.0 <= kind.low < kind.high
             assert kind.scale > 0.0

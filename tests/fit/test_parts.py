@@ -19,9 +19,9 @@ from observer.fit.evidence import (
     gather,
     shown_noise,
 )
-from observer.fit.hypothesis import Fit, Parameter, fit_effects, fit_null, with_effects
+from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null, with_effects
 from observer.fit.parameters import FILM, get, put
-from observer.fit.problem import Marginal, Problem, told_lags
+from observer.fit.problem import Marginal, Problem, modelled_lags
 from observer.fit.tolerance import tolerances
 from observer.frames import FloatArray
 from tests.discovery.cases import machine
@@ -199,10 +199,10 @@ class Straight:
                     out += term.extra_W_m2K * term.from_m
         return [out]
 
-    def by_gaps(self, _config: Config) -> list[list[FloatArray]]:
+    def by_outages(self, _config: Config) -> list[list[FloatArray]]:
         return [[gap] for gap in self.gaps]
 
-    def by_rows(self, _config: Config) -> list[list[FloatArray]]:
+    def by_coarse_rows(self, _config: Config) -> list[list[FloatArray]]:
         return []
 
     def airs(self, _config: Config) -> list[FloatArray]:
@@ -235,7 +235,7 @@ def test_derivatives_are_in_units_of_scale_and_noise_and_stay_within_bounds() ->
         found = problem.derivatives(config)
         np.testing.assert_allclose(found.columns, expected, rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(found.at, problem.free_values(config) / [20.0, 1.0])
-    here = problem.around(at_the_end).by_free
+    here = problem.linearised_at(at_the_end).by_free
     assert here is not None
     np.testing.assert_allclose(here.at, [50.0, 100.0])
     assert problem.predicted(problem.config).tolist() == forward(problem.config)[0].ravel().tolist()
@@ -250,9 +250,9 @@ def test_derivatives_are_in_units_of_scale_and_noise_and_stay_within_bounds() ->
 
 def test_slack_is_what_each_tolerance_changes() -> None:
     forward = Straight(gaps=2)
-    problem = a_problem(forward).tolerant(machine())
-    slack = problem.slack
-    assert slack is not None
+    problem = a_problem(forward).with_nuisance(machine())
+    nuisance = problem.nuisance
+    assert nuisance is not None
     by, sensor = forward.by, problem.evidence.sensor
     films, here = [np.full(3 * MEANS, 0.2 * 0.1 * i) for i in range(4)], forward(machine())[0].ravel()
     inward = np.array([1e-3, -1e-3, -1e-3])
@@ -265,8 +265,8 @@ def test_slack_is_what_each_tolerance_changes() -> None:
         "gaps": [gap.ravel() for gap in forward.gaps],
     }  # fmt: skip
     columns = np.column_stack([c for part in whole.values() for c in part]) / 0.05
-    np.testing.assert_allclose(slack.columns, columns, rtol=1e-9, atol=1e-9)
-    assert slack.lag_of == (*[None] * 9, "a", "b", "c", *[None] * 5)
+    np.testing.assert_allclose(nuisance.columns, columns, rtol=1e-9, atol=1e-9)
+    assert nuisance.lag_of == (*[None] * 9, "a", "b", "c", *[None] * 5)
     rows, r = problem.evidence.used, np.random.default_rng(1).normal(size=60)
     for told, kept in ((frozenset(), range(17)), (frozenset({"b"}), [*range(10), *range(11, 17)])):
         T = columns[rows][:, list(kept)]
@@ -282,15 +282,15 @@ def test_a_lag_is_told_by_what_claims_it() -> None:
     lag = {"kind": "sensor_lag", "target": "b", "time_constant_s": 9.0}
     bias = {"kind": "sensor_bias", "target": "a", "offset_K": 1.0}
     config = machine(effect=[lag, bias])
-    assert told_lags(config) == {"b"}
-    assert told_lags(machine()) == frozenset()
-    assert told_lags(machine(), config.effect[0]) == {"b"}
+    assert modelled_lags(config) == {"b"}
+    assert modelled_lags(machine()) == frozenset()
+    assert modelled_lags(machine(), config.effect[0]) == {"b"}
 
 
 # ---- hypotheses ----
 
 BIAS = {"kind": "sensor_bias", "target": "b", "offset_K": 0.0}
-OFFSET = Parameter(0, "offset_K", 0.5, -5.0, 5.0)
+OFFSET = EffectParameter(0, "offset_K", 0.5, -5.0, 5.0)
 
 
 def weighed_least(problem: Problem, columns: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -304,7 +304,7 @@ def weighed_least(problem: Problem, columns: FloatArray, at: FloatArray) -> tupl
 def test_a_fit_is_the_least_squares_of_what_is_used() -> None:
     forward = Straight(gaps=1)
     truth = put(machine(effect=[BIAS | {"offset_K": 1.2}]), {FILM: 23.0, HEATER: 0.9})
-    problem = a_problem(forward, truth).tolerant(machine())
+    problem = a_problem(forward, truth).with_nuisance(machine())
     null = fit_null(problem, problem.config)
     bias = np.where(problem.evidence.sensor == 1, 0.5, 0.0)[:, None] / 0.05
     columns = np.hstack([problem.derivatives(problem.config).columns, bias])
@@ -363,7 +363,7 @@ def test_what_an_effect_takes_stays_within_its_bounds() -> None:
 @pytest.mark.parametrize(("value", "bound"), [(0.9996, True), (0.999, False), (-0.9996, True), (0.0, False)])
 def test_a_value_within_a_thousandth_of_its_scale_is_at_its_bound(value: float, bound: bool) -> None:
     problem, none = a_problem(Straight()), np.zeros(0)
-    parameter = Parameter(0, "offset_K", 0.5, -1.0, 1.0)
+    parameter = EffectParameter(0, "offset_K", 0.5, -1.0, 1.0)
     fit = Fit(problem, machine(), (parameter,), np.array([value]), none, none, none)
     assert fit.at_bound is bound
 

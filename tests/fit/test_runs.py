@@ -19,7 +19,7 @@ def test_a_log_without_what_tells_a_heat_is_refused(channel: str) -> None:
     log = made_log(config, 1)
     values = log.values.copy()
     values[:, log.channels.index(channel)] = np.nan
-    with pytest.raises(LogError, match=f"^log 1: {channel}, by which heat enters, has no value; mend that"):
+    with pytest.raises(LogError, match=f"^log 1: {channel}, an input of a heat law, has no value; fix that"):
         prepare(config, [replace(log, values=values)], "log 1")
     values[10, log.channels.index(channel)] = 1.0
     prepare(config, [replace(log, values=values)], "log 1")

@@ -94,11 +94,11 @@ def test_a_lag_that_an_effect_tells_is_no_tolerance_any_more() -> None:
     """
     config = machine()
     problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
-    problem = problem.tolerant(config)
-    assert problem.slack is not None
-    lag = [i for i, name in enumerate(problem.slack.lag_of) if name == "b"]
+    problem = problem.with_nuisance(config)
+    assert problem.nuisance is not None
+    lag = [i for i, name in enumerate(problem.nuisance.lag_of) if name == "b"]
     assert len(lag) == 1
-    residual = 3.0 * problem.slack.columns[:, lag[0]]
+    residual = 3.0 * problem.nuisance.columns[:, lag[0]]
     nothing, parameters = np.zeros((len(residual), 0)), np.zeros(0)
     cost = {}
     for target in (None, "a", "b"):
@@ -188,9 +188,9 @@ def test_a_heat_may_have_been_anywhere_and_late_in_a_gap() -> None:
 def test_a_log_without_gaps_needs_no_tolerance_for_them() -> None:
     config = machine()
     problem = problem_of(config, [made_log(config, 1, minutes=30.0)])
-    assert problem.forward.by_gaps(config) == []
+    assert problem.forward.by_outages(config) == []
     gapped = problem_of(config, [with_gap(made_log(config, 1, minutes=30.0), 600.0, 700.0)])
-    changes = gapped.forward.by_gaps(config)
+    changes = gapped.forward.by_outages(config)
     assert len(changes) >= len(config.sensor)
     before = gapped.forward.runs[0].ticks.time_s <= 600.0
     assert all(np.all(run[before] == 0.0) for change in changes for run in change)
@@ -305,5 +305,5 @@ def test_rows_close_together_leave_no_such_doubt() -> None:
     config = machine()
     problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
     close = thinned(made_log(config, 0, minutes=60.0), 1)
-    assert problem.forward.by_rows(config) == []
+    assert problem.forward.by_coarse_rows(config) == []
     assert problem_of(config, [close]).forward.runs[0].row_s == 2.0

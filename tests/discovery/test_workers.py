@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 from observer.discovery.discover import discover
 from observer.discovery.search import without
-from observer.discovery.workers import ALONE, Crew, _packed, _unpacked
+from observer.discovery.workers import IN_PROCESS, WorkerPool, _packed, _unpacked
 from observer.fit.hypothesis import fit_null
 from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
@@ -18,8 +18,8 @@ def test_a_second_process_does_not_change_the_answer() -> None:
     truth = machine(effect=[{"kind": "sensor_bias", "target": "b", "offset_K": 0.8}])
     logs = [[made_log(truth, seed, minutes=60.0)] for seed in range(3)]
     alone = discover(config, logs)
-    with Crew() as crew:
-        shared = discover(config, logs, crew=crew)
+    with WorkerPool() as pool:
+        shared = discover(config, logs, pool=pool)
     assert alone.verdict.kind == shared.verdict.kind == "named"
     assert alone.verdict.fit.values.tolist() == shared.verdict.fit.values.tolist()
     assert [t.score for t in alone.search.ranking] == [t.score for t in shared.search.ranking]
@@ -39,7 +39,7 @@ def test_what_crosses_over_leaves_the_problem_behind() -> None:
 def test_alone_one_does_all_in_order() -> None:
     config = machine()
     problem = problem_of(config, [made_log(config, 0, minutes=20.0)])
-    assert ALONE.each(lambda _problem, x, y: x - y, problem, [(3, 1), (5, 5), (1, 9)]) == [2, 0, -8]
+    assert IN_PROCESS.each(lambda _problem, x, y: x - y, problem, [(3, 1), (5, 5), (1, 9)]) == [2, 0, -8]
 
 
 def test_who_works_for_another_process_has_no_second_one_of_its_own() -> None:
@@ -48,5 +48,5 @@ def test_who_works_for_another_process_has_no_second_one_of_its_own() -> None:
 
 
 def _has_another() -> bool:
-    with Crew() as crew:
-        return crew._other is not None
+    with WorkerPool() as pool:
+        return pool._other is not None
