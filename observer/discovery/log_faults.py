@@ -49,8 +49,8 @@ FINER_S = (30.0, 10.0)
 """Resolutions of the time shift in later rounds."""
 NEAR = 0.1
 """Largest distance from a source, as a part of the screw's length, of a sensor that follows its heat."""
-SCALED, DIFFERENCE = 0.1, 1e-3
-"""Finite differences: of a heat's scale, and of a free parameter in its natural scale."""
+SCALED = 0.1
+"""Finite difference of a heat's scale."""
 
 
 @dataclass(frozen=True)
@@ -118,27 +118,17 @@ class Linearised:
     @classmethod
     def at(cls, problem: Problem, config: Config) -> Linearised:
         """Predict, and take the derivatives by the free parameters."""
-        here, values = problem.forward(config), problem.free_values(config)
-        slopes = []
-        for i, scale in enumerate(problem.scale):
-            step = DIFFERENCE * scale
-            step = step if values[i] + step <= problem.bounds[1][i] else -step
-            moved = problem.with_free(config, values + step * (np.arange(len(values)) == i))
-            each = zip(problem.forward(moved), here, strict=True)
-            slopes.append([(m - h) * (scale / step) for m, h in each])
-        return cls(
-            problem, config, [np.stack([h, *(s[i] for s in slopes)], axis=2) for i, h in enumerate(here)]
-        )
+        here, slopes = problem.forward(config), []
+        for moved, per in problem.differences(config):
+            slopes.append([(m - h) * per for m, h in zip(problem.forward(moved), here, strict=True)])
+        means = [np.stack([h, *(s[i] for s in slopes)], axis=2) for i, h in enumerate(here)]
+        return cls(problem, config, means)
 
     def fitted(self, hypothesis: LogFault, null: float) -> FaultFit:
         """Fit a hypothesis, linear about here; `null` is the deviance without it."""
         change = hypothesis.change or (lambda _run, means: means)
-        rows = _rows(self.problem, [change(i, m) for i, m in enumerate(self.means)])
-        residual = self.problem.evidence.measured_degC - rows[:, 0]
         more = hypothesis.columns(self.problem, self.config) if hypothesis.columns else []
-        columns = self.problem.evidence.whitened(np.column_stack([residual, rows[:, 1:], *more]))
-        fit = solved(self.problem, self.config, columns[:, 0], columns[:, 1:])
-        k = len(more)
+        fit, k = self._solved([change(i, m) for i, m in enumerate(self.means)], more), len(more)
         values = self.problem.free_values(self.config) + fit.step[: len(fit.step) - k] * self.problem.scale
         sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
         return FaultFit(
@@ -152,23 +142,18 @@ class Linearised:
 
     def heats(self) -> dict[str, float]:
         """The factors on the free parameters of heats, from an unbounded linear fit about here."""
-        problem, values = self.problem, self.problem.free_values(self.config)
-        rows = _rows(problem, self.means)
-        residual = problem.evidence.measured_degC - rows[:, 0]
-        columns = problem.evidence.whitened(np.column_stack([residual, rows[:, 1:]]))
-        step = solved(problem, self.config, columns[:, 0], columns[:, 1:]).step * problem.scale
-        each = zip(problem.keys, values.tolist(), step.tolist(), strict=True)
+        problem, values = self.problem, self.problem.free_values(self.config).tolist()
+        step = (self._solved(self.means).step * problem.scale).tolist()
+        each = zip(problem.keys, values, step, strict=True)
         return {key: 1.0 + by / value for key, value, by in each if key.startswith("source.") and value > 0.0}
 
-
-def _rows(problem: Problem, means: Means) -> FloatArray:
-    """Pick the rows (n, c) out of means (b, s, c)."""
-    e = problem.evidence
-    out = np.empty((len(e.run), means[0].shape[2]))
-    for i, values in enumerate(means):
-        mine = e.run == i
-        out[mine] = values[e.mean[mine], e.sensor[mine]]
-    return out
+    def _solved(self, means: Means, more: Sequence[FloatArray] = ()) -> Linear:
+        """The linear fit of means with their derivatives, beside `more` columns (n,)."""
+        evidence = self.problem.evidence
+        rows = evidence.rows(means)
+        residual = evidence.measured_degC - rows[:, 0]
+        columns = evidence.whitened(np.column_stack([residual, rows[:, 1:], *more]))
+        return solved(self.problem, self.config, columns[:, 0], columns[:, 1:])
 
 
 def late(problem: Problem, late_s: float) -> LogFault:

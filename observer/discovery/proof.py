@@ -117,13 +117,13 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
     def gap(mine: BoolArray) -> SensorError:
         within = mine[rows]
         return SensorError(
-            before_rms_K=_rms(before.error_K[mine]),
-            after_rms_K=_rms(after.error_K[mine]),
-            floor_rms_K=_rms(evidence.noise_K[mine]),
+            before_rms_K=rms(before.error_K[mine]),
+            after_rms_K=rms(after.error_K[mine]),
+            floor_rms_K=rms(evidence.noise_K[mine]),
             before=float(np.mean(before.whitened[within] ** 2)),
             after=float(np.mean(after.whitened[within] ** 2)),
-            beyond_tolerances_K=(_rms(before.beyond_K[mine]), _rms(after.beyond_K[mine])),
-            form_K=_rms(deviation_K[mine]),
+            beyond_tolerances_K=(rms(before.beyond_K[mine]), rms(after.beyond_K[mine])),
+            form_K=rms(deviation_K[mine]),
         )
 
     sensors = {s.name: rows & (evidence.sensor == i) for i, s in enumerate(problem.config.sensor)}
@@ -131,7 +131,7 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
     return Proof(
         whole=whole,
         per_sensor={name: gap(mine) for name, mine in sensors.items() if mine.any()},
-        as_given_rms_K=_rms(_error_K(fit, problem.config)[rows]),
+        as_given_rms_K=rms(_error_K(fit, problem.config)[rows]),
         expected=evidence.expected,
         unproved=tuple(name for name, others in less if _better(ProofError.of(others), rows, whole)),
     )
@@ -140,8 +140,8 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
 def _better(others: ProofError, rows: BoolArray, whole: SensorError) -> bool:
     """Whether the fit of fewer effects has a smaller error: in K, raw and beyond tolerances, and whitened."""
     more_K = (
-        whole.after_rms_K - _rms(others.error_K[rows]),
-        whole.beyond_tolerances_K[1] - _rms(others.beyond_K[rows]),
+        whole.after_rms_K - rms(others.error_K[rows]),
+        whole.beyond_tolerances_K[1] - rms(others.beyond_K[rows]),
     )
     return min(more_K) > whole.form_K and float(np.mean(others.whitened**2)) < whole.after
 
@@ -150,5 +150,6 @@ def _error_K(fit: Fit, config: Config) -> FloatArray:
     return np.asarray(fit.problem.evidence.measured_degC - fit.problem.predicted(config))
 
 
-def _rms(values: FloatArray) -> float:
+def rms(values: FloatArray) -> float:
+    """The root mean square of values."""
     return float(np.sqrt(np.mean(values**2)))

@@ -81,7 +81,7 @@ def suspects(
         if alike(fitted):
             continue
         if beyond_tolerance(null.problem.config, fitted) and plain(null, fitted, rivals, marks):
-            return (described(null.problem, fitted),)
+            return (_DESCRIBE[fitted.hypothesis.what](null.problem, fitted),)
     return ()
 
 
@@ -178,11 +178,6 @@ def intolerant(config: Config, what: What) -> Config:
         tolerance = known.model_copy(update={"offset_K": 0.0})
         return config.model_copy(update={"sensor": sensors, "tolerance": tolerance})
     return config
-
-
-def described(problem: Problem, w: FaultFit) -> Suspect:
-    """A suspect in words."""
-    return _DESCRIBE[w.hypothesis.what](problem, w)
 
 
 def _late(_problem: Problem, w: FaultFit) -> Suspect:

@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numpy as np
-
 from observer.discovery.candidates import Candidate
 from observer.discovery.family import Member, Tie, tie_of
 from observer.discovery.localise import localised
-from observer.discovery.proof import Proof
+from observer.discovery.proof import Proof, rms
 from observer.discovery.search import FittedCandidate, Search, form_of, same_physics
 from observer.fit.hypothesis import Fit
-from observer.frames import FloatArray
 
 VerdictKind = Literal["named", "none", "unknown", "ambiguous", "not_identifiable"]
 
@@ -147,7 +144,7 @@ def partial_of(search: Search) -> Partial | None:
     problem, used = best.fit.problem, best.fit.problem.evidence.used
     left_K = problem.evidence.measured_degC - problem.predicted(best.fit.config)
     of_sensor = {
-        s.name: _rms(left_K[used & (problem.evidence.sensor == i)])
+        s.name: rms(left_K[used & (problem.evidence.sensor == i)])
         for i, s in enumerate(problem.config.sensor)
     }
     worst = max(of_sensor, key=lambda name: of_sensor[name])
@@ -155,8 +152,8 @@ def partial_of(search: Search) -> Partial | None:
     return Partial(
         trial=best,
         share=best.drop / search.null.deviance,
-        remains_rms_K=_rms(left_K[used]),
-        beyond_tolerances_rms_K=_rms((left_K - best.fit.within_tolerances_K)[used]),
+        remains_rms_K=rms(left_K[used]),
+        beyond_tolerances_rms_K=rms((left_K - best.fit.within_tolerances_K)[used]),
         most_on=worst,
         phase=phases[0] if phases else None,
         tie=_alike(best, trials),
@@ -172,7 +169,3 @@ def _alike(best: FittedCandidate, trials: list[FittedCandidate]) -> Tie | None:
     tie = tie_of([Member.of(t.candidate, t.fit) for t in near])
     alone = len(near) == 1 and tie is not None and tie.family is not None and tie.family.against == "own"
     return None if alone else tie
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -53,8 +53,8 @@ class Evidence:
     groups: tuple[tuple[NDArray[np.int64], FloatArray], ...]
 
     def rows(self, means: Sequence[FloatArray]) -> FloatArray:
-        """Pick the rows (n,) out of means (b, s) of each run."""
-        out = np.empty(len(self.run))
+        """Pick the rows (n, …) out of means (b, s, …) of each run."""
+        out = np.empty((len(self.run), *means[0].shape[2:]))
         for i, values in enumerate(means):
             mine = self.run == i
             out[mine] = values[self.mean[mine], self.sensor[mine]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -123,13 +123,19 @@ class Problem:
 
     def derivatives(self, config: Config) -> Derivatives:
         """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
-        here, values, columns = self.predicted(config), self.free_values(config), []
+        here = self.predicted(config)
+        columns = [(self.predicted(moved) - here) * per for moved, per in self.differences(config)]
+        return Derivatives(self._columns(columns), self.free_values(config) / self.scale)
+
+    def differences(self, config: Config) -> Iterator[tuple[Config, float]]:
+        """Yield the configuration with each free parameter changed a little, and the factor that makes a
+        change of the prediction a derivative by the parameter in units of its scale.
+        """
+        values = self.free_values(config)
         for i, scale in enumerate(self.scale):
             step = DIFFERENCE * scale
             step = step if values[i] + step <= self.bounds[1][i] else -step
-            moved = values + step * (np.arange(len(values)) == i)
-            columns.append((self.predicted(self.with_free(config, moved)) - here) * (scale / step))
-        return Derivatives(self._columns(columns), values / self.scale)
+            yield self.with_free(config, values + step * (np.arange(len(values)) == i)), scale / step
 
     def by_sensor(self, change: FloatArray) -> list[FloatArray]:
         """Split a change (n,) into one of each sensor alone."""

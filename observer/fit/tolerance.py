@@ -34,7 +34,7 @@ from observer.effects.terms import (
 from observer.fit.parameters import candidates
 from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
-from observer.tables.sections import Screw, Sensor
+from observer.tables.sections import Sensor
 
 Scope = Literal["whole", "position", "lag", "run"]
 
@@ -57,11 +57,16 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
     "position" and "lag" stand for one of each sensor, all changed at once; "run" for one of each log.
     """
     screw, known = config.screw, config.tolerance
-    for key, material in _materials(config).items():
-        if TOLERANCE_OF[key][-1] not in (config.calibrate.free or ()):
-            yield material, "whole"
-    for moved in _places(config):
-        yield moved, "position"
+    for key, share in (
+        ("conductivity_W_mK", known.conductivity),
+        ("specific_heat_J_kgK", known.heat_capacity),
+    ):
+        if share > 0.0 and f"screw.{key}" not in (config.calibrate.free or ()):
+            other = screw.model_copy(update={key: getattr(screw, key) * (1 + share)})
+            yield config.model_copy(update={"screw": other}), "whole"
+    if known.position_m > 0.0:
+        moved = (_moved_inward(s, screw.length_m, known.position_m) for s in config.sensor)
+        yield config.model_copy(update={"sensor": tuple(moved)}), "position"
     film = config.surface.convection_W_m2K
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
@@ -71,10 +76,10 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
         offset_K = known.offset_of_K(sensor.offset_K)
         if offset_K > 0.0:
             yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
-    for warmer in _air(config):
-        yield warmer, "run"
-    for late in _lags(config):
-        yield late, "lag"
+    if known.ambient_K > 0.0:
+        yield _with(config, AmbientShift(0.0, known.ambient_K)), "run"
+    if known.lag_s > 0.0:
+        yield _with(config, *(Lag(s.name, known.lag_s) for s in config.sensor)), "lag"
     own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
     for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
         more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
@@ -87,8 +92,10 @@ def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, 
     friction that settles with use.
     """
     yield from tolerances(config, runs)
-    for changed in _ends(config):
-        yield changed, "whole"
+    end_W_K = config.tolerance.end_W_K
+    for end in get_args(End):
+        if end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
+            yield _with(config, EndConductance(end, end_W_K)), "whole"
     for source in config.source:
         if source.law in SPEED_LAWS and source.law_uncertainty > 0.0:
             yield _with(config, LawFactor(source.name, SettlingFriction(source.law_uncertainty))), "whole"
@@ -117,45 +124,6 @@ class SettlingFriction:
     def __call__(self, _speed_rpm: FloatArray, running_s: FloatArray, /) -> FloatArray:
         """Return it for running times (K,)."""
         return np.asarray(1.0 + self.part * np.exp(-running_s / SETTLING_S))
-
-
-def _materials(config: Config) -> dict[Literal["conductivity", "heat_capacity"], Config]:
-    """Conductivity and heat capacity."""
-    screw, known = config.screw, config.tolerance
-    found: dict[Literal["conductivity", "heat_capacity"], Screw] = {}
-    if known.conductivity > 0.0:
-        more = screw.conductivity_W_mK * (1 + known.conductivity)
-        found["conductivity"] = screw.model_copy(update={"conductivity_W_mK": more})
-    if known.heat_capacity > 0.0:
-        more = screw.specific_heat_J_kgK * (1 + known.heat_capacity)
-        found["heat_capacity"] = screw.model_copy(update={"specific_heat_J_kgK": more})
-    return {key: config.model_copy(update={"screw": other}) for key, other in found.items()}
-
-
-def _places(config: Config) -> Iterator[Config]:
-    """Where the sensors sit."""
-    if config.tolerance.position_m > 0.0:
-        moved = [_moved_inward(s, config.screw.length_m, config.tolerance.position_m) for s in config.sensor]
-        yield config.model_copy(update={"sensor": tuple(moved)})
-
-
-def _air(config: Config) -> Iterator[Config]:
-    """The ambient."""
-    if config.tolerance.ambient_K > 0.0:
-        yield _with(config, AmbientShift(0.0, config.tolerance.ambient_K))
-
-
-def _lags(config: Config) -> Iterator[Config]:
-    """How late the sensors are."""
-    if config.tolerance.lag_s > 0.0:
-        yield _with(config, *(Lag(s.name, config.tolerance.lag_s) for s in config.sensor))
-
-
-def _ends(config: Config) -> Iterator[Config]:
-    """What each end loses."""
-    for end in get_args(End):
-        if config.tolerance.end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
-            yield _with(config, EndConductance(end, config.tolerance.end_W_K))
 
 
 def _with(config: Config, *terms: Term) -> Config:

@@ -173,7 +173,7 @@ def test_nothing_found_is_none_or_not_identifiable() -> None:
     nothing = search(null=NOISE)
     found = decide(nothing, proof(), ())
     assert (found.kind, found.sets, found.fit) == ("none", (), nothing.fit)
-    assert "nothing is missing" in found.reason
+    assert "no missing effect" in found.reason
     lacking = decide(nothing, proof(), ("the log is short", "the screw never turns"))
     assert lacking.kind == "not_identifiable"
     assert lacking.reason.endswith("but the log is short; the screw never turns")

@@ -141,7 +141,7 @@ def test_the_noise_is_what_neighbours_differ_by() -> None:
 def test_each_tolerance_is_one_standard_deviation_of_one_thing() -> None:
     config = machine()
     every = list(tolerances(config))
-    assert [kind for _, kind in every] == ["whole", "whole", "place", *["whole"] * 4, "lag"]
+    assert [kind for _, kind in every] == ["whole", "whole", "position", *["whole"] * 4, "lag"]
     k, c, place, *films, lag = (changed for changed, _ in every)
     assert k.screw == config.screw.model_copy(update={"conductivity_W_mK": 50.0 * 1.02})
     assert c.screw == config.screw.model_copy(update={"specific_heat_J_kgK": 460.0 * 1.02})
@@ -162,7 +162,7 @@ def test_no_film_is_not_uneven_and_what_is_beside_the_screw_stays() -> None:
     beside = config.sensor[0].model_copy(update={"position_m": None})
     config = config.model_copy(update={"sensor": (beside, *config.sensor[1:])})
     every = list(tolerances(config))
-    assert [kind for _, kind in every] == ["whole", "whole", "place", "lag"]
+    assert [kind for _, kind in every] == ["whole", "whole", "position", "lag"]
     assert every[2][0].sensor[0] == beside
 
 

@@ -82,7 +82,7 @@ def test_every_tolerance_moves_the_prediction_and_stays_small() -> None:
     }
     # ρ goes with c, and a diameter is measured
     assert told == pytest.approx({"conductivity_W_mK": MATERIAL, "specific_heat_J_kgK": MATERIAL})
-    assert {kind for _, kind in every} == {"whole", "place", "lag"}
+    assert {kind for _, kind in every} == {"whole", "position", "lag"}
     for changed, kind in every:
         moved_K = float(np.max(np.abs(problem.predicted(changed) - here)))
         assert 1e-3 < moved_K < 0.05 * rise_K, kind
@@ -293,7 +293,7 @@ def test_rows_a_minute_apart_do_not_tell_when_a_heat_changed(monkeypatch: pytest
             column[15:] = column[:-15].copy()
     late = [thinned(log, 30) for log in logs]
     allowed = cost_of(late)
-    monkeypatch.setattr(Forward, "by_rows", lambda *_: [])
+    monkeypatch.setattr(Forward, "by_coarse_rows", lambda *_: [])
     monkeypatch.setattr(Problem, "by_timing", lambda *_: [])
     strict = cost_of(late)
     print(honest, allowed, strict)
