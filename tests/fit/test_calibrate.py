@@ -134,7 +134,7 @@ def test_film_heats_and_material_are_known_up_to_a_common_factor_only() -> None:
 
 def test_a_short_log_is_refused() -> None:
     config = machine()
-    with pytest.raises(LogError, match=r"lasts 118 s and a calibration needs 300 s"):
+    with pytest.raises(LogError, match=r"lasts 118 s and a calibration needs at least 300 s"):
         calibrate(config, [[made_log(config, 6, minutes=2.0)]])
 
 
