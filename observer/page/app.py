@@ -31,7 +31,7 @@ from starlette.types import ASGIApp
 
 from observer.errors import LogError
 from observer.gateway.start import Start
-from observer.page.guard import REPORT_POLICY, Guard, Logins, cookie_of
+from observer.page.guard import COOKIE, REPORT_POLICY, Guard, Logins
 from observer.page.history import Recorded, history, recordings
 from observer.page.reports import report_html, reports
 from observer.page.rows import Digests
@@ -199,7 +199,7 @@ class _Pages:
         """End the session of this browser."""
         if self._login is None:
             return RedirectResponse("/login", 303)
-        self._login.end(cookie_of(request.headers))
+        self._login.end(request.cookies.get(COOKIE))
         return RedirectResponse("/login", 303, {"set-cookie": self._login.no_cookie()})
 
 

@@ -11,10 +11,10 @@ import secrets
 import socket
 import time
 from collections.abc import Callable, Mapping
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -79,7 +79,7 @@ class Guard:
         if self._login is None:
             scope["user"] = "page"
             return None
-        scope["user"] = user = self._login.user_of(cookie_of(headers))
+        scope["user"] = user = self._login.user_of(HTTPConnection(scope).cookies.get(COOKIE))
         if user is not None or path in _OPEN:
             return None
         if path == "/":
@@ -107,15 +107,6 @@ def _place(origin: str) -> str:
         return urlsplit(origin).netloc
     except ValueError:
         return ""
-
-
-def cookie_of(headers: Headers) -> str | None:
-    """The cookie of a session in a request's headers."""
-    try:
-        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        return None
-    return None if found is None else found.value
 
 
 COOKIE = "observer_session"

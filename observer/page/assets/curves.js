@@ -79,15 +79,15 @@ function drawError() {
 }
 
 function drawForecast() {
-  const told = store.documents.forecast, box = byId("c-forecast");
-  if (!told) {
+  const ahead = store.documents.forecast, box = byId("c-forecast");
+  if (!ahead) {
     const comes = store.hello?.forecast_s;
     if (store.hello) say("forecast-words", known(comes) ? `No forecast yet: a new one comes every ${span(comes)}.` : "No forecast comes: every estimated heat needs a law, or [forecast] enabled is false.");
     return;
   }
-  const table = told.error_um ?? told.temperature_degC, sigma = told.error_um ? told.error_sigma_um : told.sigma_K;
-  if (told.reason || !table?.length) { say("forecast-words", told.reason ?? "No forecast yet."); box.hidden = true; return; }
-  const unit = told.error_um ? "µm" : "°C";
+  const table = ahead.error_um ?? ahead.temperature_degC, sigma = ahead.error_um ? ahead.error_sigma_um : ahead.sigma_K;
+  if (ahead.reason || !table?.length) { say("forecast-words", ahead.reason ?? "No forecast yet."); box.hidden = true; return; }
+  const unit = ahead.error_um ? "µm" : "°C";
   // of all places the one that moves most
   const width = table[0].length, moves = (i) => Math.abs(table.at(-1)[i] - table[0][i]);
   let at = 0;
@@ -99,12 +99,12 @@ function drawForecast() {
     forecast.unit = unit;
   }
   const mean = table.map((row) => orNull(row[at])), width_of = (sigma ?? []).map((row) => row[at]);
-  forecast.set([told.at_s, mean, mean.map((m, i) => plus(m, width_of[i], 2)), mean.map((m, i) => plus(m, width_of[i], -2))]);
-  const [early, late] = told.settled_between_s ?? [], sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}. ` : "");
+  forecast.set([ahead.at_s, mean, mean.map((m, i) => plus(m, width_of[i], 2)), mean.map((m, i) => plus(m, width_of[i], -2))]);
+  const [early, late] = ahead.settled_between_s ?? [], sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}. ` : "");
   const between = known(early) ? `, between ${clock(early)} and ${clock(late)}` : "";
-  const settled = known(told.settled_at_s) ? `Settled within ${number(told.settles_within_um)} µm at ${clock(told.settled_at_s)}${between}. ` : "";
-  const place = `${told.error_um ? "Error" : "Temperature"} at ${number(told.position_m[at], 2)} m, where most is to come. `;
-  say("forecast-words", `${settled}${place}${sentence(told.program?.text)}${sentence(told.warm_up?.text)}`.trim());
+  const settled = known(ahead.settled_at_s) ? `Settled within ${number(ahead.settles_within_um)} µm at ${clock(ahead.settled_at_s)}${between}. ` : "";
+  const place = `${ahead.error_um ? "Error" : "Temperature"} at ${number(ahead.position_m[at], 2)} m, where most is to come. `;
+  say("forecast-words", `${settled}${place}${sentence(ahead.program?.text)}${sentence(ahead.warm_up?.text)}`.trim());
 }
 
 export function startCurves() {

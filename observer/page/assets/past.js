@@ -83,9 +83,9 @@ export function pan(by) { if (to_s !== null) { to_s += by * length_s / 4; show()
 export function zoom(by) { if (to_s !== null) { const middle = to_s - length_s / 2; length_s = Math.min(31e6, Math.max(2, length_s * by)); to_s = middle + length_s / 2; show(); } }
 
 async function list(thenNewest) {
-  const told = await (await fetch("/recordings.json")).json();
-  files = told.files;
-  if (!files.length) { say("past-words", told.reason ?? "Nothing has been recorded yet."); return; }
+  const listed = await (await fetch("/recordings.json")).json();
+  files = listed.files;
+  if (!files.length) { say("past-words", listed.reason ?? "Nothing has been recorded yet."); return; }
   if (to_s === null || thenNewest) {
     to_s = files.at(-1).to_s;
     const whole = to_s - files[0].from_s;

@@ -40,7 +40,7 @@ async function list() {
     else box.replaceChildren(make("p", { class: "hint", text: folder === null
       ? "Nothing to show. Name a folder in page.reports and let observer discover write below it:"
       : `Nothing in ${folder} yet; let observer discover write below it:` }), make("code", { text: `observer discover LOG --config C --output ${folder ?? "REPORTS"}/today` }));
-  } catch { told = ""; box.textContent = "The reports cannot be asked for now."; }
+  } catch { told = ""; box.textContent = "The reports cannot be loaded now."; }
 }
 
 // what is found while somebody looks appears by itself

@@ -3,8 +3,8 @@ import { byId, clock, colour, css, known, make, number, say, span, when } from "
 import { nutChannel, onNews, silence, store, view } from "./store.js";
 
 const WORDS = {
-  good: ["✓", "Good", "Every sensor and input is believed, and every heat is known."],
-  starting: ["…", "Starting", "Not every heat is known yet; bands are still wide."],
+  good: ["✓", "Good", "Every sensor and input is used, and all heats are estimated."],
+  starting: ["…", "Starting", "Not all heats are estimated yet; bands are still wide."],
   degraded: ["!", "Degraded", "Some input is missing or in doubt; bands are wider."],
   stale: ["×", "Stale", "No fresh measurement; the model runs alone."],
   invalid: ["×", "Invalid", "There is no estimate to rely on."],
@@ -21,8 +21,8 @@ function drawState() {
   document.body.dataset.state = state;
   say("sign", sign); say("state", word); say("words", words);
   const told = reasonsOf().join("\n");
-  if (byId("reasons").dataset.told !== told) {
-    byId("reasons").dataset.told = told;
+  if (byId("reasons").dataset.shown !== told) {
+    byId("reasons").dataset.shown = told;
     byId("reasons").replaceChildren(...reasonsOf().map((reason) => make("li", { text: reason })));
   }
   document.title = `${sign} ${word} – ${store.hello?.machine ?? ""} ${store.hello?.axis ?? ""}`;
@@ -32,7 +32,7 @@ function drawFigures() {
   const now = view(), { field, error, compensation, readings } = store.documents;
   const most = (values, by) => values.reduce((best, v, i) => (known(v) && (best < 0 || by(v) > by(values[best])) ? i : best), -1);
   const hot = most(now.temperature_degC, (t) => t), far = most(now.error_um, Math.abs);
-  const figure = (id, value, more) => { const text = `${value}|${more}`; const e = byId(id); if (e.dataset.told !== text) { e.dataset.told = text; e.replaceChildren(value, make("small", { text: more })); } };
+  const figure = (id, value, more) => { const text = `${value}|${more}`; const e = byId(id); if (e.dataset.shown !== text) { e.dataset.shown = text; e.replaceChildren(value, make("small", { text: more })); } };
   if (hot >= 0) figure("f-hot", `${number(now.temperature_degC[hot])} °C`, ` at ${number(field.position_m[hot], 2)} m`);
   if (far >= 0) figure("f-error", `${number(now.error_um[far])} µm`, ` at ${number(error.position_m[far], 2)} m`);
   const heats = Object.values(now.heat_W).filter(known);
@@ -83,7 +83,7 @@ function drawSensors() {
 
 function drawLearnt() {
   const told = store.documents.learned?.parameters, box = byId("learnt");
-  if (!told) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "Nothing has been learnt yet, or nothing is to be." })); return; }
+  if (!told) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "Nothing has been learnt yet, or learning is off." })); return; }
   const rows = Object.entries(told).map(([key, { value, sigma }]) => {
     const digits = sigma > 0 ? Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(sigma)))) : 3;
     return make("tr", {}, make("th", { scope: "row", text: key }), make("td", { class: "n", "data-learnt": key, text: `${number(value, digits)} ± ${number(sigma, digits)}` }));
@@ -94,16 +94,16 @@ function drawLearnt() {
 async function acknowledge(id, button) {
   button.disabled = true;
   const answer = await fetch("/acknowledge", { method: "POST", body: new URLSearchParams({ id }) });
-  button.textContent = answer.ok ? "told" : `refused (${answer.status})`;
+  button.textContent = answer.ok ? "sent" : `refused (${answer.status})`;
   if (!answer.ok) button.disabled = false;
 }
 
 function drawAlarms() {
   const told = store.documents.alarms, box = byId("alarms");
-  if (!told) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "This service tells no alarms; reasons stand at the top." })); return; }
+  if (!told) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "This service publishes no alarms; the reasons are at the top." })); return; }
   const key = JSON.stringify(told.alarms) + JSON.stringify(told.bands ?? {});
-  if (box.dataset.told === key) return;
-  box.dataset.told = key;
+  if (box.dataset.shown === key) return;
+  box.dataset.shown = key;
   const held = box.contains(document.activeElement) ? document.activeElement.closest("[data-alarm]")?.dataset.alarm : null;
   const alarms = told.alarms.map((alarm) => {
     const item = make("div", { class: "alarm", "data-severity": alarm.severity, "data-state": alarm.state, "data-alarm": alarm.id },
