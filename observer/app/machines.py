@@ -12,8 +12,8 @@ from observer.installation import Installation
 
 def init(output: Path, given: dict[str, str | None], ask: Callable[[str, str | None], str] | None) -> str:
     """Write a first configuration from what is given and the answers of `ask`; returns what to do next."""
-    from observer.installation.init.asking import agreed
-    from observer.installation.init.writing import checked, write_new
+    from observer.installation.init.compose import checked, write_new
+    from observer.installation.init.questions import agreed
 
     if output.exists():  # before anything is asked
         raise UserError(f"{output}: is there already and is not overwritten; name another file with --output")

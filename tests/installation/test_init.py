@@ -13,10 +13,9 @@ from observer.cli import app
 from observer.errors import UserError
 from observer.installation import parse
 from observer.installation.examine import examine
-from observer.installation.init.asking import QUESTIONS, agreed, answers
-from observer.installation.init.screws import SCREWS, STEELS
-from observer.installation.init.wires import CONTROLS, MODULES
-from observer.installation.init.writing import checked, compose, write_new
+from observer.installation.init.catalogue import CONTROLS, MODULES, SCREWS, STEELS
+from observer.installation.init.compose import checked, compose, write_new
+from observer.installation.init.questions import QUESTIONS, agreed, answers
 
 GIVEN = {
     "length_m": "1.0",
@@ -96,23 +95,23 @@ def test_what_is_not_given_is_asked_until_it_will_do():
         (typed,) = [typed for start, typed in said.items() if start in words]
         return next(typed)
 
-    usual = {q.name: q.usual for q in QUESTIONS if q.usual is not None and not q.of}
+    usual = {q.name: q.default for q in QUESTIONS if q.default is not None and not q.of}
     given = usual | {k: v for k, v in GIVEN.items() if k not in {"length_m", "stroke_m"}}
     found = answers(given, ask)
     assert (found.length_m, found.stroke_m) == (1.0, (0.1, 0.8))
     assert len(asked) == 4
-    assert "'long' is no number" in asked[1]
+    assert "'long' is not a number" in asked[1]
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
         ({"screw": "41x3"}, "--screw: '41x3' is not known; give one of 16x5"),
-        ({"stroke_m": "0.8"}, "--stroke-m: '0.8' is no stroke"),
-        ({"sensors_m": "a,b"}, "--sensors-m: 'a,b' are no lengths"),
+        ({"stroke_m": "0.8"}, "--stroke-m: '0.8' is not a stroke"),
+        ({"sensors_m": "a,b"}, "--sensors-m: 'a,b' are not lengths"),
         ({"sensors_m": ",".join(["0.1"] * 9)}, "9 inputs are needed"),
         ({"ambient": "warm"}, "--ambient: 'warm' is neither"),
-        ({"module_at": "host:x"}, "--module-at: 'host:x' is no address"),
+        ({"module_at": "host:x"}, "--module-at: 'host:x' is not an address"),
         ({"node_id": "5"}, "--node-id: belongs to --control canopen"),
         ({"control": "canopen", "control_at": "can0"}, "give --node-id, --counts-per-m"),
         ({"control": "can"} | OF_CONTROL["can"] | {"position_signal": "Nut"}, "names no signal"),
@@ -161,7 +160,7 @@ class Somebody:
 
     def __call__(self, words: str, usual: str | None) -> str:
         self.heard.append(words)
-        name = next(q.name for q in QUESTIONS if words.endswith(q.words))
+        name = next(q.name for q in QUESTIONS if words.endswith(q.prompt))
         self.number += name == QUESTIONS[0].name
         typed = self.rounds[min(self.number, len(self.rounds) - 1)].get(name, usual)
         assert typed is not None, f"nothing is offered for {words}"
@@ -174,7 +173,7 @@ def test_a_late_refusal_loses_no_answer():
     assert (found.machine, found.sensors_m, found.stroke_m) == ("lathe-7", (0.05, 0.95), (0.15, 0.80))
     (told,) = [words for words in somebody.heard if "Once more" in words]
     assert "sensor" in told
-    assert told.endswith(QUESTIONS[0].words)
+    assert told.endswith(QUESTIONS[0].prompt)
 
 
 def test_what_is_said_again_is_refused_at_last():

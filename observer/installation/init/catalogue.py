@@ -1,8 +1,10 @@
-"""A small catalogue of screws and steels, as starting values for a configuration."""
+"""What `observer init` offers: screws, steels, thermocouple modules, and ways to get the nut's position."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from drivers.places import CAN_INPUTS, MODBUS_INPUTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,3 +58,32 @@ STEELS = {
     "stainless": Steel(27.0, 7700.0, 460.0, 10.4e-6),  # X46Cr13, 440C
 }
 """By family; within a family the conductivity differs by a tenth and the rest by a few per cent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Module:
+    """A thermocouple module: its name, period of new values, and noise."""
+
+    title: str
+    inputs: int
+    period_s: float
+    noise_K: float
+
+
+MODULES = {
+    "wago_750_458": Module("WAGO 750-458", MODBUS_INPUTS["wago_750_458"], 0.5, 0.1),
+    "icpdas_m7018": Module("ICP DAS M-7018", MODBUS_INPUTS["icpdas_m7018"], 1.0, 0.1),
+    "micro800_tc2": Module("Rockwell 2080-TC2", MODBUS_INPUTS["micro800_tc2"], 0.5, 0.1),
+    "css_canmod_temp": Module("CSS CANmod.temp", CAN_INPUTS["css_canmod_temp"], 0.2, 0.4),
+    "peak_mu_thermocouple1": Module("PEAK MU-Thermocouple1", CAN_INPUTS["peak_mu_thermocouple1"], 0.3, 0.1),
+}
+
+CONTROLS = {
+    "canopen": "CANopen DS-402 drive",
+    "modbus": "Modbus registers of the control",
+    "can": "CAN messages by a DBC file",
+    "opcua": "OPC UA server of the control",
+    "mtconnect": "MTConnect agent of the control",
+    "none": "no position yet: the nut's heat is spread over its stroke",
+}
+"""Where the nut's position comes from."""
