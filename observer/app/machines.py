@@ -39,7 +39,7 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
         if here and not dry_run:
             unit.refuse_unseen(program)
         axes = [
-            unit.Axis(examine(path, runs_here=here), path, path.read_text(encoding="utf-8"))
+            unit.ServiceAxis(examine(path, runs_here=here), path, path.read_text(encoding="utf-8"))
             for path in config_paths
         ]
         plan = unit.to_install(axes, program)

@@ -1,7 +1,7 @@
-"""The service of the system: what is put where for systemd, and how it is put there or taken away.
+"""Install the service with systemd, or remove it.
 
-All of it is files, so that a look at them says what an installation is; systemd's own tools make of them the
-user, the folders and the running service.
+An installation is nothing but files, made from those in `systemd/`; systemd's own tools create the user, the
+folders and the running service from them.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import os
 import re
 import subprocess
 import sys
-import sysconfig
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 
 from observer.errors import UserError
@@ -26,7 +26,7 @@ _UNIT = Path("/etc/systemd/system") / f"{NAME}.service"
 _USER = Path("/etc/sysusers.d") / f"{NAME}.conf"
 _FOLDERS = Path("/etc/tmpfiles.d") / f"{NAME}.conf"
 _HIDDEN = ("/home/", "/root/", "/run/user/", "/tmp/", "/var/tmp/")  # from the service, by its unit
-_OURS = re.compile(r"^ExecStart=.*$", re.M)
+_EXEC_START = re.compile(r"^ExecStart=.*$", re.M)
 _MEMORY = re.compile(r"^MemoryMax=(\d+)M$", re.M)
 _AXIS_MB = 300  # for each further axis, with what it may keep
 _COMMAND_S = 120.0
@@ -34,8 +34,8 @@ _PACKAGES = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What is to be done: files with their content (None is to be removed), and commands before and after."""
+class ServicePlan:
+    """Files with their content (None: to be removed), and the commands to run before and after."""
 
     files: dict[Path, str | None]
     before: tuple[tuple[str, ...], ...]
@@ -47,7 +47,7 @@ class Plan:
         return [path for path, content in self.files.items() if path.parent == CONFIG.parent]
 
     def lines(self) -> Iterator[str]:
-        """What it comes to, in words."""
+        """The plan in words, a line for each file and command."""
         for command in self.before:
             yield "run    " + " ".join(command)
         for path, content in self.files.items():
@@ -72,16 +72,16 @@ def refuse_unseen(program: str) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
-    """One of the axes that the service is for: its configuration, and the file that says it."""
+class ServiceAxis:
+    """An axis to serve: its configuration, and the file and text it came from."""
 
     config: Installation
     path: Path
     text: str
 
 
-def to_install(axes: Sequence[Axis], program: str) -> Plan:
-    """What installs the service of one axis or of several, with a program.
+def to_install(axes: Sequence[ServiceAxis], program: str) -> ServicePlan:
+    """The installation of the service for one axis or several, run by `program`.
 
     Raises `UserError` where the service could not see a file that it needs.
     """
@@ -89,21 +89,14 @@ def to_install(axes: Sequence[Axis], program: str) -> Plan:
     for axis in axes:
         _files_are_seen(axis.config)
     options = " ".join(f"--config {path}" for path in placed)
-    unit = _OURS.sub(lambda _: f"ExecStart={program} run {options}", _shipped())
+    unit = _EXEC_START.sub(lambda _: f"ExecStart={program} run {options}", _shipped(f"{NAME}.service"))
     unit = _MEMORY.sub(lambda one: f"MemoryMax={int(one[1]) + _AXIS_MB * (len(axes) - 1)}M", unit)
     # systemd-tmpfiles touches no file of root's in a folder that belongs to somebody else
-    folders = [
-        f"d {CONFIG.parent} 0770 root ballscrew",
-        *(f"z {path} 0640 root ballscrew" for path in placed),
-    ]
-    files: dict[Path, str | None] = {path: axis.text for path, axis in placed.items()}
-    files |= {
-        _UNIT: unit,
-        _USER: 'u ballscrew - "Ballscrew Observer"\nm ballscrew dialout\n',
-        _FOLDERS: "".join(f"{line}\n" for line in folders),
-    }
-    return Plan(
-        files,
+    modes = "".join(f"z {path} 0640 root ballscrew\n" for path in placed)
+    content: dict[Path, str | None] = {path: axis.text for path, axis in placed.items()}
+    content |= {_UNIT: unit, _USER: _shipped("sysusers.conf"), _FOLDERS: _shipped("tmpfiles.conf") + modes}
+    return ServicePlan(
+        content,
         (),
         (
             ("systemd-sysusers", str(_USER)),
@@ -115,7 +108,7 @@ def to_install(axes: Sequence[Axis], program: str) -> Plan:
     )
 
 
-def _place(axis: Axis, *, alone: bool) -> Path:
+def _place(axis: ServiceAxis, *, alone: bool) -> Path:
     """Where the service reads an axis: where the file is, if it is with the service already."""
     if axis.path.absolute().parent == CONFIG.parent:
         return axis.path.absolute()
@@ -123,16 +116,16 @@ def _place(axis: Axis, *, alone: bool) -> Path:
     return CONFIG if alone else CONFIG.with_name(f"{machine.name}-{machine.axis}.toml")
 
 
-def to_remove() -> Plan:
+def to_remove() -> ServicePlan:
     """What takes the service away; configuration, recordings and user stay."""
-    return Plan(
+    return ServicePlan(
         dict.fromkeys((_UNIT, _USER, _FOLDERS)),
         (("systemctl", "disable", "--now", NAME),),
         (("systemctl", "daemon-reload"),),
     )
 
 
-def carry_out(plan: Plan, root: Path) -> None:
+def carry_out(plan: ServicePlan, root: Path) -> None:
     """Do it below `root`; commands are run only where that is the system itself.
 
     Raises `UserError` where a file cannot be written, a command fails, or another configuration is there.
@@ -195,8 +188,6 @@ def _files_are_seen(config: Installation) -> None:
             raise UserError(f"{key}: the service does not see {path}; {remedy}")
 
 
-def _shipped() -> str:
-    """The unit that comes with the program."""
-    beside = _PACKAGES / "config" / f"{NAME}.service"
-    shared = Path(sysconfig.get_path("data")) / "share" / NAME / f"{NAME}.service"
-    return (beside if beside.exists() else shared).read_text(encoding="utf-8")
+def _shipped(name: str) -> str:
+    """The text of a file in `systemd/`."""
+    return (files("observer.installation") / "systemd" / name).read_text(encoding="utf-8")

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from observer.errors import UserError
-from observer.installation import load, parse
+from observer.installation import load, parse, unit
 from observer.installation.unit import (
     CONFIG,
     NAME,
-    Axis,
+    ServiceAxis,
     carry_out,
     refuse_unseen,
     this_program,
@@ -24,13 +24,13 @@ from observer.installation.unit import (
 )
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
-SHIPPED = DEMO.with_name("ballscrew-observer.service")
+SHIPPED = Path(unit.__file__).parent / "systemd" / "ballscrew-observer.service"
 PROGRAM = "/usr/local/bin/observer"
 
 
 @pytest.fixture
 def plan():
-    return to_install([Axis(load(DEMO), DEMO, DEMO.read_text())], PROGRAM)
+    return to_install([ServiceAxis(load(DEMO), DEMO, DEMO.read_text())], PROGRAM)
 
 
 def _tree(root: Path) -> set[str]:
@@ -60,7 +60,7 @@ def test_the_service_may_take_an_adopted_configuration_back(plan, tmp_path):
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze")
 def test_systemd_finds_nothing_wrong(tmp_path):
-    carry_out(to_install([Axis(load(DEMO), DEMO, DEMO.read_text())], "/bin/true"), tmp_path)
+    carry_out(to_install([ServiceAxis(load(DEMO), DEMO, DEMO.read_text())], "/bin/true"), tmp_path)
     unit = tmp_path / "etc/systemd/system/ballscrew-observer.service"
     command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(unit)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
@@ -69,7 +69,7 @@ def test_systemd_finds_nothing_wrong(tmp_path):
 
 def test_again_is_an_update_and_another_configuration_is_not_overwritten(plan, tmp_path):
     carry_out(plan, tmp_path)
-    carry_out(to_install([Axis(load(DEMO), DEMO, DEMO.read_text())], "/usr/bin/observer"), tmp_path)
+    carry_out(to_install([ServiceAxis(load(DEMO), DEMO, DEMO.read_text())], "/usr/bin/observer"), tmp_path)
     assert "ExecStart=/usr/bin/observer" in (tmp_path / f"etc/systemd/system/{NAME}.service").read_text()
     other = tmp_path / "etc/ballscrew-observer/observer.toml"
     other.write_text("mine")
@@ -83,7 +83,7 @@ def test_several_axes_are_one_service(tmp_path):
     for letter in ("x", "z"):
         table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
         table["machine"]["axis"] = letter
-        axes.append(Axis(parse(table), tmp_path / f"{letter}.toml", f"# {letter}"))
+        axes.append(ServiceAxis(parse(table), tmp_path / f"{letter}.toml", f"# {letter}"))
     both = to_install(axes, PROGRAM)
     folder = CONFIG.parent
     assert both.configurations == [folder / "demo-x.toml", folder / "demo-z.toml"]
@@ -101,7 +101,7 @@ def test_several_axes_are_one_service(tmp_path):
 
 def test_a_configuration_that_is_with_the_service_stays_where_it_is():
     there = CONFIG.with_name("lathe.toml")
-    assert to_install([Axis(load(DEMO), there, "")], PROGRAM).files[there] == ""
+    assert to_install([ServiceAxis(load(DEMO), there, "")], PROGRAM).files[there] == ""
 
 
 def test_removing_keeps_the_configuration(plan, tmp_path):
@@ -135,10 +135,10 @@ def test_a_file_that_the_service_does_not_see_is_refused(dbc, seen, tmp_path, mo
         table["drivers"]["axis"]["dbc"] = "axis.dbc" if "{}" in dbc else dbc
     config = parse(table)
     if seen:
-        to_install([Axis(config, DEMO, "")], PROGRAM)
+        to_install([ServiceAxis(config, DEMO, "")], PROGRAM)
         return
     with pytest.raises(UserError, match=r"drivers\.axis\.dbc: the service does not see"):
-        to_install([Axis(config, DEMO, "")], PROGRAM)
+        to_install([ServiceAxis(config, DEMO, "")], PROGRAM)
 
 
 @pytest.mark.parametrize(
@@ -155,16 +155,16 @@ def test_no_other_file_is_left_where_the_service_does_not_see_it(section, key, f
         complete["key"] = "/etc/ballscrew-observer/key.pem"
     table[section] = {key: file} | complete
     with pytest.raises(UserError, match=rf"^{section}\.{key}: the service does not see {file}; put it into"):
-        to_install([Axis(parse(table), DEMO, "")], PROGRAM)
+        to_install([ServiceAxis(parse(table), DEMO, "")], PROGRAM)
     table[section][key] = "/etc/ballscrew-observer/here.pem"
-    to_install([Axis(parse(table), DEMO, "")], PROGRAM)
+    to_install([ServiceAxis(parse(table), DEMO, "")], PROGRAM)
 
 
 def test_the_files_of_the_plants_session_are_looked_at():
     table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
     table["publish"] = {"listen": ["tls/127.0.0.1:7447"], "tls": {"certificate": "s.pem", "key": "s.key"}}
     with pytest.raises(UserError, match=r"publish\.tls\.certificate: the service does not see s.pem"):
-        to_install([Axis(parse(table), DEMO, "")], PROGRAM)
+        to_install([ServiceAxis(parse(table), DEMO, "")], PROGRAM)
 
 
 @pytest.mark.parametrize(
@@ -174,10 +174,10 @@ def test_recordings_may_lie_in_the_services_own_folder(directory, seen):
     table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
     table["record"] = {"directory": directory}
     if seen:
-        to_install([Axis(parse(table), DEMO, "")], PROGRAM)
+        to_install([ServiceAxis(parse(table), DEMO, "")], PROGRAM)
         return
     with pytest.raises(UserError, match=r"record\.directory: the service does not see /home/eve"):
-        to_install([Axis(parse(table), DEMO, "")], PROGRAM)
+        to_install([ServiceAxis(parse(table), DEMO, "")], PROGRAM)
 
 
 def test_only_root_changes_the_system(plan, monkeypatch):
@@ -187,8 +187,6 @@ def test_only_root_changes_the_system(plan, monkeypatch):
 
 
 def test_a_command_that_fails_is_told_with_its_last_word(plan, monkeypatch, tmp_path):
-    from observer.installation import unit
-
     with pytest.raises(UserError, match=r"sh -c .* failed: no bus"):
         unit._run((("sh", "-c", "echo no bus >&2; exit 3"),))
     with pytest.raises(UserError, match="systemd is needed"):

@@ -85,7 +85,7 @@ def test_the_layout_of_yu_is_the_papers() -> None:
 def test_the_unit_is_valid_for_systemd(tmp_path: Path) -> None:
     if shutil.which("systemd-analyze") is None:
         pytest.skip("systemd-analyze is not installed on this machine")
-    text = (ROOT / "config" / "ballscrew-observer.service").read_text()
+    text = (ROOT / "observer/installation/systemd/ballscrew-observer.service").read_text()
     program = "/opt/ballscrew-observer/.venv/bin/observer"
     assert program in text
     unit = tmp_path / "ballscrew-observer.service"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-UNIT = Path(__file__).parents[2] / "config" / "ballscrew-observer.service"
+UNIT = Path(__file__).parents[2] / "observer/installation/systemd" / "ballscrew-observer.service"
 TEXT = UNIT.read_text(encoding="utf-8")
 
 

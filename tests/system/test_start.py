@@ -16,7 +16,7 @@ from tests.system.plant import ROOT, START_S, Daemon, Subscriber, children_of, m
 
 pytestmark = pytest.mark.system
 
-UNIT = ROOT / "config" / "ballscrew-observer.service"
+UNIT = ROOT / "observer/installation/systemd/ballscrew-observer.service"
 # As MemoryDenyWriteExecute= of the unit has it (PR_SET_MDWE, 65; kernels before 6.3 do not know it).
 NO_CODE_MADE = (
     "-c",
