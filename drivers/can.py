@@ -38,11 +38,6 @@ class CanSettings(CanTable):
         check_channels(self.device, CAN_INPUTS, self.channels)
         return self
 
-    @property
-    def delivered(self) -> tuple[str, ...]:
-        """The channels it delivers."""
-        return tuple(self.channels)
-
     def signals(self, name: str) -> Signals:
         """The signals that it takes, inputs of a ready device map resolved."""
         dbc = DBC_OF[self.device] if self.device else dbc_file(self.dbc or Path())

@@ -33,16 +33,6 @@ class _Modbus(DriverTable):
         return self
 
     @property
-    def delivered(self) -> tuple[str, ...]:
-        """The channels it delivers."""
-        return tuple(self.channels)
-
-    @property
-    def sample_s(self) -> float:
-        """How often each channel comes."""
-        return self.period_s
-
-    @property
     @abstractmethod
     def at(self) -> Device:
         """Where the device is."""

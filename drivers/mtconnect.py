@@ -31,16 +31,6 @@ class MtConnectSettings(DriverTable):
             raise ValueError(f"two channels read {twice[0]}; give each its own")
         return self
 
-    @property
-    def delivered(self) -> tuple[str, ...]:
-        """The channels it delivers."""
-        return tuple(self.channels)
-
-    @property
-    def sample_s(self) -> float:
-        """How often each channel comes."""
-        return self.period_s
-
     def open(self, name: str) -> Driver:
         """Make the driver that asks the agent."""
         from drivers.mtconnect_session import connect  # noqa: PLC0415  (the libraries only when they are used)
@@ -48,4 +38,4 @@ class MtConnectSettings(DriverTable):
 
         url = self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")
         agent = MtConnectAgent(url, self.timeout_s, self.channels)
-        return Polled(name, self.delivered, self.period_s, lambda: connect(agent))
+        return Polled(name, tuple(self.channels), self.period_s, lambda: connect(agent))

@@ -52,16 +52,6 @@ class OpcUaSettings(DriverTable):
         return self
 
     @property
-    def delivered(self) -> tuple[str, ...]:
-        """The channels it delivers."""
-        return tuple(self.channels)
-
-    @property
-    def sample_s(self) -> float:
-        """How often each channel comes."""
-        return self.period_s
-
-    @property
     def files(self) -> dict[str, Path]:
         """The files that it names, by key."""
         keys = ("certificate", "private_key", "server_certificate", "password_file")
@@ -82,4 +72,4 @@ class OpcUaSettings(DriverTable):
 
         keys = (f.name for f in fields(OpcUaServer))
         server = OpcUaServer(**{key: getattr(self, key) for key in keys})
-        return Polled(name, self.delivered, self.period_s, lambda: connect(server))
+        return Polled(name, tuple(self.channels), self.period_s, lambda: connect(server))

@@ -215,11 +215,6 @@ class CanTable(DriverTable):
         """What says nothing for longer is faulty; without a time-out, two silent periods are none yet."""
         return self.timeout_s if self.timeout_s is not None else 2.0 * self.period_s
 
-    @property
-    def sample_s(self) -> float:
-        """How often each channel comes."""
-        return self.period_s
-
 
 @dataclass(frozen=True, slots=True)
 class Device:

@@ -36,11 +36,6 @@ class PlayerSettings(DriverTable):
             )
         return self
 
-    @property
-    def delivered(self) -> tuple[str, ...] | None:
-        """The channels it delivers; None for a whole log, which nobody has read yet."""
-        return self.channels
-
     def open(self, name: str) -> Driver:
         """Read the log and make its player."""
         return Player(name, self)

@@ -118,14 +118,15 @@ class DriverTable(Settings):
     """A table `[drivers.<name>]`: what a kind of driver says of itself, and how it is opened."""
 
     @property
-    @abstractmethod
     def delivered(self) -> tuple[str, ...] | None:
-        """The channels it delivers; None where only opening it shows them."""
+        """The channels it delivers, those of its key `channels`; None where only opening it shows them."""
+        channels = getattr(self, "channels", None)
+        return None if channels is None else tuple(channels)
 
     @property
     def sample_s(self) -> float | None:
-        """How often each channel comes; None where that is not known."""
-        return None
+        """How often each channel comes, its key `period_s`; None where that is not known."""
+        return getattr(self, "period_s", None)
 
     @abstractmethod
     def open(self, name: str) -> Driver:

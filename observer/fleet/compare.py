@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -42,21 +42,15 @@ class MeanHeat:
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class Beside(MeanHeat):
     """The heat of a machine's source beside that of its like: `usual_W` at the same speed.
 
-    `usual_W` is None where fewer than three other machines run at about that speed; `good` as in `MeanHeat`.
+    `usual_W` is None where fewer than three other machines run at about that speed.
     """
 
-    machine: str
-    type: str
-    source: str
-    speed_rpm: float
-    heat_W: float
-    usual_W: float | None
-    others: int
-    hot: bool
-    good: float = math.nan
+    usual_W: float | None = None
+    others: int = 0
+    hot: bool = False
 
     @property
     def doubtful(self) -> bool:
@@ -104,10 +98,7 @@ def _beside(point: MeanHeat, points: Sequence[MeanHeat]) -> Beside:
         usual_W = median * point.speed_rpm
         allowed_W = max(HOT_SHARE * abs(usual_W), HOT_DEVIATIONS * spread * point.speed_rpm)
         hot = point.heat_W - usual_W > allowed_W
-    return Beside(
-        point.machine, point.type, point.source, point.speed_rpm, point.heat_W, usual_W, len(others), hot,
-        point.good,
-    )  # fmt: skip
+    return Beside(*astuple(point), usual_W, len(others), hot)
 
 
 @dataclass(frozen=True, slots=True)
