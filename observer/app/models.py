@@ -74,14 +74,14 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     except UnfitError as error:
         raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None
     first = len(stood.x_hat) - machine.plant.learnt
-    told = learning.estimates(stood.x_hat[first:], stood.P[first:, first:])
-    offer = learnt_changes(config, told)
+    learnt = learning.estimates(stood.x_hat[first:], stood.P[first:, first:])
+    offer = learnt_changes(config, learnt)
     with results_in(output) as part:
         text = write_back(config_path.read_text(encoding="utf-8"), offer.values | offer.left)
         (part / "config.toml").write_text(with_effects(text, offer.biases), encoding="utf-8")
-        parameters = {key: {"value": value, "sigma": sigma} for key, (value, sigma) in told.items()}
+        parameters = {key: {"value": value, "sigma": sigma} for key, (value, sigma) in learnt.items()}
         write_json(part / "learned.json", _about(searched, [file.name]) | {"parameters": parameters})
-    return told
+    return learnt
 
 
 def discover(

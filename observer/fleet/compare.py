@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -98,7 +98,7 @@ def _beside(point: MeanHeat, points: Sequence[MeanHeat]) -> Beside:
         usual_W = median * point.speed_rpm
         allowed_W = max(HOT_SHARE * abs(usual_W), HOT_DEVIATIONS * spread * point.speed_rpm)
         hot = point.heat_W - usual_W > allowed_W
-    return Beside(*astuple(point), usual_W, len(others), hot)
+    return Beside(**asdict(point), usual_W=usual_W, others=len(others), hot=hot)
 
 
 @dataclass(frozen=True, slots=True)
