@@ -220,6 +220,15 @@ def motion_sentence(position: str, speed: str, ratio: float) -> str:
     return f"{what}; {likely or 'look at lead_m, a gear between them, and both units'}"
 
 
+def ambient_of_log_degC(config: Config, values: FloatArray, channels: Sequence[str]) -> float:
+    """The median of the ambient's channel in cells (n, c), else the configured value; NaN where unknown."""
+    if config.ambient.channel not in channels:
+        return math.nan if config.ambient.temperature_degC is None else config.ambient.temperature_degC
+    air_degC = values[:, channels.index(config.ambient.channel)]
+    air_degC = air_degC[np.isfinite(air_degC)]
+    return float(np.median(air_degC)) if len(air_degC) else math.nan
+
+
 def doubts_of_log(
     config: Config, values: FloatArray, channels: Sequence[str], paths: Sequence[Mapping[str, NutPath]]
 ) -> Iterator[str]:
@@ -227,13 +236,7 @@ def doubts_of_log(
 
     `values` (n, c) are the log's cells in the order of `channels`, `paths` the nuts' paths, part by part.
     """
-    limits = Limits.of(config)
-    ambient_degC = limits.ambient_degC
-    if config.ambient.channel in channels:
-        air_degC = values[:, channels.index(str(config.ambient.channel))]
-        ambient_degC = (
-            float(np.median(air_degC[np.isfinite(air_degC)])) if np.isfinite(air_degC).any() else np.nan
-        )
+    limits, ambient_degC = Limits.of(config), ambient_of_log_degC(config, values, channels)
     for j, name in enumerate(config.channels):
         if name not in channels:
             continue

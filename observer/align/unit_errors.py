@@ -6,7 +6,6 @@ what such a machine can show, and in another one all of them are not.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -14,7 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.align.plausibility import SPEED_RATIOS, ChannelKind, Limits, stroke_of_m, units_of, way_ratio
+from observer.align.plausibility import (
+    SPEED_RATIOS,
+    ChannelKind,
+    Limits,
+    ambient_of_log_degC,
+    stroke_of_m,
+    units_of,
+    way_ratio,
+)
 from observer.config import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray
@@ -55,7 +62,7 @@ def read_rightly(log: Log, config: Config) -> tuple[Log, tuple[Misread, ...]]:
         if name not in log.channels:
             continue
         column = log.values[:, log.channels.index(name)]
-        likely = _unit(limits, j, column, _air_degC(limits, config, log))
+        likely = _unit(limits, j, column, ambient_of_log_degC(config, log.values, log.channels))
         if likely is not None:
             log = _with(log, name, np.asarray(likely[1](column)))  # type: ignore[arg-type]
             found.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))
@@ -108,13 +115,6 @@ def _beyond(limits: Limits, j: int, values: FloatArray, air_degC: float) -> floa
     """The part of values (n,) that is beyond one of the limits."""
     every = [np.asarray(beyond) for _, beyond in limits.beyond(j, values, air_degC)]
     return float(np.mean(np.any(every, axis=0)))
-
-
-def _air_degC(limits: Limits, config: Config, log: Log) -> float:
-    if config.ambient.channel not in log.channels:
-        return limits.ambient_degC
-    air_degC = log.values[:, log.channels.index(str(config.ambient.channel))]
-    return float(np.nanmedian(air_degC)) if np.isfinite(air_degC).any() else math.nan
 
 
 def _by_the_way(log: Log, config: Config) -> Iterator[tuple[str, str, float]]:

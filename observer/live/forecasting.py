@@ -164,14 +164,10 @@ def forecast_columns(layout: Layout, found: Forecast) -> dict[str, FloatArray]:
     a = found.ahead
     places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
     for j, mm in enumerate(places):
-        columns[f"field_{mm}_degC"], columns[f"field_{mm}_sigma_K"] = (
-            a.field_degC[:, j],
-            a.field_sigma_K[:, j],
-        )
+        columns[f"field_{mm}_degC"] = a.field_degC[:, j]
+        columns[f"field_{mm}_sigma_K"] = a.field_sigma_K[:, j]
     if layout.has_error:
         for j, mm in enumerate(places):
-            columns[f"error_{mm}_um"], columns[f"error_{mm}_sigma_um"] = (
-                a.error_um[:, j],
-                a.error_sigma_um[:, j],
-            )
+            columns[f"error_{mm}_um"] = a.error_um[:, j]
+            columns[f"error_{mm}_sigma_um"] = a.error_sigma_um[:, j]
     return columns

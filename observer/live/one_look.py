@@ -101,18 +101,12 @@ def _told(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, An
 
 
 def _channel(channel: str, seen: _Seen, now_s: float, implausible: Implausible) -> dict[str, Any]:
-    if channel not in seen.newest:
-        return _judged(None, "never_came", None, None)
-    value, fault, arrived_s = seen.newest[channel]
+    value, fault, arrived_s = seen.newest.get(channel, (math.nan, "never_came", math.nan))
     doubt = None if fault else implausible(channel, value)
-    return _judged(None if fault else value, fault, now_s - arrived_s, doubt)
-
-
-def _judged(value: float | None, fault: str | None, age_s: float | None, doubt: str | None) -> dict[str, Any]:
     return {
-        "value": value,
+        "value": None if fault else value,
         "fault": fault,
-        "age_s": age_s,
+        "age_s": None if math.isnan(arrived_s) else now_s - arrived_s,
         "implausible": doubt,
         "usable": fault is None and doubt is None,
         "remedy": remedy_for(fault, doubt),
