@@ -2,13 +2,16 @@
 
 Each file is plain Python that runs as it stands; the header of the same name gives the types (Cython's
 augmenting `.pxd`). They are put one behind the other, without their imports of each other, and Cython does
-the rest. On x86-64 the same C code is compiled twice, for any such processor and for one with AVX2.
+the rest. Records are what kernels take for NamedTuples of the package: headers list their typed fields, and
+their classes are made here. On x86-64 the same C code is compiled twice, for any such processor and for one
+with AVX2.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import re
 import shutil
 from pathlib import Path
 
@@ -20,11 +23,11 @@ from build_kernels import prepare
 
 KERNELS = Path("observer/kernels")
 BUILD = Path("build/kernels")
+RECORDS = ("records", "tick_records")
 PARTS = (
-    "codes", "records", "tick_records", "arithmetic", "covariance", "coupling", "advance", "remembered",
-    "judging", "screening", "learning", "step", "kalman", "allowing", "columns", "cruise", "fixed_gain",
-    "smoother", "bank", "changes", "discretise", "march", "path", "moving", "drive", "stuck", "evening",
-    "walk", "selftest", "stepwise", "message", "live", "cells", "entries",
+    "codes", "covariance", "coupling", "discretise", "advance", "judging", "screening", "learning", "step",
+    "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "path", "walk",
+    "selftest", "stepwise", "message", "live", "cells",
 )  # fmt: skip
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True
 # cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False
@@ -79,6 +82,13 @@ def put_float64(octets: cython.uchar[::1], at: cython.Py_ssize_t, value: cython.
     for i in range(8):
         octets[at + i] = octet[7 - i]
 """
+RECORD = """
+
+class Record:
+    def __init__(self, **fields):
+        for name, value in fields.items():
+            setattr(self, name, value)
+"""
 HEADER_HEAD = "cimport cython\n"
 # No multiplication and addition in one rounding, nor anything else that changes a bit between processors.
 FLAGS = [
@@ -97,8 +107,10 @@ INLINED = [("CYTHON_INLINE", "inline __attribute__((always_inline))")]
 
 def join(build: Path) -> Path:
     """Write all parts into one file and one header below `build`; return the file."""
-    names: set[str] = set()
-    code, header = [HEAD], [HEADER_HEAD, (KERNELS / "vector.pxd").read_text("utf-8")]
+    headers = {part: (KERNELS / f"{part}.pxd").read_text("utf-8") for part in ("vector", *RECORDS, *PARTS)}
+    records = re.findall(r"^cdef class (\w+)\((\w+)\):", "".join(headers[part] for part in RECORDS), re.M)
+    names = {name for name, _ in records}
+    code = [HEAD, RECORD, *(f"\nclass {name}({base}):\n    pass\n" for name, base in records)]
     for part in PARTS:
         text = (KERNELS / f"{part}.py").read_text("utf-8")
         tree = ast.parse(text)
@@ -111,12 +123,12 @@ def join(build: Path) -> Path:
                     raise SystemExit(f"observer/kernels: two functions are called {node.name}")
                 names.add(node.name)
         code.append("".join(lines))
-        header.append((KERNELS / f"{part}.pxd").read_text("utf-8"))
     folder = build / "observer/kernels"
     folder.mkdir(parents=True, exist_ok=True)
     for package in (folder, folder.parent):
         (package / "__init__.py").touch()
     joined = folder / "core.py"
+    header = [HEADER_HEAD, *headers.values()]
     digest = hashlib.sha256("".join(code + header).encode()).hexdigest()
     code.append(f'MADE_OF = "{digest}"  # tests ask whether these are the files that they have before them\n')
     for path, text in ((joined, "\n".join(code)), (joined.with_suffix(".pxd"), "\n".join(header))):

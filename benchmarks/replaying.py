@@ -15,7 +15,7 @@ from benchmarks.kalman_step import filterpy_loop
 from benchmarks.plants import config_of, dense, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
-from observer.estimators.constant_gain import ConstantGainEstimator
+from observer.estimators.fixed_gain import ConstantGainEstimator
 from observer.estimators.kalman import KalmanEstimator
 from observer.files.logs import read_log
 from observer.files.writer import write_log

@@ -80,36 +80,33 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),
     "observer/fit/tolerance.py": PARTS,
     "observer/kernels/advance.py": _at(
+        "tests/model/test_open_loop.py",
         *AHEAD,
         *_bits("kalman_five_sources", "kalman_coupled_by_everything", "settled_with_a_nut_constant"),
         SPECIFIED,
     ),
     "observer/kernels/cells.py": _at("tests/page/test_rows.py"),
     "observer/kernels/changes.py": _at("tests/history/test_changes.py"),
-    "observer/kernels/columns.py": SETTLED,
     "observer/kernels/coupling.py": _at(
         "tests/model/test_generator.py", *AHEAD, *_bits(*(f"kalman_coupled_by_{name}" for name in COUPLINGS))
     ),
     "observer/kernels/covariance.py": _at("tests/kernels/test_covariance.py", SPECIFIED),
-    "observer/kernels/cruise.py": SETTLED,
+    "observer/kernels/steady_state_step.py": SETTLED,
     "observer/kernels/discretise.py": _at("tests/model/test_discretise.py", BITS),
-    "observer/kernels/drive.py": _at(
+    "observer/kernels/live.py": _at(
         "tests/model/test_drive.py", "tests/model/test_turning_surface.py", *DRIVEN
     ),
-    "observer/kernels/evening.py": _at("tests/service/test_evening.py", BITS),
     "observer/kernels/fixed_gain.py": SETTLED,
     "observer/kernels/judging.py": KALMAN,
     "observer/kernels/kalman.py": KALMAN,
     "observer/kernels/learning.py": _at("tests/estimators/test_following.py", *LEARNT, SPECIFIED),
-    "observer/kernels/march.py": _at("tests/model/test_open_loop.py", *AHEAD),
-    "observer/kernels/moving.py": _at("tests/model/test_moving.py", *NUTS),
-    "observer/kernels/path.py": _at("tests/model/test_path.py", BITS),
+    "observer/kernels/path.py": _at("tests/model/test_path.py", "tests/model/test_moving.py", BITS),
     "observer/kernels/selftest.py": _at("tests/estimators/test_selftest.py", BITS),
     "observer/kernels/smoother.py": _at(
         "tests/history/test_smoother.py::test_a_short_history_of_coupled_states_equals_it_too", *SMOOTHED
     ),
     "observer/kernels/step.py": KALMAN,
-    "observer/kernels/stuck.py": _at("tests/service/test_align.py", BITS),
+    "observer/kernels/walk.py": _at("tests/service/test_align.py", "tests/service/test_evening.py", BITS),
     "observer/model/generator.py": _at("tests/model/test_basis.py", compiled=True),
     "observer/model/couple.py": _at(
         "tests/model/test_couple.py",

@@ -20,7 +20,7 @@ sys.path.insert(0, str(HERE.parents[1]))
 
 from observer import installation  # noqa: E402
 from observer.estimators import build_estimator  # noqa: E402
-from observer.estimators.design.kim import kim_poles  # noqa: E402
+from observer.estimators.design.gains import kim_poles  # noqa: E402
 from observer.frames import EstimateBlock, FloatArray, Inputs, Quality  # noqa: E402
 from observer.model import simulate  # noqa: E402
 from observer.model.build import build_plant  # noqa: E402

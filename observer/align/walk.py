@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality, QualityArray
-from observer.kernels import put_reading, record, tick_on, walk_on
+from observer.kernels import put_reading, record, tick_on, walk_rows
 from observer.kernels.layout import Bundle, Fields, packed
-from observer.kernels.stuck import _LAST, _SEEN
+from observer.kernels.walk import _LAST, _SEEN
 
 IntArray = NDArray[np.int64]
 
@@ -219,7 +219,7 @@ class Walk:
         """Go on over these rows; return the frames at the ticks among them."""
         ticks, n = int(np.count_nonzero(rows.step)), len(rows.time_s)
         frames = _empty_frames(ticks, len(self._channels), len(self._paths), n)
-        walk_on(record(packed(rows)), n, self._plan_record, self._memory_record, record(frames))
+        walk_rows(record(packed(rows)), n, self._plan_record, self._memory_record, record(frames))
         path = _paths(self._paths, frames.samples, frames.offset)
         return FrameBlock(self._channels, *frames[:6], path)
 

@@ -155,7 +155,7 @@ def adopted(config_path: Path, *, undo: bool) -> str:
 
 def place(config: Installation, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
     """Rank sensor sites: the best sets of 1 … `count` positions and how well they see."""
-    from observer.estimators.design.placement import best_places
+    from observer.estimators.design.observability import best_places
 
     return [
         {

@@ -5,11 +5,16 @@ from __future__ import annotations
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from observer.align.walk import OfFrame
-from observer.estimators import screened
 from observer.estimators.by_block import BlockEstimator
 from observer.estimators.live import LiveEstimator, LiveSelfTest
 from observer.estimators.protocol import Estimator, EstimatorState
-from observer.estimators.selftest import Finding, SelfTest, SelfTestState
+from observer.estimators.selftest import (
+    Finding,
+    SelfTest,
+    SelfTestState,
+    screening_findings,
+    screening_history,
+)
 from observer.frames import EstimateBlock, FrameBlock, Inputs
 from observer.kernels import record, step_frame
 from observer.model.drive import Drive, DriveState
@@ -200,7 +205,7 @@ class Pipeline(Generic[State]):
         self._settle()
         test = self._parts[2]
         found = () if test is None or self._test_state is None else test.findings(self._test_state)
-        return (*found, *screened.findings(self._parts[1].layout, self._estimator_state))
+        return (*found, *screening_findings(self._parts[1].layout, self._estimator_state))
 
     @property
     def history(self) -> tuple[tuple[Finding, int], ...]:
@@ -208,7 +213,7 @@ class Pipeline(Generic[State]):
         self._settle()
         test = self._parts[2]
         found = () if test is None or self._test_state is None else test.history(self._test_state)
-        return (*found, *screened.history(self._parts[1].layout, self._estimator_state))
+        return (*found, *screening_history(self._parts[1].layout, self._estimator_state))
 
     def reset(self) -> None:
         """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""

@@ -21,11 +21,11 @@ def build_estimator(
         made: Estimator = outside(settings.kind)(plant, settings)
         return made
     if settings.kind == "luenberger":
-        from observer.estimators.luenberger import LuenbergerEstimator  # noqa: PLC0415
+        from observer.estimators.fixed_gain import LuenbergerEstimator  # noqa: PLC0415
 
         return LuenbergerEstimator(plant, settings)
     if settings.engine == "constant":
-        from observer.estimators.constant_gain import ConstantGainEstimator  # noqa: PLC0415
+        from observer.estimators.fixed_gain import ConstantGainEstimator  # noqa: PLC0415
 
         return ConstantGainEstimator(plant, settings)
     if settings.engine == "filterpy":

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators import packing
-from observer.estimators.fault_search import Answer, Seen, Trace, search
+from observer.estimators.fault_search import SearchResult, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
+from observer.kernels import codes as of
 from observer.kernels import pour, record, run_bank
-from observer.kernels import remembered as of
 from observer.kernels.bank import DUE_S as DUE
 from observer.kernels.bank import SPAN_S
 from observer.kernels.layout import Bundle
@@ -255,7 +255,7 @@ class Bank:
         return np.asarray(np.nan_to_num(more, nan=0.0))
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
-        """Look for a fault, and leave the sensor out that is found; what cannot be told is not good."""
+        """Look for a fault, and leave the sensor out that is found; what is ambiguous is not good."""
         each = self.design.alone, np.arange(len(main.guard))
         read_degC = self._inputs.y_degC[0] - main.verdict[of.COMMON_K]
         seen = Seen(
@@ -269,15 +269,15 @@ class Bank:
             self._results.innovation[0],
             self._S,
         )
-        answer = Answer(False, -1, 0)
+        result = SearchResult(False, -1, 0)
         if main.verdict[of.LATCH] == 0.0:
-            answer = search(seen, self._trace, span_s)
-        if answer.doubted:
+            result = search(seen, self._trace, span_s)
+        if result.doubted:
             main.verdict[of.HOLD_S] = DECIDED_S
-        if answer.latch:
-            main.verdict[of.LATCH], main.verdict[of.LATCH_S] = answer.latch, time_s
-        if answer.sensor >= 0:
-            self._exclude(answer.sensor, main, time_s)
+        if result.latch:
+            main.verdict[of.LATCH], main.verdict[of.LATCH_S] = result.latch, time_s
+        if result.sensor >= 0:
+            self._exclude(result.sensor, main, time_s)
 
     def _exclude(self, i: int, main: packing.Running, time_s: float) -> None:
         """Go on without sensor i, from the filter that never had it; every other one from its like."""

@@ -25,7 +25,7 @@ APART = 0.05
 heat gives the field near its source."""
 
 
-class Told(NamedTuple):
+class Carried(NamedTuple):
     """What an estimate says whatever its model: of the field at `position_m` (g,), and of heats and lagged
     heats by the names of their sources; `value` (r,) in °C and W, `covariance` (r, r) in this order.
     """
@@ -37,7 +37,9 @@ class Told(NamedTuple):
     covariance: FloatArray
 
 
-def told(plant: Plant, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock) -> Told | None:
+def carry_from(
+    plant: Plant, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock
+) -> Carried | None:
     """What is known after a step with these inputs and this estimate, None where that is nothing."""
     heats, lags = plant.layout.sources, plant.source_names
     value = np.concatenate(
@@ -50,10 +52,10 @@ def told(plant: Plant, state: EstimatorState, inputs: Inputs, estimate: Estimate
     sigma = np.concatenate([estimate.field_sigma_K[-1], estimate.heat_sigma_W[-1]])
     beyond = np.maximum(sigma**2 - np.diag(covariance)[: len(sigma)], 0.0)  # what a bank adds beside P
     covariance[np.arange(len(sigma)), np.arange(len(sigma))] += beyond
-    return Told(plant.layout.position_m, heats, lags, value, covariance)
+    return Carried(plant.layout.position_m, heats, lags, value, covariance)
 
 
-def taken(plant: Plant, estimator: Estimator, known: Told, inputs: Inputs) -> EstimatorState | None:
+def carry_into(plant: Plant, estimator: Estimator, known: Carried, inputs: Inputs) -> EstimatorState | None:
     """The state of another model's estimator that knows the same; `inputs` are those of one step.
 
     None where the places of the field are others, no heat has the name it had, or no sensor has a value.
@@ -111,7 +113,7 @@ def _in_place(plant: Plant, inputs: Inputs) -> FloatArray:
     return C
 
 
-def _places(known: Told, heats: tuple[str, ...], lags: tuple[str, ...]) -> list[int]:
+def _places(known: Carried, heats: tuple[str, ...], lags: tuple[str, ...]) -> list[int]:
     """Which of the values are of the whole field, of these heats, and of these lags."""
     g, m = len(known.position_m), len(known.heats)
     return [

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import BoolArray, FloatArray
-from observer.kernels.remembered import AMBIGUOUS, DRIFTING
+from observer.kernels.codes import AMBIGUOUS, DRIFTING
 from observer.kernels.screening import YOUNG_S
 
 MISFIT = 4.0
@@ -29,7 +29,7 @@ _HELD_K, _HELD_SIGMA, _HELD_SHARE = 0.7, 4.0 * np.sqrt(2.0), 0.2
 _CLEARER, _CLEAREST = 0.5, 2.5
 _SETTLED_S = 1200.0  # before, innovations say more of the model than of the readings
 _AMBIGUOUS_S = 600.0
-_ENOUGH = 3  # sensors, of which one can be told to be wrong
+_ENOUGH = 3  # sensors, of which one can be identified as wrong
 
 
 class Seen(NamedTuple):
@@ -70,33 +70,33 @@ class Trace(NamedTuple):
         return cls(np.zeros(_TRACE), unknown, unknown.copy(), np.zeros(1, np.int64), np.zeros(1))
 
 
-class Answer(NamedTuple):
-    """Whether readings are in doubt, the sensor at fault, -1 for none, and what cannot be told, or 0."""
+class SearchResult(NamedTuple):
+    """Whether readings are in doubt, the sensor at fault, -1 for none, and what cannot be explained, or 0."""
 
     doubted: bool
     sensor: int
     latch: int
 
 
-def search(seen: Seen, trace: Trace, span_s: float) -> Answer:
+def search(seen: Seen, trace: Trace, span_s: float) -> SearchResult:
     """Note what was seen over the last `span_s`, and say which sensor is at fault."""
     _note(seen, trace)
     if seen.age_s < YOUNG_S:
         trace.waited_s[0] = 0.0
-        return Answer(False, -1, 0)
+        return SearchResult(False, -1, 0)
     if _together(trace):
-        return Answer(True, -1, DRIFTING)
+        return SearchResult(True, -1, DRIFTING)
     suspects = np.flatnonzero(seen.there & ((np.abs(seen.misfit) > MISFIT) | _held(seen, trace))).tolist()
     if not suspects:
         trace.waited_s[0] = 0.0
-        return Answer(False, -1, 0)
+        return SearchResult(False, -1, 0)
     found = _explaining(suspects, seen)
     if found >= 0:
         trace.waited_s[0] = 0.0
-        return Answer(True, -1, AMBIGUOUS) if seen.departed.any() else Answer(True, found, 0)
+        return SearchResult(True, -1, AMBIGUOUS) if seen.departed.any() else SearchResult(True, found, 0)
     trace.waited_s[0] += span_s
     lost = trace.waited_s[0] > _AMBIGUOUS_S and seen.there.sum() >= _ENOUGH
-    return Answer(True, -1, AMBIGUOUS if lost else 0)
+    return SearchResult(True, -1, AMBIGUOUS if lost else 0)
 
 
 def _note(seen: Seen, trace: Trace) -> None:

@@ -55,7 +55,7 @@ class FilterpyEstimator(BlockEstimator):
         kf.x, kf.P = state.x[:, None].copy(), state.P[:, :n].copy()
         kf.predict(u=step.forced[:, None], B=np.eye(n), F=step.F, Q=step.Q)
         state.x[:], state.P[:, :n] = kf.x[:, 0], kf.P
-        judging.doubt_nut(p, u, k, state.lost_s, state.P)
+        judging.inflate_for_lost_position(p, u, k, state.lost_s, state.P)
         return True
 
     def _correct(self, kf: Any, u: Inputs, k: int, scratch: Scratch, out: Results) -> None:
@@ -87,6 +87,6 @@ class FilterpyEstimator(BlockEstimator):
         judging.move_rows(p, u, k, work.rows)
         known = judging.write_values(p, u, k, state, work, out)
         known = judging.write_sigmas(state, k, work, out) and known
-        learning.tell(p, state.x, state.P, k, work, out)
+        learning.report_learned(p, state.x, state.P, k, work, out)
         if not known:
             judging.invalidate(out, k)

@@ -1,4 +1,7 @@
-"""An observer with designed gains: which gain for which sensors and step, and the run through the kernel."""
+"""Observers with designed gains: which gain for which sensors and step, and the run through the kernel.
+
+The engine "constant" takes the steady Kalman gain, the Luenberger observer one that places poles.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,10 @@ import numpy as np
 from observer.errors import UserError
 from observer.estimators import packing
 from observer.estimators.by_block import BlockEstimator, Scratch
+from observer.estimators.design.bandwidth import bandwidth, design
 from observer.estimators.design.gains import Refusal, everything, sensor_rows
-from observer.estimators.design.riccati import steady_covariance
-from observer.estimators.fixed_gain_records import Allowed, GainTable, Rungs, columns
+from observer.estimators.design.riccati import steady_covariance, steady_kalman
+from observer.estimators.fixed_gain_records import Considered, GainTable, StepBins, steady_step
 from observer.estimators.packing import PlantArrays, Results
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
@@ -26,9 +30,9 @@ from observer.tables.estimator import EstimatorSettings
 
 # Gains are designed for steps of period · 2^{l/4}: a step is then at most 9 % off the one its gain was
 # designed for.
-_RUNGS_PER_OCTAVE = 4
-_PERIOD_RUNG = 8
-_LAST_RUNG = 127
+_BINS_PER_OCTAVE = 4
+_PERIOD_BIN = 8
+_LAST_BIN = 127
 
 # A covariance counts as settled where no variance is further than this part of it from its steady value: 1 %
 # of σ, a law's jump of 0.05 % of σ². One that hardly matters may be as far off as makes a quarter of that in
@@ -53,7 +57,7 @@ class GainBank:
         self._design = design
         self._rows: dict[int, tuple[FloatArray, ...]] = {}
         self._table: Any = None
-        self.add((_PERIOD_RUNG << plant.rows.sensors) + (1 << plant.rows.sensors) - 1)
+        self.add((_PERIOD_BIN << plant.rows.sensors) + (1 << plant.rows.sensors) - 1)
 
     @property
     def gains(self) -> GainTable:
@@ -69,26 +73,27 @@ class GainBank:
             self._table = record(self.gains)
         return self._table
 
-    def rungs(self, lengths_s: list[float]) -> Rungs:
-        """Return the rung of each step length; the first frame's step of 0 counts as a period."""
+    def bins(self, lengths_s: list[float]) -> StepBins:
+        """Return the bin of each step length; the first frame's step of 0 counts as a period."""
         dt_s = np.array(lengths_s)
         octaves = np.log2(np.where(dt_s > 0, dt_s, self._period_s) / self._period_s)
-        rung = np.clip(np.rint(octaves * _RUNGS_PER_OCTAVE) + _PERIOD_RUNG, 0, _LAST_RUNG).astype(np.int64)
+        step_bin = np.clip(np.rint(octaves * _BINS_PER_OCTAVE) + _PERIOD_BIN, 0, _LAST_BIN).astype(np.int64)
         exact = np.array(
-            [dt == self._length_s(int(r)) for dt, r in zip(lengths_s, rung, strict=True)], dtype=np.bool_
+            [dt == self._length_s(int(r)) for dt, r in zip(lengths_s, step_bin, strict=True)], dtype=np.bool_
         )
-        return Rungs(rung, exact)
+        return StepBins(step_bin, exact)
 
     def add(self, key: int) -> None:
-        """Design the gain of a key: rung · 2^s + sensors as bits."""
+        """Design the gain of a key: bin · 2^s + sensors as bits."""
         s = self._plant.rows.sensors
         present = np.array([bool(key >> i & 1) for i in range(s)])
         step = step_matrices(self._plant, self._length_s(key >> s))
         self._rows[key] = self._gain(step, self._design(step, present))
         self._table = None
 
-    def _length_s(self, rung: int) -> float:
-        return float(quantise(np.array(self._period_s * 2.0 ** ((rung - _PERIOD_RUNG) / _RUNGS_PER_OCTAVE))))
+    def _length_s(self, step_bin: int) -> float:
+        octaves = (step_bin - _PERIOD_BIN) / _BINS_PER_OCTAVE
+        return float(quantise(np.array(self._period_s * 2.0**octaves)))
 
     def _gain(self, step: StepMatrices, K: FloatArray | Refusal) -> tuple[FloatArray, ...]:
         plant, C = self._plant, sensor_rows(self._plant)
@@ -124,7 +129,7 @@ def slack(P: FloatArray, rows: FloatArray, variance: FloatArray) -> FloatArray:
 class FixedGainEstimator(BlockEstimator):
     """An observer with a designed gain for every set of sensors and length of step.
 
-    The gain knows field and heats alone; what the plant knows only roughly is allowed for in every σ.
+    The gain knows field and heats alone; what the plant knows only roughly is considered in every σ.
 
     `optimal`: it corrects by the Kalman gain until the covariance has settled. `refused` is what is said
     where there is no gain for all sensors.
@@ -144,7 +149,7 @@ class FixedGainEstimator(BlockEstimator):
         self._bank = GainBank(plant, settings.period_s, self.gain)
 
     def initial(self) -> EstimatorState:
-        """Return the state before the first measurement, with room for what is allowed for."""
+        """Return the state before the first measurement, with room for what is considered."""
         state, L = super().initial(), len(self._roughly.learn.kind)
         n, s = len(state.x_hat), len(state.suspect)
         return replace(state, around=np.zeros(n + 2 * s + n * L if L else 0))
@@ -154,25 +159,25 @@ class FixedGainEstimator(BlockEstimator):
         """The gain K (n, s) for a step and the sensors `present` (s,)."""
 
     def scratch(self) -> Scratch:
-        """Return what kernels change on the way, with what is allowed for."""
+        """Return what kernels change on the way, with what is considered."""
         return FixedGainScratch(self.plant, self._arrays, self._roughly, self.initial())
 
     def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
-        rungs = record(self._bank.rungs(chunk.lengths_s))
+        bins = record(self._bank.bins(chunk.lengths_s))
         first, resumed, key = 0, 0, 0
         while key != DONE:
             first, key, resumed = run_fixed_gain(
-                self.plant_record, chunk.table, rungs, inputs, chunk.step, scratch.running_record,
+                self.plant_record, chunk.table, bins, inputs, chunk.step, scratch.running_record,
                 self.gate_sigma, self.optimal, self._bank.table, results, first, resumed,
-                scratch.work_record, scratch.columns, scratch.allowed,
+                scratch.work_record, scratch.columns, scratch.considered,
             )  # fmt: skip
             if key != DONE:
                 self._bank.add(int(key))
 
 
 class FixedGainScratch(Scratch):
-    """The same with the steady step's columns, and what is allowed for, on the memory of the state."""
+    """The same with the steady step's columns, and what is considered, on the memory of the state."""
 
     def __init__(
         self, plant: Plant, arrays: PlantArrays, roughly: PlantArrays, initial: EstimatorState
@@ -182,9 +187,9 @@ class FixedGainScratch(Scratch):
         n, s, L = len(self.running.x), len(self.running.suspect), len(roughly.learn.kind)
         first = n + 2 * s if L else 0
         around, S = self.running.around[:first], self.running.around[first:].reshape(n, L)
-        self.columns = record(columns(arrays, len(plant.rows.C) - s))
-        self.allowed = record(
-            Allowed(
+        self.columns = record(steady_step(arrays, len(plant.rows.C) - s))
+        self.considered = record(
+            Considered(
                 roughly,
                 packing.scratch(roughly),
                 around,
@@ -196,3 +201,42 @@ class FixedGainScratch(Scratch):
                 np.zeros(1, np.int64),
             )
         )
+
+
+class ConstantGainEstimator(FixedGainEstimator):
+    """Kalman filter with the steady gain of every set of sensors; for long logs at an even period.
+
+    Laws whose uncertain jumps matter, and moving nuts whose columns change much, are better served by
+    `KalmanEstimator`: the gain here knows only the mean of the columns and no jumps (σ does know the jumps).
+    """
+
+    optimal = True
+    refused = (
+        "estimator: no constant gain exists for sensors {sensors}: {reason}; add or move sensors (`observer "
+        'place`), give each source random_walk_W_sqrt_s > 0, or use engine = "compiled"'
+    )
+
+    def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
+        """The steady Kalman gain."""
+        return steady_kalman(self._plant, step, present)
+
+
+class LuenbergerEstimator(FixedGainEstimator):
+    """x⁺ = x_pred + K (y - C x_pred), K placed by the bandwidth rule or Kim's; σ propagated with that K."""
+
+    optimal = False
+    refused = (
+        "estimator: no Luenberger gain for {sensors} exists: {reason}; add or move sensors (`observer "
+        'place`), lower bandwidth_1_s, or use kind = "kalman"'
+    )
+
+    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
+        """Find the bandwidth, and the gain for all sensors; raises `UserError` where there is none."""
+        self._rule = settings.pole_rule
+        self._bandwidth_1_s = bandwidth(plant, settings)
+        super().__init__(plant, settings)
+
+    def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
+        """The gain that places the poles."""
+        gain = design(self._plant, step, present, self._rule, self._bandwidth_1_s)
+        return gain if isinstance(gain, Refusal) else gain.K

@@ -1,4 +1,4 @@
-"""What the kernels of fixed gains take besides a plant: gains, columns, and what is allowed for."""
+"""What the kernels of fixed gains take besides a plant: gains, the steady step, and what is considered."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _RUN = 128
 
 
 class GainTable(NamedTuple):
-    """Gains known so far: `key` (G,) = rung 2^s + sensors as bits, `K` (G, n, s), zero columns for absent
+    """Gains known so far: `key` (G,) = bin 2^s + sensors as bits, `K` (G, n, s), zero columns for absent
     sensors.
 
     With `steady` (G,): the covariance `P` (G, n, n) after a correction and how far from it each variance
@@ -36,17 +36,17 @@ class GainTable(NamedTuple):
     field_sigma: FloatArray
 
 
-class Rungs(NamedTuple):
-    """For each step length of a table: which rung's gains it uses, and whether that rung has exactly its
+class StepBins(NamedTuple):
+    """For each step length of a table: which bin's gains it uses, and whether that bin has exactly its
     length.
     """
 
-    rung: NDArray[np.int64]
+    number: NDArray[np.int64]
     exact: NDArray[np.bool_]
 
 
-class Columns(NamedTuple):
-    """The steady step, laid out in padded rows, and runs of R such steps (see `kernels.cruise`).
+class SteadyStep(NamedTuple):
+    """The steady step, laid out in padded rows, and runs of R such steps (see `kernels.steady_state_step`).
 
     W ≥ n_x + p + m_e, W_s ≥ s, W_r ≥ the rows that are reported. `decay` (W,). What laws, known inputs at a
     step's start and at its end, and heats do to the states, `drives` (m + 2 p + m_e, W); the sensors' columns
@@ -76,7 +76,7 @@ class Columns(NamedTuple):
     present: NDArray[np.uint8]
 
 
-def columns(arrays: PlantArrays, reported: int) -> Columns:
+def steady_step(arrays: PlantArrays, reported: int) -> SteadyStep:
     """Allocate the layout of a plant's steady step, of which so many rows are reported."""
     (m, n_x), p, m_e, s = arrays.B.shape, len(arrays.E), len(arrays.source), len(arrays.R_K2)
     own, shown = padded_width(s, _REGISTER), padded_width(reported, _REGISTER)
@@ -85,7 +85,7 @@ def columns(arrays: PlantArrays, reported: int) -> Columns:
     rows[:n_x, :reported] = arrays.rows[:, :reported]
     rows[n_x : n_x + p, :reported] = arrays.rows_F[:, :reported]
     step = padded_width(width - m_e + pushing, _EIGHT)
-    return Columns(
+    return SteadyStep(
         decay=_aligned(width),
         drives=np.zeros((m + 2 * p + m_e, width)),
         sensors=_aligned(width, own),
@@ -112,8 +112,8 @@ def _aligned(*shape: int) -> FloatArray:
     return numbers[begin : begin + size].reshape(shape)
 
 
-class Allowed(NamedTuple):
-    """What is allowed for: nothing where the plant has no states that are learnt.
+class Considered(NamedTuple):
+    """Parameters that are considered (Schmidt 1966): none where the plant has no states that are learnt.
 
     Of the state `around` (n_x + m_e + 2 s,) and `S` (n, L). Scratch: `work`, `nothing` (n + L,) is zero,
     `nu` (s, L) what the parameters do to the innovations, `variance` (s,) the innovations' with it, `e` (s,),

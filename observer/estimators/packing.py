@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.kernels import layout
+from observer.kernels.codes import GUARD, VERDICT
 from observer.kernels.layout import packed, pad_rows
-from observer.kernels.remembered import GUARD, VERDICT
 from observer.model.coupling import Coupling
 from observer.model.learning import LearningArrays
 from observer.model.plant import Plant

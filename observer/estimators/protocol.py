@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
-from observer.kernels.remembered import GUARD, VERDICT
+from observer.kernels.codes import GUARD, VERDICT
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class EstimatorState:
     counts the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.
     `around` (n_x + m_e + 2 s,) is where the effects of what is learnt are taken, with what each sensor would
     read there without and with a lag; empty where nothing is learnt. `guard` (s, c) and `verdict` are what
-    the screening of readings remembers (`observer.kernels.remembered`), `bank` where the filters beside it
+    the screening of readings remembers (`observer.kernels.codes`), `bank` where the filters beside it
     stand (`observer.estimators.bank`), as octets; without screening they are empty.
     """
 

@@ -27,7 +27,7 @@ class Belief(NamedTuple):
     P: FloatArray
 
 
-class Correction(NamedTuple):
+class MeasurementUpdate(NamedTuple):
     """What measurements (s,) say: the belief after them, their `innovation` (s,), its covariance `S` (s, s),
     the gain `K` (n, s), and the logarithm of their likelihood.
     """
@@ -52,7 +52,7 @@ def correct(
     *,
     considered: NDArray[np.int64] = NONE,
     K: FloatArray | None = None,
-) -> Correction:
+) -> MeasurementUpdate:
     """ν = y - H x, S = H P Hᵀ + R, K = P Hᵀ S⁻¹, x⁺ = x + K ν, P⁺ = (I - K H) P (I - K H)ᵀ + K R Kᵀ.
 
     Takes H (s, n), y (s,), R (s, s), and K (n, s) where an observer's gain is given: Joseph's form of the
@@ -68,7 +68,7 @@ def correct(
     after = Belief(belief.x + gain @ innovation, left @ belief.P @ left.T + gain @ R @ gain.T)
     squares = float(innovation @ np.linalg.solve(S, innovation))
     log_likelihood = -0.5 * (squares + float(np.linalg.slogdet(2.0 * np.pi * S)[1]))
-    return Correction(after, innovation, S, gain, log_likelihood)
+    return MeasurementUpdate(after, innovation, S, gain, log_likelihood)
 
 
 class Columns(NamedTuple):

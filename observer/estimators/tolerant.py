@@ -1,6 +1,6 @@
 """Open-loop prediction by a machine that may be off its configuration within tolerances, and no further.
 
-No heat is free here: each follows its law, times a scale. The sensors only tell which machine within the
+No heat is free here: each follows its law, times a scale. The sensors only say which machine within the
 tolerances this is, θ, so what is left between prediction and sensors is beyond them. An extended Kalman
 filter over [x | θ] (Jazwinski 1970, ch. 8) without noise on x; θ wanders about nothing. What a θ does is that
 of `learning`, taken at the prediction.
@@ -56,7 +56,7 @@ class TolerantState(NamedTuple):
     P: FloatArray
 
 
-class Gap(NamedTuple):
+class ModelGap(NamedTuple):
     """What a step leaves: measured minus predicted `gap_K` (s,), NaN where nothing was measured; the standard
     deviation `allowed_K` (s,) that it may have, and how much warmer than the air each is predicted.
     """
@@ -106,7 +106,7 @@ class Tolerant:
     def begin(self, state: TolerantState, u: Inputs) -> TolerantState:
         """Begin where the sensors say at the end of a step `u`, with what is known of the machine by now.
 
-        A machine that stands, and is as warm as the air as far as can be told, has one temperature.
+        A machine that stands, and is as warm as the air as far as is known, has one temperature.
         """
         plant, n_x, s = self._plant, len(state.x), self._plant.rows.sensors
         seen = u.usable[0] & np.isfinite(u.y_degC[0])
@@ -132,7 +132,7 @@ class Tolerant:
         return self._learnt(state, self._seen(u, x), gap_K, plant.noise_R_K2 + MODEL_K**2)
 
     def _stands(self, state: TolerantState, u: Inputs) -> bool:
-        """Whether no law makes heat, and all sensors but one tell the air's temperature, as far as is known:
+        """Whether no law makes heat, and all sensors but one show the air's temperature, as far as is known:
         one that has gone wrong must not turn into a field.
         """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
@@ -151,10 +151,10 @@ class Tolerant:
         agree = (u.y_degC[0] - offset_K - air_degC) ** 2 <= _SURE**2 * K2
         return int(agree[seen].sum()) >= max(1, len(seen) - (len(seen) > 2))
 
-    def ahead(self, state: TolerantState, u: Inputs, *, learn: bool = True) -> tuple[TolerantState, Gap]:
-        """One step, of which `u` tells the means: the state, and what it leaves.
+    def ahead(self, state: TolerantState, u: Inputs, *, learn: bool = True) -> tuple[TolerantState, ModelGap]:
+        """One step, of which `u` holds the means: the state, and what it leaves.
 
-        Without `learn` the readings tell nothing of the machine.
+        Without `learn` the readings say nothing of the machine.
         """
         plant, theta = self._plant, self._theta
         dt_s, n_x = float(u.dt_s[0]), len(state.x)
@@ -178,7 +178,7 @@ class Tolerant:
         rise_K = shift[: plant.rows.sensors] - u.z_end[0, plant.known.ambient]
         R = plant.noise_R_K2 + MODEL_K**2 + (MODEL_SHARE * rise_K) ** 2
         allowed_K = np.sqrt(np.einsum("ia,ab,ib->i", H, now.P, H) + R)
-        gap = Gap(gap_K, allowed_K, rise_K)
+        gap = ModelGap(gap_K, allowed_K, rise_K)
         return (self._learnt(now, H, gap_K, R * max(1.0, SAME_S / dt_s)) if learn else now), gap
 
     def _gap(

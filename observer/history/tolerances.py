@@ -23,7 +23,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators import packing
-from observer.estimators.fixed_gain_records import Allowed
+from observer.estimators.fixed_gain_records import Considered
 from observer.estimators.steps import StepCache, chunks
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.history.smoother import smooth_changes
@@ -97,7 +97,7 @@ class _Along:
         of_machine = max(arrays.learn.machine, 1)
         self._x = np.zeros(n)
         self._allowed = record(
-            Allowed(
+            Considered(
                 arrays,
                 packing.scratch(arrays),
                 around=np.zeros(n - L + 2 * s),

@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from observer.kernels.codes import DONE
@@ -41,22 +42,21 @@ def _choose() -> str:
     return "avx2" if way == "avx2" or _has_avx2() else "any"
 
 
-def _load(way: str) -> tuple[Any, Any]:
-    """Return where the entries and where the records are."""
+def _load(way: str) -> dict[str, Any]:
+    """Return entries and, but for Python files, records by name."""
     if way == "interpreted":
         modules = (
-            "entries", "bank", "changes", "discretise", "moving", "path", "selftest", "stepwise", "message",
-            "live", "cells",
+            "kalman", "fixed_gain", "smoother", "advance", "bank", "changes", "discretise", "path",
+            "selftest", "stepwise", "message", "live", "walk", "cells",
         )  # fmt: skip
         entries: dict[str, Any] = {}
         for name in modules:
             entries |= vars(importlib.import_module(f"{__name__}.{name}"))
-        records = (importlib.import_module(f"{__name__}.{name}") for name in ("records", "tick_records"))
-        return entries, {name: kind for module in records for name, kind in vars(module).items()}
+        return entries
     if way == "avx2":
         __path__.insert(0, str(Path(__path__[0]) / "avx2"))
     try:
-        core = vars(importlib.import_module(f"{__name__}.core"))
+        return vars(importlib.import_module(f"{__name__}.core"))
     except ImportError as error:
         raise ImportError(
             f"observer's kernels are not built ({error}): install the package (`pip install .`) or `make env`"
@@ -64,54 +64,58 @@ def _load(way: str) -> tuple[Any, Any]:
     finally:
         if way == "avx2":
             del __path__[0]
-    return core, core
 
 
 WAY = _choose()
 """What runs: any, avx2 or interpreted."""
-_entries, _records = _load(WAY)
+_loaded = _load(WAY)
 
 
 def record(fields: Any) -> Any:
-    """Return the kernels' record on the same memory as a NamedTuple, by whose name it goes."""
+    """Return what kernels take for a NamedTuple, on the same memory.
+
+    Compiled, it is the class of the same name in `records.pxd` or `tick_records.pxd`, which gives every field
+    its type; what the fields are, and of which shape, stands at the NamedTuple.
+    """
     values = {
         key: record(value) if hasattr(value, "_asdict") else value for key, value in fields._asdict().items()
     }
-    return _records[type(fields).__name__](**values)
+    kind = SimpleNamespace if WAY == "interpreted" else _loaded[type(fields).__name__]
+    return kind(**values)
 
 
-run_kalman = _entries["run_kalman"]
-run_bank = _entries["run_bank"]
-run_until_due = _entries["run_until_due"]
-pour = _entries["pour"]
-put_bounds = _entries["put_bounds"]
-run_fixed_gain = _entries["run_fixed_gain"]
-run_forward = _entries["run_forward"]
-run_backward = _entries["run_backward"]
-run_tolerances = _entries["run_tolerances"]
-run_changes_forward = _entries["run_changes_forward"]
-run_changes_backward = _entries["run_changes_backward"]
-march = _entries["march"]
-discretise = _entries["discretise"]
-number_steps = _entries["number_steps"]
-follow_path = _entries["follow_path"]
-average_on = _entries["average_on"]
-add_columns = _entries["add_columns"]
-drive_on = _entries["drive_on"]
-put_reading = _entries["put_reading"]
-tick_on = _entries["tick_on"]
-walk_on = _entries["walk_on"]
-step_frame = _entries["step_frame"]
-encode = _entries["encode"]
-compare_ways = _entries["compare_ways"]
-run_selftest = _entries["run_selftest"]
-find_heats_stepwise = _entries["find_heats_stepwise"]
-read_rows = _entries["read_rows"]
+run_kalman = _loaded["run_kalman"]
+run_bank = _loaded["run_bank"]
+run_until_due = _loaded["run_until_due"]
+pour = _loaded["pour"]
+put_bounds = _loaded["put_bounds"]
+run_fixed_gain = _loaded["run_fixed_gain"]
+run_forward = _loaded["run_forward"]
+run_backward = _loaded["run_backward"]
+run_tolerances = _loaded["run_tolerances"]
+run_changes_forward = _loaded["run_changes_forward"]
+run_changes_backward = _loaded["run_changes_backward"]
+march = _loaded["march"]
+discretise = _loaded["discretise"]
+number_steps = _loaded["number_steps"]
+follow_path = _loaded["follow_path"]
+average_columns = _loaded["average_columns"]
+add_columns = _loaded["add_columns"]
+fill_inputs = _loaded["fill_inputs"]
+put_reading = _loaded["put_reading"]
+tick_on = _loaded["tick_on"]
+walk_rows = _loaded["walk_rows"]
+step_frame = _loaded["step_frame"]
+encode = _loaded["encode"]
+compare_ways = _loaded["compare_ways"]
+run_selftest = _loaded["run_selftest"]
+find_heats_stepwise = _loaded["find_heats_stepwise"]
+read_rows = _loaded["read_rows"]
 
 __all__ = [
-    "DONE", "WAY", "add_columns", "average_on", "compare_ways", "discretise", "drive_on", "encode",
+    "DONE", "WAY", "add_columns", "average_columns", "compare_ways", "discretise", "encode", "fill_inputs",
     "find_heats_stepwise", "follow_path", "march", "number_steps", "pour", "put_bounds", "put_reading",
     "read_rows", "record", "run_backward", "run_bank", "run_changes_backward", "run_changes_forward",
     "run_fixed_gain", "run_forward", "run_kalman", "run_selftest", "run_tolerances", "run_until_due",
-    "step_frame", "tick_on", "walk_on",
+    "step_frame", "tick_on", "walk_rows",
 ]  # fmt: skip

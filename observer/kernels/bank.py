@@ -6,19 +6,20 @@ is one over all of them. Every filter is the Kalman filter itself, with sensors 
 
 from __future__ import annotations
 
-from observer.kernels.arithmetic import squared
-from observer.kernels.codes import ESTIMATE_DEGRADED, ESTIMATE_INVALID
-from observer.kernels.judging import add_prior, step_is_finite
-from observer.kernels.kalman import filter_part
-from observer.kernels.libm import NAN, isfinite, sqrt
-from observer.kernels.remembered import (
+from observer.kernels.codes import (
     CAUSE,
     COMMON_K,
+    ESTIMATE_DEGRADED,
+    ESTIMATE_INVALID,
     OPENED_COMMON_K2,
     OPENED_K2,
     OPENED_PRIOR,
     PENDING,
 )
+from observer.kernels.covariance import squared
+from observer.kernels.judging import add_prior, step_is_finite
+from observer.kernels.kalman import filter_part
+from observer.kernels.libc import NAN, isfinite, sqrt
 from observer.kernels.screening import open_common, open_offset
 from observer.kernels.step import project, residual, sensor_covariance
 

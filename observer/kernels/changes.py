@@ -9,7 +9,7 @@ from __future__ import annotations
 import cython  # type: ignore[import-untyped]
 
 from observer.kernels.advance import move_columns
-from observer.kernels.allowing import allow, allow_for_readings, begin_allowing
+from observer.kernels.consider import begin_considered, consider_readings, propagate_considered
 from observer.kernels.coupling import couple, coupled
 from observer.kernels.judging import step_is_finite
 from observer.kernels.kalman import SKIPPED, STEPPED
@@ -54,13 +54,13 @@ def tolerances_forward(a, t, u, step, x, begins, D, expected):
         if not step_is_finite(u, k):
             continue
         if begins and k == 0:
-            begin_allowing(a, u, k, x)
+            begin_considered(a, u, k, x)
         else:
             a.taken[0] = 0
-            allow(a, t, step[k], u, k)
+            propagate_considered(a, t, step[k], u, k)
             if L == 0:  # then nothing follows the field
                 advance_learning(a.plant, t, step[k], u, k, a.work.B, a.around, 0, a.work)
-        allow_for_readings(a, a.e)
+        consider_readings(a, a.e)
         for i in range(D.shape[1]):
             expected[k, i] = below(a.plant, u, k, a.work.C, i, a.around)
             for q in range(machine):

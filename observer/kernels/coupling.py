@@ -7,8 +7,8 @@ exactly by itself, so none can become unstable.
 
 from __future__ import annotations
 
-from observer.kernels.arithmetic import squared
-from observer.kernels.libm import exp, expm1
+from observer.kernels.covariance import squared
+from observer.kernels.libc import exp, expm1
 
 
 def coupled(c, loss_1_s, loss_degC, z, B, half_s, x, M, b, link):

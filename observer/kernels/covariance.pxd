@@ -18,3 +18,4 @@ cdef inline void subtract_squares(double[:, ::1] W, Py_ssize_t count, double[:, 
 cdef inline void squares_of_rows(double[:, ::1] P, double[:, ::1] rows, Py_ssize_t count, double[::1] total) noexcept nogil
 @cython.locals(two=lanes)
 cdef inline lanes sum_scaled(lanes total, double[:, ::1] rows, Py_ssize_t q, double[:, ::1] weights, Py_ssize_t w, Py_ssize_t count) noexcept nogil
+cdef inline double squared(double value) noexcept nogil

@@ -204,3 +204,8 @@ def sum_scaled(total, rows, q, weights, w, count):
     for a in range(fours, count):
         total += weights[w, a] * load(rows, a, q)
     return total
+
+
+def squared(value):
+    """value²; a power would be rounded twice."""
+    return value * value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from observer.kernels.codes import TICKS_PER_S
-from observer.kernels.libm import exp, expm1, rint
+from observer.kernels.libc import exp, expm1, rint
 
 
 def hold(rate_1_s, dt_s):

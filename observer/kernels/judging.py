@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from observer.kernels.advance import add_scaled
-from observer.kernels.arithmetic import squared
 from observer.kernels.codes import (
+    CAUSE,
+    COMMON_K,
+    COMMON_STEPS,
     ESTIMATE_DEGRADED,
     ESTIMATE_GOOD,
     ESTIMATE_INVALID,
@@ -12,25 +14,20 @@ from observer.kernels.codes import (
     ESTIMATE_STARTING,
     EXCLUDED,
     GOOD,
-    NUT_LOST,
-    REJECTED,
-    STALE,
-)
-from observer.kernels.covariance import squares_of_rows, sum_scaled
-from observer.kernels.libm import INFINITY, NAN, floor, fmod, isfinite, isinf, sqrt
-from observer.kernels.remembered import (
-    CAUSE,
-    COMMON_K,
-    COMMON_STEPS,
     HELD_S,
     HELD_STEPS,
     HELD_UNTIL_S,
     HOLD_S,
     LATCH,
     LATCH_STEPS,
+    NUT_LOST,
+    REJECTED,
     SETTLING_S,
+    STALE,
     STEPS,
 )
+from observer.kernels.covariance import squared, squares_of_rows, sum_scaled
+from observer.kernels.libc import INFINITY, NAN, floor, fmod, isfinite, isinf, sqrt
 from observer.kernels.vector import LANES, none, store_at
 
 RELEASE_AFTER_STEPS = 3
@@ -98,7 +95,7 @@ def gate(nu, S, usable, suspect, gate_sigma, accepted):
     return True
 
 
-def hold_back(nu, usable, accepted, suspect, refused_s, opened_K):
+def defer_readmitted(nu, usable, accepted, suspect, refused_s, opened_K):
     """Keep sensors out that the state was opened for, until the others have spoken or they agree again."""
     for i in range(len(usable)):
         since_s = refused_s[i] - REOPEN_AFTER_S
@@ -108,7 +105,7 @@ def hold_back(nu, usable, accepted, suspect, refused_s, opened_K):
             suspect[i] = 1.0
 
 
-def reopen(p, C, dt_s, usable, accepted, nu, suspect, refused_s, opened_K, P):
+def inflate_for_rejected(p, C, dt_s, usable, accepted, nu, suspect, refused_s, opened_K, P):
     """Count for how long each sensor has been refused; return by what share of its prior P was opened.
 
     A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
@@ -140,15 +137,15 @@ def judge_sensors(p, u, k, gate_sigma, state, work):
     if opened:
         add_prior(p, state.P, 1.0)
     else:
-        hold_back(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
-    share = reopen(
+        defer_readmitted(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
+    share = inflate_for_rejected(
         p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.suspect, state.refused_s,
         state.opened_K, state.P,
     )  # fmt: skip
     return opened or share > 0.0
 
 
-def doubt_nut(p, u, k, lost_s, P):
+def inflate_for_lost_position(p, u, k, lost_s, P):
     """Let P grow while the place of a nut is not known: its heat goes where nobody sees it.
 
     What is misplaced grows with time, so the prior's share with its square, up to the whole after 40 s.

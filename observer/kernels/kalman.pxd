@@ -6,3 +6,4 @@ cdef double judge_and_correct(PlantArrays p, Inputs u, Py_ssize_t k, double gate
 cdef void filter_steps(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Results out, Work work) noexcept nogil
 @cython.locals(known=bint)
 cdef void filter_part(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Results out, Work work, Py_ssize_t first, Py_ssize_t end) noexcept nogil
+cpdef run_kalman(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Results out, Work work)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import cython  # type: ignore[import-untyped]
+
 from observer.kernels.advance import move_columns, put_laws
 from observer.kernels.covariance import mirror
 from observer.kernels.judging import (
-    doubt_nut,
     find_usable,
+    inflate_for_lost_position,
     invalidate,
     judge,
     judge_sensors,
@@ -17,7 +19,7 @@ from observer.kernels.judging import (
     write_sigmas,
     write_values,
 )
-from observer.kernels.learning import begin, draw_near, follow, give_back, keep, tell
+from observer.kernels.learning import begin, draw_near, follow, give_back, keep, report_learned
 from observer.kernels.screening import screen
 from observer.kernels.step import compare, correct_lower, predict, start
 
@@ -43,7 +45,7 @@ def start_or_predict(p, t, d, u, k, state, work):
     if len(p.learn.kind) > 0:
         follow(p, t, d, u, k, work.B, work.C, state.around, state.x, work)
     predict(p, t, d, u, k, state, work)
-    doubt_nut(p, u, k, state.lost_s, state.P)
+    inflate_for_lost_position(p, u, k, state.lost_s, state.P)
     return STEPPED
 
 
@@ -91,7 +93,13 @@ def filter_part(p, t, u, step, state, gate_sigma, out, work, first, end):
         move_rows(p, u, k, work.rows)
         known = write_values(p, u, k, state, work, out)
         known = write_sigmas(state, k, work, out) and known
-        tell(p, state.x, state.P, k, work, out)
+        report_learned(p, state.x, state.P, k, work, out)
         if not known:
             invalidate(out, k)
     mirror(state.P)
+
+
+def run_kalman(p, t, u, step, state, gate_sigma, out, work):
+    """Run the Kalman filter over the K steps of `u` (see `kalman.filter_steps`)."""
+    with cython.nogil:
+        filter_steps(p, t, u, step, state, gate_sigma, out, work)

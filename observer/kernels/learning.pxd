@@ -19,4 +19,4 @@ cdef void begin(PlantArrays p, Inputs u, Py_ssize_t k, unsigned char[::1] usable
 @cython.locals(ambient_K=double, quiet=bint)
 cdef inline bint stands(PlantArrays p, Inputs u, Py_ssize_t k, unsigned char[::1] usable) noexcept nogil
 cdef inline void rest(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] x, double[:, ::1] P) noexcept nogil
-cdef void tell(PlantArrays p, double[::1] x, double[:, ::1] P, Py_ssize_t k, Work work, Results out) noexcept nogil
+cdef void report_learned(PlantArrays p, double[::1] x, double[:, ::1] P, Py_ssize_t k, Work work, Results out) noexcept nogil

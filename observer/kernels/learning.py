@@ -9,10 +9,10 @@ so slowly that the noise is gone from it.
 from __future__ import annotations
 
 from observer.kernels.advance import advance_diagonal, couple_half, put_laws
-from observer.kernels.arithmetic import squared
 from observer.kernels.codes import AMBIENT, LAW, OFFSET, STILL
+from observer.kernels.covariance import squared
 from observer.kernels.judging import add_prior, clear
-from observer.kernels.libm import exp, expm1, sqrt
+from observer.kernels.libc import exp, expm1, sqrt
 
 FOLLOWS_S = 1200.0
 """How slowly `around` follows the estimate."""
@@ -97,7 +97,7 @@ def see(p, u, k, dt_s, C, around):
     """Put what a unit of each sensor's parameters does to its reading into its row of C.
 
     `around` goes on with what each sensor would read without a lag and with one of its whole tolerance; a lag
-    is told by the difference, so a reading is right with none, with that one, and nearly so in between.
+    is judged by the difference, so a reading is right with none, with that one, and nearly so in between.
     """
     first, s = len(p.uniform) + len(p.source), len(p.R_K2)
     for q in range(p.learn.machine, len(p.learn.kind)):
@@ -206,7 +206,7 @@ def begin(p, u, k, usable, C, x, P, around):
 
 
 def stands(p, u, k, usable):
-    """Whether no law makes heat, and every sensor tells the air's temperature, within what is known."""
+    """Whether no law makes heat, and every sensor shows the air's temperature, within what is known."""
     ambient_K, seen = 0.0, 0
     for q in range(p.learn.machine):
         if p.learn.kind[q] == AMBIENT:
@@ -248,7 +248,7 @@ def rest(p, u, k, x, P):
                     P[a, b] += variance * (p.uniform[a] * p.uniform[b])
 
 
-def tell(p, x, P, k, work, out):
+def report_learned(p, x, P, k, work, out):
     """Add to the heats what is learnt of their laws, and write what is learnt at all."""
     n_x, m_e = len(p.uniform), len(p.source)
     for q in range(len(p.learn.kind)):

@@ -1,10 +1,13 @@
 @cython.locals(rows=Rows, row=Py_ssize_t, taken=Py_ssize_t)
 cpdef Py_ssize_t put_reading(LiveWalk own, double time_s, double late_s, values) except -2
-cpdef void walk_on(Rows rows, Py_ssize_t count, Expected plan, Memory memory, Frames frames) noexcept nogil
 @cython.locals(rows=Rows, count=Py_ssize_t)
 cpdef tick_on(LiveWalk own, double time_s)
-cpdef void drive_on(ColumnsRead read, DriveDesk desk, double begin_s, double last_s) noexcept nogil
-cpdef void average_on(NutTable nut, NutDesk desk, const double[::1] dt_s, const double[::1] sample_s, const double[::1] sample_m, const Py_ssize_t[::1] offset, const double[::1] driven_m_s) noexcept nogil
+@cython.locals(hours=double, hours_before=double, ready=bint, column=Py_ssize_t)
+cpdef void fill_inputs(ColumnsRead read, DriveDesk desk, double begin_s, double last_s) noexcept nogil
+@cython.locals(ready=bint, before=double, start=double)
+cdef inline bint _fill_known(ColumnsRead read, DriveDesk desk, Py_ssize_t k, double hours, double hours_before) noexcept nogil
+@cython.locals(before=double)
+cdef inline void _fill_laws(DriveDesk desk, Py_ssize_t k) noexcept nogil
 @cython.locals(heat_W=double)
 cdef void put_products(Products laws, const double[:, ::1] values, double[:, ::1] law) noexcept nogil
 @cython.locals(desk=DriveDesk, inputs=Inputs, moment=double[::1], nut=LiveNut)

@@ -7,12 +7,10 @@ memory belongs to the part that takes the steps.
 from __future__ import annotations
 
 from observer.kernels.bank import gather, put_bounds
-from observer.kernels.codes import NO_PRODUCT, OF_NOTHING, OF_SPEED, TICKS_PER_S
-from observer.kernels.drive import fill_inputs
+from observer.kernels.codes import GOOD, INPUT_LOST, NO_PRODUCT, NUT_LOST, OF_NOTHING, OF_SPEED, TICKS_PER_S
 from observer.kernels.kalman import filter_steps
-from observer.kernels.libm import isnan, rint
-from observer.kernels.moving import average_columns
-from observer.kernels.octets import bytes_of, take_bytes
+from observer.kernels.libc import bytes_of, isfinite, isnan, rint, take_bytes
+from observer.kernels.path import average_columns
 from observer.kernels.selftest import compare_ways, run_selftest
 from observer.kernels.walk import walk_rows
 
@@ -33,17 +31,6 @@ def put_reading(own, time_s, late_s, values):
     return taken
 
 
-def walk_on(rows, count, plan, memory, frames):
-    """Walk over the first rows (see `walk.walk_rows`)."""
-    for p in range(len(frames.end)):
-        frames.end[p] = 0
-    walk_rows(
-        rows.time_s[:count], rows.late_s, rows.step, rows.values, rows.present, rows.faulted, plan, memory,
-        frames.time_s, frames.dt_s, frames.values, frames.fresh, frames.quality, frames.age_s, frames.samples,
-        frames.offset, frames.end, frames.counts,
-    )  # fmt: skip
-
-
 def tick_on(own, time_s):
     """Walk over the rows that wait and a tick behind them; return its frame for good, None without room."""
     rows, count = own.rows, own.waiting
@@ -52,28 +39,64 @@ def tick_on(own, time_s):
     rows.time_s[count], rows.late_s[count], rows.step[count] = time_s, 0.0, True
     for j in range(rows.present.shape[1]):
         rows.present[count, j] = False
-    walk_on(rows, count + 1, own.plan, own.memory, own.frames)
+    walk_rows(rows, count + 1, own.plan, own.memory, own.frames)
     rows.step[count], own.waiting = False, 0
     return bytes_of(own.octets, len(own.octets))
 
 
-def drive_on(read, desk, begin_s, last_s):
-    """Fill in the inputs (see `drive.fill_inputs`)."""
-    fill_inputs(
-        read, desk.time_s, desk.values, desk.fresh, desk.quality, desk.law_before_W, desk.z_before, begin_s,
-        last_s, desk.law, desk.known, desk.z_start, desk.z_end, desk.law_W, desk.jump_W, desk.y_degC,
-        desk.usable, desk.sensor_quality, desk.degraded,
-    )  # fmt: skip
+def fill_inputs(read, desk, begin_s, last_s):
+    """Fill in the inputs of K steps from the values of frames, and of `desk.law` what is not known; shapes as
+    in `Inputs`.
+    """
+    time_s, quality, degraded = desk.time_s, desk.quality, desk.degraded
+    for k in range(len(time_s)):
+        hours = (time_s[k] - begin_s) / 3600.0
+        hours_before = ((time_s[k - 1] if k > 0 else last_s) - begin_s) / 3600.0
+        if isnan(hours_before):
+            hours_before = hours
+        ready = _fill_known(read, desk, k, hours, hours_before)
+        _fill_laws(desk, k)
+        for i in range(len(read.sensors)):
+            column = read.sensors[i]
+            desk.y_degC[k, i], desk.sensor_quality[k, i] = desk.values[k, column], quality[k, column]
+            desk.usable[k, i] = desk.fresh[k, column] and quality[k, column] == GOOD and ready
+        degraded[k] = 0
+        for i in range(len(read.needed)):
+            if quality[k, read.needed[i]] != GOOD:
+                degraded[k] = INPUT_LOST
+        for i in range(len(read.nuts)):
+            if quality[k, read.nuts[i]] != GOOD:
+                degraded[k] = NUT_LOST
 
 
-def average_on(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
-    """Average a nut's columns (see `moving.average_columns`)."""
-    average_columns(
-        desk.scalars, desk.weight_s, desk.B, desk.C, desk.sum_B, desk.sum_C, dt_s, sample_s, sample_m, offset,
-        driven_m_s, desk.out_B, desk.out_C, nut.mu_1_m, nut.phase, nut.scale, nut.conductance_W_m, nut.nut_m,
-        nut.screw_m, nut.stroke_m, nut.lag, nut.lag_decay_1_s, nut.table_C, nut.mean_B, nut.mean_C,
-        nut.turn, desk.step_B, desk.step_C,
-    )  # fmt: skip
+def _fill_known(read, desk, k, hours, hours_before):
+    """Fill in the known inputs at both ends of step k; return whether all are numbers.
+
+    The error's reference, which comes after it, is the first ambient unless it is given.
+    """
+    ready, known, z_start, z_end = True, desk.known, desk.z_start, desk.z_end
+    for q in range(known.shape[1]):
+        before = known[k - 1, q] if k > 0 else desk.z_before[q]
+        known[k, q] = desk.values[k, read.known[q]] if read.known[q] >= 0 else before
+        if q == read.reference and isnan(known[k, q]):
+            known[k, q] = known[k, read.ambient]
+        z_end[k, q] = known[k, q] + read.shift_K[q] + hours * read.rate_K_h[q]
+        start = before + read.shift_K[q] + hours_before * read.rate_K_h[q]
+        z_start[k, q] = z_end[k, q] if isnan(start) else start
+        ready = ready and isfinite(z_end[k, q])
+    return ready
+
+
+def _fill_laws(desk, k):
+    """Fill in the heats by law over step k; one that was never known is that of standstill."""
+    law = desk.law
+    for j in range(law.shape[1]):
+        before = law[k - 1, j] if k > 0 else desk.law_before_W[j]
+        if isnan(law[k, j]):
+            law[k, j] = 0.0 if isnan(before) else before
+        if isnan(before):
+            before = law[k, j]
+        desk.law_W[k, j], desk.jump_W[k, j] = (before + law[k, j]) / 2, law[k, j] - before
 
 
 def put_products(laws, values, law):
@@ -95,7 +118,7 @@ def drive_frame(own):
     put_products(own.laws, desk.values, desk.law)
     if isnan(moment[0]):
         moment[0] = desk.time_s[0]
-    drive_on(own.read, desk, moment[0], moment[1])
+    fill_inputs(own.read, desk, moment[0], moment[1])
     moment[1] = desk.time_s[0]
     for j in range(len(desk.law_before_W)):
         desk.law_before_W[j] = desk.law[0, j]
@@ -104,7 +127,7 @@ def drive_frame(own):
     inputs.time_s[0], inputs.dt_s[0] = desk.time_s[0], own.dt_s[0]
     for i in range(len(own.nuts)):
         nut = own.nuts[i]
-        average_on(
+        average_columns(
             nut.table, nut.desk, own.dt_s, nut.path.time_s, nut.path.position_m, nut.path.offset,
             nut.path.driven_m_s,
         )  # fmt: skip

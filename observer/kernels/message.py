@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from observer.kernels.octets import bytes_of, float_at, octet_at, put_float32, put_float64
+from observer.kernels.libc import bytes_of, float_at, octet_at, put_float32, put_float64
 
 
 def put_piece(own, at, piece):

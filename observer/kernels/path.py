@@ -1,12 +1,11 @@
-"""The path of a nut, sample by sample: how far it ran since the last one, and where it turned.
+"""The path of a nut, sample by sample, and its columns averaged over the path inside a step.
 
-See `observer.model.rod.moving`. `scalars` (26,) are what is remembered, under the indices below.
+See `observer.model.rod.moving`. `scalars` (26,) are what is remembered of the nut, under the indices below.
 """
 
 from __future__ import annotations
 
-from observer.kernels.arithmetic import remainder, sign
-from observer.kernels.libm import NAN, floor, fmod, isnan, lrint
+from observer.kernels.libc import NAN, cos, exp, floor, fmod, isnan, lrint, sin
 
 MEMORY_S = 10.0
 """Time constant of what is remembered of a nut's footprint."""
@@ -57,7 +56,7 @@ def follow_path(scalars, sample_s, sample_m, offset, driven_m_s, stroke_m, ends_
 
 def take_sample(scalars, at_s, there_m, driven_m_s, stroke_m):
     """Take in a sample; `driven_m_s` is speed times lead at it, NaN where unknown. Return where the nut
-    turned on its way to it: the sample itself if it came straight, NaN if that cannot be told.
+    turned on its way to it: the sample itself if it came straight, NaN if that is unknown.
     """
     since_s, here_m, before = at_s - scalars[_AT], scalars[_HERE], scalars[_VELOCITY]
     turn_m = NAN
@@ -66,12 +65,12 @@ def take_sample(scalars, at_s, there_m, driven_m_s, stroke_m):
         lately_m_s = _remember(scalars, made_m_s, since_s)
         speed_m_s = _mean_driven(scalars[_DRIVEN], driven_m_s)
         known = not isnan(speed_m_s)
-        told = (
+        resolved = (
             speed_m_s if known else max(lately_m_s, made_m_s)
         ) * since_s * SAMPLES_PER_TRAVERSE <= stroke_m
-        if not known or (told and scalars[_COUNT] >= RECENT and lately_m_s < BELIEVED * speed_m_s):
+        if not known or (resolved and scalars[_COUNT] >= RECENT and lately_m_s < BELIEVED * speed_m_s):
             speed_m_s = lately_m_s
-        if told:
+        if resolved:
             scalars[_SPEED] = speed_m_s
             turn_m = _turn(scalars, there_m, speed_m_s * since_s, stroke_m)
             _come(scalars, turn_m, stroke_m)
@@ -155,3 +154,115 @@ def on_the_way(here_m, run_m, low_m, high_m):
     back = along > length_m
     turned = remainder(floor((here_m + run_m - low_m) / length_m), 2.0) != 0.0
     return low_m + (2.0 * length_m - along if back else along), -1.0 if turned else 1.0
+
+
+def average_columns(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
+    """Advance the averaged columns B, C of a nut through K steps; `desk.scalars` are those of `PathState`, in
+    its order; `step_B`, `step_C` are scratch.
+    """
+    scalars, weight_s, B, C, sum_B, sum_C = (
+        desk.scalars, desk.weight_s, desk.B, desk.C, desk.sum_B, desk.sum_C,
+    )  # fmt: skip
+    step_B, step_C, turn, stroke_m = desk.step_B, desk.step_C, nut.turn, nut.stroke_m
+    for k in range(len(dt_s)):
+        for n in range(len(step_B)):
+            step_B[n] = 0.0
+        for r in range(len(step_C)):
+            step_C[r] = 0.0
+        weight, gap_s, located = 0.0, 0.0, True
+        for i in range(offset[k], offset[k + 1]):
+            here_m, there_m, since_s = scalars[1], sample_m[i], sample_s[i] - scalars[0]
+            before, low_m, high_m = scalars[2], scalars[4], scalars[5]
+            turn_m = take_sample(scalars, sample_s[i], there_m, driven_m_s[i], stroke_m)
+            runs_on = isnan(turn_m) and since_s > 0.0 and before != 0.0 and scalars[4] < scalars[5]
+            run_m = sign(before) * scalars[3] * since_s
+            if abs(run_m) > 4 * stroke_m:  # it has been everywhere equally long
+                run_m = 2 * (high_m - low_m)
+            if isnan(turn_m) and not runs_on:
+                located, here_m, turn_m = False, there_m, there_m
+                gap_s = max(gap_s, since_s)
+            share = max(since_s, 1e-6) if since_s > 0.0 else 1e-6
+            weight += share
+            out_m, back_m = abs(turn_m - here_m), abs(there_m - turn_m)
+            length_m = abs(run_m) if runs_on else out_m + back_m
+            points = 1 + lrint(floor(length_m / (nut.nut_m / 4)))
+            for j in range(points):
+                part = (j + 0.5) / points
+                if runs_on:
+                    centre, _ = on_the_way(here_m, run_m * part, low_m, high_m)
+                elif part * length_m <= out_m:
+                    centre = here_m + part * length_m * sign(turn_m - here_m)
+                else:
+                    centre = turn_m + (part * length_m - out_m) * sign(there_m - turn_m)
+                add_columns(
+                    step_B, step_C, share / points, centre, nut.mu_1_m, nut.phase, nut.scale,
+                    nut.conductance_W_m, nut.nut_m, nut.screw_m, nut.table_C,
+                )  # fmt: skip
+        if weight > 0.0:
+            share = max(min(dt_s[k], MEMORY_S / 4), 1e-6)  # a longer step says where the nut is after it only
+            fade = exp(-share / MEMORY_S)
+            weight_s[0] = fade * weight_s[0] + share
+            # What the dropped modes hold follows the nut as fast as they settle, not at once.
+            settle = 1.0 - exp(-dt_s[k] * nut.lag_decay_1_s)
+            spread = gap_s > MEMORY_S
+            for n in range(len(nut.mu_1_m)):
+                sum_B[n] = fade * sum_B[n] + share * step_B[n] / weight
+                B[n] = step_B[n] / weight if located else nut.mean_B[n] if spread else sum_B[n] / weight_s[0]
+            for r in range(len(C)):
+                sum_C[r] = fade * sum_C[r] + share * step_C[r] / weight
+                seen = step_C[r] / weight if located else nut.mean_C[r] if spread else sum_C[r] / weight_s[0]
+                C[r] += settle * (seen - C[r])
+        B[nut.lag] = nut.lag_decay_1_s
+        for n in range(len(B)):
+            desk.out_B[k, n] = B[n]
+            if len(turn) > 0:
+                desk.out_B[k, n] = 0.0
+                for i in range(len(B)):
+                    desk.out_B[k, n] += turn[n, i] * B[i]
+        for r in range(len(C)):
+            desk.out_C[k, r] = C[r]
+
+
+def add_columns(B, C, share, centre_m, mu, phase, scale, kA, nut_m, screw_m, table_C):
+    """Add `share` of the columns with the nut at one place; without phases the modes are plain waves."""
+    centre = min(max(centre_m, 0.0), screw_m)
+    a, b = max(centre - nut_m / 2, 0.0), min(centre + nut_m / 2, screw_m)
+    middle, half = (a + b) / 2, (b - a) / 2
+    if len(phase) == 0:
+        add_waves(B, share, middle - screw_m / 2, half, mu)
+    for n in range(len(phase)):
+        reach = mu[n] * half
+        mean = sin(reach) / reach if reach > 1e-8 else 1.0
+        B[n] += share * scale[n] * cos(mu[n] * middle - phase[n]) * mean / kA
+    place = centre / screw_m * (len(table_C) - 1)
+    low = min(lrint(floor(place)), len(table_C) - 2)
+    right = place - low
+    for r in range(len(C)):
+        C[r] += share * ((1.0 - right) * table_C[low, r] + right * table_C[low + 1, r])
+
+
+def add_waves(B, share, x, half, mu):
+    """Add `share` of the means over x ± half of cos(μ x) and, behind them, of sin(μ x), for μ evenly spaced
+    from 0: each follows from the one before it by a turn of the angle.
+    """
+    G = len(mu) // 2
+    cos_x, sin_x, cos_half, sin_half = cos(mu[1] * x), sin(mu[1] * x), cos(mu[1] * half), sin(mu[1] * half)
+    c, s, h, r = 1.0, 0.0, 1.0, 0.0
+    for n in range(G):
+        reach = mu[n] * half
+        mean = share * r / reach if reach > 1e-8 else share
+        B[n] += c * mean
+        B[G + n] += s * mean
+        c, s = c * cos_x - s * sin_x, s * cos_x + c * sin_x
+        h, r = h * cos_half - r * sin_half, r * cos_half + h * sin_half
+
+
+def sign(value):
+    """−1, 0 or 1."""
+    return 1.0 if value > 0.0 else -1.0 if value < 0.0 else value
+
+
+def remainder(value, period):
+    """What is left of a value after whole periods, from 0 up to one."""
+    left = fmod(value, period)
+    return left + period if left < 0.0 else left

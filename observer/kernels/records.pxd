@@ -233,12 +233,12 @@ cdef class GainTable(Record):
     cdef public double[:, ::1] field_sigma
 
 
-cdef class Rungs(Record):
-    cdef public Py_ssize_t[::1] rung
+cdef class StepBins(Record):
+    cdef public Py_ssize_t[::1] number
     cdef public unsigned char[::1] exact
 
 
-cdef class Columns(Record):
+cdef class SteadyStep(Record):
     cdef public double[::1] decay
     cdef public double[:, ::1] drives
     cdef public double[:, ::1] sensors
@@ -256,7 +256,7 @@ cdef class Columns(Record):
     cdef public unsigned char[::1] present
 
 
-cdef class Allowed(Record):
+cdef class Considered(Record):
     cdef public PlantArrays plant
     cdef public Work work
     cdef public double[::1] around

@@ -13,10 +13,7 @@ that were exchanged stay out until the service is reset (Brown and Chin 1998).
 
 from __future__ import annotations
 
-from observer.kernels.codes import GOOD, OFFSET
-from observer.kernels.judging import add_prior, gate, hold_back, reopen
-from observer.kernels.libm import exp, isfinite, isnan, sqrt
-from observer.kernels.remembered import (
+from observer.kernels.codes import (
     AGE_S,
     AGREES_S,
     AIR_LEAPT,
@@ -31,12 +28,14 @@ from observer.kernels.remembered import (
     FACTOR,
     FIRST_S,
     GAIN,
+    GOOD,
     HOLD_S,
     JUMPED,
     LATCH,
     LATCH_S,
     MEAN,
     NO_OFFSET,
+    OFFSET,
     OPENED_COMMON_K2,
     OPENED_K2,
     OPENED_PRIOR,
@@ -57,6 +56,8 @@ from observer.kernels.remembered import (
     AIR_degC,
     VALUE_degC,
 )
+from observer.kernels.judging import add_prior, defer_readmitted, gate, inflate_for_rejected
+from observer.kernels.libc import exp, isfinite, isnan, sqrt
 
 JUMP_SIGMA = 6.0
 LEAST_JUMP_K = 0.15
@@ -313,8 +314,10 @@ def refuse(p, u, k, gate_sigma, state, work):
         verdict[OPENED_PRIOR] = 1.0
     if verdict[AGE_S] < YOUNG_S:
         if not released:
-            hold_back(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
-        share = reopen(
+            defer_readmitted(
+                work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K
+            )
+        share = inflate_for_rejected(
             p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.suspect, state.refused_s,
             state.opened_K, state.P,
         )  # fmt: skip

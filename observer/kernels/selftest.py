@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from observer.kernels.arithmetic import squared
 from observer.kernels.codes import (
     ESTIMATE_DEGRADED,
     ESTIMATE_INVALID,
@@ -12,7 +11,8 @@ from observer.kernels.codes import (
     NUT_LOST,
     REJECTED,
 )
-from observer.kernels.libm import NAN, exp, isfinite, isnan, sqrt
+from observer.kernels.covariance import squared
+from observer.kernels.libc import NAN, exp, isfinite, isnan, sqrt
 
 # The windows' time constants, and which means over each are more than chance and small faults make.
 WINDOWS_S = [60.0, 600.0]
@@ -36,7 +36,7 @@ _MOTION_S = 20.0
 _MOTION_ENOUGH = 1.0  # strokes
 # A position that leaps, in m and in what it usually leaves beside speed times lead, after so many samples …
 _LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES = 0.005, 8.0, 30.0
-# … between samples that are no further apart; and within what part a way is the whole of what is allowed.
+# … between samples that are no further apart; and within what part a way is the whole of what is considered.
 _LEAP_S, _WHOLE = 5.0, 0.05
 _PAUSE = 1.5  # times the usual between two samples: then some may have been held up
 

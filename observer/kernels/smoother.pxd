@@ -11,3 +11,5 @@ cdef inline double correct_back(double[:, ::1] C, Py_ssize_t i, Py_ssize_t k, Ta
 cdef inline void step_back(PlantArrays p, StepTable t, Py_ssize_t d, double[:, ::1] B, double[::1] r, double[:, ::1] N, Work work) noexcept nogil
 @cython.locals(total=double)
 cdef void couple_back(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] z, double[:, ::1] B, double[::1] x, double[::1] r, double[:, ::1] N, Work work) noexcept nogil
+cpdef run_forward(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Work work, Tape tape)
+cpdef run_backward(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Tape tape, Adjoint adjoint, Work work, Smoothed out)

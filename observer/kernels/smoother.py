@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import cython  # type: ignore[import-untyped]
+
 from observer.kernels.advance import add_scaled, move_columns
 from observer.kernels.coupling import coupled
 from observer.kernels.covariance import mirror
 from observer.kernels.kalman import SKIPPED, STEPPED, judge_and_correct, start_or_predict
-from observer.kernels.libm import sqrt
+from observer.kernels.libc import sqrt
 from observer.kernels.step import compare, is_drastic, project
 
 
@@ -188,3 +190,15 @@ def couple_back(p, u, k, z, B, x, r, N, work):
                 total += was[a, i] * M[i, b]
             N[a, b] = total
             N[b, a] = total
+
+
+def run_forward(p, t, u, step, state, gate_sigma, work, tape):
+    """Run the smoother's way forward (see `smoother.filter_with_tape`)."""
+    with cython.nogil:
+        filter_with_tape(p, t, u, step, state, gate_sigma, work, tape)
+
+
+def run_backward(p, t, u, step, tape, adjoint, work, out):
+    """Run the smoother's way back (see `smoother.smooth_back`)."""
+    with cython.nogil:
+        smooth_back(p, t, u, step, tape, adjoint, work, out)

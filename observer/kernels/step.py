@@ -8,6 +8,7 @@ Arrays are changed in place; shapes are those of `packing`.
 from __future__ import annotations
 
 from observer.kernels.advance import add_scaled, couple_covariance
+from observer.kernels.codes import COMMON_K
 from observer.kernels.covariance import (
     fade_and_force,
     force_columns,
@@ -20,8 +21,7 @@ from observer.kernels.covariance import (
 )
 from observer.kernels.judging import add_prior, clear
 from observer.kernels.learning import advance_learning
-from observer.kernels.libm import M_PI, log, sqrt
-from observer.kernels.remembered import COMMON_K
+from observer.kernels.libc import M_PI, log, sqrt
 
 _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 

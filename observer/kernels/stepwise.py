@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from observer.kernels.arithmetic import squared
+from observer.kernels.covariance import squared
 
 _ITERATIONS = 50
 _DIFFERENCE_W = 1.0

@@ -1,3 +1,16 @@
+cdef double _TOGETHER
+
+@cython.locals(last_s=double, apart_s=double)
+cdef Py_ssize_t even_out(double[:, ::1] samples, Py_ssize_t begin, Py_ssize_t end, double[::1] passed, double period_s) noexcept nogil
+@cython.locals(place=Py_ssize_t, kept=Py_ssize_t, before_s=double, before_m=double, since_s=double)
+cdef Py_ssize_t _in_order(double[:, ::1] samples, Py_ssize_t begin, Py_ssize_t end, double[::1] passed, double period_s) noexcept nogil
+
+cdef Py_ssize_t _LAST, _DELTA, _BEND, _BEND_BEFORE, _RUN, _LONGEST, _SEEN
+cdef double _MEMORY_SAMPLES, _YOUNG_SAMPLES, _REPEATS, _PATIENCE, _LONGEST_KNOWN, _NOISE_SEEN
+
+@cython.locals(last=double, delta=double, samples=double, limit=double)
+cdef bint is_stuck(double[::1] memory, double value, double noise_K) noexcept nogil
+
 cdef double _OUTAGE, _GRADUAL_K, _WARMED
 
 @cython.locals(ambient_degC=double, above_K=double)
@@ -8,4 +21,4 @@ cdef bint _take_cell(Expected plan, Memory memory, Py_ssize_t j, double cell, bi
 cdef double _limit_s(Expected plan, Memory memory, Py_ssize_t j) noexcept nogil
 cdef double _driven_m_s(Expected plan, Memory memory, Py_ssize_t p, double true_s) noexcept nogil
 @cython.locals(k=Py_ssize_t, paths=Py_ssize_t, true_s=double, usual_s=double, age=double, late=bint)
-cpdef void walk_rows(const double[::1] time_s, const double[::1] late_s, const unsigned char[::1] step, const double[:, ::1] cells, const unsigned char[:, ::1] present, const unsigned char[:, ::1] faulted, Expected plan, Memory memory, double[::1] tick_s, double[::1] dt_s, double[:, ::1] values, unsigned char[:, ::1] fresh, signed char[:, ::1] quality, double[:, ::1] age_s, double[:, :, ::1] samples, Py_ssize_t[:, ::1] offset, Py_ssize_t[::1] end, unsigned char[::1] counts) noexcept nogil
+cpdef void walk_rows(Rows rows, Py_ssize_t count, Expected plan, Memory memory, Frames frames) noexcept nogil

@@ -1,14 +1,100 @@
 """The walk over rows of readings and ticks: what is remembered of each channel, and the frames.
 
-The records are those of `observer.align.walk`.
+The records are those of `observer.align.walk`. Samples of a position are put back to when they were sent
+(`even_out`), and a thermocouple that used to show noise and now repeats one value is found (`is_stuck`).
+
+A frame that waits on its way comes late, never early; several that waited together come at once. Where a
+source gives its own times there is nothing to correct; where only the arrival is known, frames cannot have
+been sent closer together than their message's period.
 """
 
 from __future__ import annotations
 
 from observer.kernels.codes import GOOD, MISSING, REJECTED, STALE
-from observer.kernels.evening import even_out
-from observer.kernels.libm import INFINITY, NAN, isfinite, isnan
-from observer.kernels.stuck import is_stuck
+from observer.kernels.libc import INFINITY, NAN, isfinite, isnan
+
+_TOGETHER = 0.25
+"""Part of a period within which a value that repeats is the same frame twice."""
+
+
+def even_out(samples, begin, end, passed, period_s):
+    """Put the samples `begin` to `end` of a step in order of their times, these apart; return the new end.
+
+    `samples` (3, n) are times, positions and what goes with them; `passed` (2,), the time and position of the
+    last sample before, becomes that of the last one here. From the newest back, which was held up least, each
+    sample is at the latest a period before the next, less where more have come since the last step than
+    periods fit in. NaN as `period_s` leaves the times as they are.
+    """
+    end = _in_order(samples, begin, end, passed, period_s)
+    if end == begin:
+        return end
+    last_s = samples[0, end - 1]
+    apart_s = 0.0 if isnan(period_s) else period_s
+    if not isnan(passed[0]):
+        apart_s = min(apart_s, (last_s - passed[0]) / (end - begin))
+    for i in range(end - 2, begin - 1, -1):
+        samples[0, i] = min(samples[0, i], samples[0, i + 1] - apart_s)
+    passed[0], passed[1] = last_s, samples[1, end - 1]
+    return end
+
+
+def _in_order(samples, begin, end, passed, period_s):
+    """Sort by time, stably, leave out what is older than the last step or there twice; return the end."""
+    for i in range(begin + 1, end):
+        place = i
+        while place > begin and samples[0, place - 1] > samples[0, place]:
+            for r in range(3):
+                samples[r, place - 1], samples[r, place] = samples[r, place], samples[r, place - 1]
+            place -= 1
+    before_s, before_m, kept = passed[0], passed[1], begin
+    for i in range(begin, end):
+        since_s = samples[0, i] - before_s
+        if since_s <= 0.0 or (since_s < _TOGETHER * period_s and samples[1, i] == before_m):
+            continue
+        for r in range(3):
+            samples[r, kept] = samples[r, i]
+        before_s, before_m = samples[0, kept], samples[1, kept]
+        kept += 1
+    return kept
+
+
+# What is remembered of a channel, by column.
+_LAST, _DELTA, _BEND, _BEND_BEFORE, _RUN, _LONGEST, _SEEN = 0, 1, 2, 3, 4, 5, 6
+_MEMORY_SAMPLES = 64.0
+_YOUNG_SAMPLES = 16.0  # a mean over fewer would take the first step of a smooth curve for noise
+_REPEATS = 60.0  # this many equal samples in a row are not noise any more …
+_PATIENCE = 3.0  # … unless the channel is known for long repeats: a coarse converter in steady heat
+_LONGEST_KNOWN = 200.0
+_NOISE_SEEN = 0.35  # of noise_K; white noise bends by 1.95 noise_K a sample, a smooth ramp by nothing
+
+
+def is_stuck(memory, value, noise_K):
+    """Whether a channel is stuck, given one more usable value; `memory` (7,) is updated.
+
+    Noise is judged by the running mean of |Δ_k - Δ_{k-1}|, the bend of the last three samples, because it
+    is nothing on the smooth curve of a noise-free log, however steep. The mean is over the samples seen so
+    far, but at least 16 and at most 64, so that twenty noisy ones after the start are enough. A channel
+    counts as stuck from the 60th repeat on (more if it has repeated for long before), until it changes. NaN
+    as `noise_K` means that the channel is no thermocouple.
+    """
+    last = memory[_LAST]
+    memory[_LAST] = value
+    if isnan(noise_K) or isnan(last):
+        return False
+    delta = value - last
+    memory[_SEEN] += 1.0
+    samples = min(max(memory[_SEEN], _YOUNG_SAMPLES), _MEMORY_SAMPLES)
+    memory[_BEND] += (abs(delta - memory[_DELTA]) - memory[_BEND]) / samples
+    memory[_DELTA] = delta
+    if delta != 0.0:
+        memory[_LONGEST] = min(max(memory[_LONGEST], memory[_RUN]), _LONGEST_KNOWN)
+        memory[_RUN] = 0.0
+        memory[_BEND_BEFORE] = memory[_BEND]
+        return False
+    memory[_RUN] += 1.0
+    limit = max(_REPEATS, _PATIENCE * memory[_LONGEST])
+    return memory[_RUN] >= limit and memory[_BEND_BEFORE] >= _NOISE_SEEN * noise_K
+
 
 _GRADUAL_K, _WARMED = 5.0, 1.5
 _OUTAGE = 3.0  # a gap this many times the usual one says nothing about how often a channel comes
@@ -76,30 +162,32 @@ def _driven_m_s(plan, memory, p, true_s):
     return abs(memory.value[j]) * plan.lead_m[p] / 60.0
 
 
-def walk_rows(
-    time_s, late_s, step, cells, present, faulted, plan, memory,
-    tick_s, dt_s, values, fresh, quality, age_s, samples, offset, end, counts,
-):  # fmt: skip
-    """Walk over rows in the order of time, updating what is remembered and filling the frames.
+def walk_rows(rows, count, plan, memory, frames):
+    """Walk over the first rows, in the order of time, updating what is remembered and filling the frames.
 
-    Scratch: `end` (P,), 0 at first, and `counts` (c,).
+    Scratch: `frames.end` (P,) and `frames.counts` (c,).
     """
-    k, paths = 0, len(plan.position)
-    for row in range(len(time_s)):
-        true_s = time_s[row] - late_s[row]
+    k, paths, time_s, cells = 0, len(plan.position), rows.time_s, rows.values
+    samples, offset, end, counts, quality = (
+        frames.samples, frames.offset, frames.end, frames.counts, frames.quality,
+    )  # fmt: skip
+    for p in range(paths):
+        end[p] = 0
+    for row in range(count):
+        true_s = time_s[row] - rows.late_s[row]
         for j in range(len(counts)):
-            counts[j] = present[row, j] and _take_cell(
-                plan, memory, j, cells[row, j], faulted[row, j], true_s
+            counts[j] = rows.present[row, j] and _take_cell(
+                plan, memory, j, cells[row, j], rows.faulted[row, j], true_s
             )
         for p in range(paths):
             if counts[plan.position[p]]:
                 samples[p, 0, end[p]], samples[p, 1, end[p]] = true_s, cells[row, plan.position[p]]
                 samples[p, 2, end[p]] = _driven_m_s(plan, memory, p, true_s)
                 end[p] += 1
-        if not step[row]:
+        if not rows.step[row]:
             continue
-        tick_s[k] = time_s[row]
-        dt_s[k] = 0.0 if isnan(memory.last_tick_s[0]) else time_s[row] - memory.last_tick_s[0]
+        frames.time_s[k] = time_s[row]
+        frames.dt_s[k] = 0.0 if isnan(memory.last_tick_s[0]) else time_s[row] - memory.last_tick_s[0]
         memory.last_tick_s[0] = time_s[row]
         for p in range(paths):
             j = plan.position[p]
@@ -110,6 +198,6 @@ def walk_rows(
             age = INFINITY if isnan(memory.seen_s[j]) else time_s[row] - memory.seen_s[j]
             late = memory.newest[j] == GOOD and age > _limit_s(plan, memory, j)
             quality[k, j] = STALE if late else memory.newest[j]
-            fresh[k, j] = memory.arrived[j] and quality[k, j] == GOOD
-            values[k, j], age_s[k, j], memory.arrived[j] = memory.value[j], age, False
+            frames.fresh[k, j] = memory.arrived[j] and quality[k, j] == GOOD
+            frames.values[k, j], frames.age_s[k, j], memory.arrived[j] = memory.value[j], age, False
         k += 1

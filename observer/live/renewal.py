@@ -14,7 +14,7 @@ import structlog
 from observer.errors import UserError
 from observer.estimate.checkpoint import Snapshot
 from observer.estimate.machine import Machine
-from observer.estimators.carry import taken, told
+from observer.estimators.carry import carry_from, carry_into
 from observer.estimators.protocol import Estimator
 from observer.live.observers import Step
 from observer.model.drive import DriveState
@@ -130,11 +130,11 @@ def carried_over(
     """
     if snapshot is None or last is None or not set(now.config.channels) <= set(last.frame.channels):
         return None
-    known = told(before.plant, snapshot.estimator, last.inputs, last.estimate)
+    known = carry_from(before.plant, snapshot.estimator, last.inputs, last.estimate)
     if known is None:
         return None
     drive_state, inputs = now.drive.run(now.drive.initial(), last.frame)
-    state = taken(now.plant, estimator, known, inputs)
+    state = carry_into(now.plant, estimator, known, inputs)
     if state is None or not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
         return None
     return replace(snapshot, drive=_with_paths(drive_state, snapshot.drive), estimator=state, gap=None)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
-from observer.kernels import drive_on, record
+from observer.kernels import fill_inputs, record
 from observer.kernels.codes import NO_PRODUCT
 from observer.kernels.layout import packed
 from observer.model.law import Law, Product, heat_law
@@ -143,7 +143,7 @@ class Drive:
         desk = _desk(frames, state, len(self._sensor_channels))
         running_s = self.heats(desk.law, frames.values, frames.dt_s, state.running_s, self._every)
         begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
-        drive_on(self.read, record(desk), begin_s, state.last_s)
+        fill_inputs(self.read, record(desk), begin_s, state.last_s)
         return desk, begin_s, running_s
 
     def look_at(self, channels: tuple[str, ...]) -> None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer.estimators.tolerant import Gap, Tolerant, TolerantState, gathered
+from observer.estimators.tolerant import ModelGap, Tolerant, TolerantState, gathered
 from observer.frames import FloatArray, Inputs
 from observer.model.cycle import DWELL_S, FAST, PHASES
 
@@ -150,7 +150,7 @@ class GapWatch:
             return self.initial()  # no estimate hangs on it, so it may not end one
         return self._judged(state, u, after, gap)
 
-    def _judged(self, state: GapState, u: Inputs, after: TolerantState, gap: Gap) -> GapState:
+    def _judged(self, state: GapState, u: Inputs, after: TolerantState, gap: ModelGap) -> GapState:
         """The state after a step of the prediction, its gap gathered under what the machine was doing."""
         dt_s, rise_K = float(u.dt_s[0]), float(np.mean(gap.rise_K))
         heat_W = float(np.max(np.abs(u.law_W), initial=0.0))

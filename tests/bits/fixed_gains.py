@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.estimators.constant_gain import ConstantGainEstimator
 from observer.estimators.design.gains import everything
 from observer.estimators.design.riccati import steady_covariance
-from observer.estimators.luenberger import LuenbergerEstimator
+from observer.estimators.fixed_gain import ConstantGainEstimator, LuenbergerEstimator
 from observer.model.discretise import step_matrices
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.made import described, driven, firm, given, told

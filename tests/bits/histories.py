@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.estimators.carry import taken
-from observer.estimators.carry import told as what_is_known
+from observer.estimators.carry import carry_from as what_is_known
+from observer.estimators.carry import carry_into
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.tolerant import Tolerant
 from observer.frames import EstimateBlock
@@ -167,7 +167,7 @@ def carried_into_another_model():
     state, block = one.run(one.initial(), u)
     said = what_is_known(before, state, u.part(19), replace_last(block))
     assert said is not None
-    begun = taken(now, other, said, v.part(19))
+    begun = carry_into(now, other, said, v.part(19))
     assert begun is not None
     after, estimate = other.run(begun, driven(now, 10, seed=3).part(1))
     return {f"~{name}": array for name, array in told(after, estimate).items()} | {

@@ -10,11 +10,11 @@ from observer.estimators.design.gains import (
     Refusal,
     closed_loop,
     design_bandwidth,
+    design_kim,
     everything,
     pole_error,
     poles_of,
 )
-from observer.estimators.design.kim import design_kim
 from observer.model.discretise import step_matrices
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS, coupled

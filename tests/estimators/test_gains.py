@@ -12,13 +12,13 @@ from observer.estimators.design.gains import (
     Refusal,
     closed_loop,
     design_bandwidth,
+    design_kim,
     noise_gain,
     pole_error,
     poles_of,
 )
-from observer.estimators.design.kim import design_kim
 from observer.estimators.design.riccati import steady_covariance, steady_kalman
-from observer.estimators.luenberger import LuenbergerEstimator
+from observer.estimators.fixed_gain import LuenbergerEstimator
 from observer.frames import EstimateQuality
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings

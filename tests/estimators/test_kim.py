@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from observer.estimators.design.kim import gains_on_chain, gains_on_eigenvectors, kim_poles
+from observer.estimators.design.gains import gains_on_chain, gains_on_eigenvectors, kim_poles
 from tests.reference.printed import kim_gains, kim_gains_printed
 
 HEAT_AT, SENSOR_AT = 0.1, 0.43

@@ -9,8 +9,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from observer.errors import UserError
-from observer.estimators.design.observability import plant_responses, smallest_singular_value
-from observer.estimators.design.placement import rank_sensor_sites
+from observer.estimators.design.observability import (
+    plant_responses,
+    rank_sensor_sites,
+    smallest_singular_value,
+)
 from observer.estimators.design.report import design_report
 from observer.fit.process_noise import fit_process_noise, innovations_log_likelihood
 from observer.installation import load

@@ -14,7 +14,7 @@ import pytest
 
 from observer import kernels
 from observer.frames import EstimateQuality, Quality
-from observer.kernels import codes, libm
+from observer.kernels import codes, libc
 from observer.model.learning import Kind
 
 ROOT = Path(__file__).parents[2]
@@ -90,17 +90,17 @@ def test_codes_are_those_of_the_records() -> None:
 
 
 def test_functions_answer_as_in_c_where_python_raises() -> None:
-    for value in (libm.sqrt(-1.0), libm.log(-1.0), libm.sin(math.inf), libm.cos(math.inf)):
+    for value in (libc.sqrt(-1.0), libc.log(-1.0), libc.sin(math.inf), libc.cos(math.inf)):
         assert math.isnan(value)
-    assert libm.log(0.0) == -math.inf
-    assert libm.exp(1e4) == libm.expm1(1e4) == math.inf
-    assert libm.exp(-1e4) == 0.0
-    assert (libm.lrint(2.0), libm.lrint(16.0)) == (2, 16)
+    assert libc.log(0.0) == -math.inf
+    assert libc.exp(1e4) == libc.expm1(1e4) == math.inf
+    assert libc.exp(-1e4) == 0.0
+    assert (libc.lrint(2.0), libc.lrint(16.0)) == (2, 16)
 
 
 def test_no_name_stands_in_two_kernel_files():
     """They are compiled as one, so that the second would change what the first means."""
-    apart = {"__init__.py", "layout.py", "octets.py", "libm.py"}
+    apart = {"__init__.py", "layout.py", "libc.py"}
     seen: dict[str, str] = {}
     for path in sorted((ROOT / "observer/kernels").glob("*.py")):
         if path.name in apart:

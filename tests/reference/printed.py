@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.estimators.design.kim import gains_on_eigenvectors
+from observer.estimators.design.gains import gains_on_eigenvectors
 from observer.frames import FloatArray
 from observer.model.network import Network
 from observer.model.rod.modes import Modes, modal_input

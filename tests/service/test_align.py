@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from observer.align.aligner import Aligner, AlignPlan, blocks_of_log, faults_of, frames_of_log
 from observer.files.logs import Log, read_log
 from observer.frames import Quality, Reading
-from observer.kernels.stuck import _LAST, _SEEN, is_stuck
+from observer.kernels.walk import _LAST, _SEEN, is_stuck
 from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams, write
 
 GOOD, MISSING, STALE, REJECTED = Quality.GOOD, Quality.MISSING, Quality.STALE, Quality.REJECTED

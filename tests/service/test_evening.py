@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.kernels.evening import even_out
+from observer.kernels.walk import even_out
 
 PERIOD_S = 0.02
 

@@ -13,7 +13,7 @@ from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
-from observer.kernels.remembered import CAUSE, EXCESS_K, EXCESS_SIGMA_K, GUARD, JUMPED
+from observer.kernels.codes import CAUSE, EXCESS_K, EXCESS_SIGMA_K, GUARD, JUMPED
 from observer.live.loop import Service, serve
 from observer.live.renewal import Renewals
 from observer.process.clock import ServiceClock

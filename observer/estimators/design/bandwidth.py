@@ -12,8 +12,7 @@ from scipy.linalg import eigvals
 
 from observer.errors import UserError
 from observer.estimators.design import gains
-from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop
-from observer.estimators.design.kim import design_kim
+from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop, design_kim
 from observer.estimators.design.riccati import steady_covariance
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices

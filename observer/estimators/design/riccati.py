@@ -39,13 +39,13 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
     Q = Qd / np.multiply.outer(scale, scale)
     C = sensor_rows(plant)[present] * scale
     R = np.diag(plant.noise_R_K2[present])
-    untold = refusal(plant, present, "they cannot tell the heats apart, or a heat has no random walk")
+    undetermined = refusal(plant, present, "they cannot tell the heats apart, or a heat has no random walk")
     try:
         # The states are scaled already; scipy's own balancing was seen to spoil the solution of symmetric
         # plants.
         P = solve_discrete_are(A.T, C.T, Q, R, balanced=False)
     except (np.linalg.LinAlgError, ValueError):
-        return untold
+        return undetermined
     S = C @ P @ C.T + R
     K_scaled = np.linalg.solve(S, C @ P).T
     residual = A @ (P - K_scaled @ C @ P) @ A.T + Q - P
@@ -53,7 +53,7 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
     K[:, present] = scale[:, None] * K_scaled
     solved = np.max(np.abs(residual)) <= _RESIDUAL * np.max(np.abs(P))
     if not solved or not is_stable(closed_loop(plant, step, K)):
-        return untold
+        return undetermined
     return K
 
 

@@ -3,7 +3,7 @@
 The filter of [x | δ | θ] (`model.learning`) is run without measurements on full matrices, for what is read
 does not change a σ. Its steps are longer than the estimator's, with the noise that is left in the mean of as
 many samples, which may be less than one. Nuts sweep over their strokes within a step: what rises and falls as
-they pass (`cycle.ripple`) is told by phases. The effects of what is only roughly known are taken along the
+they pass (`cycle.ripple`) goes by phases. The effects of what is only roughly known are taken along the
 field that the shift makes.
 """
 
@@ -64,7 +64,7 @@ class Moment(NamedTuple):
     P: FloatArray
 
 
-class _Step(NamedTuple):
+class _StageStep(NamedTuple):
     """A step of [x | δ] within a stage: transition `A` and noise `Q` (n, n); `hold` (n_x, n_x), s, what an
     input held over it leaves; `driven` (n_x,), 1/s, that of the stage.
     """
@@ -208,7 +208,7 @@ def _start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, 
     return P
 
 
-def _step(plant: Plant, stage: Stage, dt_s: float) -> _Step:
+def _step(plant: Plant, stage: Stage, dt_s: float) -> _StageStep:
     """The step within a stage: of a short enough part, and then twice as long again and again."""
     n_x = len(plant.decay_1_s)
     A_1_s = generator(plant, stage.loss_1_s)
@@ -223,7 +223,7 @@ def _step(plant: Plant, stage: Stage, dt_s: float) -> _Step:
         A = A @ A
     driven = plant.B @ stage.heat_W + plant.E @ stage.z
     drawn_K_s = stage.loss_1_s * stage.drawn_degC
-    return _Step(A, Q, hold, driven + drawn_K_s * (on_the_screw(plant) @ plant.uniform))
+    return _StageStep(A, Q, hold, driven + drawn_K_s * (on_the_screw(plant) @ plant.uniform))
 
 
 def _see(
@@ -285,10 +285,10 @@ def _corrected(
         P[:, :first, :first] += (K * R_K2) @ K.T
         return P
     PH = P @ H.swapaxes(-1, -2)
-    told = PH @ np.linalg.solve(H @ PH + np.diag(R_K2), PH.swapaxes(1, 2))
+    learned = PH @ np.linalg.solve(H @ PH + np.diag(R_K2), PH.swapaxes(1, 2))
     held = first + a.held
-    told[:, held[:, None], held] = 0.0
-    P = P - told
+    learned[:, held[:, None], held] = 0.0
+    P = P - learned
     return np.asarray(0.5 * (P + P.swapaxes(1, 2)))
 
 

@@ -24,7 +24,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray, NutPath
-from observer.kernels import add_columns, average_on, follow_path, record
+from observer.kernels import add_columns, average_columns, follow_path, record
 from observer.kernels.layout import packed
 from observer.kernels.path import _DRIVEN, _FAR, _HERE, _HIGH, _LOW, _MADE, RECENT, SAMPLES_PER_TRAVERSE
 
@@ -173,7 +173,7 @@ def columns(
     desk = NutDesk(
         **own, out_B=np.empty((k, B)), out_C=np.empty((k, C)), step_B=np.empty(B), step_C=np.empty(C)
     )
-    average_on(record(table), record(desk), dt_s, *path)
+    average_columns(record(table), record(desk), dt_s, *path)
     return state_of(desk), desk.out_B, desk.out_C
 
 

@@ -1,12 +1,17 @@
-"""The C library's functions, by their names there, for kernels that run as Python."""
+"""What the C library does for compiled kernels, for those that run as Python, under its names there.
+
+Numbers in bytes take the machine to be little-endian, as all are that the kernels are built for.
+"""
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from math import fmod
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
 from numpy import floor, isfinite, isinf, isnan, rint
 
 INFINITY: Final = math.inf
@@ -46,3 +51,35 @@ __all__ = [
     "INFINITY", "M_PI", "NAN", "cos", "exp", "expm1", "floor", "fmod", "isfinite", "isinf", "isnan", "log",
     "lrint", "rint", "sin", "sqrt",
 ]  # fmt: skip
+
+
+def bytes_of(octets: Any, count: int) -> bytes:
+    """The first bytes of an array, for good."""
+    return bytes(memoryview(octets)[:count])
+
+
+def take_bytes(octets: Any, data: bytes) -> None:
+    """Fill an array with bytes."""
+    memoryview(octets)[:] = data
+
+
+def float_at(data: bytes, at: int) -> float:
+    """The float of 64 bits that begins at a byte."""
+    value: float = struct.unpack_from("<d", data, at)[0]
+    return value
+
+
+def octet_at(data: bytes, at: int) -> int:
+    """One byte."""
+    return data[at]
+
+
+def put_float32(octets: Any, at: int, value: float) -> None:
+    """Write a float of 32 bits, the least significant byte first."""
+    with np.errstate(over="ignore"):
+        octets[at : at + 4] = np.frombuffer(np.float32(value).tobytes(), np.uint8)
+
+
+def put_float64(octets: Any, at: int, value: float) -> None:
+    """Write a float of 64 bits, the most significant byte first."""
+    struct.pack_into(">d", octets, at, value)

@@ -1,12 +1,14 @@
 """The steps of an observer whose covariance has settled: nothing but the state moves.
 
-Everything that is constant is laid out once, in rows of whole registers (see `vector`), and steps are taken
-in runs: first it is seen how many are regular, then the states alone are taken over them, with w the inputs,
-D what they do to the readings and S the sensors' rows of what a step makes of a state,
+Everything that is constant is laid out once, in rows of whole registers (see `vector`), for a step length, a
+gain and columns; where columns move, what they change is laid out anew. Steps are taken in runs: first it is
+seen how many are regular, then the states alone are taken over them, with w the inputs, D what they do to the
+readings and S the sensors' rows of what a step makes of a state,
 
     f = inputs w,        ν = y - D w - S x,        x⁺ = e∘x + f + G δ + K ν,
 
-and then all that is reported is made of the states. No sum's order depends on how many steps are in a run.
+and then all that is reported is made of the states. No sum's order depends on how many steps are in a run or
+on what was laid out anew. The records are those of `observer.estimators.fixed_gain_records`.
 
 A row of `c.states` is a step: its plant's states and known inputs from 0 on, its heats δ before W, and from
 W on the innovations ν of the step after it.
@@ -15,19 +17,112 @@ W on the innovations ν of the step after it.
 from __future__ import annotations
 
 from observer.kernels.advance import move_columns
-from observer.kernels.allowing import allow, allow_for_readings, correct_allowed, finish_allowing, widen
-from observer.kernels.arithmetic import squared
 from observer.kernels.codes import ESTIMATE_DEGRADED, ESTIMATE_GOOD, GOOD, NUT_LOST
-from observer.kernels.columns import lay_out, lay_out_moving, move_reported
+from observer.kernels.consider import (
+    add_considered,
+    consider_readings,
+    correct_considered,
+    finish_considered,
+    propagate_considered,
+)
+from observer.kernels.covariance import squared
 from observer.kernels.judging import invalidate, move_rows
-from observer.kernels.libm import INFINITY, NAN, isfinite, sqrt
+from observer.kernels.libc import INFINITY, NAN, isfinite, sqrt
 from observer.kernels.vector import LANES, load, load_at, none, store, store_at, weigh
+
+
+def lay_out(p, t, d, B, C, K, c):
+    """Fill in the matrices for step length d, the input and output columns in force and a gain K (n, s)."""
+    m, n_x, known, m_e = B.shape[0], B.shape[1], p.E.shape[0], len(p.source)
+    first = len(c.decay) - m_e
+    for a in range(n_x):
+        c.decay[a] = t.decay[d, a]
+        lay_out_state(t, d, C, a, c)
+    for j in range(m_e):
+        c.decay[first + j] = t.heat_decay[d, j]
+    for q in range(known):
+        for a in range(n_x):
+            c.drives[m + q, a] = (t.hold[d, a] - t.ramp[d, a]) * p.E[q, a]
+            c.drives[m + known + q, a] = t.ramp[d, a] * p.E[q, a]
+            c.inputs[m + q, a] = c.drives[m + q, a]
+            c.inputs[m + known + q, a] = c.drives[m + known + q, a]
+        c.inputs[m + known + q, n_x + q] = 1.0
+    for i in range(K.shape[1]):
+        for a in range(n_x):
+            c.push[m_e + i, a] = K[a, i]
+        for j in range(m_e):
+            c.push[m_e + i, first + j] = K[n_x + j, i]
+    for j in range(m):
+        lay_out_source(p, t, d, B, j, c)
+    lay_out_readings(p, m, c)
+
+
+def lay_out_moving(p, t, d, B, C, c):
+    """Fill in what columns that move change."""
+    for i in range(len(p.moving)):
+        lay_out_source(p, t, d, B, p.moving[i], c)
+        lay_out_state(t, d, C, p.modes + p.moving[i], c)
+    lay_out_readings(p, B.shape[0], c)
+
+
+def lay_out_state(t, d, C, a, c):
+    """What the sensors that are present have of state a at a step's end, and of what it leaves of it."""
+    for i in range(len(c.present)):
+        read = -C[i, a] if c.present[i] else 0.0
+        c.sensors[a, i] = read
+        c.seen[a, i] = read * t.decay[d, a]
+
+
+def lay_out_source(p, t, d, B, j, c):
+    """What the law of source j, and its heat where that is a state, do to the states in a step."""
+    for a in range(B.shape[1]):
+        c.drives[j, a] = t.hold[d, a] * B[j, a]
+        c.inputs[j, a] = c.drives[j, a]
+    for i in range(len(p.source)):
+        if p.source[i] == j:
+            row = len(c.drives) - len(p.source) + i
+            for a in range(B.shape[1]):
+                c.drives[row, a] = t.couple[d, i, a] * B[j, a]
+                c.push[i, a] = c.drives[row, a]
+
+
+def lay_out_readings(p, m, c):
+    """By how much innovations are less for every input and heat, as the sensors see what these drive; the
+    last inputs, known ones at the step's end, they have in their own rows, too.
+    """
+    width, m_e, known = len(c.decay), len(p.source), p.F.shape[1]
+    inputs = len(c.drives) - m_e
+    for w in range(len(c.drives)):
+        see_drive(c, w)
+        for i in range(len(c.present)):
+            if w >= inputs:
+                c.seen[width - m_e + w - inputs, i] = c.forced[width + i]
+            elif w >= m + known and c.present[i]:
+                c.inputs[w, width + i] = c.forced[width + i] - p.F[i, w - m - known]
+            else:
+                c.inputs[w, width + i] = c.forced[width + i]
+
+
+def see_drive(c, w):
+    """Put what the sensors see of row w of the drives into `c.forced`, from W on."""
+    width = len(c.decay) // LANES
+    for q in range(c.sensors.shape[1] // LANES):
+        store_at(c.forced, width + q, weigh(none(), c.sensors, q, c.drives, w, 0))
+
+
+def move_reported(p, u, k, rows):
+    """Put the columns of the moving sources over step k in place among the reported rows."""
+    s = len(p.R_K2)
+    for i in range(len(p.moving)):
+        for r in range(u.moving_C.shape[2] - s):
+            rows[p.modes + p.moving[i], r] = u.moving_C[k, i, s + r]
+
 
 # A law's jump that adds less than this share to a heat's σ² leaves the covariance settled.
 _QUIET_JUMP = 1e-3
 
 
-def begin_cruise(p, gains, settled, state, c):
+def begin_steady_state(p, gains, settled, state, c):
     """Lay out what stays while the covariance is that of a gain; return whether the state is known and no
     sensor suspect, as none may be.
     """
@@ -212,17 +307,17 @@ def go_on(p, c, r, state):
         state.flags[1] = 0
 
 
-def cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work, c, allowed):
+def take_steady_steps(p, t, bins, u, step, state, gate_sigma, gains, settled, out, k, work, c, considered):
     """Take regular steps from k on; return the first that is not, or that the gate would refuse."""
-    laid_out, roughly, moving, s = -1, allowed.S.shape[1] > 0, len(p.moving) > 0, len(c.present)
+    laid_out, roughly, moving, s = -1, considered.S.shape[1] > 0, len(p.moving) > 0, len(c.present)
     most = 1 if roughly or moving else len(c.weights)
-    if not begin_cruise(p, gains, settled, state, c):
+    if not begin_steady_state(p, gains, settled, state, c):
         return k
     count, passed = 0, 0
     while k < len(step) and passed == count:
         d = step[k]
         count = read_run(u, k, count_regular(p, u, step, k, most, c), c)
-        if count == 0 or not rungs.exact[d] or gains.key[settled] >> s != rungs.rung[d]:
+        if count == 0 or not bins.exact[d] or gains.key[settled] >> s != bins.number[d]:
             break
         move_columns(p, u, k, work.B, work.C)
         move_reported(p, u, k, c.rows)
@@ -234,21 +329,21 @@ def cruise(p, t, rungs, u, step, state, gate_sigma, gains, settled, out, k, work
                 c.gate_K2[i] = gate_sigma * gate_sigma * gains.S[settled, i] if c.present[i] else INFINITY
             laid_out = d
         if roughly:
-            allow(allowed, t, d, u, k)
-            allow_for_readings(allowed, gains.S[settled])
+            propagate_considered(considered, t, d, u, k)
+            consider_readings(considered, gains.S[settled])
             for i in range(s):
-                c.gate_K2[i] = gate_sigma * gate_sigma * allowed.variance[i] if c.present[i] else INFINITY
+                c.gate_K2[i] = gate_sigma * gate_sigma * considered.variance[i] if c.present[i] else INFINITY
         step_states(c, count, len(c.decay) - len(p.source))
         passed = count_passed(c, count)
         write_run(p, u, k, passed, gains, settled, c, out)
         go_on(p, c, passed, state)
         if roughly and passed == 1:
-            correct_allowed(allowed, gains.K[settled], c.present)
-            finish_allowing(allowed, u.dt_s[k], state.x)
+            correct_considered(considered, gains.K[settled], c.present)
+            finish_considered(considered, u.dt_s[k], state.x)
             for i in range(s):
                 if c.present[i]:
-                    out.innovation_sigma[k, i] = sqrt(allowed.variance[i])
+                    out.innovation_sigma[k, i] = sqrt(considered.variance[i])
             move_rows(p, u, k, work.rows)
-            widen(allowed, work.rows, k, out)
+            add_considered(considered, work.rows, k, out)
         k += passed
     return k

@@ -1,4 +1,4 @@
-"""What an observer with a fixed gain allows for: what each tolerance makes of its estimate's error.
+"""What an observer with a fixed gain considers: what each tolerance makes of its estimate's error.
 
 With e the error of the estimate, θ a parameter, c what it does to the plant and h to a reading,
 
@@ -12,14 +12,14 @@ taken along a field that follows the estimate slowly, as where they are learnt (
 from __future__ import annotations
 
 from observer.kernels.advance import move_columns
-from observer.kernels.arithmetic import squared
 from observer.kernels.coupling import couple
+from observer.kernels.covariance import squared
 from observer.kernels.judging import clear
 from observer.kernels.learning import below, draw_near, follow, see
-from observer.kernels.libm import sqrt
+from observer.kernels.libc import sqrt
 
 
-def begin_allowing(a, u, k, x):
+def begin_considered(a, u, k, x):
     """At the start: the effects are taken at the state, and nothing is off by a parameter yet."""
     C = a.work.C
     if a.S.shape[1] == 0:
@@ -35,7 +35,7 @@ def begin_allowing(a, u, k, x):
     see(a.plant, u, k, 0.0, C, a.around)
 
 
-def allow(a, t, d, u, k):
+def propagate_considered(a, t, d, u, k):
     """Take `around` and S over step k, once."""
     S = a.S
     if S.shape[1] == 0 or a.taken[0] == 1:
@@ -87,7 +87,7 @@ def allow(a, t, d, u, k):
         )
 
 
-def allow_for_readings(a, S_nu):
+def consider_readings(a, S_nu):
     """Put what parameters do to innovations into `nu`, and the variances with that into `variance`."""
     S, C = a.S, a.work.C
     n_x, first = len(a.plant.uniform), len(a.plant.uniform) + len(a.plant.source)
@@ -101,7 +101,7 @@ def allow_for_readings(a, S_nu):
             a.variance[i] += off * off
 
 
-def correct_allowed(a, K, accepted):
+def correct_considered(a, K, accepted):
     """S⁺ = S - K ν of the accepted sensors."""
     for i in range(len(accepted)):
         if accepted[i]:
@@ -110,7 +110,7 @@ def correct_allowed(a, K, accepted):
                     a.S[b, r] -= K[b, i] * a.nu[i, r]
 
 
-def correct_allowed_jointly(a, accepted, L, W, order):
+def correct_considered_jointly(a, accepted, L, W, order):
     """The same by the Kalman gain of the moment, from the factors that a joint update has left."""
     count = 0
     for i in range(len(accepted)):
@@ -126,13 +126,13 @@ def correct_allowed_jointly(a, accepted, L, W, order):
                 a.S[b, r] -= W[i, b] * a.e[i]
 
 
-def finish_allowing(a, dt_s, x):
+def finish_considered(a, dt_s, x):
     """After a step: `around` goes after the estimate, and the next step is another."""
     draw_near(a.plant, dt_s, x, a.around)
     a.taken[0] = 0
 
 
-def widen(a, rows, k, out):
+def add_considered(a, rows, k, out):
     """Add to the σ of step k, of heats and of the `rows` (n_x, W), what the parameters have in them."""
     S, square, value = a.S, a.work.shared, a.work.value
     n_x, L = len(rows), a.S.shape[1]

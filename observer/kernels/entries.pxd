@@ -1,6 +1,0 @@
-cpdef run_kalman(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Results out, Work work)
-@cython.locals(done=(Py_ssize_t, Py_ssize_t, Py_ssize_t))
-cpdef run_fixed_gain(PlantArrays p, StepTable t, Rungs rungs, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, bint optimal, GainTable gains, Results out, Py_ssize_t first, Py_ssize_t resumed, Work work, Columns c, Allowed allowed)
-cpdef run_forward(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Work work, Tape tape)
-cpdef run_backward(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Tape tape, Adjoint adjoint, Work work, Smoothed out)
-cpdef march(AdvancePlant p, AdvanceTable t, double[::1] decay, Inputs u, double[:, ::1] B, double[:, ::1] C, AdvanceWork work, double[::1] x, double[:, ::1] states, Py_ssize_t first)
