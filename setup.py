@@ -25,7 +25,7 @@ KERNELS = Path("observer/kernels")
 BUILD = Path("build/kernels")
 RECORDS = ("records", "tick_records")
 PARTS = (
-    "codes", "covariance", "coupling", "discretise", "advance", "judging", "screening", "learning", "step",
+    "codes", "covariance", "coupling", "exact_step", "advance", "judging", "screening", "learning", "step",
     "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "path", "walk",
     "selftest", "stepwise", "message", "live", "cells",
 )  # fmt: skip

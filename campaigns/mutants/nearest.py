@@ -92,7 +92,7 @@ NEAREST: dict[str, Nearest] = {
     ),
     "observer/kernels/covariance.py": _at("tests/kernels/test_covariance.py", SPECIFIED),
     "observer/kernels/steady_state_step.py": SETTLED,
-    "observer/kernels/discretise.py": _at("tests/model/test_discretise.py", BITS),
+    "observer/kernels/exact_step.py": _at("tests/model/test_discretise.py", BITS),
     "observer/kernels/live.py": _at(
         "tests/model/test_drive.py", "tests/model/test_turning_surface.py", *DRIVEN
     ),

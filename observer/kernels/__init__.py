@@ -46,7 +46,7 @@ def _load(way: str) -> dict[str, Any]:
     """Return entries and, but for Python files, records by name."""
     if way == "interpreted":
         modules = (
-            "kalman", "fixed_gain", "smoother", "advance", "bank", "changes", "discretise", "path",
+            "kalman", "fixed_gain", "smoother", "advance", "bank", "changes", "exact_step", "path",
             "selftest", "stepwise", "message", "live", "walk", "cells",
         )  # fmt: skip
         entries: dict[str, Any] = {}

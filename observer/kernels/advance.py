@@ -17,7 +17,7 @@ from __future__ import annotations
 import cython  # type: ignore[import-untyped]
 
 from observer.kernels.coupling import couple, faded, swept
-from observer.kernels.discretise import hold, ramp
+from observer.kernels.exact_step import hold, ramp
 from observer.kernels.libc import exp
 
 
