@@ -73,8 +73,8 @@ class Proof:
         """
         return tuple(
             name
-            for name, gap in self.per_sensor.items()
-            if min(gap.growth_K) > gap.form_K and gap.after > max(gap.before, self.expected)
+            for name, error in self.per_sensor.items()
+            if min(error.growth_K) > error.form_K and error.after > max(error.before, self.expected)
         )
 
     @property
@@ -82,8 +82,8 @@ class Proof:
         """The sensors that are predicted worse than before."""
         return tuple(
             name
-            for name, gap in self.per_sensor.items()
-            if gap.after > max(WORSE * gap.before, self.expected + NOTICED)
+            for name, error in self.per_sensor.items()
+            if error.after > max(WORSE * error.before, self.expected + NOTICED)
         )
 
 
@@ -114,7 +114,7 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
     before, after = ProofError.of(null), ProofError.of(fit)
     deviation_K = evidence.deviation_K
 
-    def gap(mine: BoolArray) -> SensorError:
+    def error(mine: BoolArray) -> SensorError:
         within = mine[rows]
         return SensorError(
             before_rms_K=rms(before.error_K[mine]),
@@ -127,10 +127,10 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
         )
 
     sensors = {s.name: rows & (evidence.sensor == i) for i, s in enumerate(problem.config.sensor)}
-    whole = gap(rows)
+    whole = error(rows)
     return Proof(
         whole=whole,
-        per_sensor={name: gap(mine) for name, mine in sensors.items() if mine.any()},
+        per_sensor={name: error(mine) for name, mine in sensors.items() if mine.any()},
         as_given_rms_K=rms(_error_K(fit, problem.config)[rows]),
         expected=evidence.expected,
         unproved=tuple(name for name, others in less if _better(ProofError.of(others), rows, whole)),

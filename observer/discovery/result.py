@@ -28,7 +28,7 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
         "process_noise": _rounded(dict(noise)),
         "gap": {
             **_error(calibration.error),
-            "per_sensor": {name: _error(gap) for name, gap in calibration.per_sensor.items()},
+            "per_sensor": {name: _error(error) for name, error in calibration.per_sensor.items()},
         },
     }
 
@@ -46,13 +46,13 @@ def _interval(value: float, low: float, high: float, unit: str) -> dict[str, Any
     return {"value": rounded(value), "ci95": [rounded(low), rounded(high)], "unit": unit}
 
 
-def _error(gap: ErrorRms | SensorError) -> dict[str, Any]:
+def _error(error: ErrorRms | SensorError) -> dict[str, Any]:
     """Root mean squares of the error, in K."""
     out: dict[str, Any] = {
-        key: rounded(value) for key, value in asdict(gap).items() if key.endswith("_rms_K")
+        key: rounded(value) for key, value in asdict(error).items() if key.endswith("_rms_K")
     }
-    if isinstance(gap, SensorError):
-        before_K, after_K = map(rounded, gap.beyond_tolerances_K)
+    if isinstance(error, SensorError):
+        before_K, after_K = map(rounded, error.beyond_tolerances_K)
         out["beyond_tolerances"] = {"before_rms_K": before_K, "after_rms_K": after_K}
     return out
 
@@ -71,7 +71,7 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
         "gap": {
             **_error(proof.whole),
             "as_given_rms_K": rounded(proof.as_given_rms_K),
-            "per_sensor": {name: _error(gap) for name, gap in proof.per_sensor.items()},
+            "per_sensor": {name: _error(error) for name, error in proof.per_sensor.items()},
             "on": "proof",
         },
         "where": _where(found),

@@ -250,8 +250,9 @@ def _try(
     for promise in promised[: STARTS if len(candidate.fitted) > 1 else 1]:
         if fit is not None and _explained(fit):
             break
-        begun = _from(problem, base, candidate, promise, min(rival, np.inf if fit is None else fit.deviance))
-        fit = begun if fit is None or not fit.deviance <= begun.deviance else fit
+        best = rival if fit is None else min(rival, fit.deviance)
+        started = _from(problem, base, candidate, promise, best)
+        fit = started if fit is None or not fit.deviance <= started.deviance else fit
     if fit is None or not (np.isfinite(fit.residual).all() and np.isfinite(fit.jacobian).all()):
         return None
     for _, plain in forms[:-1]:

@@ -111,8 +111,8 @@ class Forward:
             law_W, length_s = self._inputs(setting, run).law_W, run.ticks.length_s
             usual_W = np.quantile(np.abs(law_W), 0.9, axis=0)
             usual_W[stretch] = STRETCH_SHARE * usual_W.max()
-            gaps = outages_of(run)
-            longest = gaps[np.argsort(-length_s[gaps])][:MOST_OUTAGES]
+            outages = outages_of(run)
+            longest = outages[np.argsort(-length_s[outages])][:MOST_OUTAGES]
             for tick in longest.tolist():
                 after = min(tick + 1, len(law_W) - 1)
                 all_at_once = length_s[tick] / max(length_s[after], 1.0)

@@ -112,13 +112,11 @@ class Problem:
             own = {"whole": lambda c: [c], "run": self.by_run}.get(kind, self.by_sensor)(change)
             nuisances += own
             lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
-        known = [*self.by_gain(config, here), *self.by_timing(here)]
-        nuisances, lag_of = nuisances + known, lag_of + [None] * len(known)
-        unseen = [*self.forward.by_outages(config), *self.forward.by_coarse_rows(config)]
-        gaps = [self.evidence.rows(change) for change in unseen]
-        every = [*nuisances, *gaps]
+        sampling = [*self.forward.by_outages(config), *self.forward.by_coarse_rows(config)]
+        known = [*self.by_gain(config, here), *self.by_timing(here), *map(self.evidence.rows, sampling)]
+        every = [*nuisances, *known]
         changes_K = np.column_stack(every) if every else np.zeros((len(here), 0))
-        lags = (*lag_of, *[None] * len(gaps))
+        lags = (*lag_of, *[None] * len(known))
         return replace(self, nuisance=Nuisance(self._columns(every), changes_K, lags))
 
     def derivatives(self, config: Config) -> Derivatives:

@@ -112,7 +112,7 @@ class Ticks:
     tick belongs to; `count`, `measured_degC` (b, s) the usable values of each mean and their average, NaN
     without any; `time_s` (b,) when each mean ends, from the start of the run; `share` (T, s) the part of its
     mean's values that fell into each tick, and `late` (T, s) how much later than evenly, as a share of the
-    tick; `at_end` (T,) ticks too long (gaps) for the mean of their ends.
+    tick; `at_end` (T,) ticks too long (outages) for the mean of their ends.
     """
 
     first: NDArray[np.int64]
