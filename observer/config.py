@@ -26,7 +26,7 @@ MOST_ROWS = 1500
 """Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
 
 
-class Machine(Section):
+class MachineName(Section):
     """Names the key space `ballscrew/<name>/<axis>/…`."""
 
     name: quantities.Name = "machine"  #: the machine
@@ -128,7 +128,7 @@ _BESIDE_THE_MODEL = {
 class Config(Description):
     """What is known of a machine, and what is asked about it."""
 
-    machine: Machine = Machine()
+    machine: MachineName = MachineName()
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
     model: Model = Model()
     tolerance: Tolerance = Tolerance()

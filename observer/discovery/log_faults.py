@@ -17,7 +17,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.base import Unnamed
-from observer.effects.terms import AmbientShift, Offset
+from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
@@ -207,7 +207,9 @@ def offset(sensors: int) -> LogFault:
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
         here = problem.predicted(config)
-        return [problem.predicted(_with(config, Offset(s.name, 1.0, 0.0))) - here for s in config.sensor]
+        return [
+            problem.predicted(_with(config, SensorOffset(s.name, 1.0, 0.0))) - here for s in config.sensor
+        ]
 
     return LogFault("offsets", sensors, tuple(range(sensors)), columns=columns)
 
@@ -239,7 +241,7 @@ def follows(sensor: int, source: int, late: int = 0) -> LogFault:
     return LogFault("sensor follows the heater", 1 + late, (sensor, source), columns=columns)
 
 
-def _with(config: Config, *terms: AmbientShift | Offset) -> Config:
+def _with(config: Config, *terms: AmbientShift | SensorOffset) -> Config:
     return config.model_copy(update={"effect": (*config.effect, Unnamed(terms))})
 
 

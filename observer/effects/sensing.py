@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from observer.effects.base import EffectTable, Fitted, Target, named_sensor
-from observer.effects.terms import Lag, Offset, Term
+from observer.effects.terms import Lag, SensorOffset, Term
 from observer.tables.quantities import Finite
 from observer.tables.sections import Description
 
@@ -45,7 +45,7 @@ class SensorBias(EffectTable):
     source = "an additive error"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        return (Offset(named_sensor(machine, self.target, self.kind), self.offset_K, 0.0),)
+        return (SensorOffset(named_sensor(machine, self.target, self.kind), self.offset_K, 0.0),)
 
 
 class SensorDrift(EffectTable):
@@ -62,4 +62,4 @@ class SensorDrift(EffectTable):
     source = "an additive error that grows"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        return (Offset(named_sensor(machine, self.target, self.kind), 0.0, self.rate_K_h),)
+        return (SensorOffset(named_sensor(machine, self.target, self.kind), 0.0, self.rate_K_h),)

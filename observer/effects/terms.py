@@ -58,7 +58,7 @@ class AmbientShift(NamedTuple):
     offset_K: float = 0.0
 
 
-class Offset(NamedTuple):
+class SensorOffset(NamedTuple):
     """What a sensor reads too much: a constant, and so much more an hour."""
 
     sensor: str
@@ -122,10 +122,10 @@ class Fade(NamedTuple):
 
 Term = (
     Film | EndConductance | Heat
-    | LawFactor | StrokeEnds | AmbientShift | Offset | SpeedLoss
+    | LawFactor | StrokeEnds | AmbientShift | SensorOffset | SpeedLoss
     | StretchFilm | Radiation | Body | Lag | Fade
 )  # fmt: skip
-INPUT_TERMS = (LawFactor, AmbientShift, Offset, SpeedLoss)
+INPUT_TERMS = (LawFactor, AmbientShift, SensorOffset, SpeedLoss)
 """The terms that change what drives the plant, but for where nuts are."""
 COUPLING_TERMS = (SpeedLoss, StretchFilm, Radiation, Body, Lag, Fade)
 """The terms that couple states, or a state to the moment."""

@@ -16,7 +16,7 @@ from observer.files.logs import Log, read_log
 from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.simulate import SimulationState, simulate, start, start_from_sensors
+from observer.model.simulate import simulate, start, start_from_sensors
 
 
 class OpenLoop:
@@ -28,7 +28,7 @@ class OpenLoop:
     def __init__(self, plant: Plant, drive: Drive, start_degC: float | None = None) -> None:
         self._plant, self._drive, self._start_degC = plant, drive, start_degC
         self._drive_state = drive.initial()
-        self._state: SimulationState | None = None
+        self._state: FloatArray | None = None
 
     def run(self, frames: FrameBlock) -> tuple[Inputs, FloatArray] | None:
         """Give the inputs and the output rows (K, R) of the next frames, None before the first."""
@@ -42,7 +42,7 @@ class OpenLoop:
         self._state, rows = simulate(self._plant, self._state, inputs)
         return inputs, rows
 
-    def _begin(self, inputs: Inputs) -> SimulationState:
+    def _begin(self, inputs: Inputs) -> FloatArray:
         plant, law_W, z = self._plant, inputs.law_W[0], inputs.z_end[0]
         y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
         if self._start_degC is None and np.isfinite(y).any():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.frames import EstimateBlock, FloatArray, Inputs
-from observer.model.learning import Kind
+from observer.model.learning import Nuisance
 from observer.model.plant import Plant
 
 APART = 0.05
@@ -99,7 +99,7 @@ def _rows(
         H[row, n_x + j] = 1.0
         if plant.learning is not None:
             kind, of = plant.learning.arrays.kind, plant.learning.arrays.of
-            H[row, own + np.flatnonzero((kind == Kind.LAW) & (of == j))] = law_W[j]
+            H[row, own + np.flatnonzero((kind == Nuisance.LAW) & (of == j))] = law_W[j]
     for row, name in enumerate(lags, len(C) + len(heats)):
         H[row, :n_x] = plant.lag_rows[plant.source_names.index(name)]
     return H

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from observer.estimators.specification import Belief, columns_in_place, correct
 from observer.frames import FloatArray, Inputs
 from observer.model.learning import (
-    Kind,
     LearningArrays,
+    Nuisance,
     Parameter,
     joined,
     learning_of,
@@ -26,7 +26,7 @@ from observer.model.learning import (
 )
 from observer.model.plant import Plant
 from observer.model.rod.modes import held_s
-from observer.model.simulate import SimulationState, simulate, start
+from observer.model.simulate import simulate, start
 
 STAYS_S = 100 * 86_400.0
 """For how long a machine stays the one it is within its tolerances. A filter forgets in a day, so that it is
@@ -72,9 +72,9 @@ def _parameters(plant: Plant) -> LearningArrays:
     """
     known, estimated = plant.parameters, np.flatnonzero(plant.estimated)
     n_x, p = len(plant.decay_1_s), len(plant.known_names)
-    own = np.flatnonzero(np.isin(known.kind, (Kind.LAW, Kind.LAG), invert=True))
+    own = np.flatnonzero(np.isin(known.kind, (Nuisance.LAW, Nuisance.LAG), invert=True))
     laws = [
-        Parameter(Kind.LAW, j, share * sigma, no_change(n_x, p)._replace(law=int(index)))
+        Parameter(Nuisance.LAW, j, share * sigma, no_change(n_x, p)._replace(law=int(index)))
         for share in (1.0, LAW_SHARE)
         for j, (index, sigma) in enumerate(zip(estimated, plant.law_uncertainty, strict=True))
     ]
@@ -87,12 +87,12 @@ class Tolerant:
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self._theta = _parameters(plant)
-        self._at = {kind: np.flatnonzero(self._theta.kind == kind) for kind in Kind}
+        self._at = {kind: np.flatnonzero(self._theta.kind == kind) for kind in Nuisance}
         self._fade_1_s = np.full(len(self._theta.kind), 1.0 / STAYS_S)
         self._fade_1_s[len(self._fade_1_s) - int(plant.estimated.sum()) :] = 1.0 / LAW_FOLLOWS_S
         self._slack = np.eye(len(plant.decay_1_s)) if plant.coupling.active else None
 
-    def parameters(self, kind: Kind) -> NDArray[np.int64]:
+    def parameters(self, kind: Nuisance) -> NDArray[np.int64]:
         """Return which entries of θ are of a kind."""
         return self._at[kind]
 
@@ -114,14 +114,14 @@ class Tolerant:
         P = np.zeros_like(state.P)
         P[n_x:, n_x:] = state.P[n_x:, n_x:]
         if self._stands(state, u):
-            x = start(plant, air_degC, u.law_W[0]).x
+            x = start(plant, air_degC, u.law_W[0])
             P[:n_x, :n_x] = self._theta.rest_P
-            of_air = np.flatnonzero(self._theta.kind == Kind.AMBIENT)
+            of_air = np.flatnonzero(self._theta.kind == Nuisance.AMBIENT)
             F = np.eye(len(P))
             F[:n_x, n_x + of_air] = plant.uniform[:, None]
             x, P = x + plant.uniform * state.theta[of_air].sum(), F @ P @ F.T
         else:
-            x = start(plant, float(np.mean(y_degC)) if len(y_degC) else air_degC, u.law_W[0]).x
+            x = start(plant, float(np.mean(y_degC)) if len(y_degC) else air_degC, u.law_W[0])
             spread_K = float(np.ptp(y_degC)) if len(y_degC) else 0.0
             C = plant.rows.C[:s]
             largest_K2 = float(np.max(np.einsum("ia,ab,ib->i", C, plant.prior_P, C)))
@@ -136,16 +136,18 @@ class Tolerant:
         one that has gone wrong must not turn into a field.
         """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
-        air = self.parameters(Kind.AMBIENT)
+        air = self.parameters(Nuisance.AMBIENT)
         seen = np.flatnonzero(u.usable[0])
         if not self._theta.rests or u.law_W.any() or not len(air) or not len(seen):
             return False
         offset_K = (
-            self._of_sensors(state.x)[:, self.parameters(Kind.OFFSET)]
-            @ state.theta[self.parameters(Kind.OFFSET)]
+            self._of_sensors(state.x)[:, self.parameters(Nuisance.OFFSET)]
+            @ state.theta[self.parameters(Nuisance.OFFSET)]
         )
         offset_K2 = np.zeros(len(offset_K))
-        offset_K2[theta.of[self.parameters(Kind.OFFSET)]] = theta.sigma[self.parameters(Kind.OFFSET)] ** 2
+        offset_K2[theta.of[self.parameters(Nuisance.OFFSET)]] = (
+            theta.sigma[self.parameters(Nuisance.OFFSET)] ** 2
+        )
         K2 = offset_K2 + P[np.ix_(air, air)].sum() + self._plant.noise_R_K2
         air_degC = u.z_end[0, self._theta.ambient] + state.theta[air].sum()
         agree = (u.y_degC[0] - offset_K - air_degC) ** 2 <= _SURE**2 * K2
@@ -160,20 +162,20 @@ class Tolerant:
         dt_s, n_x = float(u.dt_s[0]), len(state.x)
         C = columns_in_place(plant, u, 0)[1]
         before = C @ state.x + plant.rows.F @ u.z_start[0]
-        after, rows = simulate(plant, SimulationState(state.x), u)
+        after, rows = simulate(plant, state.x, u)
         hold = held_s(plant.decay_1_s, dt_s)
-        middle = 0.5 * (state.x + after.x)
+        middle = 0.5 * (state.x + after)
         A, c = theta.feedback(state.theta), self._drives(u, middle)
-        x = after.x + hold * (c @ state.theta)
+        x = after + hold * (c @ state.theta)
         fade = np.exp(-dt_s * self._fade_1_s)
         F = np.zeros_like(state.P)
-        F[:n_x, :n_x] = self._forward(state.x, after.x, u) + hold[:, None] * A
+        F[:n_x, :n_x] = self._forward(state.x, after, u) + hold[:, None] * A
         F[:n_x, n_x:] = hold[:, None] * c
         F[n_x:, n_x:] = np.diag(fade)
         Q = np.diag(np.concatenate([np.zeros(n_x), theta.sigma**2 * (1 - fade**2)]))
         now = TolerantState(x, fade * state.theta, F @ state.P @ F.T + Q)
         H = self._seen(u, x)
-        shift = rows[0] + C @ (x - after.x)
+        shift = rows[0] + C @ (x - after)
         gap_K = self._gap(u, before, shift, x, now.theta)
         rise_K = shift[: plant.rows.sensors] - u.z_end[0, plant.known.ambient]
         R = plant.noise_R_K2 + MODEL_K**2 + (MODEL_SHARE * rise_K) ** 2
@@ -191,7 +193,10 @@ class Tolerant:
     def _of_sensors(self, x: FloatArray) -> FloatArray:
         """What the parameters of sensors add to readings, (s, t)."""
         t = self._theta
-        rows, own = np.zeros((self._plant.rows.sensors, len(t.kind))), np.flatnonzero(t.kind > Kind.LAW)
+        rows, own = (
+            np.zeros((self._plant.rows.sensors, len(t.kind))),
+            np.flatnonzero(t.kind > Nuisance.LAW),
+        )
         rows[t.of[own], own] = t.entries(x)[own]
         return rows
 
@@ -209,7 +214,7 @@ class Tolerant:
         """The plant's own step, ∂x'/∂x; by differences where states are coupled."""
         if self._slack is None:
             return np.diag(np.exp(-self._plant.decay_1_s * u.dt_s[0]))
-        moved = [simulate(self._plant, SimulationState(x + one), u)[0].x - after for one in self._slack]
+        moved = [simulate(self._plant, x + one, u)[0] - after for one in self._slack]
         return np.column_stack(moved)
 
     def _learnt(self, state: TolerantState, H: FloatArray, gap_K: FloatArray, R: FloatArray) -> TolerantState:
@@ -220,7 +225,7 @@ class Tolerant:
         H, n_x = H[seen], len(state.x)
         (step, P), *_ = correct(Belief(np.zeros(len(state.P)), state.P), H, gap_K[seen], np.diag(R[seen]))
         edge = FURTHEST * self._theta.sigma
-        least = np.where(self._theta.kind == Kind.CONVECTION, np.maximum(-edge, LEAST_FILM), -edge)
+        least = np.where(self._theta.kind == Nuisance.CONVECTION, np.maximum(-edge, LEAST_FILM), -edge)
         theta = np.clip(state.theta + step[n_x:], least, edge)
         return TolerantState(state.x + step[:n_x], theta, 0.5 * (P + P.T))
 

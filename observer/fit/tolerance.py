@@ -27,7 +27,7 @@ from observer.effects.terms import (
     EndConductance,
     Lag,
     LawFactor,
-    Offset,
+    SensorOffset,
     StretchFilm,
     Term,
 )
@@ -75,7 +75,7 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
     for sensor in config.sensor:
         offset_K = known.offset_of_K(sensor.offset_K)
         if offset_K > 0.0:
-            yield _with(config, Offset(sensor.name, offset_K, 0.0)), "whole"
+            yield _with(config, SensorOffset(sensor.name, offset_K, 0.0)), "whole"
     if known.ambient_K > 0.0:
         yield _with(config, AmbientShift(0.0, known.ambient_K)), "run"
     if known.lag_s > 0.0:
@@ -162,7 +162,7 @@ def learnt_changes(config: Config, learnt: Mapping[str, tuple[float, float]]) ->
     values = {key: value for key, (value, _) in learnt.items() if key in candidates(config) and value > 0.0}
     left = remaining_tolerances(config, {key: learnt[key][1] / value for key, value in values.items()})
     terms = [term for effect in config.effect for term in effect.terms(config)]
-    modelled = {term.sensor for term in terms if isinstance(term, Offset)}
+    modelled = {term.sensor for term in terms if isinstance(term, SensorOffset)}
     biases = []
     for sensor in config.sensor:
         value_K, sigma_K = learnt.get(key := f"sensor.{sensor.name}.offset_K", (0.0, 0.0))

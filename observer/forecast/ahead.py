@@ -17,7 +17,7 @@ from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.forecast.program import BIN_S, Bins, Program
 from observer.frames import BoolArray, FloatArray, Inputs
-from observer.model.learning import WANDER_S, Kind
+from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -160,7 +160,7 @@ def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, pro
     P[own, own] += np.diag(share[free] ** 2 * program.noise_W2_s / past_s)
     learning = plant.learning
     if learning is not None:
-        laws = n_x + m_e + np.flatnonzero(learning.arrays.kind == Kind.LAW)
+        laws = n_x + m_e + np.flatnonzero(learning.arrays.kind == Nuisance.LAW)
         x[laws], P[laws], P[:, laws] = 0.0, 0.0, 0.0  # the ratio has them
     doubtful = _doubtful(plant, program, share, mean_W[free])
     around = state.around.copy()
@@ -220,7 +220,7 @@ def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatAr
     if learning is not None:
         arrays = learning.arrays
         wander_K = max(AIR_K_sqrt_h, _wander_K(program.past.z[:, arrays.ambient]))
-        air = arrays.kind == Kind.AMBIENT
+        air = arrays.kind == Nuisance.AMBIENT
         sigma = np.where(air, wander_K * np.sqrt(WANDER_S / 2 / HOUR_S), CALM * arrays.sigma)
         learning = replace(learning, arrays=arrays._replace(sigma=sigma))
     return replace(

@@ -23,7 +23,7 @@ from observer.errors import UserError
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant
-from observer.model.simulate import SimulationState, simulate
+from observer.model.simulate import simulate
 
 _UNEVEN = 0.02
 """Largest relative difference of steps that still count as even."""
@@ -226,7 +226,7 @@ def _free_response(plant: Plant, inputs: Inputs, usable: BoolArray) -> FloatArra
     x = start_mean(plant, inputs, usable)
     laws = np.where(plant.estimated, 0.0, inputs.law_W)
     first = plant.rows.C @ x + plant.rows.F @ inputs.z_end[0]
-    _, rows = simulate(plant, SimulationState(x), inputs._replace(law_W=laws).part(1))
+    _, rows = simulate(plant, x, inputs._replace(law_W=laws).part(1))
     return np.vstack([first, rows])
 
 

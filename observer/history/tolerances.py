@@ -29,7 +29,7 @@ from observer.frames import BoolArray, FloatArray, Inputs
 from observer.history.smoother import smooth_changes
 from observer.kernels import record, run_tolerances
 from observer.model.build import build_plant
-from observer.model.learning import Kind, of_parameters
+from observer.model.learning import Nuisance, of_parameters
 from observer.model.plant import Plant
 from observer.model.simulate import start_from_sensors
 from observer.tables.estimator import EstimatorSettings
@@ -81,7 +81,7 @@ def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
         return plant, np.zeros(0, dtype=np.bool_)
     fades, every = plant.coupling.fades, plant.learning.arrays
     sought = fades._replace(per_K=np.where(plant.estimated, 0.0, fades.per_K))
-    which = np.flatnonzero(every.kind != Kind.LAW)
+    which = np.flatnonzero(every.kind != Nuisance.LAW)
     learning = replace(plant.learning, arrays=of_parameters(every, which))
     plant = replace(plant, coupling=plant.coupling._replace(fades=sought), learning=learning)
     return plant, np.isin(which, every.held, invert=True)
@@ -116,7 +116,7 @@ class _Along:
         """
         if self._begins:
             seen = np.where(u.usable[0], u.y_degC[0], np.nan)
-            field = start_from_sensors(self._plant, seen, self._plant.noise_R_K2, u.law_W[0], u.z_end[0]).x
+            field = start_from_sensors(self._plant, seen, self._plant.noise_R_K2, u.law_W[0], u.z_end[0])
             self._x[: len(field)] = field
         expected_degC = np.full(u.y_degC.shape, np.nan)
         for part, _, table, chunk, step in chunks(self._steps, u):

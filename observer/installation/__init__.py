@@ -17,7 +17,7 @@ from observer.errors import ConfigError
 from observer.files.regular import read_toml
 from observer.installation.problems import as_message, problems_of
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
-from observer.tables.keeping import AlarmSettings, Checkpoint, Record
+from observer.tables.keeping import AlarmSettings, Checkpoint, RecordSettings
 from observer.tables.publishing import Client, Publish
 from observer.tables.quantities import Name
 
@@ -29,7 +29,7 @@ class Installation(Config):
 
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
-    record: Record = Record()
+    record: RecordSettings = RecordSettings()
     checkpoint: Checkpoint = Checkpoint()
     alarms: AlarmSettings = AlarmSettings()
     page: Page | None = None

@@ -18,7 +18,7 @@ ESTIMATE_INVALID = 4
 INPUT_LOST = 1
 NUT_LOST = 2
 
-# Kinds of a parameter, as `observer.model.learning.Kind`, which start or are reported in their own way.
+# Kinds of a parameter, as `observer.model.learning.Nuisance`, which start or are reported in their own way.
 AMBIENT = 3
 LAW = 5
 OFFSET = 6

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from observer.config import Config
-from observer.effects.terms import COUPLING_TERMS, Offset, StrokeEnds, Term
+from observer.effects.terms import COUPLING_TERMS, SensorOffset, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray, Inputs
 from observer.model.couple import with_coupling
@@ -17,7 +17,7 @@ from observer.model.extend import with_learning
 from observer.model.generator import diagonalised
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
-from observer.model.reduce import FullModel, Heat, KnownInput, Nut, Places, reduce
+from observer.model.reduce import FullModel, HeatInput, KnownInput, Nut, Places, reduce
 from observer.model.rod.modes import Modes, keep_by_ratio, keep_by_tail, solve_modes
 from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
@@ -67,12 +67,12 @@ def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     )
 
 
-def _heat(config: Config, source: Source, ends_fraction: float) -> Heat:
+def _heat(config: Config, source: Source, ends_fraction: float) -> HeatInput:
     L, nut = config.screw.length_m, None
     low_m, high_m = source.stroke_m or (0.0, L)
     if source.shape == "nut" and source.position_channel is not None:
         nut = Nut(source.position_channel, source.length_m or 0.0, high_m - low_m)
-    return Heat(
+    return HeatInput(
         name=source.name,
         stretch=mean_stretch(source, config.screw),
         share=source.screw_share,
@@ -148,7 +148,7 @@ def _known_inputs(modes: Modes, terms: Sequence[Term]) -> tuple[KnownInput, ...]
         known.append(KnownInput(LEFT, modes.slope(0.0), partial(end_field, rod, LEFT)))
     if rod.right.prescribed:
         known.append(KnownInput(RIGHT, -modes.slope(rod.length_m), partial(end_field, rod, RIGHT)))
-    offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, Offset))
+    offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, SensorOffset))
     known += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
     known.append(KnownInput(REFERENCE, np.zeros(len(modes)), np.zeros_like))
     return tuple(known)

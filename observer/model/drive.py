@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.config import Config
-from observer.effects.terms import AmbientShift, LawFactor, Offset, SpeedLoss
+from observer.effects.terms import AmbientShift, LawFactor, SensorOffset, SpeedLoss
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
 from observer.kernels import fill_inputs, record
 from observer.kernels.codes import NO_PRODUCT
@@ -89,7 +89,7 @@ class Drive:
         rate = {AMBIENT: sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))}
         shift = {AMBIENT: sum(t.offset_K for t in machine.terms if isinstance(t, AmbientShift))}
         fixed = {AMBIENT: config.ambient.temperature_degC, REFERENCE: config.output.reference_degC}
-        offsets = [t for t in machine.terms if isinstance(t, Offset)]
+        offsets = [t for t in machine.terms if isinstance(t, SensorOffset)]
         for s in config.sensor:
             own = [t for t in offsets if t.sensor == s.name]
             fixed[OFFSET + s.name] = sum(t.offset_K for t in own)

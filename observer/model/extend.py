@@ -12,7 +12,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.frames import FloatArray
-from observer.model.learning import REST_K, Kind, Parameter, learning_of, no_change
+from observer.model.learning import REST_K, Nuisance, Parameter, learning_of, no_change
 from observer.model.network import Attached, NodeModes
 from observer.model.plant import Plant
 from observer.model.rod.modes import Modes, modal_input
@@ -198,16 +198,16 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
     slower = none._replace(rate_1_s=-passive.rate_1_s, known=-passive.known, heats=np.where(own, -1.0, 0.0))
     film_W_m2K = film_1_s / surface_rate(screw)
     for kind, sigma, change, name, value in (
-        (Kind.CONVECTION, tolerance.convection if film_W_m2K > 0.0 else 0.0, film,
+        (Nuisance.CONVECTION, tolerance.convection if film_W_m2K > 0.0 else 0.0, film,
          "surface.convection_W_m2K", film_W_m2K),
-        (Kind.CONDUCTIVITY, tolerance.conductivity, conduction,
+        (Nuisance.CONDUCTIVITY, tolerance.conductivity, conduction,
          "screw.conductivity_W_mK", screw.conductivity_W_mK),
-        (Kind.HEAT_CAPACITY, tolerance.heat_capacity, slower,
+        (Nuisance.HEAT_CAPACITY, tolerance.heat_capacity, slower,
          "screw.specific_heat_J_kgK", screw.specific_heat_J_kgK),
     ):  # fmt: skip
         yield Parameter(kind, 0, sigma, change, name, value, unit=value)
     warmer = none._replace(steady=plant.E[:, air])
-    yield Parameter(Kind.AMBIENT, 0, tolerance.ambient_K, warmer, "ambient.offset_K")
+    yield Parameter(Nuisance.AMBIENT, 0, tolerance.ambient_K, warmer, "ambient.offset_K")
     ends = ((modes.rod.left, "left", 0.0), (modes.rod.right, "right", modes.rod.length_m))
     for i, (end, side, x_m) in enumerate(ends):
         if not end.prescribed:
@@ -215,12 +215,12 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
             loss = none._replace(into=-into, seen=padded(modes.theta(x_m)[0], n_x), known=none.known.copy())
             loss.known[air] = into
             loss_W_K = end.biot_1_m * modes.rod.conductance_W_m
-            yield Parameter(Kind.END, i, tolerance.end_W_K, loss, f"boundary.{side}.loss_W_K", loss_W_K)
+            yield Parameter(Nuisance.END, i, tolerance.end_W_K, loss, f"boundary.{side}.loss_W_K", loss_W_K)
     for j, index in enumerate(np.flatnonzero(plant.estimated).tolist()):
         source = config.source[index]
-        if source.law is not None and Kind.LAW.key in config.estimator.learnt:
+        if source.law is not None and Nuisance.LAW.key in config.estimator.learnt:
             name, more, scale = f"source.{source.name}.scale", none._replace(law=index), source.scale
-            yield Parameter(Kind.LAW, j, source.law_uncertainty, more, name, scale, scale)
+            yield Parameter(Nuisance.LAW, j, source.law_uncertainty, more, name, scale, scale)
 
 
 def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:
@@ -229,9 +229,9 @@ def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
     none = no_change(n_x, len(plant.known_names))
     for i, sensor in enumerate(config.sensor):
         name, offset_K = f"sensor.{sensor.name}", tolerance.offset_of_K(sensor.offset_K)
-        yield Parameter(Kind.OFFSET, i, offset_K, none._replace(shift_K=1.0), f"{name}.offset_K")
+        yield Parameter(Nuisance.OFFSET, i, offset_K, none._replace(shift_K=1.0), f"{name}.offset_K")
         if (place_m := sensor.position_m) is not None:  # one beside the screw has no place there
             slope = none._replace(row=padded(modes.slope(place_m), n_x))
-            yield Parameter(Kind.PLACE, i, tolerance.position_m, slope, f"{name}.position_m", place_m)
+            yield Parameter(Nuisance.PLACE, i, tolerance.position_m, slope, f"{name}.position_m", place_m)
         late = none._replace(lag_s=tolerance.lag_s)
-        yield Parameter(Kind.LAG, i, tolerance.lag_s, late, f"{name}.lag_s")
+        yield Parameter(Nuisance.LAG, i, tolerance.lag_s, late, f"{name}.lag_s")

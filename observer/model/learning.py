@@ -28,7 +28,7 @@ REST_K = 0.1
 """How far a screw is from one temperature, and that from the air's, after a night."""
 
 
-class Kind(IntEnum):
+class Nuisance(IntEnum):
     """What a state is of: the machine (up to `LAW`), or one of its sensors; in the order of `Learnable`."""
 
     CONVECTION = 0
@@ -74,7 +74,7 @@ class Parameter(NamedTuple):
     learnt, what it is called, and the `value` and `unit` in which it is reported: value + unit · state.
     """
 
-    kind: Kind
+    kind: Nuisance
     of: int
     sigma: float
     change: Change
@@ -202,7 +202,7 @@ def learning_of(
     """Return the states of parameters, of a plant of n_x states with so many known inputs, of which those are
     `learnt` whose kind's key is among these; `rest_P` as in `LearningArrays`, None where no screw rests.
     """
-    parameters = sorted(parameters, key=lambda p: p.kind > Kind.LAW)
+    parameters = sorted(parameters, key=lambda p: p.kind > Nuisance.LAW)
     none = no_change(n_x, known)
     change: dict[str, Any] = {
         name: np.array([getattr(p.change, name) for p in parameters], np.asarray(own).dtype).reshape(
@@ -212,7 +212,7 @@ def learning_of(
     }
     learnt_states = [i for i, p in enumerate(parameters) if p.kind.key in learnt]
     arrays = LearningArrays(
-        machine=sum(p.kind <= Kind.LAW for p in parameters),
+        machine=sum(p.kind <= Nuisance.LAW for p in parameters),
         kind=np.array([p.kind for p in parameters], np.int64),
         of=np.array([p.of for p in parameters], np.int64),
         sigma=np.array([p.sigma for p in parameters], np.float64),

@@ -60,7 +60,7 @@ class Basis(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class OutputRows:
     """Output rows: `C` (R, n_x) and `F` (R, p); temperatures in °C, errors in µm.
 
     Rows 0 … s-1 are the sensors, then g rows of the field on the grid, then those of the thermal error:
@@ -135,7 +135,7 @@ class Plant:
     decay_1_s: FloatArray
     B: FloatArray
     E: FloatArray
-    rows: Rows
+    rows: OutputRows
     moving: tuple[MovingSource, ...]
     uniform: FloatArray
     prior_P: FloatArray
@@ -206,7 +206,7 @@ class Plant:
             )
             for m in self.moving
         )
-        return replace(self, rows=Rows(self.rows.C[:s], self.rows.F[:s], s, 0), moving=moving)
+        return replace(self, rows=OutputRows(self.rows.C[:s], self.rows.F[:s], s, 0), moving=moving)
 
     @property
     def known(self) -> KnownColumns:

@@ -18,7 +18,7 @@ import numpy as np
 
 from observer.frames import FloatArray, Layout
 from observer.model.coupling import no_coupling
-from observer.model.plant import OFFSET, REFERENCE, MovingSource, Plant, Rows
+from observer.model.plant import OFFSET, REFERENCE, MovingSource, OutputRows, Plant
 from observer.model.prior import past_heat_covariance, smooth_field_covariance
 from observer.model.rod.modes import Modes, contributions, modal_input, tail_left
 from observer.model.rod.moving import TABLE_POINTS, NutTable
@@ -126,7 +126,7 @@ class Nut(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Heat:
+class HeatInput:
     """A source of heat: the `share` of it that enters the screw does so over `stretch`, averaged over its
     motion, but for `ends_fraction`, which enters over the two stretches `ends` at the ends of a stroke.
 
@@ -157,7 +157,7 @@ class FullModel:
     """
 
     modes: Modes
-    heats: tuple[Heat, ...]
+    heats: tuple[HeatInput, ...]
     known: tuple[KnownInput, ...]
     places: Places
     sensors: tuple[str, ...]
@@ -217,7 +217,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         decay_1_s=np.concatenate([modes.decay_1_s, np.full(m, lag_decay_1_s)]),
         B=B,
         E=E,
-        rows=Rows(
+        rows=OutputRows(
             C=C,
             F=_known_rows(full, modes, known),
             sensors=len(full.sensors),
@@ -252,7 +252,7 @@ def _first_dropped(candidates: Modes, kept: Sequence[int]) -> float:
 
 
 def _footprint(
-    full: FullModel, modes: Modes, heat: Heat, ends_fraction: float
+    full: FullModel, modes: Modes, heat: HeatInput, ends_fraction: float
 ) -> tuple[FloatArray, FloatArray]:
     """A heat's modal column (N,) and its lag's output column (R,), averaged over its motion."""
     b, c = heat.share * modal_input(modes, heat.stretch), heat.share * _lag_row(full, modes, heat.stretch)

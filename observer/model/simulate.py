@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -66,21 +65,14 @@ class AdvanceWork(NamedTuple):
         return cls(np.zeros(m), np.zeros(width), halves[0], none, halves[1], sweep)
 
 
-@dataclass(frozen=True, slots=True)
-class SimulationState:
-    """The plant's state (n_x,) between two blocks of a simulation."""
-
-    x: FloatArray
-
-
-def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> SimulationState:
+def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> FloatArray:
     """Return the state of a screw at one temperature, its lags settled at the heats (m,) of the moment."""
-    return SimulationState(plant.uniform * temperature_degC + law_W @ plant.lags)
+    return plant.uniform * temperature_degC + law_W @ plant.lags
 
 
 def start_from_sensors(
     plant: Plant, y_degC: FloatArray, noise_R_K2: FloatArray, law_W: FloatArray, z: FloatArray
-) -> SimulationState:
+) -> FloatArray:
     """Return the most probable state of a screw whose sensors read `y_degC`, its lags settled at the heats.
 
     x = x̄ + P Cᵀ (C P Cᵀ + R)⁻¹ (y − C x̄ − F z), with x̄ the screw at the sensors' mean and P the prior of a
@@ -94,31 +86,31 @@ def start_from_sensors(
     if len(seen) == 0:
         raise ValueError("no sensor has a value to start from")
     C, y = plant.rows.C[seen], y_degC[seen]
-    x = start(plant, float(np.mean(y)), law_W).x
+    x = start(plant, float(np.mean(y)), law_W)
     PC = plant.smooth_P @ C.T
     prior_S = C @ PC
     widen = max(1.0, float(np.ptp(y) ** 2 / np.max(np.diag(prior_S))))
     gain = np.linalg.solve(widen * prior_S + np.diag(noise_R_K2[seen]), widen * PC.T).T
-    return SimulationState(x + gain @ (y - C @ x - plant.rows.F[seen] @ z))
+    return np.asarray(x + gain @ (y - C @ x - plant.rows.F[seen] @ z))
 
 
 def simulate(
-    plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray | None = None
-) -> tuple[SimulationState, FloatArray]:
+    plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
 
     Exact for heats constant and known inputs linear over each step; time-varying couplings are of
     second order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of the screw of which the
     squares add up to the covariance of each moving source's input column over the step, where that is known.
     """
-    rows, x = np.empty((len(inputs), len(plant.rows.C))), state.x
+    rows, x = np.empty((len(inputs), len(plant.rows.C))), state
     seen = np.vstack([_lagless(plant), plant.rows.F.T])
     for part, states in _marched(plant, state, inputs, sweep):
         np.matmul(states, seen, out=rows[part])
         if plant.moving:
             rows[part] += _of_lags(plant, inputs, part, states)
         x = states[-1, : len(x)]
-    return SimulationState(x.copy()), rows
+    return x.copy(), rows
 
 
 class Means(NamedTuple):
@@ -131,9 +123,7 @@ class Means(NamedTuple):
     way: FloatArray
 
 
-def simulate_means(
-    plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray | None = None
-) -> Means:
+def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None = None) -> Means:
     """Return the output rows of K steps as means too, in °C and µm; else as `simulate`.
 
     A mode of the rate λ that goes from one value to another has on average gone the share w of its way,
@@ -141,7 +131,7 @@ def simulate_means(
     """
     out = Means(*np.empty((3, len(inputs), len(plant.rows.C))))
     length_s, which = np.unique(inputs.dt_s, return_inverse=True)
-    left, x = (1.0 - _share_of_way(plant.decay_1_s * length_s[:, None]))[which], state.x
+    left, x = (1.0 - _share_of_way(plant.decay_1_s * length_s[:, None]))[which], state
     lagless, F = _lagless(plant), plant.rows.F
     for part, states in _marched(plant, state, inputs, sweep):
         ends, z_start, z_end = states[:, : len(x)], inputs.z_start[part], inputs.z_end[part]
@@ -155,19 +145,19 @@ def simulate_means(
 
 
 def _marched(
-    plant: Plant, state: SimulationState, inputs: Inputs, sweep: FloatArray | None
+    plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield some steps at a time, and the states and known inputs (k, n_x + p) at their ends; these are
     written over by the next.
     """
     K, p = len(inputs), _plant_arrays(plant)
     sweep = np.zeros((K, 0, 0, 0)) if sweep is None else plant.of_screw(sweep)
-    x = pad_rows(state.x, p.B.shape[1])
+    x = pad_rows(state, p.B.shape[1])
     plant_record, table = record(p), record(AdvanceTable.empty(p.B.shape[1]))
     u, decay_1_s = inputs.packed(), contiguous(plant.decay_1_s)
-    states = np.empty((min(K, _CHUNK), len(state.x) + u.z_end.shape[1]))
+    states = np.empty((min(K, _CHUNK), len(state) + u.z_end.shape[1]))
     B, C = p.B.copy(), np.zeros((0, p.B.shape[1]))
-    inputs_record, work = record(u), record(AdvanceWork.of(p, len(state.x), sweep))
+    inputs_record, work = record(u), record(AdvanceWork.of(p, len(state), sweep))
     for begin in range(0, K, _CHUNK):
         here = states[: K - begin]
         march(plant_record, table, decay_1_s, inputs_record, B, C, work, x, here, begin)

@@ -23,7 +23,7 @@ from observer.files.logs import Log, read_log
 from observer.fit.runs import LEAST_S, joined, part
 from observer.frames import FrameBlock
 from observer.record.retention import START_SUFFIX, Recording, recordings
-from observer.tables.keeping import Record
+from observer.tables.keeping import RecordSettings
 
 PAUSE_S = 30.0
 """A longer pause parts two stretches."""
@@ -66,7 +66,7 @@ def duration_s(text: str) -> float:
     return float(found[1]) * _UNITS_S[found[2]]
 
 
-def stretches(record: Record, name: str, plan: AlignPlan, last_s: float) -> list[RecordedStretch]:
+def stretches(record: RecordSettings, name: str, plan: AlignPlan, last_s: float) -> list[RecordedStretch]:
     """The stretches of the last `last_s` seconds that a service called `name` has recorded, the oldest first.
 
     Time counts back from the newest row. A row that is being written is left out. Raises `ConfigError` where

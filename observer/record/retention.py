@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from observer.errors import ConfigError
-from observer.tables.keeping import Record
+from observer.tables.keeping import RecordSettings
 
 START_SUFFIX = ".start"
 """The checkpoint beside a recording, from which its estimates start, has the recording's name and this."""
@@ -38,7 +38,7 @@ class Retention:
     free_bytes: float = 0.0
 
     @classmethod
-    def of(cls, record: Record) -> Retention:
+    def of(cls, record: RecordSettings) -> Retention:
         """As configured."""
         return cls(
             math.inf if record.keep_days is None else record.keep_days * 86_400.0,

@@ -9,7 +9,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
-from observer.model.plant import Rows
+from observer.model.plant import OutputRows
 
 MOST = 2000
 
@@ -127,7 +127,7 @@ _OF_ESTIMATES = (
 )  # fmt: skip
 
 
-def simulated(inputs: Inputs, rows: FloatArray, meaning: Rows) -> dict[str, FloatArray]:
+def simulated(inputs: Inputs, rows: FloatArray, meaning: OutputRows) -> dict[str, FloatArray]:
     """What the overview of a simulation shows of a block of inputs and the output rows (K, R) they predict.
 
     `time_s` (K,); `law_W` (K, m) of every source; `field_degC` (K, g); `error_um` (K, g) or (K, 0);

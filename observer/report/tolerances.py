@@ -11,7 +11,7 @@ from observer.estimators.design.spread import Spread, spread
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.cycle import SPEED_RPM, standard_shift
-from observer.model.learning import Kind
+from observer.model.learning import Nuisance
 from observer.model.plant import Plant
 
 MOST_MODES = 40
@@ -44,10 +44,10 @@ def tolerances(config: Config) -> dict[str, Any]:
     """
     config = few_modes(config)
     plant = build_plant(config, learns=True)
-    keys = np.array([Kind(kind).key for kind in plant.parameters.kind], np.str_)
+    keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
     cases = [np.ones(len(keys))]
     cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in KEYS]
-    cases.append(np.where(keys == Kind.LAW.key, 1.0, AS_KNOWN))
+    cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
     found = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
     if found is None:
         return {"tolerances": [], "improve_first": {}}

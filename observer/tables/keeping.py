@@ -14,7 +14,7 @@ STATE_DIRECTORY = "STATE_DIRECTORY"
 """Where systemd says that a unit may keep its state; several places are parted by colons."""
 
 
-class Record(Section):
+class RecordSettings(Section):
     """Where the lossless log of the daemon goes."""
 
     directory: Path | None = None  #: where the recordings go; – records nothing
@@ -38,7 +38,7 @@ class Checkpoint(Section):
     period_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0  #: how often; once more at the end
     oldest_s: Annotated[float, Field(gt=0, le=86_400)] = 900.0  #: an older one is left aside at the start
 
-    def place(self, record: Record) -> Path | None:
+    def place(self, record: RecordSettings) -> Path | None:
         """The directory in force: as configured, else that of the recordings, else systemd's; None is off."""
         if not self.enabled:
             return None

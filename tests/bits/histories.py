@@ -94,7 +94,7 @@ def smoother_over_more_than_a_segment():
 def ahead(plant, u, sweep=None, first=None) -> Arrays:
     begun = start(plant, 21.0, u.law_W[0]) if first is None else first
     state, rows = simulate(plant, begun, u, sweep)
-    return {"given": given(plant, u), "x": state.x, "~rows": rows}
+    return {"given": given(plant, u), "x": state, "~rows": rows}
 
 
 @cases_of(

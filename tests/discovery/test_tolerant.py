@@ -14,7 +14,7 @@ from observer.discovery.candidates import library
 from observer.discovery.search import FittedCandidate
 from observer.effects.base import Unnamed
 from observer.effects.heat import EndHeat
-from observer.effects.terms import AmbientShift, Offset
+from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.evidence import resolution
 from observer.fit.hypothesis import fit_null
 from observer.fit.parameters import free_keys
@@ -65,7 +65,7 @@ def test_what_offsets_and_ambient_do_is_what_a_prediction_says() -> None:
     """A sensor's offset and a warmer air within their tolerances cost their own share and no more."""
     known = {"conductivity": 0.0, "heat_capacity": 0.0, "position_m": 0.0, "lag_s": 0.0}
     config = machine(tolerance=known | {"offset_K": 0.3, "ambient_K": 0.5})
-    more = (Offset("b", 0.3, 0.0), AmbientShift(0.0, 0.5))
+    more = (SensorOffset("b", 0.3, 0.0), AmbientShift(0.0, 0.5))
     truth = config.model_copy(update={"effect": (Unnamed(more),)})
     exact = machine(tolerance=known | {"offset_K": 0.0, "ambient_K": 0.0})
     logs = [made_log(truth, seed, minutes=60.0) for seed in range(3)]

@@ -24,7 +24,7 @@ from observer.tables import estimator, gateway, keeping, laws, mounting, nodes, 
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 CONFIGURATION = {
-    "`[machine]`": config.Machine,
+    "`[machine]`": config.MachineName,
     "`[screw]`": sections.Screw,
     "`[surface]`": laws.Surface,
     "`[ambient]`": sections.Ambient,
@@ -57,7 +57,7 @@ CONFIGURATION = {
     "`[metrics]`": gateway.Metrics,
     "`[mqtt]`": gateway.Mqtt,
     "`[opcua]`": gateway.Opcua,
-    "`[record]`": keeping.Record,
+    "`[record]`": keeping.RecordSettings,
     "`[checkpoint]`": keeping.Checkpoint,
     "`[alarms]`": keeping.AlarmSettings,
 }

@@ -14,7 +14,7 @@ def start_mean(plant, u):
     C, F, x = (
         plant.rows.C[: plant.rows.sensors],
         plant.rows.F[: plant.rows.sensors],
-        start(plant, 0.0, u.law_W[0]).x,
+        start(plant, 0.0, u.law_W[0]),
     )
     levels = (u.y_degC[0] - C @ x - F @ u.z_end[0]) / (C @ plant.uniform)
     return x + plant.uniform * np.median(levels[u.usable[0]])

@@ -8,7 +8,7 @@ import numpy as np
 
 from observer.frames import Inputs, Layout
 from observer.model.coupling import no_coupling
-from observer.model.plant import MovingSource, Plant, Rows
+from observer.model.plant import MovingSource, OutputRows, Plant
 from observer.model.rod.moving import NutTable
 
 LENGTH_M, DIAMETER_M, CONDUCTIVITY_W_MK, RHO_C_J_M3K = 0.6, 0.03, 50.0, 7800.0 * 460.0
@@ -103,7 +103,7 @@ def rod(
         decay_1_s=np.concatenate([decay[:modes], np.full(m, lag)]),
         B=B,
         E=E,
-        rows=Rows(C, np.full((len(places), 1), 0.0), s, grid),
+        rows=OutputRows(C, np.full((len(places), 1), 0.0), s, grid),
         moving=tuple(
             MovingSource(j, "nut_position_m", empty_table(modes + m, len(places)), 0.0) for j in moving
         ),
@@ -182,7 +182,7 @@ def small(moving=(), grid=3, **changes):
     return replace(
         plant,
         E=np.hstack([plant.E, alternating]),
-        rows=Rows(plant.rows.C, np.column_stack([F, F[::-1]]), plant.rows.sensors, plant.rows.grid),
+        rows=OutputRows(plant.rows.C, np.column_stack([F, F[::-1]]), plant.rows.sensors, plant.rows.grid),
         known_names=("ambient", "end"),
         coupling=no_coupling(len(plant.E), plant.B.shape[1], 2),
     )
@@ -205,4 +205,4 @@ def at(plant, u, k):
     for i, source in enumerate(plant.moving):
         B[:, source.index] = u.moving_B[k, i]
         C[:, plant.modes + source.index] = u.moving_C[k, i]
-    return replace(plant, B=B, rows=Rows(C, plant.rows.F, plant.rows.sensors, plant.rows.grid))
+    return replace(plant, B=B, rows=OutputRows(C, plant.rows.F, plant.rows.sensors, plant.rows.grid))

@@ -12,7 +12,7 @@ from observer.estimators.specification import Belief, Columns, columns_in_place,
 from observer.kernels.codes import STILL
 from observer.kernels.learning import FOLLOWS_S
 from observer.model.discretise import quantise, step_matrices
-from observer.model.learning import Kind
+from observer.model.learning import Nuisance
 from tests.bits.made import described, driven
 from tests.bits.shared import COUPLINGS, EVERY, learning
 
@@ -62,7 +62,7 @@ def test_a_machine_stands_while_no_sensor_is_three_sigma_off_the_air(part, stand
     """σ² is that of the sensor's offset, of the air's, and of noise; where it stands its heats are known."""
     config, plant = described(3, 3, 3, moving=True, learns=True, estimator={"learn": EVERY})
     a, u = plant.learning.arrays, driven(plant, 1)
-    air_K, offset_K = (a.sigma[a.kind == kind] for kind in (Kind.AMBIENT, Kind.OFFSET))
+    air_K, offset_K = (a.sigma[a.kind == kind] for kind in (Nuisance.AMBIENT, Nuisance.OFFSET))
     sigma_K = np.sqrt(offset_K[1] ** 2 + air_K[0] ** 2 + plant.noise_R_K2[1])
     u.y_degC[0] = u.z_end[0, plant.known.ambient]
     u.y_degC[0, 1] += 3.0 * part * sigma_K

@@ -13,7 +13,7 @@ from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.specification import Belief, Columns, correct, predict, transition
 from observer.frames import EstimateQuality, Inputs, Quality
 from observer.model.discretise import augmented, step_matrices
-from observer.model.plant import Rows
+from observer.model.plant import OutputRows
 from observer.tables.estimator import EstimatorSettings
 from tests.estimators.plants import inputs, rod
 
@@ -113,7 +113,7 @@ def test_masking_a_sensor_is_deleting_its_row():
     rows = np.array([0, 1, 3, *range(4, len(plant.rows.C))])
     fewer = replace(
         plant,
-        rows=Rows(plant.rows.C[rows], plant.rows.F[rows], 3, plant.rows.grid),
+        rows=OutputRows(plant.rows.C[rows], plant.rows.F[rows], 3, plant.rows.grid),
         noise_R_K2=plant.noise_R_K2[keep],
         layout=replace(plant.layout, sensors=("t0", "t1", "t3")),
     )

@@ -13,7 +13,7 @@ from observer.frames import EstimateBlock
 from observer.model import simulate
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, quantise, step_matrices
-from observer.model.learning import WANDER_S, Kind
+from observer.model.learning import WANDER_S, Nuisance
 from observer.model.rod.screw import surface_rate
 from tests.learning.cover import calibrated, estimates, judged, log_of
 from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day, draw
@@ -52,16 +52,16 @@ def drives(plant, B, law_W, z, around):
     free = np.where(modes, plant.E @ z - plant.decay_1_s * x, 0.0)
     columns = []
     for kind, of in zip(a.kind[: a.machine], a.of[: a.machine], strict=True):
-        source = np.flatnonzero(plant.estimated)[of] if kind == Kind.LAW else 0
+        source = np.flatnonzero(plant.estimated)[of] if kind == Nuisance.LAW else 0
         columns.append(
             {
-                Kind.CONVECTION: lambda: film,
-                Kind.CONDUCTIVITY: lambda: free - film,
-                Kind.HEAT_CAPACITY: lambda: -np.where(modes, free + B @ heat_W, 0.0),
-                Kind.AMBIENT: lambda: plant.E[:, a.ambient],
-                Kind.END: lambda of=of: ends[of] / conductance_W_m * (z[a.ambient] - ends[of] @ x),
-                Kind.LAW: lambda source=source: B[:, source] * law_W[source],
-            }[Kind(kind)]()
+                Nuisance.CONVECTION: lambda: film,
+                Nuisance.CONDUCTIVITY: lambda: free - film,
+                Nuisance.HEAT_CAPACITY: lambda: -np.where(modes, free + B @ heat_W, 0.0),
+                Nuisance.AMBIENT: lambda: plant.E[:, a.ambient],
+                Nuisance.END: lambda of=of: ends[of] / conductance_W_m * (z[a.ambient] - ends[of] @ x),
+                Nuisance.LAW: lambda source=source: B[:, source] * law_W[source],
+            }[Nuisance(kind)]()
         )
     return np.array(columns).T
 
@@ -73,9 +73,9 @@ def readings(plant, u, k, around, C, dt_s):
     entries = np.zeros((s, len(a.kind) - a.machine))
     now = C @ around[:n_x] + plant.rows.F[:s] @ u.z_end[k]
     for q, (kind, i) in enumerate(zip(a.kind[a.machine :], a.of[a.machine :], strict=True)):
-        if kind == Kind.OFFSET:
+        if kind == Nuisance.OFFSET:
             entries[i, q] = 1.0
-        elif kind == Kind.PLACE:
+        elif kind == Nuisance.PLACE:
             entries[i, q] = a.row[a.machine + q] @ around[:n_x]
         else:
             lag_s = a.sigma[a.machine + q]
@@ -158,12 +158,15 @@ def test_nothing_in_doubt_is_the_plain_filter():
 @pytest.mark.parametrize(
     ("kind", "change"),
     [
-        (Kind.CONVECTION, {"surface": {"convection_W_m2K": 15.15}}),
-        (Kind.CONDUCTIVITY, {"screw": {"conductivity_W_mK": 50.5}}),
-        (Kind.HEAT_CAPACITY, {"screw": {"specific_heat_J_kgK": 464.6}}),
-        (Kind.AMBIENT, {}),
-        (Kind.END, {"boundary": {"left": {"kind": "convective", "coefficient_W_m2K": 0.01 / 0.00101788}}}),
-        (Kind.LAW, {"source": {"scale": 1.01}}),
+        (Nuisance.CONVECTION, {"surface": {"convection_W_m2K": 15.15}}),
+        (Nuisance.CONDUCTIVITY, {"screw": {"conductivity_W_mK": 50.5}}),
+        (Nuisance.HEAT_CAPACITY, {"screw": {"specific_heat_J_kgK": 464.6}}),
+        (Nuisance.AMBIENT, {}),
+        (
+            Nuisance.END,
+            {"boundary": {"left": {"kind": "convective", "coefficient_W_m2K": 0.01 / 0.00101788}}},
+        ),
+        (Nuisance.LAW, {"source": {"scale": 1.01}}),
     ],
 )
 def test_a_parameter_does_what_the_changed_configuration_does(kind, change):
@@ -175,7 +178,7 @@ def test_a_parameter_does_what_the_changed_configuration_does(kind, change):
     a, first = plant.learning.arrays, len(plant.decay_1_s) + int(plant.estimated.sum())
     which = [q for q, (k, of) in enumerate(zip(a.kind, a.of, strict=True)) if k == kind and of == 0]
     x, n = np.zeros(len(estimator.initial().x_hat)), len(plant.decay_1_s)
-    x[:n] = state.x[:n]
+    x[:n] = state[:n]
     x[first + which[0]] = 0.01
     around = np.concatenate([x[:first], np.full(2 * plant.rows.sensors, 20.0)])
     begun = replace(estimator.initial(), x_hat=x, P=np.zeros((len(x), len(x))), started=True, around=around)
@@ -186,7 +189,7 @@ def test_a_parameter_does_what_the_changed_configuration_does(kind, change):
 
     frames = next(iter(frames_of_log(log_of(log), Machine.of(changed).plan)))
     _, v = Drive(changed, other).run(Drive(changed, other).initial(), frames)
-    if kind == Kind.AMBIENT:
+    if kind == Nuisance.AMBIENT:
         v = v._replace(z_start=v.z_start.copy(), z_end=v.z_end.copy())
         v.z_start[:, other.known.ambient] += 0.01
         v.z_end[:, other.known.ambient] += 0.01

@@ -16,7 +16,7 @@ from observer.estimators.specification import (
     predict,
     transition,
 )
-from observer.model.learning import Kind
+from observer.model.learning import Nuisance
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.made import described, driven
 from tests.bits.shared import COUPLINGS, EVERY, coupled, learning
@@ -102,7 +102,7 @@ def test_what_is_considered_keeps_value_and_variance(engine):
 def test_filterpy_learns_the_same(resting):
     """The whole chain with the specification's matrices and filterpy's algebra, everything learnt."""
     _, plant, u = learning(EVERY, resting=resting, steps=40)
-    assert set(Kind) == set(plant.learning.arrays.kind.tolist())
+    assert set(Nuisance) == set(plant.learning.arrays.kind.tolist())
     runs = []
     for engine in ("compiled", "filterpy"):
         estimator = build_estimator(plant, EstimatorSettings(engine=engine, gate_sigma=6.0, period_s=2.0))

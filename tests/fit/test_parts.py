@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.effects.terms import Lag, Offset, StretchFilm
+from observer.effects.terms import Lag, SensorOffset, StretchFilm
 from observer.fit.evidence import (
     PROOF,
     UNUSED,
@@ -191,7 +191,7 @@ class Straight:
         names = [s.name for s in config.sensor]
         for term in (term for effect in config.effect for term in effect.terms(config)):
             match term:
-                case Offset():
+                case SensorOffset():
                     out[:, names.index(term.sensor)] += term.offset_K
                 case Lag():
                     out[:, names.index(term.sensor)] += 0.01 * term.time_constant_s * self.by["lag"][:, 0]

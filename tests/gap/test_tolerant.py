@@ -14,7 +14,7 @@ from observer.estimators.tolerant import Tolerant, TolerantState, gathered
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.model.learning import Kind
+from observer.model.learning import Nuisance
 from observer.model.rod.moving import columns_at
 from observer.model.simulate import simulate, start
 from tests.learning.cover import log_of
@@ -50,7 +50,7 @@ def _predicted(config: Config, inputs: Inputs) -> FloatArray:
     return rows[:, plant.rows.sensor_slice].reshape(-1, ROWS, plant.rows.sensors).mean(axis=1)
 
 
-def _gaps(inputs: Inputs, of: Kind | None = None, sigmas: float = 0.0) -> FloatArray:
+def _gaps(inputs: Inputs, of: Nuisance | None = None, sigmas: float = 0.0) -> FloatArray:
     """What the prediction leaves of the readings, with one parameter of a kind off by so much."""
     config = config_of()
     plant = build_plant(config, learns=True)
@@ -58,9 +58,9 @@ def _gaps(inputs: Inputs, of: Kind | None = None, sigmas: float = 0.0) -> FloatA
     state = tolerant.initial()
     theta = np.zeros(len(state.theta))
     if of is not None:
-        at = tolerant.parameters(of)[1 if of is Kind.PLACE else 0]
+        at = tolerant.parameters(of)[1 if of is Nuisance.PLACE else 0]
         theta[at] = sigmas * np.sqrt(state.P[len(state.x) + at, len(state.x) + at])
-    state = TolerantState(start(plant, 20.0, inputs.law_W[0]).x, theta, state.P)
+    state = TolerantState(start(plant, 20.0, inputs.law_W[0]), theta, state.P)
     gaps = []
     for minute in _minutes(inputs):
         state, gap = tolerant.ahead(state._replace(theta=theta), minute, learn=False)
@@ -73,17 +73,17 @@ def _text(old: str, new: str) -> Config:
     return Config.model_validate(tomllib.loads(CONFIG.replace(old, new, 1)))
 
 
-CHANGED: dict[str, tuple[Kind, float, Callable[[], Config]]] = {
-    "film": (Kind.CONVECTION, 1.0, lambda: _text("W_m2K = 15.0", "W_m2K = 19.5")),
-    "conductivity": (Kind.CONDUCTIVITY, 1.0, lambda: _text("_W_mK = 50.0", "_W_mK = 51.5")),
-    "heat capacity": (Kind.HEAT_CAPACITY, 1.0, lambda: _text("_J_kgK = 460.0", "_J_kgK = 473.8")),
+CHANGED: dict[str, tuple[Nuisance, float, Callable[[], Config]]] = {
+    "film": (Nuisance.CONVECTION, 1.0, lambda: _text("W_m2K = 15.0", "W_m2K = 19.5")),
+    "conductivity": (Nuisance.CONDUCTIVITY, 1.0, lambda: _text("_W_mK = 50.0", "_W_mK = 51.5")),
+    "heat capacity": (Nuisance.HEAT_CAPACITY, 1.0, lambda: _text("_J_kgK = 460.0", "_J_kgK = 473.8")),
     "end": (
-        Kind.END,
+        Nuisance.END,
         2.0,
         lambda: _text('kind = "insulated"', 'kind = "convective"\ncoefficient_W_m2K = 98.2438'),
     ),
-    "law": (Kind.LAW, 1.0, lambda: _text("torque_Nm = 0.3", "torque_Nm = 0.36")),
-    "place": (Kind.PLACE, 1.0, lambda: _text("position_m = 0.28", "position_m = 0.282")),
+    "law": (Nuisance.LAW, 1.0, lambda: _text("torque_Nm = 0.3", "torque_Nm = 0.36")),
+    "place": (Nuisance.PLACE, 1.0, lambda: _text("position_m = 0.28", "position_m = 0.282")),
 }
 
 
@@ -115,7 +115,7 @@ def test_a_parameter_ends_at_the_edge_of_its_tolerance(one_day) -> None:
     state = tolerant.begin(tolerant.initial(), minute)
     for _ in range(3000):
         state, gap = tolerant.ahead(state, minute)
-    offsets = state.theta[tolerant.parameters(Kind.OFFSET)]
+    offsets = state.theta[tolerant.parameters(Nuisance.OFFSET)]
     assert offsets[2] == pytest.approx(3.5 * 0.3)
     assert gap.gap_K[2] > 1.0
 
@@ -177,9 +177,9 @@ def test_a_law_that_is_off_shows_where_the_nut_is(one_day) -> None:
     minute = minute._replace(moving_B=B[None, None], moving_C=C[None, None], law_W=law_W)
     more = minute._replace(law_W=np.where(law_W == 100.0, (1.0 + SHARE) * law_W, law_W))
     theta = np.zeros(len(tolerant.initial().theta))
-    x, P = start(plant, 20.0, minute.law_W[0]).x, tolerant.initial().P
+    x, P = start(plant, 20.0, minute.law_W[0]), tolerant.initial().P
     off = theta.copy()
-    laws = tolerant.parameters(Kind.LAW)[: plant.estimated.sum()]
+    laws = tolerant.parameters(Nuisance.LAW)[: plant.estimated.sum()]
     off[laws[np.flatnonzero(plant.estimated) == nut.index]] = SHARE
     (_, told), (_, changed) = (
         tolerant.ahead(TolerantState(x, t, P), u, learn=False) for t, u in ((off, minute), (theta, more))

@@ -10,7 +10,7 @@ from observer.history.smoother import smooth_changes, smooth_heats
 from observer.history.tolerances import _roughly_known, changes_within
 from observer.kernels.codes import REJECTED
 from observer.model.discretise import quantise, step_matrices
-from observer.model.learning import Kind
+from observer.model.learning import Nuisance
 from observer.model.simulate import start_from_sensors
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.made import described, driven
@@ -68,7 +68,7 @@ def by_hand(plant, u, x):
     """
     a, s, n_x = plant.learning.arrays, plant.rows.sensors, len(x)
     D, S, n = np.zeros((len(u), s, len(a.kind))), np.zeros((n_x, a.machine)), n_x + int(plant.estimated.sum())
-    lags, (slow_degC, was_degC) = np.flatnonzero(a.kind == Kind.LAG), np.zeros((2, len(a.kind)))
+    lags, (slow_degC, was_degC) = np.flatnonzero(a.kind == Nuisance.LAG), np.zeros((2, len(a.kind)))
     for k in range(len(u)):
         B, C = columns_in_place(plant, u, k)
         if k > 0:
@@ -103,14 +103,14 @@ def test_tolerances_change_readings_as_full_matrices_have_it(effects, gain):
     found = changes_within(config, [u.part(0, 9), u.part(9)], u.law_W[:, made.estimated])
     plant, learnt = _roughly_known(config)
     first = start_from_sensors(plant, u.y_degC[0], plant.noise_R_K2, u.law_W[0], u.z_end[0])
-    expected_K = by_hand(plant, u, first.x)
+    expected_K = by_hand(plant, u, first)
     L = expected_K.shape[2]
     largest_K = np.abs(expected_K).max(axis=(0, 1))
     assert {int(kind) for kind in plant.learning.arrays.kind} >= {
-        Kind.CONVECTION,
-        Kind.END,
-        Kind.PLACE,
-        Kind.LAG,
+        Nuisance.CONVECTION,
+        Nuisance.END,
+        Nuisance.PLACE,
+        Nuisance.LAG,
     }
     assert (largest_K > 1e-4).all()
     np.testing.assert_allclose(

@@ -15,7 +15,7 @@ import pytest
 from observer import kernels
 from observer.frames import EstimateQuality, Quality
 from observer.kernels import codes, libc
-from observer.model.learning import Kind
+from observer.model.learning import Nuisance
 
 ROOT = Path(__file__).parents[2]
 
@@ -86,7 +86,7 @@ def test_codes_are_those_of_the_records() -> None:
     for name in EstimateQuality.__members__:
         assert getattr(codes, f"ESTIMATE_{name}") == EstimateQuality[name]
     for name in ("AMBIENT", "LAW", "OFFSET"):
-        assert getattr(codes, name) == Kind[name]
+        assert getattr(codes, name) == Nuisance[name]
 
 
 def test_functions_answer_as_in_c_where_python_raises() -> None:

@@ -58,7 +58,7 @@ def test_what_is_read_and_what_acts_stay(effects):
     np.testing.assert_allclose(own.lag_rows, V[plant.lag_slice])
     heats_W = np.arange(1.0, 1.0 + len(plant.source_names))
     np.testing.assert_allclose(
-        V @ start(own, 21.0, heats_W).x, start(plant, 21.0, heats_W).x, atol=1e-9 * 21.0 * plant.uniform.max()
+        V @ start(own, 21.0, heats_W), start(plant, 21.0, heats_W), atol=1e-9 * 21.0 * plant.uniform.max()
     )
 
 

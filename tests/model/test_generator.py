@@ -17,7 +17,7 @@ from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.model.generator import augmented_step, design_step, generator
 from observer.model.plant import Plant
-from observer.model.simulate import SimulationState, simulate
+from observer.model.simulate import simulate
 from tests.discovery.cases import table
 from tests.reference.cases import known
 from tests.reference.node_cases import by_speed, config, on_nodes
@@ -55,7 +55,7 @@ def stepped(plant: Plant, x: FloatArray, dt_s: float, steps: int, loss_1_s: floa
         moving_C=np.array([[q.table.mean_C for q in plant.moving]] * steps).reshape(steps, M, R),
         degraded=np.zeros(steps, dtype=bool), loss_1_s=np.full(steps, loss_1_s), loss_degC=np.zeros(steps),
     )  # fmt: skip
-    return simulate(plant, SimulationState(x.copy()), inputs)[0].x
+    return simulate(plant, x.copy(), inputs)[0]
 
 
 def uneven(plant: Plant) -> FloatArray:

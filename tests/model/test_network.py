@@ -275,7 +275,7 @@ def test_a_machine_at_one_temperature_reads_it_everywhere() -> None:
     made = table(node=[BLOCK], link=[TIED, {"between": ["block", "ambient"], "conductance_W_K": 0.4}])
     made["sensor"] = [{"name": "s", "channel": "s_degC", "on": "block"}, *made["sensor"]]
     plant = build_plant(parse(made))
-    x = start(plant, 27.0, np.zeros(2)).x
+    x = start(plant, 27.0, np.zeros(2))
     z = known(plant, 1, ambient=27.0, reference=27.0)[0]
     read = (plant.rows.C @ x + plant.rows.F @ z)[: plant.rows.sensors]
     np.testing.assert_allclose(read, 27.0, atol=1e-9)

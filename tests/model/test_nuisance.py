@@ -12,7 +12,7 @@ from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.extend import with_parameters
-from observer.model.learning import Change, Kind, Parameter, no_change
+from observer.model.learning import Change, Nuisance, Parameter, no_change
 from observer.model.plant import Plant
 from observer.model.rod.modes import held_s
 from observer.tables.estimator import EstimatorSettings
@@ -60,8 +60,8 @@ def of_capacity() -> Change:
 
 def with_parameter(plant: Plant, change: Change, sigma: float, value: float, unit: float) -> Plant:
     """The plant with one parameter, which is learnt."""
-    entry = Parameter(Kind.END, 0, sigma, change, "extra", value, unit)
-    return with_parameters(plant, [entry], {Kind.END.key})
+    entry = Parameter(Nuisance.END, 0, sigma, change, "extra", value, unit)
+    return with_parameters(plant, [entry], {Nuisance.END.key})
 
 
 def rates(config: Config, x: FloatArray, q: FloatArray, z: FloatArray) -> FloatArray:

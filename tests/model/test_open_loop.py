@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer.model.discretise import step_matrices
-from observer.model.simulate import SimulationState, simulate, start
+from observer.model.simulate import simulate, start
 from tests.estimators.plants import lively, small
 
 
@@ -24,9 +24,9 @@ def test_what_is_held_drives_like_what_is_given_anew(moving):
     after, rows = simulate(plant, begun, u)
     x, own = begun, []
     for k in range(steps):
-        x, row = simulate(plant, SimulationState(x.x), u.part(k, k + 1))
+        x, row = simulate(plant, x, u.part(k, k + 1))
         own.append(row[0])
-    np.testing.assert_array_equal(x.x, after.x)
+    np.testing.assert_array_equal(x, after)
     np.testing.assert_allclose(own, rows, rtol=1e-12)
     assert len(np.unique(rows[:, 0])) == steps
 
@@ -41,8 +41,8 @@ def test_whatever_is_driven_otherwise_than_the_step_before_is_driven_anew():
     u.z_start[:] = u.z_end[:] = 20.0
     begun = start(plant, 24.0, np.zeros(u.law_W.shape[1]))
     after, _ = simulate(plant, begun, u)
-    x, B = begun.x, plant.B
+    x, B = begun, plant.B
     step = step_matrices(plant, 1.0)
     for k in range(steps):
         x = step.decay * x + step.hold * (B @ u.law_W[k] + plant.E @ u.z_start[k])
-    np.testing.assert_allclose(after.x, x, rtol=1e-11)
+    np.testing.assert_allclose(after, x, rtol=1e-11)

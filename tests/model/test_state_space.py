@@ -15,7 +15,7 @@ from observer.model.generator import state_space
 from observer.model.rod.modes import solve_modes
 from observer.model.rod.screw import rod_of
 from observer.model.rod.static import Stretch
-from observer.model.simulate import SimulationState, simulate
+from observer.model.simulate import simulate
 from tests.model.test_generator import machine
 from tests.reference.printed import kim_form
 
@@ -71,7 +71,7 @@ def _ours(config: Config) -> tuple[FloatArray, FloatArray]:
         loss_1_s=np.zeros(STEPS),
         loss_degC=np.zeros(STEPS),
     )  # fmt: skip
-    return simulate(plant, SimulationState(np.zeros(len(plant.decay_1_s))), inputs)[1], z
+    return simulate(plant, np.zeros(len(plant.decay_1_s)), inputs)[1], z
 
 
 @pytest.mark.parametrize("right", ["prescribed", "insulated"])
@@ -128,7 +128,7 @@ def test_python_control_marches_nodes_films_and_lagging_sensors_too() -> None:
         moving_B=none.reshape(steps, 0, 1), moving_C=none.reshape(steps, 0, 1),
         degraded=np.zeros(steps, dtype=bool), loss_1_s=np.zeros(steps), loss_degC=np.zeros(steps),
     )  # fmt: skip
-    rows = simulate(plant, SimulationState(np.zeros(n_x)), inputs)[1]
+    rows = simulate(plant, np.zeros(n_x), inputs)[1]
     u = np.zeros((len(system.input_labels), steps + 1))
     u[: len(plant.source_names)] = 20.0
     response = control.forced_response(system, np.arange(steps + 1) * dt_s, u)

@@ -32,7 +32,7 @@ from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
 from observer.live.keeper import Keeper, carried, stored
-from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, Record
+from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, RecordSettings
 
 ROOT = Path(__file__).parents[2]
 RIG = ROOT / "tests" / "data" / "rig"
@@ -239,22 +239,24 @@ def test_goes_from_parts_to_parts_where_it_fits(rig, fit):
 @pytest.mark.parametrize(
     ("checkpoint", "record", "place"),
     [
-        (Checkpoint(), Record(), "/state"),
-        (Checkpoint(), Record(directory=Path("/recordings")), "/recordings"),
-        (Checkpoint(directory=Path("/own")), Record(directory=Path("/recordings")), "/own"),
-        (Checkpoint(enabled=False), Record(directory=Path("/recordings")), None),
+        (Checkpoint(), RecordSettings(), "/state"),
+        (Checkpoint(), RecordSettings(directory=Path("/recordings")), "/recordings"),
+        (Checkpoint(directory=Path("/own")), RecordSettings(directory=Path("/recordings")), "/own"),
+        (Checkpoint(enabled=False), RecordSettings(directory=Path("/recordings")), None),
     ],
 )
 def test_where_it_lies(monkeypatch, checkpoint, record, place):
     monkeypatch.setenv(STATE_DIRECTORY, "/state:/other")
     assert checkpoint.place(record) == (None if place is None else Path(place))
     monkeypatch.delenv(STATE_DIRECTORY)
-    assert Checkpoint().place(Record()) is None
+    assert Checkpoint().place(RecordSettings()) is None
 
 
 def test_what_lies_beside_the_model_does_not_matter(machine):
     config = machine.config
-    moved = config.model_copy(update={"record": Record(directory=Path(os.sep)), "publish": config.publish})
+    moved = config.model_copy(
+        update={"record": RecordSettings(directory=Path(os.sep)), "publish": config.publish}
+    )
     assert moved.plant_digest == config.plant_digest
     other = config.model_copy(update={"screw": config.screw.model_copy(update={"length_m": 2.0})})
     assert other.plant_digest != config.plant_digest

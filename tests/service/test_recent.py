@@ -10,7 +10,7 @@ import pytest
 from observer.errors import ConfigError, LogError
 from observer.record.recent import duration_s, stretches
 from observer.record.retention import START_SUFFIX
-from observer.tables.keeping import Record
+from observer.tables.keeping import RecordSettings
 from tests.service.recorded import recorded, tick_row
 from tests.service.streams import CHANNELS, joined, plan, same_bits
 
@@ -39,7 +39,7 @@ def _with_channels(time_s, values):
 
 
 def _found(folder: Path, last_s: float = 1e6) -> list:
-    return stretches(Record(directory=folder), "m-x", PLAN, last_s)
+    return stretches(RecordSettings(directory=folder), "m-x", PLAN, last_s)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_too_short_is_told(tmp_path):
 
 def test_what_is_not_recorded_is_told(tmp_path):
     with pytest.raises(ConfigError, match=r"no record\.directory; add \[record\], or name logs"):
-        stretches(Record(), "m-x", PLAN, 1e6)
+        stretches(RecordSettings(), "m-x", PLAN, 1e6)
     with pytest.raises(LogError, match="cannot be read"):
         _found(tmp_path / "nowhere")
 

@@ -9,7 +9,7 @@ import pytest
 
 from observer.record import retention
 from observer.record.retention import Recording, Retention, tidy, to_remove
-from observer.tables.keeping import Record
+from observer.tables.keeping import RecordSettings
 
 NOW_S = 1.8e9
 DAY_S = 86_400.0
@@ -23,7 +23,7 @@ def _gone(keep: Retention, disk: tuple[int, int] = LARGE, *, by_age: bool = True
 
 def test_everything_stays_unless_something_says_otherwise():
     assert _gone(Retention()) == []
-    assert _gone(Retention.of(Record())) == []
+    assert _gone(Retention.of(RecordSettings())) == []
 
 
 def test_by_age_by_size_and_for_free_space_the_oldest_first():

@@ -25,7 +25,7 @@ from observer.kernels.codes import STILL
 from observer.model.cycle import SWEEP_PHASES, Stage, ripple
 from observer.model.discretise import step_matrices
 from observer.model.generator import augmented_step, generator, on_the_screw
-from observer.model.learning import WANDER_S, Kind, LearningArrays
+from observer.model.learning import WANDER_S, LearningArrays, Nuisance
 from observer.model.plant import Plant
 from observer.model.rod.supports import fold
 from observer.tables.estimator import EstimatorSettings
@@ -195,13 +195,18 @@ def _start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, 
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     first = n_x + m_e
     P = np.zeros((len(sigma), first + len(a.kind), first + len(a.kind)))
-    rest = at_rest and a.rests == 1 and {Kind.AMBIENT, Kind.OFFSET} <= set(a.kind) and not stage.law_W.any()
+    rest = (
+        at_rest
+        and a.rests == 1
+        and {Nuisance.AMBIENT, Nuisance.OFFSET} <= set(a.kind)
+        and not stage.law_W.any()
+    )
     P[:, :n_x, :n_x] = a.rest_P if rest else plant.prior_P
     still = STILL if rest else 1.0
     P[:, range(n_x, first), range(n_x, first)] = (still * plant.initial_sigma_W) ** 2
     own = range(first, first + len(a.kind))
     P[:, own, own] = sigma**2
-    for i in np.flatnonzero(a.kind == Kind.AMBIENT) if rest else ():
+    for i in np.flatnonzero(a.kind == Nuisance.AMBIENT) if rest else ():
         together = sigma[:, i, None] ** 2 * plant.uniform
         P[:, :n_x, first + i] = P[:, first + i, :n_x] = together
         P[:, :n_x, :n_x] += together[:, :, None] * plant.uniform
@@ -252,21 +257,21 @@ def _passing(plant: Plant, a: LearningArrays, stage: Stage, n: int) -> FloatArra
     n_x, estimated, s = len(plant.decay_1_s), np.flatnonzero(plant.estimated).tolist(), plant.rows.sensors
     first, N = n_x + len(estimated), plant.modes
     rows, lag_s, slope_C = np.zeros((SWEEP_PHASES, s, n)), np.zeros(s), np.zeros((s, N))
-    lag_s[a.of[a.kind == Kind.LAG]] = a.lag_s[a.kind == Kind.LAG]
+    lag_s[a.of[a.kind == Nuisance.LAG]] = a.lag_s[a.kind == Nuisance.LAG]
     decay_1_s, C, slopes = plant.decay_1_s, plant.rows.C[:s], a.row
     if plant.basis is not None:
         decay_1_s, C, slopes = plant.basis.decay_1_s, C @ plant.basis.inverse, slopes @ plant.basis.inverse
-    slope_C[a.of[a.kind == Kind.PLACE]] = slopes[a.kind == Kind.PLACE, :N]
+    slope_C[a.of[a.kind == Nuisance.PLACE]] = slopes[a.kind == Nuisance.PLACE, :N]
     for nut, sweep in zip(plant.moving, stage.sweeps, strict=True):
         if sweep is None or sweep.speed_m_s == 0.0 or nut.index not in estimated:
             continue
         own = ripple(nut.table, sweep, decay_1_s[:N], C[:, :N], slope_C, lag_s)
         rows[:, :, n_x + estimated.index(nut.index)] = own.seen
         for q, (kind, of) in enumerate(zip(a.kind, a.of, strict=True)):
-            if kind == Kind.LAW and estimated[of] == nut.index:
+            if kind == Nuisance.LAW and estimated[of] == nut.index:
                 rows[:, :, first + q] = own.seen * stage.law_W[nut.index]
-            elif kind in (Kind.PLACE, Kind.LAG):
-                by = own.by_place if kind == Kind.PLACE else own.by_lag
+            elif kind in (Nuisance.PLACE, Nuisance.LAG):
+                by = own.by_place if kind == Nuisance.PLACE else own.by_lag
                 rows[:, of, first + q] += by[:, of] * stage.heat_W[nut.index]
     return rows if rows.any() else rows[:1]
 
@@ -297,7 +302,7 @@ def _sigmas(now: Moment, a: LearningArrays) -> tuple[FloatArray, FloatArray, Flo
     plant, stage, x, P = now.plant, now.stage, now.x, now.P
     n_x, estimated, g = len(x), np.flatnonzero(plant.estimated), plant.rows.grid
     heats = np.eye(len(estimated), P.shape[1], n_x)
-    for q in np.flatnonzero(a.kind == Kind.LAW):
+    for q in np.flatnonzero(a.kind == Nuisance.LAW):
         heats[a.of[q], n_x + len(estimated) + q] = stage.law_W[estimated[a.of[q]]]
     rows = plant.rows.C[plant.rows.sensors :]
     heat = np.sqrt(((heats @ P) * heats).sum(axis=2))
