@@ -22,7 +22,7 @@ from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 from observer.tables.publishing import Client
 
-_SHOWN = ("estimate", "heat", "field", "error", "learned", "health", "alarms", "truth/heat")
+SHOWN = ("estimate", "heat", "field", "error", "learned", "health", "alarms", "truth/heat")
 _STYLE = {"good": "green", "degraded": "yellow", "stale": "yellow", "starting": "cyan"}
 _COUNTED = ("samples", "drops", "errors", "reconnects")
 _BLOCKS = "▁▂▃▄▅▆▇█"
@@ -54,7 +54,7 @@ class Subscription:
         self._session = zenoh.open(self._config)
         self._channels = {
             key: self._session.declare_subscriber(f"{self._prefix}/{key}", zenoh.handlers.RingChannel(1))
-            for key in _SHOWN
+            for key in SHOWN
         }
         return self
 

@@ -13,7 +13,7 @@ import zenoh
 
 from observer.files.logs import read_log
 from observer.publish.session import session_config
-from observer.publish.watch import KEYS
+from observer.publish.watch import SHOWN
 from tests.patience import PATIENCE_S
 from tests.publish.people import published
 from tests.publish.router import free_port
@@ -194,7 +194,7 @@ def test_watch_shows_whatever_a_hostile_publisher_sends():
 
         def attack() -> None:
             while not ended.wait(0.002):
-                router.put(f"ballscrew/demo/x/{rng.choice(KEYS)}", document())
+                router.put(f"ballscrew/demo/x/{rng.choice(SHOWN)}", document())
 
         thread = threading.Thread(target=attack)
         thread.start()
