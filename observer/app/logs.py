@@ -57,7 +57,7 @@ def replay(
     from observer.estimate.replay import estimates_of, nut_paths, speeds, start_of, write_results
     from observer.quality.reasons import NotGood
     from observer.report.collect import ReplaySamples
-    from observer.report.overview import write_overview
+    from observer.report.pictures import write_overview
 
     log = _recorded(log_path, config, **accept)
     machine, estimator = ready or Ready.of(config)
@@ -130,7 +130,7 @@ def forecast(
     from observer.forecast.program import given, learnt
     from observer.frames import EstimateQuality
     from observer.live.forecasting import Learner, forecast_columns, program_bins
-    from observer.report.forecast import write_forecast
+    from observer.report.pictures import write_forecast
 
     settings = config.forecast
     log, machine = _recorded(log_path, config, **accept), Machine.of(config, learns=True)
@@ -183,7 +183,7 @@ def identify(
     from observer.estimate.replay import inputs_of, nut_paths, speeds, write_history
     from observer.history.identify import heat_history
     from observer.history.tolerances import changes_within
-    from observer.report.heat_history import write_heat_history
+    from observer.report.pictures import write_heat_history
 
     options.check()
     progress("reading the log")
@@ -231,7 +231,7 @@ def simulate(
     """
     from observer.files.writer import write_log
     from observer.report.collect import Decimator, simulated
-    from observer.report.overview import write_simulation_overview
+    from observer.report.pictures import write_simulation_overview
 
     suffix_of(output)
     machine = Machine.of(config)

@@ -25,8 +25,7 @@ from observer.model.rod.modes import solve_modes, tail_left
 from observer.model.rod.screw import rod_of
 from observer.model.rod.static import footprints
 from observer.model.rod.supports import force_N
-from observer.report.detectable import detectable
-from observer.report.tolerances import tolerances
+from observer.report.sensitivity import detectable, tolerances
 from observer.tables.sections import Source
 
 TRANSIENT_S = (0.5, 10.0)

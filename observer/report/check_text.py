@@ -8,8 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from observer.report.detectable import buys
-from observer.report.tolerances import SHIFT_SAID, advice
+from observer.report.sensitivity import SHIFT_SAID, advice, buys
 
 
 def as_text(found: dict[str, Any]) -> RenderableType:

@@ -11,7 +11,7 @@ from observer.estimators import build_estimator
 from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
-from observer.report.tolerances import KEYS, advice, tolerances
+from observer.report.sensitivity import KEYS, advice, tolerances
 from tests.estimators.shift import simulated
 
 CONFIG = Path(__file__).parents[2] / "config"

@@ -11,7 +11,7 @@ from campaigns.integrity import faults as of
 from campaigns.integrity.catalogue import TWICE, Fault, catalogue, minimal_detectable_K
 from campaigns.integrity.judge import RIG, judged
 from campaigns.integrity.promise import TWICE_THE_LEAST
-from observer.report.detectable import detectable
+from observer.report.sensitivity import detectable
 from tests.learning.machines import config_of
 from tests.truth.machine.machine import SENSORS
 

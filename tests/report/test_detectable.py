@@ -18,7 +18,7 @@ from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
 from observer.model.build import build_plant
 from observer.report.check import findings
 from observer.report.check_text import as_text
-from observer.report.detectable import buys, detectable
+from observer.report.sensitivity import buys, detectable
 from tests.estimators.shift import simulated
 
 ROOT = Path(__file__).parents[2]

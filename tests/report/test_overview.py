@@ -13,7 +13,7 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from observer.report.collect import Decimator, ReplaySamples, simulated
-from observer.report.overview import write_overview, write_simulation_overview
+from observer.report.pictures import write_overview, write_simulation_overview
 from observer.report.style import duration_text, elapsed
 from tests.discovery.cases import machine, made_log, rig
 

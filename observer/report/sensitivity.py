@@ -1,0 +1,204 @@
+"""What limits accuracy, as plain data for `observer check`: tolerances, and the faults that are noticed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators.design.detectable import noticed, slow_fault_K
+from observer.estimators.design.spread import Spread, spread
+from observer.frames import FloatArray
+from observer.model.build import build_plant
+from observer.model.cycle import SPEED_RPM, standard_shift
+from observer.model.learning import Nuisance
+from observer.model.plant import Plant
+
+MOST_MODES = 40
+"""Modes faster than that have nothing in a σ, and much in the time that it takes."""
+AS_KNOWN = 1e-3
+"""What is left of a tolerance taken for known: not nothing, so that the filter starts the same way."""
+WORTH_A_WORD = 0.05
+"""The least fall of a σ for which a tolerance is named."""
+CONFIGURED, ALL = "as configured", "all"
+PLACES = 11
+"""Where a further thermocouple is tried: every tenth of the screw."""
+NEAREST_M = 0.02
+"""No nearer than that to one that is there."""
+_FURTHER = "a further one"  # no name that a configuration may have
+
+KEYS = {
+    "conductivity": "take it from the maker's certificate of the screw's steel",
+    "heat_capacity": "take it from the maker's certificate of the screw's steel",
+    "convection": "let `observer calibrate` fit the film to a log with a cooling",
+    "ambient_K": "put a thermometer, compared with the sensors, into the air at the screw",
+    "end_W_K": "say in [boundary] what the ends lose, as a log of a cooling tells",
+    "position_m": "measure where the sensors sit",
+    "offset_K": "compare the sensors in a bath, or on the machine after a night at rest",
+    "lag_s": "set the sensors into the metal with paste, or measure how late they are",
+}
+"""The keys of `[tolerance]`, and how each is made smaller."""
+SHIFT_SAID = f"σ below: means over two hours at {SPEED_RPM:g} rpm and an hour at rest, from ten minutes on"
+"""The standard shift in words."""
+_SAID = {"heat": "heats", "field": "field", "error": "error"}
+
+
+def tolerances(config: Config) -> dict[str, Any]:
+    """Return `tolerances`, σ over the standard shift as configured, with each tolerance known and with all,
+    and `improve_first`, by quantity the key whose knowledge would help most, or None where none helps much.
+
+    Both are empty where the estimator has no gain, or where it would take long.
+    """
+    config = few_modes(config)
+    plant = build_plant(config, learns=True)
+    keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
+    cases = [np.ones(len(keys))]
+    cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in KEYS]
+    cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
+    found = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
+    if found is None:
+        return {"tolerances": [], "improve_first": {}}
+    values: list[float | None] = [None, *(getattr(config.tolerance, key) for key in KEYS), None]
+    rows = [
+        _row(plant, found, i, key, value)
+        for i, (key, value) in enumerate(zip((CONFIGURED, *KEYS, ALL), values, strict=True))
+    ]
+    return {"tolerances": rows, "improve_first": _first(found)}
+
+
+def few_modes(config: Config) -> Config:
+    """The configuration with no more modes than have a part in a σ."""
+    if build_plant(config).modes <= MOST_MODES:
+        return config
+    return config.model_copy(update={"model": config.model.model_copy(update={"modes": MOST_MODES})})
+
+
+def _row(plant: Plant, found: Spread, i: int, key: str, value: float | None) -> dict[str, Any]:
+    return {
+        "key": key,
+        "tolerance": value,
+        "heat_sigma_W": dict(zip(plant.layout.sources, found.heat_W[i].tolist(), strict=True)),
+        "field_sigma_K": float(found.field_K[i]),
+        "error_sigma_um": None if found.error_um is None else float(found.error_um[i]),
+    }
+
+
+def _first(found: Spread) -> dict[str, dict[str, Any] | None]:
+    """By quantity the key that helps most, and by what part it makes σ smaller."""
+    quantities = {"heat": np.sqrt(np.mean(found.heat_W**2, axis=1)), "field": found.field_K}
+    if found.error_um is not None:
+        quantities["error"] = found.error_um
+    return {name: _best(sigma) for name, sigma in quantities.items()}
+
+
+def _best(sigma: FloatArray) -> dict[str, Any] | None:
+    """The best of the cases (v,) between the first, which is as configured, and the last, of all."""
+    fall = 1.0 - sigma[1:-1] / sigma[0]
+    best = int(np.argmax(fall))
+    return {"key": list(KEYS)[best], "fall": float(fall[best])} if fall[best] >= WORTH_A_WORD else None
+
+
+def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
+    """Return a sentence of what to improve first, and how; no word where nothing was worked out."""
+    if not improve_first:
+        return "not worked out: there is no gain, or there are too many states"
+    named: dict[str, list[str]] = {}
+    for quantity, best in improve_first.items():
+        if best is not None:
+            named.setdefault(best["key"], []).append(f"σ of {_SAID[quantity]} -{best['fall']:.0%}")
+    if not named:
+        return "no single tolerance costs much"
+    return "; ".join(f"{key} ({', '.join(falls)}): {KEYS[key]}" for key, falls in named.items())
+
+
+def detectable(config: Config) -> dict[str, Any]:
+    """Return `minimal_detectable`, by sensor `fault_K`, the least jump that is noticed, `time_s`, within what
+    time, and `slow_K`, the least fault that comes slowly, None where nothing looks for it; `further_sensor`,
+    what one more would make of the largest of these; and `not_screened`, why there is nothing of the kind.
+    """
+    reason, found = _why_not(config), None
+    if reason is None:
+        config = few_modes(config)
+        plant = build_plant(config, learns=True)
+        found = noticed(plant, standard_shift(config, plant), _sample_s(config))
+        reason = "not worked out: there are too many states" if found is None else None
+    if found is None:
+        return {"minimal_detectable": {}, "further_sensor": None, "not_screened": reason}
+    rows = {
+        sensor.name: {"fault_K": jump_K, "time_s": time_s, "slow_K": _finite(slow_K)}
+        for sensor, jump_K, time_s, slow_K in zip(
+            config.sensor, *(column.tolist() for column in found), strict=True
+        )
+    }
+    further = _further(config, found.slow_K) if np.isfinite(found.slow_K).all() else None
+    return {"minimal_detectable": rows, "further_sensor": further, "not_screened": None}
+
+
+def _why_not(config: Config) -> str | None:
+    """Why no reading is screened, None where they are."""
+    if not config.integrity.enabled:
+        return "nothing is screened: [integrity] enabled = false; readings are refused by the gate alone"
+    if not config.estimator.learns:
+        kind = config.estimator.kind
+        said = f'engine = "{config.estimator.engine}"' if kind == "kalman" else f'kind = "{kind}"'
+        return f"nothing is screened: {said}; only the compiled Kalman filter does, others have their gate"
+    return None
+
+
+def _sample_s(config: Config) -> FloatArray:
+    """How often each sensor has a sample (s,): at the ticks of the estimator after its own."""
+    period_s = config.estimator.period_s
+    own_s = [config.sample_s.get(sensor.channel, period_s) for sensor in config.sensor]
+    return np.array([period_s * max(1, math.ceil(each / period_s - 1e-9)) for each in own_s])
+
+
+def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
+    """What a further thermocouple, where it helps most, does for the sensor that hides the largest fault."""
+    worst = int(np.argmax(slow_K))
+    there_m = [s.position_m for s in config.sensor if s.position_m is not None]
+    left_K: dict[float, float] = {}
+    for x_m in np.linspace(0.0, config.screw.length_m, PLACES).round(6).tolist():
+        if min((abs(x_m - each) for each in there_m), default=math.inf) < NEAREST_M:
+            continue
+        more = _with_another(config, x_m)
+        plant = build_plant(more, learns=True)
+        least_K = slow_fault_K(plant, standard_shift(more, plant), _sample_s(more), worst)
+        if least_K is None:
+            return None
+        left_K[x_m] = least_K
+    if not left_K:
+        return None
+    best_m = min(left_K, key=lambda x_m: left_K[x_m])
+    return {
+        "position_m": best_m,
+        "sensor": config.sensor[worst].name,
+        "slow_K_now": float(slow_K[worst]),
+        "slow_K_then": left_K[best_m],
+    }
+
+
+def _with_another(config: Config, x_m: float) -> Config:
+    """The configuration with one thermocouple more on the screw, like its first and read as often."""
+    new = {"name": _FURTHER, "position_m": x_m, "on": None}
+    return config.model_copy(update={"sensor": (*config.sensor, config.sensor[0].model_copy(update=new))})
+
+
+def buys(further: dict[str, Any] | None) -> str:
+    """Return a sentence of what a further sensor would buy; no word where nothing was worked out."""
+    if further is None:
+        return ""
+    now_K, then_K, sensor = further["slow_K_now"], further["slow_K_then"], further["sensor"]
+    if then_K > (1.0 - WORTH_A_WORD) * now_K:
+        return (
+            f"no further thermocouple on the screw would bring {sensor}'s slow fault far below {now_K:.3g} K"
+        )
+    return (
+        f"a thermocouple at {further['position_m']:.3g} m would bring {sensor}'s slow fault from {now_K:.3g} "
+        f"to {then_K:.3g} K"
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
