@@ -97,7 +97,7 @@ def test_effects_of_friction_are_offered_where_there_is_friction() -> None:
         assert (kind, "heater") not in learnt_changes
 
 
-@pytest.mark.parametrize(("half", "there"), [(0.9e-3, True), (1.1e-3, False)])
+@pytest.mark.parametrize(("half", "significant"), [(0.9e-3, True), (1.1e-3, False)])
 def test_a_strength_whose_interval_holds_nothing_is_not_there(half: float, significant: bool) -> None:
     config = machine(effect=[{"kind": "end_heat", "target": "left", "heat_W_rpm": 1e-3}])
     candidate = next(c for c in library(machine(), ()) if c.of is EndHeat)
