@@ -47,7 +47,7 @@ help:  ## list these targets
 demo: $(RUNS)  ## the whole chain on a simulated machine with a live view; ARGS="--seconds 20" ends it
 	$(BIN)/observer demo $(ARGS)
 
-test: lint unit system  ## what every change is checked by: lint, then all tests but the slow ones
+test: lint unit system  ## the checks that every change must pass: lint, then all tests but the slow ones
 	@echo "make test: all passed"
 
 lint: $(READY)  ## ruff, formatting, types, import contracts
