@@ -238,10 +238,9 @@ def main() -> None:
     show(PAGE, table(read_rows(RESULTS)), MARKS)
 
 
-logging.disable()
-structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
-
 if __name__ == "__main__":
+    logging.disable()
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     if len(sys.argv) > 1:
         for row in watched((int(sys.argv[1]), int(sys.argv[2]))):
             print(row)

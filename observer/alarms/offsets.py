@@ -20,7 +20,7 @@ _SURE = 1 / 3
 """The σ of an offset, as a part of the limit, up to which it says something."""
 
 
-class SensorOffset(NamedTuple):
+class KnownOffset(NamedTuple):
     """What is known of a sensor's offset after `hours` of it: what it usually is, what it is now."""
 
     hours: float = 0.0
@@ -30,8 +30,8 @@ class SensorOffset(NamedTuple):
 
 
 def taken(
-    known: SensorOffset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
-) -> SensorOffset:
+    known: KnownOffset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
+) -> KnownOffset:
     """Return what is known after `hours` more of an estimated offset; one that is unsure says nothing."""
     if not sigma_K < _SURE * limit_K:
         return known
@@ -41,12 +41,12 @@ def taken(
         usual_K += hours / total_h * (offset_K - usual_K)
     now_K = known.now_K + hours / min(total_h, SMOOTH_H) * (offset_K - known.now_K)
     limit_K *= CLEAR if known.moved else 1.0
-    return SensorOffset(total_h, usual_K, now_K, total_h > learn_h and abs(now_K - usual_K) > limit_K)
+    return KnownOffset(total_h, usual_K, now_K, total_h > learn_h and abs(now_K - usual_K) > limit_K)
 
 
-def offset_of(plain: Mapping[str, Any]) -> SensorOffset:
+def offset_of(plain: Mapping[str, Any]) -> KnownOffset:
     """An offset from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
     hours, usual_K, now_K = (float(plain[key]) for key in ("hours", "usual_K", "now_K"))
     if not math.isfinite(hours + usual_K + now_K):
         raise ValueError("an offset is no number")
-    return SensorOffset(hours, usual_K, now_K, bool(plain["moved"]))
+    return KnownOffset(hours, usual_K, now_K, bool(plain["moved"]))

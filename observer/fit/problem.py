@@ -27,7 +27,7 @@ FAR_APART_S = 2.0
 
 
 @dataclass(frozen=True)
-class Nuisance:
+class NuisanceColumns:
     """Nuisance parameters: changes (n, t) of the prediction with one standard deviation of each, whitened and
     in K; `lag_of` names the sensor whose lag it is, if it is one.
     """
@@ -67,7 +67,7 @@ class Problem:
     forward: Forward
     evidence: Evidence
     by_free: Derivatives | None = None
-    nuisance: Nuisance | None = None
+    nuisance: NuisanceColumns | None = None
     within: Callable[[Config, int], Iterable[tuple[Config, Scope]]] = tolerances
 
     @cached_property
@@ -117,7 +117,7 @@ class Problem:
         every = [*nuisances, *known]
         changes_K = np.column_stack(every) if every else np.zeros((len(here), 0))
         lags = (*lag_of, *[None] * len(known))
-        return replace(self, nuisance=Nuisance(self._columns(every), changes_K, lags))
+        return replace(self, nuisance=NuisanceColumns(self._columns(every), changes_K, lags))
 
     def derivatives(self, config: Config) -> Derivatives:
         """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
@@ -173,7 +173,7 @@ class Problem:
         """Return the map that marginalises the nuisance parameters on some rows, except `modelled` lags of
         sensors.
         """
-        nuisance = self.nuisance or Nuisance(self._columns([]), self._columns([]), ())
+        nuisance = self.nuisance or NuisanceColumns(self._columns([]), self._columns([]), ())
         return nuisance.marginal(rows, modelled)
 
     def _columns(self, columns: Sequence[FloatArray]) -> FloatArray:

@@ -15,7 +15,7 @@ import structlog
 
 from observer.alarms import bands, offsets
 from observer.alarms.bands import Band, Gathering, Window
-from observer.alarms.offsets import SensorOffset
+from observer.alarms.offsets import KnownOffset
 from observer.alarms.states import KINDS, Alarm, Condition, acknowledged, advance, alarm_of
 from observer.config import Config
 from observer.estimators.selftest import Fault, Finding
@@ -77,7 +77,7 @@ class AlarmDesk:
         self._known = [
             KnownSensor(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
         ]
-        self._offsets = {sensor.name: SensorOffset() for sensor in self._known}
+        self._offsets = {sensor.name: KnownOffset() for sensor in self._known}
         self._apart_K = np.zeros(len(self._known))
         self._good_s = 0.0
         self._alarms: dict[str, Alarm] = {}

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.alarms.offsets import SensorOffset, taken
+from observer.alarms.offsets import KnownOffset, taken
 
 LEARN_H, LIMIT_K = 30.0, 0.5
 
 
-def _after(values, known: SensorOffset | None = None, sigma_K: float = 0.05) -> SensorOffset:
+def _after(values, known: KnownOffset | None = None, sigma_K: float = 0.05) -> KnownOffset:
     """A value an hour."""
-    known = known or SensorOffset()
+    known = known or KnownOffset()
     for value in values:
         known = taken(known, value, sigma_K, 1.0, LEARN_H, LIMIT_K)
     return known
