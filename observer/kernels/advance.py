@@ -14,11 +14,9 @@ not known.
 
 from __future__ import annotations
 
-import cython  # type: ignore[import-untyped]
-
 from observer.kernels.coupling import couple, faded, swept
 from observer.kernels.exact_step import hold, ramp
-from observer.kernels.libc import exp
+from observer.kernels.libc import cython, exp
 
 
 def add_scaled(target, rows, weights, count):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import cython  # type: ignore[import-untyped]
-
-from observer.kernels.libc import NAN, isnan
+from observer.kernels.libc import NAN, cython, isnan
 
 _COMMA, _NEWLINE, _PLUS, _MINUS, _POINT = 44, 10, 43, 45, 46  # as bytes
 _ZERO, _NINE, _E, _SMALL_E = 48, 57, 69, 101

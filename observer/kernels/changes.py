@@ -6,14 +6,13 @@ arithmetic only. Column 0 stands for the log itself on the way back, the others 
 
 from __future__ import annotations
 
-import cython  # type: ignore[import-untyped]
-
 from observer.kernels.advance import move_columns
 from observer.kernels.consider import begin_considered, consider_readings, propagate_considered
 from observer.kernels.coupling import couple, coupled
 from observer.kernels.judging import step_is_finite
 from observer.kernels.kalman import SKIPPED, STEPPED
 from observer.kernels.learning import advance_learning, below
+from observer.kernels.libc import cython
 
 
 def run_tolerances(a, t, u, step, x, begins, D, expected):

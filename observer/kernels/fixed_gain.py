@@ -8,8 +8,6 @@ for an arbitrary K), so σ stays honest.
 
 from __future__ import annotations
 
-import cython  # type: ignore[import-untyped]
-
 from observer.kernels.advance import move_columns, put_laws
 from observer.kernels.codes import DONE, GOOD
 from observer.kernels.consider import (
@@ -37,6 +35,7 @@ from observer.kernels.judging import (
     write_sigmas,
     write_values,
 )
+from observer.kernels.libc import cython
 from observer.kernels.steady_state_step import take_steady_steps
 from observer.kernels.step import (
     compare,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import cython  # type: ignore[import-untyped]
-
 from observer.kernels.advance import move_columns, put_laws
 from observer.kernels.covariance import mirror
 from observer.kernels.judging import (
@@ -20,6 +18,7 @@ from observer.kernels.judging import (
     write_values,
 )
 from observer.kernels.learning import begin, draw_near, follow, give_back, keep, report_learned
+from observer.kernels.libc import cython
 from observer.kernels.screening import screen
 from observer.kernels.step import compare, correct_lower, predict, start
 

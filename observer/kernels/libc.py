@@ -14,6 +14,13 @@ from typing import Any, Final
 import numpy as np
 from numpy import floor, isfinite, isinf, isnan, rint
 
+try:
+    import cython  # type: ignore[import-untyped]
+except (
+    ModuleNotFoundError
+):  # it belongs to the build: without it, kernels are compiled, and constants are read
+    cython = None
+
 INFINITY: Final = math.inf
 NAN: Final = math.nan
 M_PI: Final = math.pi
@@ -48,8 +55,23 @@ def lrint(value: float) -> int:
 
 
 __all__ = [
-    "INFINITY", "M_PI", "NAN", "cos", "exp", "expm1", "floor", "fmod", "isfinite", "isinf", "isnan", "log",
-    "lrint", "rint", "sin", "sqrt",
+    "INFINITY",
+    "M_PI",
+    "NAN",
+    "cos",
+    "cython",
+    "exp",
+    "expm1",
+    "floor",
+    "fmod",
+    "isfinite",
+    "isinf",
+    "isnan",
+    "log",
+    "lrint",
+    "rint",
+    "sin",
+    "sqrt",
 ]  # fmt: skip
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import cython  # type: ignore[import-untyped]
-
 from observer.kernels.advance import add_scaled, move_columns
 from observer.kernels.coupling import coupled
 from observer.kernels.covariance import mirror
 from observer.kernels.kalman import SKIPPED, STEPPED, judge_and_correct, start_or_predict
-from observer.kernels.libc import sqrt
+from observer.kernels.libc import cython, sqrt
 from observer.kernels.step import compare, is_drastic, project
 
 
