@@ -23,9 +23,10 @@ from tests.truth.machine.run import run_machine
 
 WEAK = Effect("surface_convection", None, {"coefficient_W_m2K": 0.3})
 STRONG = Effect("surface_convection", None, {"coefficient_W_m2K": 4.0})
-GREY = Effect("radiation", None, {"emissivity": 0.05})
-PLAUSIBLE_K = 45.0
-"""How much warmer than the air a reading may be without `[limits]` of its own."""
+GREY = Effect("radiation", None, {"emissivity": 0.03})
+"""So weak that a film explains it as well; 0.05 is named, since readings of a screw this hot are believed."""
+PLAUSIBLE_K = 67.5
+"""How much warmer than the air a reading may be without `[limits]` of its own, if it warms gradually."""
 SURFACE = {"surface_convection", "radiation"}
 
 
