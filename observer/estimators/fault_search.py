@@ -4,7 +4,7 @@ Of each sensor it is known how far its reading is from what all others expect, i
 misfit. One beyond four is a suspect, and so is a reading that stays where it is while the others say that it
 changes. A fault of one reading misleads the filters that use it, so the sensor at fault is the one without
 which all others agree, and clearly better than without any other. Where none is, or a second one departs, it
-cannot be told. What all innovations have in common over minutes is no single sensor's doing: then all
+cannot be identified. What all innovations have in common over minutes is no single sensor's doing: then all
 readings drift. Source: after Brown and Chin (1998) and Blanch et al. (2012).
 """
 

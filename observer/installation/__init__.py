@@ -25,7 +25,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Installation(Config):
-    """A whole configuration: the machine, its wires, and what the service keeps and tells."""
+    """A whole configuration: the machine, its wires, and what the service keeps and reports."""
 
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
@@ -64,7 +64,7 @@ class Installation(Config):
         return None if file is None else file.with_suffix(".alarms.json")
 
     def undelivered(self) -> list[str]:
-        """Say which channels the model reads and no driver delivers, as far as the drivers tell theirs."""
+        """Say which channels the model reads and no driver delivers, as far as the drivers name theirs."""
         offers = [driver.delivered for driver in self.drivers.values()]
         offered = {channel for offer in offers for channel in offer or ()}
         missing = [] if None in offers else [c for c in self.channels if c not in offered]

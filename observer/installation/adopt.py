@@ -30,7 +30,7 @@ State = Literal["watching", "kept", "taken_back", "undone", "replaced"]
 class Adoption(BaseModel):
     """What became of an adopted configuration.
 
-    `sha256` is that of the file's text, `hash` that of its meaning, as Zenoh's `config` tells it. Of the
+    `sha256` is that of the file's text, `hash` that of its meaning, as Zenoh's `config` gives it. Of the
     `watched_h` hours in which the machine ran so far, `hours` are wanted; the sums of the squares of both
     open-loop gaps over the same `values` readings are in K².
     """
@@ -62,7 +62,7 @@ class Adoption(BaseModel):
         return math.sqrt(self.squares_K2 / self.values) if self.values else None
 
     def document(self) -> dict[str, Any]:
-        """What health tells of it."""
+        """What health reports of it."""
         return {
             "state": self.state,
             "since_s": self.adopted_s,

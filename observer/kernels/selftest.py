@@ -36,7 +36,7 @@ _MOTION_S = 20.0
 _MOTION_ENOUGH = 1.0  # strokes
 # A position that leaps, in m and in what it usually leaves beside speed times lead, after so many samples …
 _LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES = 0.005, 8.0, 30.0
-# … between samples that are no further apart; and within what part a way is the whole of what is considered.
+# … between samples that are no further apart; and within what part a way is the whole of what is allowed.
 _LEAP_S, _WHOLE = 5.0, 0.05
 _PAUSE = 1.5  # times the usual between two samples: then some may have been held up
 

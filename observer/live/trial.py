@@ -95,7 +95,7 @@ class AdoptionTrial(StepObserver):
         self._hash = ""
         self._forget()
         self._problem: str | None = None
-        self._told: tuple[float, str] | None = None
+        self._reported: tuple[float, str] | None = None
         self._noted_s = time.monotonic()
         self._closing = threading.Event()
         self._adoption = self._read()
@@ -132,9 +132,9 @@ class AdoptionTrial(StepObserver):
     def notices(self) -> tuple[str, ...]:
         """Reasons for health."""
         reasons = () if self._problem is None else (f"adoption: {self._problem}",)
-        if self._told is None or time.monotonic() - self._told[0] > NOTICE_S:
+        if self._reported is None or time.monotonic() - self._reported[0] > NOTICE_S:
             return reasons
-        return (*reasons, f"adoption: {self._told[1]}")
+        return (*reasons, f"adoption: {self._reported[1]}")
 
     def close(self, timeout_s: float) -> None:
         """Write down how far it has come, and end."""
@@ -213,7 +213,7 @@ class AdoptionTrial(StepObserver):
         except UserError as error:
             raise UserError(f"the gap has not shrunk, but it cannot be taken back: {error}") from None
         self._adoption, self._seen = adoption, self._key(adoption)
-        self._told = (time.monotonic(), adoption.sentence())
+        self._reported = (time.monotonic(), adoption.sentence())
         log.warning("adopted configuration taken back", says=adoption.sentence())
         self._reload()
 

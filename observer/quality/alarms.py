@@ -82,7 +82,7 @@ class AlarmDesk:
         self._good_s = 0.0
         self._alarms: dict[str, Alarm] = {}
         self._file = file
-        self._told: tuple[Any, ...] = ()
+        self._reported: tuple[Any, ...] = ()
         self._kept_s = -math.inf
         self._writing: threading.Thread | None = None
         if file is not None:
@@ -148,12 +148,12 @@ class AlarmDesk:
             if condition.kind not in self._settings.off
         ]
         self._alarms = advance(self._alarms, holding, facts.time_s)
-        told = tuple((name, alarm.state) for name, alarm in self._alarms.items() if alarm.is_raised)
-        changed, before = told != self._told, dict(self._told)
-        for name, state in told:
+        raised = tuple((name, alarm.state) for name, alarm in self._alarms.items() if alarm.is_raised)
+        changed, before = raised != self._reported, dict(self._reported)
+        for name, state in raised:
             if before.get(name) != state:
                 log.warning("alarm", alarm=name, state=state, reason=self._alarms[name].condition.reason)
-        self._told = told
+        self._reported = raised
         self._keep(facts.time_s, now=changed)
         return changed
 
@@ -171,7 +171,7 @@ class AlarmDesk:
         return {
             "time_s": time_s,
             "alarms": [_told_of(name, alarm) for name, alarm in self._alarms.items() if alarm.is_raised],
-            "bands": {name: self._band_told(band) for name, band in self._bands.items()},
+            "bands": {name: self._band_document(band) for name, band in self._bands.items()},
         }
 
     def close(self, timeout_s: float) -> bool:
@@ -181,7 +181,7 @@ class AlarmDesk:
             self._writing.join(timeout_s)
         return self._writing is None or not self._writing.is_alive()
 
-    def _band_told(self, band: Band) -> dict[str, Any]:
+    def _band_document(self, band: Band) -> dict[str, Any]:
         trend = bands.trend_per_day(band)
         learn_h = self._settings.learn_h
         known = band.running_h >= learn_h
@@ -222,15 +222,15 @@ class AlarmDesk:
         for name, band in self._bands.items():
             if band.side == 0:
                 continue
-            told = self._band_told(band)
-            trend = told["trend_per_day"]
+            evidence = self._band_document(band)
+            trend = evidence["trend_per_day"]
             growth = "" if trend is None else f", {100 * trend:+.1f} % a day"
             yield Condition(
                 "heat_high" if band.side > 0 else "heat_low",
                 name,
-                f"the heat of {name} is {told['ratio']:.2f} times what was learnt for its speed and "
+                f"the heat of {name} is {evidence['ratio']:.2f} times what was learnt for its speed and "
                 f"temperature in {self._settings.learn_h:g} h of running{growth}",
-                evidence=told,
+                evidence=evidence,
             )
 
     def _keep(self, time_s: float, *, now: bool) -> None:

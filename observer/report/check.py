@@ -97,7 +97,7 @@ def _seen(plant: Plant) -> list[float]:
 
 
 def _path_limit_rpm(config: Installation, source: Source) -> float:
-    """The speed up to which a nut's position is sampled often enough to tell its path."""
+    """The speed up to which a nut's position is sampled often enough to follow its path."""
     low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
     sample_s = config.estimator.period_s
     sample_s = config.sample_s.get(source.position_channel or "", sample_s)

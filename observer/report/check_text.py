@@ -138,12 +138,12 @@ def wires_as_text(found: dict[str, Any]) -> RenderableType:
     if not found["drivers"]:
         return Text("no drivers: write a [drivers.…] table for each device", style="yellow")
     verdict = "every channel came" if found["good"] else "warning: not every channel came with a usable value"
-    told = (Text(f"{', '.join(channels)}: {remedy}") for remedy, channels in remedies.items())
-    return Group(table, Text(verdict, style="green" if found["good"] else "yellow"), *told)
+    lines = (Text(f"{', '.join(channels)}: {remedy}") for remedy, channels in remedies.items())
+    return Group(table, Text(verdict, style="green" if found["good"] else "yellow"), *lines)
 
 
 def unit_of(channel: str) -> str:
-    """The unit by the name's last part, empty where it tells none."""
+    """The unit by the name's last part, empty where it has none."""
     return UNITS.get(channel.rsplit("_", 1)[-1], "") if "_" in channel else ""
 
 

@@ -24,7 +24,7 @@ from observer.tables.estimator import Tolerance
 from observer.tables.sections import Sensor
 
 PLACES = 5
-"""How many of the worst places are told."""
+"""How many of the worst places are reported."""
 PANELS = 6
 """How many sensors share a drawing, so that paper holds it."""
 LEAST_SIGMA = 5.0
@@ -32,7 +32,7 @@ LEAST_SIGMA = 5.0
 
 
 def tolerated(known: Tolerance) -> str:
-    """Say what no model can be expected to explain, as the configuration tells it."""
+    """Say what no model can be expected to explain, as the configuration describes it."""
     return (
         "A model never comes down to the noise alone: conductivity is known to "
         f"{100 * known.conductivity:g} %, heat capacity to {100 * known.heat_capacity:g} %, each sensor's "
@@ -314,9 +314,9 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
         rows.append(
             [name, duration_text(run.run.duration_s), *minutes, f"{100 * (1 - mine.sum() / possible):.1f} %"]
         )
-    told = "Every effect that was tried would show in these logs if it were strong enough."
+    sentence = "Every effect that was tried would show in these logs if it were strong enough."
     if found.search.blind:
-        told = f"{wording.not_told_sentence(found.search.blind)}."
+        sentence = f"{wording.not_told_sentence(found.search.blind)}."
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "
@@ -326,7 +326,7 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
         "What was not used for fitting, and what these logs cannot show",
         table(heads, rows, (1, 2, 3, 4, 5)),
         paragraph(note, "note"),
-        paragraph(told),
+        paragraph(sentence),
     )
 
 

@@ -34,8 +34,8 @@ def advancing(name: str) -> Iterator[Callable[[str, float], None]]:
         yield lambda text, done: bar.update(task, completed=done, description=f"{name}: {text}")
 
 
-def _bar(*told: ProgressColumn) -> Progress:
-    columns, console = (TextColumn("{task.description}"), BarColumn(), *told), Console(stderr=True)
+def _bar(*more: ProgressColumn) -> Progress:
+    columns, console = (TextColumn("{task.description}"), BarColumn(), *more), Console(stderr=True)
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 

@@ -1,4 +1,4 @@
-"""One look for all pictures: colours that the colour-blind can tell, quiet axes, time in a fitting unit."""
+"""One look for all pictures: colours for the colour-blind too, quiet axes, time in a fitting unit."""
 
 from __future__ import annotations
 

@@ -7,14 +7,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-IMPORT = """
-import importlib, sys, traceback
-for name in sys.argv[1:]:
-    try:
-        importlib.import_module(name)
-    except Exception:
-        print(name, traceback.format_exc())
-"""
+IMPORT = "import importlib, sys\nfor name in sys.argv[1:]:\n    importlib.import_module(name)\n"
 
 
 def test_every_module_can_be_imported() -> None:
@@ -25,7 +18,6 @@ def test_every_module_can_be_imported() -> None:
         for path in sorted((ROOT / folder).rglob("*.py"))
     ]
     assert len(modules) > 1
-    ended = subprocess.run(
-        [sys.executable, "-c", IMPORT, *modules], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True
-    )
-    assert ended.stdout == ""
+    command = [sys.executable, "-c", IMPORT, *modules]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")

@@ -171,7 +171,7 @@ def determinable(pair: SlowPair, present: BoolArray) -> bool:
 def noise_gain(M: FloatArray, K: FloatArray, heats: int) -> FloatArray:
     """Return each heat's steady σ, W, under white noise of 1 K per sensor: Σ = M Σ Mᵀ + K Kᵀ with M = (I -
     K C) Ad. Infinite where the loop is unstable. Where it is so ill-conditioned that double precision
-    cannot tell, a lower bound: what one sample alone moves the heat, the norm of its row of K.
+    cannot give, a lower bound: what one sample alone moves the heat, the norm of its row of K.
     """
     if not is_stable(M):
         return np.full(heats, np.inf)

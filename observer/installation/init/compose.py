@@ -155,7 +155,7 @@ share = 0.5  # of it into the screw, the rest into nut and table
 speed_channel = "screw_speed_rpm"
 heat_W_rpm = {screw.bearing_W_rpm}  # look: a starting value
 """
-    told = "Their laws are where the estimator begins; the heats are estimated." if speed else _NO_LAW
+    laws = "Their laws are where the estimator begins; the heats are estimated." if speed else _NO_LAW
     ends = "".join(
         f"""
 [[source]]
@@ -166,7 +166,7 @@ position_m = {at!r}
         for side, at in (("left", 0.0), ("right", answers.length_m))
     )
     return f"""\
-# What warms the screw. {told}
+# What warms the screw. {laws}
 [[source]]
 name = "nut"
 shape = "nut"

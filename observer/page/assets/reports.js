@@ -2,7 +2,7 @@
 import { byId, make, when } from "./format.js";
 
 const EVERY_MS = 60000;
-let told = "";
+let shown = "";
 
 function show(name) {
   byId("report-frame").src = `/reports/${encodeURIComponent(name)}/report.html`;
@@ -32,15 +32,15 @@ async function list() {
   const box = byId("reports");
   try {
     const answer = await (await fetch("/reports.json")).text();
-    if (answer === told) return;
-    told = answer;
+    if (answer === shown) return;
+    shown = answer;
     const { folder, reports } = JSON.parse(answer);
     const open = [...box.querySelectorAll("details[open]")].map((e) => e.dataset.report);
     if (reports.length) box.replaceChildren(...reports.map((report) => entry(report, open.includes(report.name))));
     else box.replaceChildren(make("p", { class: "hint", text: folder === null
       ? "Nothing to show. Name a folder in page.reports and let observer discover write below it:"
       : `Nothing in ${folder} yet; let observer discover write below it:` }), make("code", { text: `observer discover LOG --config C --output ${folder ?? "REPORTS"}/today` }));
-  } catch { told = ""; box.textContent = "The reports cannot be loaded now."; }
+  } catch { shown = ""; box.textContent = "The reports cannot be loaded now."; }
 }
 
 // what is found while somebody looks appears by itself

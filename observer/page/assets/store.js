@@ -93,7 +93,7 @@ function take(key, document_) {
   if (key === "hello") store.hello = document_;
   else if (key === "beat") store.serverSaysStale = document_.stale;
   else if (key === "config") store.config = document_.config;
-  // what is told again at a new connection is not news of the service
+  // what is sent again at a new connection is not news of the service
   if (key === "estimate" && document_.sequence !== store.documents.estimate?.sequence) store.heard = performance.now();
   store.documents[key] = document_;
   if (key === "field") remember();

@@ -20,9 +20,9 @@ function drawState() {
   const [sign, word, words] = silent ? SILENT : WORDS[state] ?? ["?", state, ""];
   document.body.dataset.state = state;
   say("sign", sign); say("state", word); say("words", words);
-  const told = reasonsOf().join("\n");
-  if (byId("reasons").dataset.shown !== told) {
-    byId("reasons").dataset.shown = told;
+  const reasons = reasonsOf().join("\n");
+  if (byId("reasons").dataset.shown !== reasons) {
+    byId("reasons").dataset.shown = reasons;
     byId("reasons").replaceChildren(...reasonsOf().map((reason) => make("li", { text: reason })));
   }
   document.title = `${sign} ${word} – ${store.hello?.machine ?? ""} ${store.hello?.axis ?? ""}`;
@@ -82,9 +82,9 @@ function drawSensors() {
 }
 
 function drawLearnt() {
-  const told = store.documents.learned?.parameters, box = byId("learnt");
-  if (!told) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "Nothing has been learnt yet, or learning is off." })); return; }
-  const rows = Object.entries(told).map(([key, { value, sigma }]) => {
+  const learned = store.documents.learned?.parameters, box = byId("learnt");
+  if (!learned) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "Nothing has been learnt yet, or learning is off." })); return; }
+  const rows = Object.entries(learned).map(([key, { value, sigma }]) => {
     const digits = sigma > 0 ? Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(sigma)))) : 3;
     return make("tr", {}, make("th", { scope: "row", text: key }), make("td", { class: "n", "data-learnt": key, text: `${number(value, digits)} ± ${number(sigma, digits)}` }));
   });
@@ -99,13 +99,13 @@ async function acknowledge(id, button) {
 }
 
 function drawAlarms() {
-  const told = store.documents.alarms, box = byId("alarms");
-  if (!told) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "This service publishes no alarms; the reasons are at the top." })); return; }
-  const key = JSON.stringify(told.alarms) + JSON.stringify(told.bands ?? {});
+  const published = store.documents.alarms, box = byId("alarms");
+  if (!published) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "This service publishes no alarms; the reasons are at the top." })); return; }
+  const key = JSON.stringify(published.alarms) + JSON.stringify(published.bands ?? {});
   if (box.dataset.shown === key) return;
   box.dataset.shown = key;
   const held = box.contains(document.activeElement) ? document.activeElement.closest("[data-alarm]")?.dataset.alarm : null;
-  const alarms = told.alarms.map((alarm) => {
+  const alarms = published.alarms.map((alarm) => {
     const item = make("div", { class: "alarm", "data-severity": alarm.severity, "data-state": alarm.state, "data-alarm": alarm.id },
       make("b", { text: alarm.reason }), make("p", { text: alarm.remedy }),
       make("p", { class: "hint", text: `${alarm.severity}, ${alarm.state}, since ${when(alarm.since_s)}` }));
@@ -115,7 +115,7 @@ function drawAlarms() {
     }
     return item;
   });
-  const bands = Object.entries(told.bands ?? {}).map(([name, band]) => make("tr", {}, make("th", { scope: "row", text: name.replaceAll("_", " ") }), ...(band.known ? [
+  const bands = Object.entries(published.bands ?? {}).map(([name, band]) => make("tr", {}, make("th", { scope: "row", text: name.replaceAll("_", " ") }), ...(band.known ? [
     make("td", { class: "n", text: `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual` }),
     make("td", { class: "n", text: known(band.trend_per_day) ? `${number(100 * band.trend_per_day, 2)} %/day` : "" }),
   ] : [make("td", { colspan: "2", class: "hint", text: `still learning what is usual: ${band.learning ?? `${number(band.running_h)} h of running`}` })])));
