@@ -64,9 +64,9 @@ AGE_S, SETTLING_S, HOLD_S, LATCH, LATCH_S, COMMON_K, COMMON_S, FACTOR, LATCH_STE
 OPENED_PRIOR, OPENED_COMMON_K2 = 10, 11
 # Since when the estimate settles or is held back, until when, and in how many steps it ever was.
 HELD_S, HELD_UNTIL_S, HELD_STEPS = 12, 13, 14
-# The air's last reading, for how long it has not changed, and by how much it has leapt.
-AIR_degC, AIR_S, AIR_OFF_K = 15, 16, 17
-VERDICT = 18
+# The air's last reading, for how long it has not changed, by how much it has leapt, and whether it was seen.
+AIR_degC, AIR_S, AIR_OFF_K, AIR_SEEN = 15, 16, 17, 18
+VERDICT = 19
 
 # What is not explained: unequal steps of all, a gain, a step that could be taken up by no offset, a drift of
 # all, a departure that more than one sensor explains, or none, and a leap of the air's reading.

@@ -19,6 +19,7 @@ from observer.kernels.codes import (
     AIR_LEAPT,
     AIR_OFF_K,
     AIR_S,
+    AIR_SEEN,
     BACK,
     CAUSE,
     COMMON_K,
@@ -115,7 +116,7 @@ def watch_air(p, u, k, verdict):
     verdict[AIR_S] += u.dt_s[k]
     if leap_K == 0.0 or not isfinite(air_degC):
         return
-    if verdict[AGE_S] > u.dt_s[k] and abs(leap_K) > _LEAST_LEAP_K + _LEAP_K_S * verdict[AIR_S]:
+    if verdict[AIR_SEEN] > 0.0 and abs(leap_K) > _LEAST_LEAP_K + _LEAP_K_S * verdict[AIR_S]:
         verdict[AIR_OFF_K] += leap_K
         if verdict[LATCH] == 0.0:
             verdict[LATCH], verdict[LATCH_S] = AIR_LEAPT, u.time_s[k]
@@ -126,7 +127,7 @@ def watch_air(p, u, k, verdict):
             if verdict[AIR_OFF_K] == 0.0:
                 verdict[LATCH] = 0.0
                 verdict[SETTLING_S] = max(verdict[SETTLING_S], _SETTLING_S)
-    verdict[AIR_degC], verdict[AIR_S] = air_degC, 0.0
+    verdict[AIR_degC], verdict[AIR_S], verdict[AIR_SEEN] = air_degC, 0.0, 1.0
 
 
 def look_at(i, guard, verdict, state, work):

@@ -104,6 +104,17 @@ def test_a_leap_of_the_air_is_no_air(number: int) -> None:
     assert (block.quality[since_s > 900.0] == EstimateQuality.GOOD).any()
 
 
+def test_air_that_comes_back_wrong_is_no_air() -> None:
+    """Its reading was missing for half a minute, as where a plug is changed."""
+    day = day_of(0)
+    off = faulty(day, catalogue()["ambient +5 K"], 0)
+    since_s = day.time_s - day.time_s[0] - FAULT_S
+    air_degC = np.where((since_s >= 0.0) & (since_s < 30.0), np.nan, off.air_degC)
+    block = estimates(config_of(RIG), off._replace(air_degC=air_degC))
+    assert (block.quality[since_s < 0.0] == EstimateQuality.GOOD).any()
+    assert EstimateQuality.GOOD not in set(block.quality[since_s >= 30.0])
+
+
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
 @pytest.mark.parametrize("name", ["none", "a new program's strokes"])
 def test_without_a_fault_nothing_is_found(name: str, number: int) -> None:
