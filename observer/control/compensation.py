@@ -161,7 +161,7 @@ def advance(
 ) -> CompensationState:
     """Return the state after an estimate, a block of one; `arm` says that somebody has armed by hand.
 
-    Arming starts from the values last in force (zero after a start), and needs a good estimate.
+    Arming starts from the values last in force (zero after a cold start), and needs a good estimate.
     """
     quality, time_s = EstimateQuality(block.quality[0]), float(block.time_s[0])
     error_um = block.error_um[0]
