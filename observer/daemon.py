@@ -28,7 +28,7 @@ from observer.live.trial import AdoptionTrial
 from observer.process.clock import ServiceClock
 from observer.process.notify import service_manager
 from observer.publish.codec import config_json
-from observer.publish.session import listening, refuse_taken
+from observer.publish.session import refuse_taken
 from observer.publish.zenoh import ZenohPublisher
 from observer.quality.alarms import AlarmDesk
 from observer.quality.gap import GapState
@@ -43,7 +43,7 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
 
     With `path`, SIGHUP has the configuration read again from there.
     """
-    refuse_taken(listening(config.publish), "publish.listen")
+    refuse_taken(config.publish.listens, "publish.listen")
     ready, clock = _Ready.of(config), ServiceClock()
     if (folder := config.record.directory) is not None:
         refuse_shared(folder, f"{config.machine.name}-{config.machine.axis}")
@@ -106,7 +106,7 @@ class _Ready:
 def _reread(path: Path, now: Installation) -> _Ready:
     """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
     config = load(path)
-    refuse_taken(set(listening(config.publish)) - set(listening(now.publish)), "publish.listen")
+    refuse_taken(set(config.publish.listens) - set(now.publish.listens), "publish.listen")
     for key, settings in config.drivers.items():
         settings.open(key)
     return _Ready.of(config)

@@ -1,4 +1,4 @@
-"""Many simulated axes from one command, through one Zenoh router: is each of them heard, and do all go on?
+"""Many simulated axes through one Zenoh router: is each of them heard, and do all go on?
 
     python -m campaigns.fleet.axes --axes 50 --seconds 60
 
@@ -79,30 +79,25 @@ def listening_at(endpoint: str) -> Iterator[Heard]:
 
 
 @contextmanager
-def served(configs: list[Path], said: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """`observer run` with all of the configurations."""
-    options = [word for path in configs for word in ("--config", str(path))]
-    with said.open("wb") as stderr:
-        command = [sys.executable, "-m", "observer", "run", *options, "--log-format", "json"]
-        process = subprocess.Popen(command, stderr=stderr, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"})
+def served(configs: list[Path], folder: Path, heard: Heard) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    """`observer run` for each configuration; as many start at a time as there are cores."""
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    axes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def starting() -> int:
+        return sum(name not in heard.count and axis.poll() is None for name, axis in axes.items())
+
     try:
-        yield process
+        for path in configs:
+            until(lambda: starting() < (os.cpu_count() or 1), 10 * PATIENCE_S)
+            command = [sys.executable, "-m", "observer", "run", "--config", str(path)]
+            with (folder / f"{path.stem}.said").open("wb") as said:
+                axes[path.stem] = subprocess.Popen(command, stderr=said, env=environment)
+        yield axes
     finally:
-        process.kill()  # the axes end by themselves then
-        process.wait(PATIENCE_S)
-
-
-def children(parent: int) -> dict[str, int]:
-    """The axes' processes, by the name of their configuration."""
-    found = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            if int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1]) == parent:
-                words = (folder / "cmdline").read_bytes().split(b"\0")
-                found |= {Path(w.decode()).stem: int(folder.name) for w in words if w.endswith(b".toml")}
-        except OSError:
-            continue
-    return found
+        for axis in axes.values():
+            axis.kill()
+            axis.wait(PATIENCE_S)
 
 
 def main() -> None:
@@ -114,11 +109,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place, Router() as router:
         folder = Path(place)
         configs = axes_of(folder, asked.axes, router.endpoint)
-        with listening_at(router.endpoint) as heard, served(configs, folder / "said") as process:
-            begun_s = time.monotonic()
-            until(lambda: len(heard.count) == asked.axes or process.poll() is not None, 20.0 * asked.axes)
+        begun_s = time.monotonic()
+        with listening_at(router.endpoint) as heard, served(configs, folder, heard) as axes:
+            until(lambda: len(heard.count) == asked.axes, 10 * PATIENCE_S)
             print(f"{len(heard.count)} of {asked.axes} axes heard after {time.monotonic() - begun_s:.0f} s")
-            pids = list(children(process.pid).values())
+            pids = [axis.pid for axis in axes.values()]
             before, cpu_s, lost = dict(heard.count), sum(map(computed_s, pids)), heard.lost
             end_s = time.monotonic() + asked.seconds
             until(lambda: time.monotonic() > end_s, asked.seconds + PATIENCE_S)
@@ -131,9 +126,9 @@ def main() -> None:
                 f"{due:.0f} due, {heard.lost - lost} lost on the way; {load:.2f} cores in all, "
                 f"{1000 * load / asked.axes:.1f} ms of a core a second and {rss_MB:.0f} MB for each"
             )
-            process.send_signal(signal.SIGTERM)
-            code = process.wait(PATIENCE_S)
-            print(f"ended with exit code {code}; {len(_alive(pids))} axes left over")
+            for axis in axes.values():
+                axis.send_signal(signal.SIGTERM)
+            print(f"ended with exit codes {sorted({axis.wait(PATIENCE_S) for axis in axes.values()})}")
         sys.exit(0 if len(heard.count) == asked.axes and min(more.values()) > due / 2 else 1)
 
 
@@ -141,10 +136,6 @@ def _own_MB(pid: int) -> float:
     """Memory that goes with a process: what it shares with others counts in parts."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
-
-
-def _alive(pids: list[int]) -> list[int]:
-    return [pid for pid in pids if Path(f"/proc/{pid}").exists()]
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
 
     here = root == Path("/")
     if not config_paths:
-        plan = unit.to_remove()
+        plan = unit.to_remove(root)
     else:
         program = unit.this_program()
         if here and not dry_run:
@@ -42,7 +42,7 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
             unit.ServiceAxis(examine(path, runs_here=here), path, path.read_text(encoding="utf-8"))
             for path in config_paths
         ]
-        plan = unit.to_install(axes, program)
+        plan = unit.to_install(axes, program, root)
     if dry_run:
         yield from plan.lines()
         return

@@ -52,31 +52,26 @@ def demo(
 
 @verbs.command()
 def run(
-    config: Annotated[
-        list[Path], typer.Option("--config", "-c", help="Configuration (TOML); given again, another axis.")
-    ],
+    config: Annotated[list[Path], typer.Option("--config", "-c", help="Configuration (TOML).")],
     seconds: SecondsOption = None,
     log_format: Annotated[Literal["text", "json"], typer.Option(help="How messages are written.")] = "text",
 ) -> None:
-    """Run the daemon beside the CNC until SIGTERM or Ctrl-C; of several axes, a process for each."""
+    """Run the daemon of one axis beside the CNC until SIGTERM or Ctrl-C."""
     if len(config) > 1:
-        from observer.fleet.axes import serve_axes
-        from observer.process.messages import configure
-
-        configure(as_json=log_format == "json")
-        shutdown.leave(serve_axes(config, seconds, log_format))
-    path = config[0]
+        raise UserError(
+            "run: one --config, for a process serves one axis; for several, `observer service install` makes "
+            "an instance of the service for each, and a container runs one each (docs/how-to/fleet.md)"
+        )
     from observer.process.memory import import_sparingly
 
     import_sparingly()
     from observer.daemon import serve
-    from observer.fleet.axes import one_of_several
     from observer.installation import load
     from observer.process.messages import configure
 
-    configure(as_json=log_format == "json", axis=one_of_several())
+    configure(as_json=log_format == "json")
     try:
-        serve(load(path), seconds, path)
+        serve(load(config[0]), seconds, config[0])
     except UserError as error:
         say(error)
         shutdown.leave(2)  # threads of parts that had been started may hang at the interpreter's exit
@@ -196,8 +191,6 @@ def service(
     if (action == "install") != bool(config):
         raise UserError("service: install needs --config, and remove takes none")
     from observer import app as parts
-    from observer.fleet.axes import check_axes
 
-    check_axes(config or [])
     for line in parts.service(config or [], root, dry_run=dry_run):
         typer.echo(line)

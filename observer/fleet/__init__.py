@@ -1,1 +1,1 @@
-"""Many machines: thousands of their logs worked through side by side, and many axes served from one place."""
+"""Many machines: thousands of their logs worked through side by side."""

@@ -23,14 +23,15 @@ NAME = "ballscrew-observer"
 CONFIG = Path("/etc") / NAME / "observer.toml"
 STATE = Path("/var/lib") / NAME
 _UNIT = Path("/etc/systemd/system") / f"{NAME}.service"
+_TEMPLATE = _UNIT.with_name(f"{NAME}@.service")
 _USER = Path("/etc/sysusers.d") / f"{NAME}.conf"
 _FOLDERS = Path("/etc/tmpfiles.d") / f"{NAME}.conf"
 _HIDDEN = ("/home/", "/root/", "/run/user/", "/tmp/", "/var/tmp/")  # from the service, by its unit
 _EXEC_START = re.compile(r"^ExecStart=.*$", re.M)
-_MEMORY = re.compile(r"^MemoryMax=(\d+)M$", re.M)
-_AXIS_MB = 300  # for each further axis, with what it may keep
+_START = re.compile(r"^TimeoutStartSec=(\d+)$", re.M)
 _COMMAND_S = 120.0
 _PACKAGES = Path(__file__).parents[2]
+Command = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +39,8 @@ class ServicePlan:
     """Files with their content (None: to be removed), and the commands to run before and after."""
 
     files: dict[Path, str | None]
-    before: tuple[tuple[str, ...], ...]
-    after: tuple[tuple[str, ...], ...]
+    before: tuple[Command, ...]
+    after: tuple[Command, ...]
 
     @property
     def configurations(self) -> list[Path]:
@@ -80,49 +81,92 @@ class ServiceAxis:
     text: str
 
 
-def to_install(axes: Sequence[ServiceAxis], program: str) -> ServicePlan:
-    """The installation of the service for one axis or several, run by `program`.
+def to_install(axes: Sequence[ServiceAxis], program: str, root: Path = Path("/")) -> ServicePlan:
+    """The installation of a service for one axis, or of an instance of its template for each of several.
 
-    Raises `UserError` where the service could not see a file that it needs.
+    It replaces an earlier installation below `root`. Raises `UserError` where the service could not see a
+    file that it needs, or two axes have the same name or listen at the same address.
     """
-    placed = {_place(axis, alone=len(axes) == 1): axis for axis in axes}
+    _refuse_conflicts(axes)
     for axis in axes:
         _files_are_seen(axis.config)
-    options = " ".join(f"--config {path}" for path in placed)
-    unit = _EXEC_START.sub(lambda _: f"ExecStart={program} run {options}", _shipped(f"{NAME}.service"))
-    unit = _MEMORY.sub(lambda one: f"MemoryMax={int(one[1]) + _AXIS_MB * (len(axes) - 1)}M", unit)
+    alone = len(axes) == 1
+    placed = {_place(axis, alone=alone): axis for axis in axes}
+    unit, reads = (_UNIT, next(iter(placed))) if alone else (_TEMPLATE, CONFIG.with_name("%i.toml"))
+    services = [NAME] if alone else [f"{NAME}@{path.stem}" for path in placed]
+    removed, before = _earlier(root, unit)
     # systemd-tmpfiles touches no file of root's in a folder that belongs to somebody else
     modes = "".join(f"z {path} 0640 root ballscrew\n" for path in placed)
     content: dict[Path, str | None] = {path: axis.text for path, axis in placed.items()}
-    content |= {_UNIT: unit, _USER: _shipped("sysusers.conf"), _FOLDERS: _shipped("tmpfiles.conf") + modes}
+    text = _EXEC_START.sub(lambda _: f"ExecStart={program} run --config {reads}", _shipped(f"{NAME}.service"))
+    # all axes start at once after a power cut, and each needs some seconds of a core
+    content[unit] = _START.sub(lambda one: f"TimeoutStartSec={int(one[1]) * len(axes)}", text)
+    content |= {_USER: _shipped("sysusers.conf"), _FOLDERS: _shipped("tmpfiles.conf") + modes}
     return ServicePlan(
-        content,
-        (),
+        content | removed,
+        before,
         (
             ("systemd-sysusers", str(_USER)),
             ("systemd-tmpfiles", "--create", str(_FOLDERS)),
             ("systemctl", "daemon-reload"),
-            ("systemctl", "enable", NAME),
-            ("systemctl", "restart", "--no-block", NAME),  # many axes start in turn
+            ("systemctl", "enable", *services),
+            ("systemctl", "restart", "--no-block", *services),
         ),
     )
 
 
+def _refuse_conflicts(axes: Sequence[ServiceAxis]) -> None:
+    """Raise `UserError` where two axes have the same name or listen at the same address."""
+    taken: dict[str, Path] = {}
+    for axis in axes:
+        config = axis.config
+        claims = {f"{config.machine.name}/{config.machine.axis}": "machine"}
+        claims |= dict.fromkeys(config.publish.listens, "publish.listen")
+        for key in ("page", "metrics", "opcua"):
+            if (table := getattr(config, key)) is not None:
+                claims[table.listen] = f"{key}.listen"
+        for claim, key in claims.items():
+            if (other := taken.setdefault(claim, axis.path)) is not axis.path:
+                raise UserError(f"{axis.path}: {key}: {claim} is taken by {other} already; {_REMEDY[key]}")
+
+
+_OWN_PORT = "give each axis a port of its own"
+_REMEDY = {
+    "machine": "give each axis a name of its own",
+    "publish.listen": "let one of them, or a router, listen there; the others connect to it "
+    'with mode = "client"',
+    "page.listen": _OWN_PORT,
+    "metrics.listen": _OWN_PORT,
+    "opcua.listen": _OWN_PORT,
+}
+
+
 def _place(axis: ServiceAxis, *, alone: bool) -> Path:
     """Where the service reads an axis: where the file is, if it is with the service already."""
-    if axis.path.absolute().parent == CONFIG.parent:
-        return axis.path.absolute()
-    machine = axis.config.machine
+    path, machine = axis.path.absolute(), axis.config.machine
+    if path.parent == CONFIG.parent and path.suffix == ".toml":
+        return path
     return CONFIG if alone else CONFIG.with_name(f"{machine.name}-{machine.axis}.toml")
 
 
-def to_remove() -> ServicePlan:
+def to_remove(root: Path = Path("/")) -> ServicePlan:
     """What takes the service away; configuration, recordings and user stay."""
-    return ServicePlan(
-        dict.fromkeys((_UNIT, _USER, _FOLDERS)),
-        (("systemctl", "disable", "--now", NAME),),
-        (("systemctl", "daemon-reload"),),
-    )
+    removed, before = _earlier(root)
+    return ServicePlan(removed | dict.fromkeys((_USER, _FOLDERS)), before, (("systemctl", "daemon-reload"),))
+
+
+def _earlier(root: Path, kept: Path | None = None) -> tuple[dict[Path, str | None], tuple[Command, ...]]:
+    """The units that are installed, to be removed unless `kept`, and the commands that stop them.
+
+    The template's instances are always stopped: they are those of the earlier installation.
+    """
+    units = [unit for unit in (_UNIT, _TEMPLATE) if (root / unit.relative_to("/")).exists()]
+    before: list[Command] = []
+    if _UNIT in units and kept != _UNIT:
+        before.append(("systemctl", "disable", "--now", NAME))
+    if _TEMPLATE in units:
+        before += [("systemctl", "stop", f"{NAME}@*"), ("systemctl", "disable", _TEMPLATE.name)]
+    return {unit: None for unit in units if unit != kept}, tuple(before)
 
 
 def carry_out(plan: ServicePlan, root: Path) -> None:
@@ -162,7 +206,7 @@ def _put(path: Path, content: str | None) -> None:
         raise UserError(f"service: {path} cannot be written ({error.strerror})") from None
 
 
-def _run(commands: tuple[tuple[str, ...], ...]) -> None:
+def _run(commands: tuple[Command, ...]) -> None:
     for command in commands:
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_COMMAND_S, check=False)

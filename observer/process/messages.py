@@ -7,12 +7,8 @@ import sys
 import structlog
 
 
-def configure(*, as_json: bool, axis: str | None = None) -> None:
-    """Set structlog up once, before anything is logged; `axis` stands in each message of one of several."""
-
-    def named(_log: object, _method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
-        return event if axis is None else {**event, "axis": axis}
-
+def configure(*, as_json: bool) -> None:
+    """Set structlog up once, before anything is logged."""
     renderer: structlog.typing.Processor = (
         structlog.processors.JSONRenderer()
         if as_json
@@ -23,7 +19,6 @@ def configure(*, as_json: bool, axis: str | None = None) -> None:
         processors=[
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
-            named,
             *exceptions,
             renderer,
         ],

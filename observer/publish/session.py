@@ -19,7 +19,6 @@ import zenoh
 from observer.errors import ConfigError
 from observer.tables.publishing import Access, Client, Login, Publish, Tls
 
-DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second
 LEASE_MS = 2000
 MOST_BYTES = 65_536
@@ -74,7 +73,7 @@ def service_config(settings: Publish) -> zenoh.Config:
     more |= _login(settings.login or Login(), "publish.login")
     if settings.access is not None:
         more["access_control"] = access_control(settings.access)
-    return session_config(settings.mode, settings.connect, listening(settings), MOST_BYTES, more)
+    return session_config(settings.mode, settings.connect, settings.listens, MOST_BYTES, more)
 
 
 def ear_config(settings: Publish) -> zenoh.Config | None:
@@ -90,13 +89,6 @@ def client_config(connect: tuple[str, ...], client: Client | None = None) -> zen
     shown = client or Client()
     more = _tls(shown.tls or Tls(), "tls", listens=False) | _login(shown.login or Login(), "login")
     return session_config("client", connect, (), more=more)
-
-
-def listening(settings: Publish) -> tuple[str, ...]:
-    """Where a session of these settings listens: on loopback, if neither a place nor a peer is given."""
-    if settings.listen or settings.connect or settings.mode == "client":
-        return settings.listen
-    return (DEFAULT_LISTEN,)
 
 
 def _tls(tls: Tls, place: str, *, listens: bool) -> dict[str, Any]:

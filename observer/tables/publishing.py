@@ -9,13 +9,14 @@ from pydantic import AfterValidator, Field, model_validator
 
 from observer.tables.quantities import Count, File, Flag, Name, Number, Section
 
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/[^\s]+")
 
 
 def checked_endpoint(text: str) -> str:
     """Return an endpoint as it is; raises `ValueError` where it is none."""
     if not _ENDPOINT.fullmatch(text):
-        raise ValueError(f"{text!r} is no Zenoh endpoint; write it like tcp/127.0.0.1:7447")
+        raise ValueError(f"{text!r} is no Zenoh endpoint; write it like {DEFAULT_ENDPOINT}")
     return text
 
 
@@ -108,6 +109,13 @@ class Publish(Section):
     tls: Tls | None = None  #: `[publish.tls]`, below
     login: Login | None = None  #: `[publish.login]`, below
     access: Access | None = None  #: `[publish.access]`, below; – is everybody who can connect
+
+    @property
+    def listens(self) -> Endpoints:
+        """Where a session listens: on loopback, if neither an address nor a peer is given."""
+        if self.listen or self.connect or self.mode == "client":
+            return self.listen
+        return (DEFAULT_ENDPOINT,)
 
     @model_validator(mode="after")
     def _wires_are_encrypted_where_certificates_are(self) -> Publish:

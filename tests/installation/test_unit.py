@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -78,25 +79,71 @@ def test_again_is_an_update_and_another_configuration_is_not_overwritten(plan, t
     assert other.read_text() == "mine"
 
 
-def test_several_axes_are_one_service(tmp_path):
-    axes = []
-    for letter in ("x", "z"):
-        table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
-        table["machine"]["axis"] = letter
-        axes.append(ServiceAxis(parse(table), tmp_path / f"{letter}.toml", f"# {letter}"))
-    both = to_install(axes, PROGRAM)
+def _axis(path: Path, name: str, **tables: Any) -> ServiceAxis:
+    table = load(DEMO).model_dump(exclude_none=True, by_alias=True) | tables
+    table["machine"] = {"name": name, "axis": "x"}
+    return ServiceAxis(parse(table), path / f"{name}.toml", f"# {name}")
+
+
+CLIENT = {"mode": "client", "connect": ["tcp/127.0.0.1:7447"]}
+
+
+def test_each_of_several_axes_is_an_instance_of_a_template(tmp_path):
+    axes = [_axis(tmp_path, "a"), _axis(tmp_path, "b", publish=CLIENT)]
+    both = to_install(axes, PROGRAM, tmp_path)
     folder = CONFIG.parent
-    assert both.configurations == [folder / "demo-x.toml", folder / "demo-z.toml"]
+    assert both.configurations == [folder / "a-x.toml", folder / "b-x.toml"]
+    assert both.after[-1] == ("systemctl", "restart", "--no-block", f"{NAME}@a-x", f"{NAME}@b-x")
     carry_out(both, tmp_path)
-    unit = (tmp_path / f"etc/systemd/system/{NAME}.service").read_text()
-    started = f"ExecStart={PROGRAM} run --config {folder}/demo-x.toml --config {folder}/demo-z.toml\n"
-    assert started in unit
-    alone = to_install(axes[:1], PROGRAM).files[Path(f"/etc/systemd/system/{NAME}.service")]
-    most = [int(re.findall(r"^MemoryMax=(\d+)M$", text, re.M)[0]) for text in (str(alone), unit)]
-    assert most[0] == int(re.findall(r"^MemoryMax=(\d+)M$", SHIPPED.read_text(), re.M)[0]) < most[1]
-    assert (tmp_path / "etc/tmpfiles.d/ballscrew-observer.conf").read_text().count(
-        " 0640 root ballscrew"
-    ) == 2
+    text = (tmp_path / f"etc/systemd/system/{NAME}@.service").read_text()
+    assert re.findall("^ExecStart=(.*)$", text, re.M) == [f"{PROGRAM} run --config {folder}/%i.toml"]
+    start_s = [
+        int(re.findall(r"^TimeoutStartSec=(\d+)$", each, re.M)[0]) for each in (SHIPPED.read_text(), text)
+    ]
+    assert start_s[1] == 2 * start_s[0], "two axes that start at once share the cores"
+    modes = (tmp_path / "etc/tmpfiles.d/ballscrew-observer.conf").read_text()
+    assert modes.count(" 0640 root ballscrew") == 2
+
+
+def test_the_last_installation_replaces_the_one_before(plan, tmp_path):
+    carry_out(plan, tmp_path)
+    assert not plan.before
+    assert not to_install([ServiceAxis(load(DEMO), DEMO, DEMO.read_text())], PROGRAM, tmp_path).before
+    axes = [_axis(tmp_path, "a"), _axis(tmp_path, "b", publish=CLIENT)]
+    both = to_install(axes, PROGRAM, tmp_path)
+    assert both.before == (("systemctl", "disable", "--now", NAME),)
+    carry_out(both, tmp_path)
+    units = tmp_path / "etc/systemd/system"
+    assert [path.name for path in units.iterdir()] == [f"{NAME}@.service"]
+    stopped = (("systemctl", "stop", f"{NAME}@*"), ("systemctl", "disable", f"{NAME}@.service"))
+    assert to_install(axes, PROGRAM, tmp_path).before == stopped
+    removal = to_remove(tmp_path)
+    assert removal.before == stopped
+    carry_out(removal, tmp_path)
+    assert not list(units.iterdir())
+
+
+def test_two_that_are_the_same_axis_or_listen_at_the_same_address_are_refused(tmp_path):
+    one, two = _axis(tmp_path, "a"), _axis(tmp_path, "b")
+    again = ServiceAxis(one.config, tmp_path / "c.toml", "")
+    with pytest.raises(UserError, match=r"c\.toml: machine: a/x is taken by .*a\.toml already"):
+        to_install([one, again], PROGRAM, tmp_path)
+    with pytest.raises(
+        UserError, match=r"b\.toml: publish\.listen: tcp/127\.0\.0\.1:7447 is taken by .*a\.toml already"
+    ):
+        to_install([one, two], PROGRAM, tmp_path)
+
+
+@pytest.mark.parametrize("table", ["page", "metrics", "opcua"])
+def test_two_whose_pages_or_servers_listen_at_the_same_address_are_refused(table, tmp_path):
+    one, two = (_axis(tmp_path, name, publish=CLIENT, **{table: {}}) for name in ("a", "b"))
+    with pytest.raises(
+        UserError, match=rf"b\.toml: {table}\.listen: .* is taken by .*a\.toml .* a port of its own"
+    ):
+        to_install([one, two], PROGRAM, tmp_path)
+    place = "opc.tcp://127.0.0.1:4841" if table == "opcua" else "127.0.0.1:8081"
+    other = _axis(tmp_path, "b", publish=CLIENT, **{table: {"listen": place}})
+    to_install([one, other], PROGRAM, tmp_path)
 
 
 def test_a_configuration_that_is_with_the_service_stays_where_it_is():
@@ -106,9 +153,9 @@ def test_a_configuration_that_is_with_the_service_stays_where_it_is():
 
 def test_removing_keeps_the_configuration(plan, tmp_path):
     carry_out(plan, tmp_path)
-    carry_out(to_remove(), tmp_path)
+    carry_out(to_remove(tmp_path), tmp_path)
     assert _tree(tmp_path) == {"etc/ballscrew-observer/observer.toml"}
-    carry_out(to_remove(), tmp_path)  # nothing left to remove is no error
+    carry_out(to_remove(tmp_path), tmp_path)  # nothing left to remove is no error
 
 
 def test_a_program_of_one_user_is_refused():

@@ -225,7 +225,7 @@ def _remove(computer: Box) -> None:
 
 
 def _serve_two_axes(computer: Box) -> None:
-    """One service of both: the second goes to the first's router, and its page has a port of its own."""
+    """An instance each: the second goes to the first's router, and its page has a port of its own."""
     edits = (
         's/^axis = .*/axis = "y"/', 's/^mode = .*/mode = "client"/', "s/:8080/:8081/",
         's#^listen = .*7447.*#connect = ["tcp/127.0.0.1:7447"]#',
@@ -234,5 +234,6 @@ def _serve_two_axes(computer: Box) -> None:
     computer.does(f"sudo observer service install --config {CONFIG} --config y.toml")
     for axis in "zy":
         until(partial(computer.says, f"observer health --machine lathe-7 --axis {axis}"), 2 * PATIENCE_S, 2.0)
-    assert _property(computer, "ActiveState") == "active"
+    computer.does("systemctl is-active ballscrew-observer@observer ballscrew-observer@lathe-7-y")
+    assert _property(computer, "LoadState") == "not-found"
     computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-y")
