@@ -1,7 +1,8 @@
 """Drivers: from registers, frames and recordings to readings with a time and a fault for every channel.
 
 A driver is one file, with its table of the configuration in it, and one name in `DriverSettings`; one from
-outside is named by its table, `kind = "module:Class"`. None imports its bus library before it is opened.
+outside is named by its table: `kind = "module:Class"`, or a name of the entry-point group
+`ballscrew_observer.drivers`. None imports its bus library before it is opened.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from observer.tables.outside import is_outside, outside
 def _from_outside(value: Any, known: ValidatorFunctionWrapHandler) -> DriverTable:
     """Validate a driver's table by the class that its `kind` names, or by one of those known here."""
     kind = value.get("kind") if isinstance(value, dict) else None
-    if not is_outside(kind):
+    if kind in DRIVER_KINDS or not is_outside(kind, "drivers"):
         settings: DriverTable = known(value)
         return settings
-    table = outside(kind)
+    table = outside(kind, "drivers")
     if not (isinstance(table, type) and issubclass(table, DriverTable)):
         raise ValueError(f"{kind} is no driver's table; name a subclass of drivers.protocol.DriverTable")
     return table.model_validate(value)

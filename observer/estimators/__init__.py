@@ -5,7 +5,7 @@ from __future__ import annotations
 from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings, Integrity
-from observer.tables.outside import is_outside, outside
+from observer.tables.outside import outside
 
 
 def build_estimator(
@@ -17,13 +17,13 @@ def build_estimator(
 
     Raises `UserError` where no gain to be trusted exists for this plant.
     """
-    if is_outside(settings.kind):
-        made: Estimator = outside(settings.kind)(plant, settings)
-        return made
     if settings.kind == "luenberger":
         from observer.estimators.fixed_gain import LuenbergerEstimator  # noqa: PLC0415
 
         return LuenbergerEstimator(plant, settings)
+    if settings.kind != "kalman":
+        made: Estimator = outside(settings.kind, "estimators")(plant, settings)
+        return made
     if settings.engine == "constant":
         from observer.estimators.fixed_gain import ConstantGainEstimator  # noqa: PLC0415
 

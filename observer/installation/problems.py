@@ -20,6 +20,7 @@ from drivers.protocol import UNION_TAGS
 from observer.effects.catalogue import KINDS
 from observer.errors import SeveralError
 from observer.installation.typical_ranges import hint, probable
+from observer.tables.outside import entry_names
 
 Path = tuple[int | str, ...]
 _PASSES = 4
@@ -135,7 +136,7 @@ def _words(detail: ErrorDetails, path: Path) -> str:
     elif kind.startswith("union_tag"):
         named = given.get("kind") if isinstance(given, dict) else None
         stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
-        kinds = KINDS if path[0] == "effect" else (*DRIVER_KINDS, "module:Class")
+        kinds = KINDS if path[0] == "effect" else (*DRIVER_KINDS, *entry_names("drivers"), "module:Class")
         message = f"{stated}; give one of {', '.join(kinds)}"
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
         message = f"must be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from observer.tables.outside import is_outside, outside
+from observer.tables.outside import entry_names, is_outside, outside
 from observer.tables.quantities import Flag, NonNegative, Number, Positive, Rise, Section
 
 Learnable = Literal[
@@ -50,17 +50,19 @@ _KINDS = ("kalman", "luenberger")
 
 
 def _known(kind: str) -> str:
-    if is_outside(kind):
-        outside(kind)
-    elif kind not in _KINDS:
-        raise ValueError(f'unknown kind {kind[:60]!r}; give one of {", ".join(_KINDS)}, or "module:Class"')
+    if kind not in _KINDS:
+        if not is_outside(kind, "estimators"):
+            known = ", ".join((*_KINDS, *entry_names("estimators")))
+            raise ValueError(f'unknown kind {kind[:60]!r}; give one of {known}, or "module:Class"')
+        outside(kind, "estimators")
     return kind
 
 
 class EstimatorSettings(Section):
     """How heats and field are estimated."""
 
-    #: `"kalman"`, `"luenberger"`, or a [class of your own](../how-to/add-an-estimator.md), `"module:Class"`
+    #: `"kalman"`, `"luenberger"`, or a [class of your own](../how-to/add-an-estimator.md): `"module:Class"`,
+    #: or a name of the entry-point group `ballscrew_observer.estimators`
     kind: Annotated[str, AfterValidator(_known)] = "kalman"
     #: step of the live estimator; a replay steps with the rows of its log
     period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5

@@ -1,29 +1,40 @@
-"""Classes from outside the package, which a configuration names as `kind = "module:Class"`."""
+"""Classes from outside the package, which a configuration names in `kind`.
+
+Either as `"module:Class"`, or by the name that an installed package gives to its class in the entry-point
+group `ballscrew_observer.drivers`, `.estimators` or `.effects`. A kind of this package has precedence.
+"""
 
 from __future__ import annotations
 
-import importlib
 import re
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeGuard
 
-_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", re.ASCII)
+_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", re.ASCII)
 
 
-def is_outside(kind: object) -> TypeGuard[str]:
-    """Whether a `kind` names a class from outside."""
-    return isinstance(kind, str) and _NAME.fullmatch(kind) is not None
+def is_outside(kind: object, group: str) -> TypeGuard[str]:
+    """Whether a `kind` names a class from outside; `group` is `"drivers"`, `"estimators"` or `"effects"`."""
+    return isinstance(kind, str) and (_PATH.fullmatch(kind) is not None or kind in entry_names(group))
 
 
-def outside(kind: str) -> Any:
+def entry_names(group: str) -> tuple[str, ...]:
+    """The names that installed packages give to their classes of a group."""
+    return tuple(sorted(entry_points(group=f"ballscrew_observer.{group}").names))
+
+
+def outside(kind: str, group: str) -> Any:
     """Import the class that `kind` names.
 
     Raises `ValueError` with the remedy where it cannot be imported, whatever its module raises.
     """
-    module, _, name = kind.partition(":")
+    point = EntryPoint(kind, kind, group)
+    if ":" not in kind:
+        point = entry_points(group=f"ballscrew_observer.{group}")[kind]
     try:
-        return getattr(importlib.import_module(module), name)
+        return point.load()
     except AttributeError:
-        raise ValueError(f"{module} has no class {name}; fix the name after the colon") from None
+        raise ValueError(f"{point.module} has no class {point.attr}; fix the name after the colon") from None
     except Exception as error:  # noqa: BLE001 - the module is not ours and may raise anything
         raise ValueError(
             f"{kind} cannot be imported ({type(error).__name__}: {error}); install its package beside this "
