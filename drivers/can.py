@@ -35,7 +35,7 @@ class CanSettings(CanTable):
     def _one_description(self) -> CanSettings:
         if (self.dbc is None) == (self.device is None):
             raise ValueError("give exactly one of dbc and device")
-        check_channels(self.device, CAN_INPUTS, self.channels)
+        check_channels(self.channels, self.device, CAN_INPUTS)
         return self
 
     def signals(self, name: str) -> Signals:

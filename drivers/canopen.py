@@ -11,10 +11,10 @@ import threading
 import time
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from drivers.places import CanTable
-from drivers.protocol import ChannelName, Decoded, Driver
+from drivers.protocol import ChannelName, Decoded, Driver, not_zero
 from observer.tables.quantities import Count, Finite
 
 if TYPE_CHECKING:  # the bus library only when it is used
@@ -47,14 +47,12 @@ class CanopenSettings(CanTable):
     mode: Literal["tpdo", "sdo"] = "tpdo"
     cob_id: Annotated[Count, Field(ge=0x181, le=0x57F)] | None = None
     position_byte: Annotated[Count, Field(ge=0, le=4)] = 0
-    counts_per_m: Finite
+    counts_per_m: Annotated[Finite, AfterValidator(not_zero)]
     offset_m: Finite = 0.0
     position_channel: ChannelName = "nut_position_m"
 
     @model_validator(mode="after")
     def _sensible(self) -> CanopenSettings:
-        if self.counts_per_m == 0:
-            raise ValueError("counts_per_m = 0 makes no position; give the drive's resolution")
         if self.mode == "sdo" and self.cob_id is not None:
             raise ValueError('cob_id belongs to mode = "tpdo"; remove it')
         return self

@@ -87,7 +87,7 @@ def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[flo
     low, high = signal.minimum, signal.maximum
     if (low is not None and physical < low) or (high is not None and physical > high):
         return math.nan, "out_of_range"
-    value = channel.scale * physical + channel.offset
+    value = channel.value(physical)
     return (value, None) if math.isfinite(value) else (math.nan, "not_a_number")
 
 

@@ -53,7 +53,7 @@ def decode(words: Mapping[int, int], channel: ModbusChannel) -> tuple[float, str
     code = int.from_bytes(data, "big")
     if code in channel.fault_codes:
         return math.nan, channel.fault_codes[code]
-    value = channel.scale * raw_of(data, channel.type) + channel.offset
+    value = channel.value(raw_of(data, channel.type))
     if not math.isfinite(value):
         return math.nan, "not_a_number"
     if not (channel.low is None or value >= channel.low) or not (

@@ -25,7 +25,7 @@ class _Modbus(DriverTable):
 
     @model_validator(mode="after")
     def _inputs_belong_to_a_device(self) -> _Modbus:
-        check_channels(self.device, MODBUS_INPUTS, self.channels)
+        check_channels(self.channels, self.device, MODBUS_INPUTS)
         if self.device is None and self.first_register:
             raise ValueError(
                 "first_register shifts a ready device map; without device, write the registers out"
@@ -39,9 +39,11 @@ class _Modbus(DriverTable):
 
     def open(self, name: str) -> Driver:
         """Make the driver that polls the device."""
-        from drivers.modbus_polling import ModbusDriver  # noqa: PLC0415  (the bus library only when it is used)
+        from drivers.modbus_session import connect  # noqa: PLC0415  (the bus library only when it is used)
+        from drivers.polled import Polled  # noqa: PLC0415
 
-        return ModbusDriver(name, self.period_s, self.at, self.map())
+        device, places = self.at, self.map()
+        return Polled(name, tuple(places), self.period_s, lambda now: connect(device, places, now))
 
     def map(self) -> dict[str, ModbusChannel]:
         """Every channel's place, inputs of a ready device map resolved."""

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.places import MtConnectAgent, MtConnectChannel
+from drivers.places import MtConnectAgent, MtConnectChannel, check_channels
 from drivers.protocol import ChannelName, Driver, DriverTable, PollPeriod, Text, Timeout
 
 
@@ -26,9 +26,7 @@ class MtConnectSettings(DriverTable):
 
     @model_validator(mode="after")
     def _each_its_own(self) -> MtConnectSettings:
-        places = [(place.item, place.equals) for place in self.channels.values()]
-        if twice := [item for item, equals in places if places.count((item, equals)) > 1]:
-            raise ValueError(f"two channels read {twice[0]}; give each its own")
+        check_channels(self.channels)
         return self
 
     def open(self, name: str) -> Driver:
@@ -38,4 +36,4 @@ class MtConnectSettings(DriverTable):
 
         url = self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")
         agent = MtConnectAgent(url, self.timeout_s, self.channels)
-        return Polled(name, tuple(self.channels), self.period_s, lambda: connect(agent))
+        return Polled(name, tuple(self.channels), self.period_s, lambda now: connect(agent, now))

@@ -20,7 +20,9 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from drivers.places import MtConnectAgent, MtConnectChannel
-from drivers.polled import LostError, PolledValue
+from drivers.polled import LostError, PolledValue, SourceTimes
+from drivers.protocol import Clock
+from observer.frames import Reading
 
 logging.getLogger("httpx").setLevel(logging.WARNING)  # it reports every request otherwise
 
@@ -46,7 +48,7 @@ class _Item:
     equals: str | None
 
 
-async def connect(agent: MtConnectAgent) -> MtConnectSession:
+async def connect(agent: MtConnectAgent, now: Clock) -> MtConnectSession:
     """Ask the agent once what it has. Raises `LostError`."""
     client = httpx.AsyncClient(
         timeout=agent.timeout_s,
@@ -54,7 +56,7 @@ async def connect(agent: MtConnectAgent) -> MtConnectSession:
         trust_env=False,
         headers={"Accept": "text/xml", "Accept-Encoding": "identity"},
     )
-    session = MtConnectSession(client, agent)
+    session = MtConnectSession(client, agent, now)
     try:
         await session.probe()
     except BaseException:
@@ -66,10 +68,12 @@ async def connect(agent: MtConnectAgent) -> MtConnectSession:
 class MtConnectSession:
     """An agent whose data items are known."""
 
-    def __init__(self, client: httpx.AsyncClient, agent: MtConnectAgent) -> None:
+    def __init__(self, client: httpx.AsyncClient, agent: MtConnectAgent, now: Clock) -> None:
         self.problem: str | None = None
         self._client = client
         self._agent = agent
+        self._now = now
+        self._times = SourceTimes()
         self._url = agent.url
         self._instance: str | None = None
         self._items: dict[str, _Item | str] = {}
@@ -90,7 +94,7 @@ class MtConnectSession:
         problems = [f"channel {channel}: {item}" for channel, item in wrong.items()]
         self.problem = problems[0] if problems else None
 
-    async def ask(self) -> Mapping[str, PolledValue]:
+    async def ask(self) -> list[Reading]:
         """What each item is now. Raises `LostError`."""
         root = await self._get("current", "Streams")
         header = _header(root)
@@ -102,10 +106,11 @@ class MtConnectSession:
         for element in root.iter():
             if (key := element.get("dataItemId")) in wanted:
                 said.setdefault(str(key), []).append(element)
-        return {
+        answers = {
             channel: _answer(self._items[channel], place, said.get(place.item, []))
             for channel, place in self._agent.channels.items()
         }
+        return self._times.readings(answers, self._now())
 
     async def close(self) -> None:
         """End the connection."""
@@ -194,10 +199,10 @@ def _answer(item: _Item | str, place: MtConnectChannel, elements: list[Element])
     if text == _UNAVAILABLE or len(elements[0]):
         return PolledValue(fault="unavailable" if text == _UNAVAILABLE else "wrong_type", stamp_s=stamp_s)
     if item.equals is not None:
-        return PolledValue(place.scale * float(text == item.equals) + place.offset, stamp_s=stamp_s)
+        return PolledValue(place.value(float(text == item.equals)), stamp_s=stamp_s)
     if not _NUMBER.fullmatch(text):
         return PolledValue(fault="wrong_type", stamp_s=stamp_s)
-    value = place.scale * item.factor * float(text) + place.offset
+    value = place.value(item.factor * float(text))
     return PolledValue(value, stamp_s=stamp_s) if isfinite(value) else PolledValue(fault="not_finite")
 
 

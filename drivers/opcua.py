@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.places import OpcUaChannel, OpcUaServer
+from drivers.places import OpcUaChannel, OpcUaServer, check_channels
 from drivers.protocol import ChannelName, Driver, DriverTable, PollPeriod, Text, Timeout
 from observer.tables.quantities import File
 
@@ -46,9 +46,7 @@ class OpcUaSettings(DriverTable):
             raise ValueError(
                 "a password goes over no wire in the clear; give certificate and private_key too"
             )
-        nodes = [place.node for place in self.channels.values()]
-        if twice := sorted({node for node in nodes if nodes.count(node) > 1}):
-            raise ValueError(f"two channels read {twice[0]}; give each its own")
+        check_channels(self.channels)
         return self
 
     @property
@@ -72,4 +70,4 @@ class OpcUaSettings(DriverTable):
 
         keys = (f.name for f in fields(OpcUaServer))
         server = OpcUaServer(**{key: getattr(self, key) for key in keys})
-        return Polled(name, tuple(self.channels), self.period_s, lambda: connect(server))
+        return Polled(name, tuple(self.channels), self.period_s, lambda now: connect(server, now))

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import re
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from math import isfinite, nan
 from pathlib import Path
@@ -32,7 +31,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, RSAPublicKey
 
 from drivers.places import OpcUaChannel, OpcUaServer
-from drivers.polled import LostError, PolledValue
+from drivers.polled import LostError, PolledValue, SourceTimes
+from drivers.protocol import Clock
+from observer.frames import Reading
 
 # Everything asyncua logs also comes as its exceptions, which are counted in the driver's status.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
@@ -51,7 +52,7 @@ _LIMITS = {0x0500: "under_range", 0x0600: "over_range"}  # bits 8 to 11: at its 
 _NEVER = datetime(1980, 1, 1, tzinfo=UTC)  # servers without a clock give 1601, 1970 or none
 
 
-async def connect(server: OpcUaServer) -> OpcUaSession:
+async def connect(server: OpcUaServer, now: Clock) -> OpcUaSession:
     """Connect once. Raises `LostError`."""
     client = Client(server.url, timeout=server.timeout_s, watchdog_intervall=3600.0)
     try:
@@ -67,7 +68,7 @@ async def connect(server: OpcUaServer) -> OpcUaSession:
     except asyncio.CancelledError:
         await _end(client)
         raise
-    return OpcUaSession(client, server)
+    return OpcUaSession(client, server, now)
 
 
 def _unless(server: OpcUaServer) -> str:
@@ -132,13 +133,15 @@ def _name_in(certificate: x509.Certificate) -> str | None:
 class OpcUaSession:
     """A session that is open."""
 
-    def __init__(self, client: Client, server: OpcUaServer) -> None:
+    def __init__(self, client: Client, server: OpcUaServer, now: Clock) -> None:
         self.problem: str | None = None
         self._client = client
         self._server = server
+        self._now = now
+        self._times = SourceTimes()
         self._nodes = [client.get_node(place.node) for place in server.channels.values()]
 
-    async def ask(self) -> Mapping[str, PolledValue]:
+    async def ask(self) -> list[Reading]:
         """Read every node in one request. Raises `LostError`."""
         url = self._server.url
         try:
@@ -151,10 +154,11 @@ class OpcUaSession:
         if len(found) != len(self._nodes):
             raise LostError("bad_reply", f"{url}: asked for {len(self._nodes)} values, got {len(found)}")
         self.problem = None
-        return {
+        answers = {
             channel: self._answer(channel, place, data)
             for (channel, place), data in zip(self._server.channels.items(), found, strict=True)
         }
+        return self._times.readings(answers, self._now())
 
     async def close(self) -> None:
         """End the session."""
@@ -168,7 +172,7 @@ class OpcUaSession:
             return PolledValue(fault=fault, stamp_s=stamp_s)
         number = None if data.Value is None else data.Value.Value
         if isinstance(number, bool | int | float):
-            value = place.scale * float(number) + place.offset
+            value = place.value(float(number))
             return PolledValue(value, stamp_s=stamp_s) if isfinite(value) else PolledValue(fault="not_finite")
         kind = "nothing" if number is None else type(number).__name__
         self.problem = f"channel {channel}: {place.node} holds {kind}, not a number; name another node"

@@ -7,7 +7,7 @@ holds for the factory settings that its docstring names; anything else is writte
 from __future__ import annotations
 
 import os
-import re
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,8 +32,24 @@ from observer.tables.quantities import Count, Finite
 WORDS = {"int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2}
 
 
-class ModbusChannel(Settings):
-    """One value in the registers of a Modbus device: value = scale · raw + offset.
+class Place(Settings):
+    """Where one value is: value = scale · number + offset."""
+
+    scale: Scale = 1.0
+    offset: Finite = 0.0
+
+    @property
+    @abstractmethod
+    def where(self) -> object:
+        """What two channels of a driver must not share."""
+
+    def value(self, number: float) -> float:
+        """The value for a number on the wire."""
+        return self.scale * number + self.offset
+
+
+class ModbusChannel(Place):
+    """One value in the registers of a Modbus device.
 
     `register` counts from 0, as on the wire. `fault_codes` are raw values (unsigned, as in the manual) that
     stand for a fault. A `status_register` (same `function`) makes the value a fault when it has all bits of
@@ -45,8 +61,6 @@ class ModbusChannel(Settings):
     function: Literal["holding", "input"] = "input"
     type: Literal["int16", "uint16", "int32", "uint32", "float32"] = "int16"
     word_order: Literal["big", "little"] = "big"
-    scale: Scale = 1.0
-    offset: Finite = 0.0
     low: Finite | None = None
     high: Finite | None = None
     fault_codes: dict[Word, FaultName] = Field(default_factory=dict)
@@ -55,8 +69,6 @@ class ModbusChannel(Settings):
 
     @model_validator(mode="after")
     def _sensible(self) -> ModbusChannel:
-        if self.scale == 0:
-            raise ValueError("scale = 0 makes every value the same; give the device's resolution")
         if self.register_ + WORDS[self.type] > 0x10000:
             raise ValueError(f"a {self.type} at register {self.register_} reaches beyond register 65535")
         if bool(self.status_faults) != (self.status_register is not None):
@@ -67,12 +79,12 @@ class ModbusChannel(Settings):
 
     @property
     def where(self) -> tuple[object, ...]:
-        """What two channels must not share."""
+        """What two channels of a driver must not share."""
         return self.function, self.register_, self.type
 
 
-class CanChannel(Settings):
-    """One signal of a DBC file: value = scale · signal + offset.
+class CanChannel(Place):
+    """One signal of a DBC file.
 
     `fault_signal` (of the same message) makes the value a fault when its raw number is a key of
     `fault_values`, or, without `fault_values`, when it is not 0.
@@ -80,55 +92,42 @@ class CanChannel(Settings):
 
     message: Text
     signal: Text
-    scale: Scale = 1.0
-    offset: Finite = 0.0
     fault_signal: Text | None = None
     fault_values: dict[Annotated[int, Field(ge=0, lt=1 << 64)], FaultName] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _sensible(self) -> CanChannel:
-        if self.scale == 0:
-            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
         if self.fault_values and self.fault_signal is None:
             raise ValueError("fault_values needs fault_signal")
         return self
 
     @property
     def where(self) -> tuple[object, ...]:
-        """What two channels must not share."""
+        """What two channels of a driver must not share."""
         return self.message, self.signal
 
 
-class OpcUaChannel(Settings):
-    """One variable of the server: value = scale · number + offset."""
+class OpcUaChannel(Place):
+    """One variable of the server."""
 
-    node: Annotated[Text, Field(pattern=r"^(ns=\d{1,5};)?([is]=.+|[gb]=.+)$")]
-    scale: Scale = 1.0
-    offset: Finite = 0.0
+    node: Annotated[Text, Field(pattern=r"^(ns=\d{1,5};)?(i=\d{1,10}|[sgb]=.+)$")]
 
-    @model_validator(mode="after")
-    def _sensible(self) -> OpcUaChannel:
-        if self.scale == 0:
-            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
-        name = self.node.rpartition(";")[2] if self.node.startswith("ns=") else self.node
-        if name.startswith("i=") and not re.fullmatch(r"i=\d{1,10}", name):
-            raise ValueError(f'{self.node} is no node: "i=" must be followed by a number; fix it')
-        return self
+    @property
+    def where(self) -> str:
+        """What two channels of a driver must not share."""
+        return self.node
 
 
-class MtConnectChannel(Settings):
-    """One data item of the agent: value = scale · number in SI units + offset; or 1 where it `equals`."""
+class MtConnectChannel(Place):
+    """One data item of the agent, in SI units; or 1 where it `equals` a word, else 0."""
 
     item: Annotated[Text, Field(pattern=r"^\S+$")]
     equals: Text | None = None
-    scale: Scale = 1.0
-    offset: Finite = 0.0
 
-    @model_validator(mode="after")
-    def _sensible(self) -> MtConnectChannel:
-        if self.scale == 0:
-            raise ValueError("scale = 0 makes every value the same; give 1 or the unit's factor")
-        return self
+    @property
+    def where(self) -> tuple[object, ...]:
+        """What two channels of a driver must not share."""
+        return self.item, self.equals
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,11 +155,11 @@ class MtConnectAgent:
 
 
 def check_channels(
-    device: str | None, inputs: Mapping[str, int], channels: Mapping[str, int | ModbusChannel | CanChannel]
+    channels: Mapping[str, int | Place], device: str | None = None, inputs: Mapping[str, int] | None = None
 ) -> None:
     """Refuse input numbers that no ready map has, and two channels that take the very same value.
 
-    `inputs` says how many each map has.
+    `inputs` is how many each map has.
     """
     problems = []
     for channel, place in channels.items():
@@ -170,7 +169,7 @@ def check_channels(
             problems.append(
                 f"channel {channel}: an input number needs device; name it, or write the place out"
             )
-        elif place >= inputs[device]:
+        elif inputs is not None and place >= inputs[device]:
             last = inputs[device] - 1
             problems.append(f"channel {channel}: {device} has inputs 0 to {last}, not {place}")
     raise_all(problems)

@@ -1,6 +1,6 @@
-"""Asking a server for every channel each period, for ever: what OPC UA and MTConnect share.
+"""Asking a device or server for every channel each period, for ever: what Modbus, OPC UA and MTConnect share.
 
-The one task that asks also connects, so a server that comes back is met within `RETRY_S` of an attempt; what
+The one task that asks also connects, so a peer that comes back is met within `RETRY_S` of an attempt; what
 has not been answered when a period ends is delivered as faulty.
 """
 
@@ -22,11 +22,16 @@ _AFTER_S = 1e-6
 
 
 class LostError(Exception):
-    """A connection that must not be used again; `fault` is what its channels have meanwhile."""
+    """A poll that failed; `fault` is what the channels have meanwhile.
+
+    `readings` is what it found before; the connection must not be used again unless it `lasts`.
+    """
 
     def __init__(self, fault: str, text: str) -> None:
         super().__init__(text)
         self.fault = fault
+        self.readings: list[Reading] = []
+        self.lasts = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -43,8 +48,8 @@ class Session(Protocol):
 
     problem: str | None
 
-    async def ask(self) -> Mapping[str, PolledValue]:
-        """Ask for every channel. Raises `LostError`."""
+    async def ask(self) -> list[Reading]:
+        """Ask for every channel: a reading for each time, oldest first. Raises `LostError`."""
 
     async def close(self) -> None:
         """End the connection."""
@@ -87,14 +92,14 @@ class SourceTimes:
 
 
 class Polled:
-    """A server that is asked each period; `connect` makes a session or raises `LostError`."""
+    """A device or server that is asked each period; `connect` makes a session or raises `LostError`."""
 
     def __init__(
         self,
         name: str,
         channels: tuple[str, ...],
         period_s: float,
-        connect: Callable[[], Awaitable[Session]],
+        connect: Callable[[Clock], Awaitable[Session]],
     ) -> None:
         self.name = name
         self.channels = channels
@@ -102,9 +107,9 @@ class Polled:
         self.status = DriverStatus()
         self._connect = connect
         self._session: Session | None = None
+        self._tried_s = 0.0
         self._why = "disconnected"
         self._answered_before = False
-        self._times = SourceTimes()
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
         """Deliver what each channel is once a period until cancelled."""
@@ -132,21 +137,27 @@ class Polled:
 
     async def _poll(self, now: Clock) -> list[Reading]:
         """Ask until there is an answer, on a new connection after each failure."""
+        loop = asyncio.get_running_loop()
         while True:
             try:
                 if self._session is None:
-                    self._session = await self._connect()
-                    self._times = SourceTimes()
-                answers = await self._session.ask()
+                    self._tried_s = loop.time()
+                    self._session = await self._connect(now)
+                readings = await self._session.ask()
                 self._answered(self._session)
-                return self._times.readings(answers, now())
+                return readings
             except LostError as error:
-                self._why = error.fault
-                self.status = dataclasses.replace(
-                    self.status, connected=False, errors=self.status.errors + 1, last_error=str(error)
-                )
-            await self._close()
-            await asyncio.sleep(RETRY_S)
+                failed = error
+            self._why = failed.fault
+            self.status = dataclasses.replace(
+                self.status, connected=False, errors=self.status.errors + 1, last_error=str(failed)
+            )
+            if not failed.lasts:
+                await self._close()
+            if failed.readings:
+                return failed.readings
+            if loop.time() - self._tried_s < RETRY_S:  # refused, or accepted and closed at once
+                await asyncio.sleep(RETRY_S)
 
     def _answered(self, session: Session) -> None:
         status = self.status

@@ -79,13 +79,20 @@ def _any_base(code: object) -> object:
         return code
 
 
+def not_zero(scale: float) -> float:
+    """Return a factor as it is; raises `ValueError` for 0."""
+    if scale == 0:
+        raise ValueError("0 makes every value the same; give the unit's factor, or the device's resolution")
+    return scale
+
+
 ChannelName = Annotated[
     str,
     Field(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_.-]+$"),
     AfterValidator(checked_channel),
 ]
 Input = Annotated[Count, Field(ge=0, le=63)]
-Scale = Annotated[Finite, Field(ge=-1e9, le=1e9)]
+Scale = Annotated[Finite, Field(ge=-1e9, le=1e9), AfterValidator(not_zero)]
 PollPeriod = Annotated[Number, Field(ge=0.005, le=3600)]
 Timeout = Annotated[Number, Field(ge=0.01, le=60)]
 Register = Annotated[Count, Field(ge=0, le=0xFFFF)]

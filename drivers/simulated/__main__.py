@@ -20,7 +20,6 @@ from drivers.simulated.faults import FaultCommand, Faults
 from drivers.simulated.machine import SimulatedMachine, heats, speed_rpm
 from drivers.simulated.wires import (
     AxisBus,
-    PtyWire,
     ThermocoupleServer,
     TruthPublisher,
     icpdas_m7018,
@@ -71,9 +70,8 @@ class MachineProcess:
         threading.Thread(target=self._read_stdin, args=(loop,), daemon=True).start()
         self._sample()
         await self._server.start()
-        wire = PtyWire()
-        axis = AxisBus(wire.devices[0], self._args.can_stamps, self._args.seed)
-        places = {"modbus_port": self._server.port, "can_device": wire.devices[1], "pid": os.getpid()}
+        axis = AxisBus(self._args.can_stamps, self._args.seed)
+        places = {"modbus_port": self._server.port, "can_device": axis.device, "pid": os.getpid()}
         print(json.dumps(places), flush=True)
         work = loop.create_task(self._work(axis))
         listen = loop.create_task(self._listen(axis))
@@ -85,7 +83,6 @@ class MachineProcess:
         if self._truth:
             self._truth.close()
         axis.close()
-        await wire.close()
         await self._server.stop()
 
     async def _work(self, axis: AxisBus) -> None:

@@ -1,8 +1,7 @@
-"""The simulated machine's wires: Modbus TCP for its thermocouples, CAN on a pty pair, Zenoh for its truth."""
+"""The simulated machine's wires: Modbus TCP for its thermocouples, CAN on a pty, Zenoh for its truth."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import os
@@ -23,7 +22,6 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from drivers.simulated.faults import Faults, Mishaps
 from drivers.simulated.machine import TrueHeats
 
-HANG_UP_POLL_S = 0.05
 RETRY_S = 0.25
 WAGO_OPEN, WAGO_OVER = 0x60, 0x42
 
@@ -95,53 +93,6 @@ class ThermocoupleServer:
         return None
 
 
-class PtyWire:
-    """Two pty pairs joined by their masters: bytes written to one device come out of the other.
-
-    Towards a device that nobody has open, bytes are dropped, as on a wire: whoever opens it later must not
-    be handed the past.
-    """
-
-    def __init__(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._masters: list[int] = []
-        self.devices: list[str] = []
-        for _ in range(2):
-            master, slave = os.openpty()
-            tty.setraw(slave)
-            self.devices.append(os.ttyname(slave))
-            os.close(slave)  # from now on the master sees a hang-up until somebody opens the device
-            os.set_blocking(master, False)
-            self._masters.append(master)
-        self._watch = [self._loop.create_task(self._listen(i)) for i in range(2)]
-
-    async def _listen(self, end: int) -> None:
-        """Forward what arrives at one end while its device is open."""
-        master, other = self._masters[end], self._masters[1 - end]
-        while True:
-            if _hung_up(master):
-                await asyncio.sleep(HANG_UP_POLL_S)
-                continue
-            readable = asyncio.Event()
-            self._loop.add_reader(master, readable.set)
-            try:
-                await readable.wait()
-            finally:
-                self._loop.remove_reader(master)
-            with contextlib.suppress(OSError):  # hung up since, or the other end is full
-                data = os.read(master, 4096)
-                if not _hung_up(other):
-                    os.write(other, data)
-
-    async def close(self) -> None:
-        """Stop forwarding and remove both devices."""
-        for task in self._watch:
-            task.cancel()
-        await asyncio.gather(*self._watch, return_exceptions=True)
-        for master in self._masters:
-            os.close(master)
-
-
 def _hung_up(master: int) -> bool:
     """Whether nobody has the device of this master open."""
     poll = select.poll()
@@ -150,16 +101,20 @@ def _hung_up(master: int) -> bool:
 
 
 class AxisBus:
-    """The axis controller on the CAN bus: sends its cyclic frame, described by `axis.dbc`.
+    """The axis controller's cyclic frame, described by `axis.dbc`, on the `device` of a serial CAN adapter.
 
-    The lines are those of a serial CAN adapter; with `stamps`, each ends with the adapter's milliseconds.
+    With `stamps`, each line ends with the adapter's milliseconds. While nobody has the device open, lines are
+    dropped, as on a wire: whoever opens it later must not be handed the past.
     """
 
-    def __init__(self, device: str, stamps: bool, seed: int) -> None:
+    def __init__(self, stamps: bool, seed: int) -> None:
         database = cantools.database.load_file(Path(__file__).parent / "axis.dbc")
         self._message = database.get_message_by_name("AxisStatus")  # type: ignore[union-attr]
-        self._device = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        tty.setraw(self._device)
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(slave)
+        os.close(slave)  # from now on the master sees a hang-up until somebody opens the device
         self._stamps = stamps
         self._alive = 0
         self.mishaps = Mishaps(self._write, seed)
@@ -179,12 +134,15 @@ class AxisBus:
         self.mishaps.put(line.encode(), period_s)
 
     def _write(self, lines: bytes) -> None:
+        with contextlib.suppress(OSError):
+            os.read(self._master, 4096)  # commands to the adapter, which nobody answers
         with contextlib.suppress(OSError):  # nobody takes what is on the wire, or it is closed
-            os.write(self._device, lines)
+            if not _hung_up(self._master):
+                os.write(self._master, lines)
 
     def close(self) -> None:
         """Leave the bus."""
-        os.close(self._device)
+        os.close(self._master)
 
 
 class TruthPublisher:

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from drivers.can import CanSettings
 from drivers.dbc import load_decoder
 from drivers.places import DBC_OF, CanChannel
-from drivers.simulated.wires import PtyWire
+from drivers.simulated.wires import AxisBus
 from tests.drivers.harness import running
-from tests.patience import Stopwatch, eventually, until
+from tests.patience import PATIENCE_S, Stopwatch, eventually
 
 AXIS_DBC = Path("drivers/simulated/axis.dbc")
 AXIS = cantools.database.load_file(AXIS_DBC).get_message_by_name("AxisStatus")
@@ -319,39 +319,29 @@ async def _counted(driver, errors):
     await eventually(lambda: driver.status.errors >= errors and driver.status.connected)
 
 
-async def test_frames_cross_the_pty_wire_between_two_adapters():
-    wire = PtyWire()
+async def test_whoever_opens_the_simulated_adapter_late_gets_nothing_of_the_past():
+    bus = AxisBus(stamps=False, seed=1)
     try:
-        with can.Bus(interface="slcan", channel=wire.devices[0], sleep_after_open=0) as sender:
-            driver = settings(interface="slcan", channel=wire.devices[1]).open("axis")
-            async with running(driver) as axis:
-                await axis.until(lambda _: driver.status.connected)
-                good = await eventually(
-                    lambda: sender.send(frame(0.9)) or [r for r in axis.readings if not r.faults]
-                )
-                values = [r.values["nut_position_m"] for r in good]
-                assert values == pytest.approx([0.9] * len(values))
+        bus.send(0.2, 100.0, 0.02)
+        late = os.open(bus.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        bus.send(0.9, 100.0, 0.02)
+        assert select.select([late], [], [], PATIENCE_S)[0]
+        assert os.read(late, 100).count(b"\r") == 1
+        os.close(late)
     finally:
-        await wire.close()
+        bus.close()
 
 
-def _is_waiting(wire):
-    """Whether bytes written to the first device have not been taken yet."""
-    return bool(select.select(wire._masters[:1], [], [], 0)[0])
-
-
-async def test_a_wire_keeps_nothing_for_who_opens_it_late():
-    wire = PtyWire()
+async def test_the_driver_reads_the_simulated_adapter():
+    bus = AxisBus(stamps=False, seed=1)
     try:
-        near = os.open(wire.devices[0], os.O_RDWR | os.O_NOCTTY)
-        os.write(near, b"past")
-        until(lambda: _is_waiting(wire))
-        await eventually(lambda: not _is_waiting(wire))
-        far = os.open(wire.devices[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        os.write(near, b"present")
-        await eventually(lambda: select.select([far], [], [], 0)[0])
-        assert os.read(far, 100) == b"present"
-        os.close(far)
-        os.close(near)
+        driver = settings(interface="slcan", channel=bus.device).open("axis")
+        async with running(driver) as axis:
+            await axis.until(lambda _: driver.status.connected)
+            good = await eventually(
+                lambda: bus.send(0.9, 100.0, 0.02) or [r for r in axis.readings if not r.faults]
+            )
+            values = [r.values["nut_position_m"] for r in good]
+            assert values == pytest.approx([0.9] * len(values))
     finally:
-        await wire.close()
+        bus.close()

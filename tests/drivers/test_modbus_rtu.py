@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import modbus_polling
+from drivers import modbus_session
 from drivers.modbus import ModbusRtuSettings
 from tests.drivers.harness import running
 from tests.patience import Stopwatch
@@ -127,7 +127,7 @@ async def test_without_the_quiet_gap_late_replies_do_yield_wrong_values(monkeypa
     async def at_once(_link):
         return True
 
-    monkeypatch.setattr(modbus_polling.ModbusLink, "settle", at_once)
+    monkeypatch.setattr(modbus_session.ModbusSession, "settle", at_once)
     async with rtu_device(list(range(15))) as line, running(settings(line, 5).open("rtu")) as rtu:
         await replies_that_come_late(line, rtu)
         assert wrong_values(rtu.readings) != []

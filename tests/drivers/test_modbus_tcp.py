@@ -212,7 +212,7 @@ async def test_ending_is_asked_for_again_where_an_opening_connection_swallows_it
         except asyncio.CancelledError:
             swallowed.append(link)
 
-    monkeypatch.setattr("drivers.modbus_polling.ModbusLink.open", open_or_swallow)
+    monkeypatch.setattr("drivers.modbus_session.ModbusSession.open", open_or_swallow)
     async with running(settings(1, {"t_degC": {"register": 0}}).open("tc")):
         await eventually(lambda: opening)
     assert len(swallowed) == 1

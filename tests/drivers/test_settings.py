@@ -76,7 +76,10 @@ REFUSED = {
         'kind="modbus_tcp"\nhost="h"\ndevice="micro800_tc2"\nchannels={t=2}',
         "inputs 0 to 1, not 2",
     ),
-    "scale 0": ('kind="modbus_tcp"\nhost="h"\nchannels.t={register=0, scale=0}', "scale = 0"),
+    "scale 0": (
+        'kind="modbus_tcp"\nhost="h"\nchannels.t={register=0, scale=0}',
+        r"scale\s+Value error, 0 makes every",
+    ),
     "beyond the last register": (
         'kind="modbus_tcp"\nhost="h"\nchannels.t={register=65535, type="float32"}',
         "beyond register 65535",

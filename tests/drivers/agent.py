@@ -1,4 +1,4 @@
-"""`python -m drivers.simulated.agent`: an MTConnect agent of one axis over HTTP, as in its parts 1 and 2.
+"""`python -m tests.drivers.agent`: an MTConnect agent of one axis over HTTP, as in its parts 1 and 2.
 
 Says its port in one JSON line, then obeys lines on standard input: `{"set": {"xpos": "12.5"}}` gives items
 values, `{"answer": "bomb"}` makes it hostile, `{"restart": true}` gives it another instance. It ends when its
