@@ -119,10 +119,7 @@ class ChannelLimits(Section):
         return self
 
 
-_BESIDE_THE_MODEL = {
-    "machine", "calibrate", "discover", "compensation", "forecast", "drivers", "publish", "record",
-    "checkpoint", "page", "metrics", "mqtt", "opcua", "alarms", "log",
-}  # fmt: skip
+_BESIDE_THE_MODEL = {"machine", "calibrate", "discover", "compensation", "forecast", "log"}
 
 
 class Config(Description):
@@ -184,8 +181,11 @@ class Config(Description):
 
     @property
     def plant_digest(self) -> str:
-        """A hash of what gives an estimator's state its meaning: all but what lies beside the model."""
-        return hashlib.sha256(self.model_dump_json(exclude=_BESIDE_THE_MODEL).encode()).hexdigest()[:16]
+        """A hash of what gives an estimator's state its meaning: the tables of this class, but not those that
+        lie beside the model.
+        """
+        tables = Config.model_fields.keys() - _BESIDE_THE_MODEL
+        return hashlib.sha256(self.model_dump_json(include=tables).encode()).hexdigest()[:16]
 
     @property
     def digest(self) -> str:

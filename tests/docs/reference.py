@@ -10,57 +10,53 @@ import ast
 import inspect
 import json
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from textwrap import dedent
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from drivers import can, canopen, modbus, mtconnect, opcua, places, player
-from observer import config
 from observer.effects.catalogue import LIBRARY
-from observer.tables import estimator, gateway, keeping, laws, mounting, nodes, publishing, sections
+from observer.installation import Installation
+from observer.tables import publishing
+from observer.tables.quantities import Section
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
-CONFIGURATION = {
-    "`[machine]`": config.MachineName,
-    "`[screw]`": sections.Screw,
-    "`[surface]`": laws.Surface,
-    "`[ambient]`": sections.Ambient,
-    "`[boundary.left]`, `[boundary.right]`": sections.Boundary,
-    "`[[source]]`": sections.Source,
-    "`[source.bearing]`": laws.BearingFriction,
-    "`[source.nut_friction]`": laws.NutFriction,
-    "`[[node]]`": nodes.Node,
-    "`[[link]]`": nodes.Link,
-    "`[[sensor]]`": sections.Sensor,
-    "`[tolerance]`": estimator.Tolerance,
-    "`[integrity]`": estimator.Integrity,
-    "`[model]`": config.Model,
-    "`[estimator]`": config.EstimatorSettings,
-    "`[calibrate]`": config.Calibrate,
-    "`[discover]`": config.Discover,
-    "`[output]`": config.Output,
-    "`[supports]`": mounting.Supports,
-    "`[compensation]`": mounting.Compensation,
-    "`[compensation.control]`": mounting.ModbusControl,
-    "`[forecast]`": estimator.ForecastSettings,
-    "`[log]`": config.Logs,
-    "`[limits]`": config.ChannelLimits,
-    "`[publish]`": publishing.Publish,
-    "`[publish.tls]`": publishing.Tls,
-    "`[publish.login]`": publishing.Login,
-    "`[publish.access]`": publishing.Access,
-    "A client's file": publishing.Client,
-    "`[page]`": gateway.Page,
-    "`[metrics]`": gateway.Metrics,
-    "`[mqtt]`": gateway.Mqtt,
-    "`[opcua]`": gateway.Opcua,
-    "`[record]`": keeping.RecordSettings,
-    "`[checkpoint]`": keeping.Checkpoint,
-    "`[alarms]`": keeping.AlarmSettings,
-}
+
+
+def _within(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The tables that a field can hold."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _within(part)
+
+
+def _tables(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+    """The headings of all tables of a configuration, and their classes."""
+    for name, field in model.model_fields.items():
+        if name == "effect":  # has a page of its own
+            continue
+        for section in _within(field.annotation):
+            if any(not list(_within(f.annotation)) for f in section.model_fields.values()):
+                many = get_origin(field.annotation) is tuple and not path
+                yield f"`[[{name}]]`" if many else f"`[{path}{name}]`", section
+            yield from _tables(section, f"{path}{name}.")
+
+
+def _headed() -> dict[str, type[BaseModel]]:
+    """Each class once, under the headings of all tables that have its keys."""
+    headings: dict[type[BaseModel], list[str]] = {}
+    for heading, section in _tables(Installation):
+        headings.setdefault(section, []).append(heading)
+    return {", ".join(same): section for section, same in headings.items()}
+
+
+CONFIGURATION = _headed() | {"A client's file": publishing.Client}
 DEVICES = {
     "`modbus_tcp`": modbus.ModbusTcpSettings,
     "`modbus_rtu`": modbus.ModbusRtuSettings,
@@ -138,8 +134,8 @@ def written(page: str) -> str:
     head, *parts = re.split(r"(?m)^## ", (REFERENCE / page).read_text(encoding="utf-8"))
     texts = dict(part.split("\n", 1) for part in parts)
     tables, made = TABLES[page], []
-    for title in tables if page == "effects.md" else texts:
-        text = texts.get(title, "")
+    for title in tables if page == "effects.md" else texts | tables:
+        text = texts.get(title, f"\n{tables[title].__doc__}\n\n{_HEAD}" if title in tables else "")
         if title in tables:
             text = section_of(page, title, tables[title], text)
         made.append(f"## {title}\n{text.rstrip()}\n")
