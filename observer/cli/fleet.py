@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from observer.cli.output import counting
 from observer.errors import UserError
 
 fleet = typer.Typer(
@@ -135,7 +136,6 @@ def _run(
         from observer.fleet.journal import RunOptions
         from observer.fleet.report import conclude
         from observer.fleet.run import InterruptedRunError, run
-        from observer.report.progress import counting
 
         jobs = jobs_of(read_table(table) if table is not None else given(logs or [], config or Path()), verb)
         chosen = RunOptions(verb, Path(os.path.abspath(output)), **options)

@@ -14,7 +14,7 @@ from observer.cli.options import (
     OutputOption,
     TruncatedOption,
 )
-from observer.cli.output import warn, warn_of_paths
+from observer.cli.output import advancing, counting, warn, warn_of_paths
 from observer.errors import UserError
 
 verbs = typer.Typer()
@@ -32,7 +32,6 @@ def replay(
     """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
     from observer import app as parts
     from observer.installation import load
-    from observer.report.progress import counting
 
     with counting("replay") as progress:
         summary = parts.replay(
@@ -73,7 +72,6 @@ def forecast(
     """Say what comes after a log: temperatures and thermal error with sigma, and when it has settled."""
     from observer import app as parts
     from observer.installation import load
-    from observer.report.progress import counting
 
     with counting("forecast") as progress:
         lines = parts.forecast(
@@ -123,10 +121,9 @@ def identify(
     from observer import app as parts
     from observer.history.history import MethodOptions
     from observer.installation import load
-    from observer.report.progress import saying
 
     options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
-    with saying("identify") as progress:
+    with advancing("identify") as progress:
         summary = parts.identify(
             log,
             load(config),
@@ -158,7 +155,6 @@ def simulate(
     """Predict a run from the heat laws alone, as a log with overview.png beside it."""
     from observer import app as parts
     from observer.installation import load
-    from observer.report.progress import counting
 
     settings, doubts = load(config), list[str]()
     with counting("simulate") as progress:
@@ -177,9 +173,8 @@ def calibrate(
 ) -> None:
     """Fit what the configuration declares free; write config.toml and calibration.json."""
     from observer import app as parts
-    from observer.report.progress import saying
 
-    with saying("calibrate") as progress:
+    with advancing("calibrate") as progress:
         result = parts.calibrate(log, config, output, progress)
     for key, fitted in result["calibrated"].items():
         low, high = fitted["ci95"]
@@ -222,7 +217,6 @@ def discover(
         )
     from observer import app as parts
     from observer.record.recent import duration_s
-    from observer.report.progress import advancing
     from observer.report.wording import as_sentences
 
     recent_s = None if recent is None else duration_s(recent)

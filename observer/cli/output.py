@@ -1,10 +1,11 @@
-"""What verbs print for people: warnings, tables, and the sentence at which they end."""
+"""What verbs print for people: progress, warnings, tables, and the sentence at which they end."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -13,7 +14,7 @@ from observer.errors import UserError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
-
+    from rich.progress import Progress
 
 _REGIMES = {
     "points": "the position of {name} is sampled less than 2.5 times a traverse; its heat is spread over "
@@ -40,6 +41,34 @@ def warn_of_paths(regimes: dict[str, str]) -> None:
     for name, regime in regimes.items():
         if regime != "path":
             typer.echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
+
+
+@contextmanager
+def counting(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar for work of known length: call with the rows done and their total."""
+    with _bar() as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def advancing(name: str) -> Iterator[Callable[..., None]]:
+    """Show a bar for work in stages: call with what is being done and, where known, the part behind."""
+    with _bar() as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda text, done=None: bar.update(
+            task, completed=done, total=None if done is None else 1.0, description=f"{name}: {text}"
+        )
+
+
+def _bar() -> Progress:
+    """A bar on standard error, where somebody watches."""
+    from rich.console import Console
+    from rich.progress import Progress, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = *Progress.get_default_columns(), TimeElapsedColumn()
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:

@@ -22,12 +22,10 @@ from observer.effects.terms import (
     Radiation,
     SpeedLoss,
     StretchFilm,
-    Term,
 )
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, EffectParameter, Fit, with_effects
 from observer.fit.problem import Problem
 from observer.fit.runs import mean_over
-from observer.fit.steps import SteppedRun
 from observer.frames import BoolArray, FloatArray
 from observer.model.law import heat_law
 from observer.physics.constants import ZERO_DEGC_K, STEFAN_BOLTZMANN_W_m2K4
@@ -55,23 +53,20 @@ class ScrewHistory:
         """How much warmer than the air the screw is, (T, P)."""
         return np.asarray(self.temperature_degC - self.ambient_degC[:, None])
 
-    def along(self, values: FloatArray) -> FloatArray:
-        """The integral (T,) of values (T, P) over the length."""
-        return np.asarray(np.trapezoid(values, self.position_m, axis=1))
+    def at(self, x_m: FloatArray | float) -> FloatArray:
+        """Weights (P,) or (P, X) that interpolate values (T, P) linearly at positions."""
+        return np.array([np.interp(x_m, self.position_m, unit) for unit in np.eye(len(self.position_m))])
 
-    def within(self, values: FloatArray, from_m: float, to_m: float) -> FloatArray:
-        """The integral (T,) of values (T, P) over a stretch, linear between the positions."""
+    def over(self, from_m: float, to_m: float) -> FloatArray:
+        """Weights (P,) that integrate values (T, P) over a stretch, linear between the positions."""
         inside = (self.position_m > from_m) & (self.position_m < to_m)
-        x = np.concatenate([[from_m], self.position_m[inside], [to_m]])
-        edges = [self.at(values, place_m)[:, None] for place_m in (from_m, to_m)]
-        return np.asarray(np.trapezoid(np.hstack([edges[0], values[:, inside], edges[1]]), x, axis=1))
+        x_m = np.concatenate([[from_m], self.position_m[inside], [to_m]])
+        return np.asarray(np.trapezoid(self.at(x_m), x_m, axis=1))
 
-    def at(self, values: FloatArray, place_m: float) -> FloatArray:
-        """Values (T, P) interpolated at one position, (T,)."""
-        i = int(np.clip(np.searchsorted(self.position_m, place_m), 1, len(self.position_m) - 1))
-        a, b = self.position_m[i - 1], self.position_m[i]
-        share = (place_m - a) / (b - a)
-        return np.asarray((1 - share) * values[:, i - 1] + share * values[:, i])
+    @property
+    def whole(self) -> FloatArray:
+        """Weights (P,) that integrate values (T, P) over the length."""
+        return self.over(self.position_m[0], self.position_m[-1])
 
 
 def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatArray:
@@ -79,47 +74,37 @@ def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatA
 
     Effects on the heats of other sources, on sensors or on the air itself take none.
     """
-    terms = effect.terms(config)
+    terms, taken_W = effect.terms(config), np.zeros(len(history.length_s))
     places = {t.source.name: t.source.position_m for t in terms if isinstance(t, Heat)}
-    return np.asarray(
-        sum((_of_term(t, config, history, places) for t in terms), np.zeros(len(history.length_s)))
-    )
-
-
-def _of_term(
-    term: Term, config: Config, history: ScrewHistory, places: Mapping[str, float | None]
-) -> FloatArray:
-    """The heat (T,) that one term takes; `places` are the positions of the effect's own sources."""
-    taken_W = np.zeros(len(history.length_s))
-    match term:
-        case Film() | StretchFilm() | SpeedLoss() | Radiation():
-            taken_W = np.pi * config.screw.diameter_m * _of_surface(term, history)
-        case EndConductance(end, G):
-            taken_W = G * history.excess_K[:, 0 if end == "left" else -1]
-        case Heat(source):
-            law = heat_law(source, config.source, config.screw.length_m)
-            read = [history.channels[c] for c in law_channels(source, config.source)]
-            taken_W = -law(*(read or [np.zeros(len(history.length_s))]))
-        case Body(source, C, G) if (place_m := places.get(source)) is not None:
-            taken_W = _into_body(history, history.at(history.temperature_degC, place_m), C, G)
+    for term in terms:
+        match term:
+            case Film() | StretchFilm() | SpeedLoss() | Radiation():
+                taken_W += np.pi * config.screw.diameter_m * _of_surface(term, history)
+            case EndConductance(end, G):
+                taken_W += G * history.excess_K[:, 0 if end == "left" else -1]
+            case Heat(source):
+                law = heat_law(source, config.source, config.screw.length_m)
+                read = [history.channels[c] for c in law_channels(source, config.source)]
+                taken_W -= law(*(read or [taken_W * 0.0]))
+            case Body(source, C, G) if (place_m := places.get(source)) is not None:
+                taken_W += _into_body(history, history.temperature_degC @ history.at(place_m), C, G)
     return taken_W
 
 
 def _of_surface(term: Film | StretchFilm | SpeedLoss | Radiation, history: ScrewHistory) -> FloatArray:
     """The heat (T,) that a term takes from the surface, along the screw, per m of its circumference."""
+    T_degC, air_degC = history.temperature_degC, history.ambient_degC[:, None]
     match term:
         case Film(h):
-            return h * history.along(history.excess_K)
+            return h * (history.excess_K @ history.whole)
         case StretchFilm(from_m, to_m, extra):
-            return extra * history.within(history.excess_K, from_m, to_m)
+            return extra * (history.excess_K @ history.over(from_m, to_m))
         case SpeedLoss(channel, film_W_m2K, temperature_degC):
-            drawn_degC = history.ambient_degC if temperature_degC is None else temperature_degC
-            above_K = history.temperature_degC - np.reshape(drawn_degC, (-1, 1))
-            return film_W_m2K(history.channels[channel]) * history.along(above_K)
+            drawn_degC = air_degC if temperature_degC is None else np.reshape(temperature_degC, (-1, 1))
+            return film_W_m2K(history.channels[channel]) * ((T_degC - drawn_degC) @ history.whole)
         case Radiation(emissivity):
-            fourth = (history.temperature_degC + ZERO_DEGC_K) ** 4
-            fourth -= ((history.ambient_degC + ZERO_DEGC_K) ** 4)[:, None]
-            return emissivity * STEFAN_BOLTZMANN_W_m2K4 * history.along(fourth)
+            fourth_K4 = (T_degC + ZERO_DEGC_K) ** 4 - (air_degC + ZERO_DEGC_K) ** 4
+            return emissivity * STEFAN_BOLTZMANN_W_m2K4 * (fourth_K4 @ history.whole)
 
 
 def _into_body(
@@ -250,43 +235,31 @@ def effective(
     """Return the figure of a family for one of its effects: see `Family`."""
     if family.against == "own":
         return float(getattr(effect, family.key))
-    taken_W = np.concatenate([loss_W(effect, config, history)[history.counted] for history in histories])
-    if family.against == "time":
-        length_s = np.concatenate([history.length_s[history.counted] for history in histories])
-        return -float(taken_W @ length_s / length_s.sum())
-    end = effect.place(config.screw.length_m)
-    driven = np.concatenate([_drive(family, config, history, end)[history.counted] for history in histories])
-    return float(taken_W @ driven / (driven @ driven))
-
-
-def _drive(family: Family, config: Config, history: ScrewHistory, end: str | None) -> FloatArray:
-    """What the heat (T,) is regressed on: K, or m² K for a surface."""
-    if family.against == "end":
-        return np.asarray(history.excess_K[:, 0 if end == "left" else -1])
-    mean_K = history.along(history.excess_K) / config.screw.length_m
-    surface_m2 = np.pi * config.screw.diameter_m * config.screw.length_m
-    return surface_m2 * mean_K if family.against == "surface" else mean_K
+    screw, end = config.screw, 0 if effect.place(config.screw.length_m) == "left" else -1
+    taken_W, regressor = [], []
+    for history in histories:
+        mean_K = history.excess_K @ history.whole / screw.length_m
+        against = {
+            "time": -history.length_s,
+            "end": history.excess_K[:, end],
+            "surface": np.pi * screw.diameter_m * screw.length_m * mean_K,
+            "screw": mean_K,
+        }[family.against]
+        taken_W.append(loss_W(effect, config, history)[history.counted])
+        regressor.append(against[history.counted])
+    q, r = np.concatenate(taken_W), np.concatenate(regressor)
+    return float(q @ r / (r @ r if family.against != "time" else -r.sum()))
 
 
 def histories_of(problem: Problem, config: Config) -> tuple[ScrewHistory, ...]:
     """Return the state of the screw over each run, as a configuration predicts it."""
     places_m = np.linspace(0.0, config.screw.length_m, PLACES)
     fields = problem.forward.fields(config, places_m)
-    return tuple(
-        ScrewHistory(places_m, *field, run.ticks.length_s, _sizes(run), _fitted(problem, i, run))
-        for i, (run, field) in enumerate(zip(problem.forward.runs, fields, strict=True))
-    )
-
-
-def _sizes(run: SteppedRun) -> dict[str, FloatArray]:
-    """The mean magnitude (T,) of each channel over each step."""
-    frames, ticks = run.run.frames, run.ticks
-    sizes = mean_over(np.nan_to_num(np.abs(frames.values)), frames.dt_s, ticks.first)
-    return dict(zip(frames.channels, sizes.T, strict=True))
-
-
-def _fitted(problem: Problem, number: int, run: SteppedRun) -> BoolArray:
-    """Which steps (T,) of a run were fitted."""
-    evidence = problem.evidence
-    means = np.unique(evidence.mean[evidence.used & (evidence.run == number)])
-    return np.asarray(np.isin(run.ticks.mean, means))
+    out, evidence = [], problem.evidence
+    for i, (run, field) in enumerate(zip(problem.forward.runs, fields, strict=True)):
+        frames, ticks = run.run.frames, run.ticks
+        sizes = mean_over(np.nan_to_num(np.abs(frames.values)), frames.dt_s, ticks.first)
+        counted = np.isin(ticks.mean, evidence.mean[evidence.used & (evidence.run == i)])
+        channels = dict(zip(frames.channels, sizes.T, strict=True))
+        out.append(ScrewHistory(places_m, *field, ticks.length_s, channels, counted))
+    return tuple(out)
