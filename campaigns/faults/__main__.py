@@ -302,7 +302,7 @@ def _hung_pings(folder: Path) -> tuple[int, int]:
     command = [
         sys.executable,
         "-m",
-        "tests.service.process",
+        "tests.live.process",
         f"tcp/127.0.0.1:{free_port()}",
         str(folder),
         "step",

@@ -106,7 +106,7 @@ NEAREST: dict[str, Nearest] = {
         "tests/history/test_smoother.py::test_a_short_history_of_coupled_states_equals_it_too", *SMOOTHED
     ),
     "observer/kernels/step.py": KALMAN,
-    "observer/kernels/walk.py": _at("tests/service/test_align.py", "tests/service/test_evening.py", BITS),
+    "observer/kernels/walk.py": _at("tests/align/test_align.py", "tests/align/test_dejitter.py", BITS),
     "observer/model/generator.py": _at("tests/model/test_basis.py", compiled=True),
     "observer/model/couple.py": _at(
         "tests/model/test_couple.py",
@@ -127,5 +127,5 @@ NEAREST: dict[str, Nearest] = {
     ),
     "observer/model/rod/moving.py": _at("tests/model/test_path.py"),
     "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
-    "observer/align/aligner.py": _at("tests/service/test_align.py", "tests/service/test_can_log.py"),
+    "observer/align/aligner.py": _at("tests/align/test_align.py", "tests/record/test_can_log.py"),
 }

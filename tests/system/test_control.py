@@ -8,9 +8,9 @@ import sys
 
 import pytest
 
+from tests.control.a_control import simulated_control
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
-from tests.service.a_control import simulated_control
 from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for
 
 pytestmark = pytest.mark.system

@@ -13,7 +13,7 @@ from observer.errors import ConfigError
 from observer.files.logs import Log
 from observer.frames import Quality
 from observer.installation import load, parse
-from tests.service.test_logs_in_doubt import CONFIG
+from tests.align.test_logs_in_doubt import CONFIG
 
 HEAD = ("t1_degC", "screw_speed_rpm", "ambient_degC")
 GOOD, MISSING, STALE = Quality.GOOD, Quality.MISSING, Quality.STALE

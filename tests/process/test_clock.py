@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from observer.control.compensator import Compensator
 from observer.process.clock import ServiceClock
-from tests.service.test_compensate import GRID, at, estimate, machine
+from tests.control.test_compensate import GRID, at, estimate, machine
 
 
 @given(st.lists(st.floats(0, 1e5), min_size=2, max_size=30))

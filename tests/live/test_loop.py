@@ -19,9 +19,9 @@ from observer.live.renewal import Renewals
 from observer.process.clock import ServiceClock
 from observer.quality.gap import Departure
 from observer.record.recorder import Recorder
+from tests.align.streams import CHANNELS, plan
+from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
 from tests.patience import PATIENCE_S, eventually
-from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
-from tests.service.streams import CHANNELS, plan
 
 
 def _service(drivers=(), *, clock=None, recorder=None, period_s=0.1) -> Service:

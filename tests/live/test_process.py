@@ -19,7 +19,7 @@ LIMIT_S = 2.0
 @contextmanager
 def _service(endpoint: str, folder, hangs: str = "nothing"):
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.service.process", endpoint, str(folder), hangs],
+        [sys.executable, "-m", "tests.live.process", endpoint, str(folder), hangs],
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -15,8 +15,8 @@ from observer.process.shutdown import leave
 from observer.publish.zenoh import ZenohPublisher
 from observer.record.recorder import Recorder
 from observer.tables.publishing import Publish
-from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator
-from tests.service.streams import CHANNELS, plan
+from tests.align.streams import CHANNELS, plan
+from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator
 
 
 class HangingEstimator(FakeEstimator):

@@ -16,7 +16,7 @@ from observer.publish.codec import to_json
 from observer.quality.health import Facts, assess
 from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
-from tests.service.streams import CHANNELS, plan
+from tests.align.streams import CHANNELS, plan
 
 
 def _facts(**changes) -> Facts:

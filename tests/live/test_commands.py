@@ -21,10 +21,10 @@ from observer.live.commands import Commands
 from observer.live.loop import Service, serve
 from observer.process.clock import ServiceClock
 from observer.record.recorder import Recorder
+from tests.align.streams import CHANNELS, plan
+from tests.control.test_compensate import GRID, at, estimate, machine
+from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
 from tests.patience import eventually
-from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
-from tests.service.streams import CHANNELS, plan
-from tests.service.test_compensate import GRID, at, estimate, machine
 
 
 def _command(kind: str, told: list, *, asked_s: float | None = None, refused: str | None = None) -> Command:

@@ -9,9 +9,9 @@ from drivers.protocol import DriverStatus
 from observer.frames import Reading
 from observer.live import wires as wires_module
 from observer.live.wires import Wires
+from tests.live.fakes import FakeDriver
+from tests.live.test_loop import _serve, _service
 from tests.patience import eventually as until
-from tests.service.fakes import FakeDriver
-from tests.service.test_loop import _serve, _service
 
 
 class Talking(FakeDriver):

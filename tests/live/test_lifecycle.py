@@ -7,8 +7,8 @@ from observer.exchange import PublishStatus
 from observer.live.lifecycle import run
 from observer.live.loop import Service
 from observer.process.clock import ServiceClock
-from tests.service.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher
-from tests.service.streams import plan
+from tests.align.streams import plan
+from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher
 
 LIVES_S, READY_S = 0.5, 1.0
 

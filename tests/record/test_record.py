@@ -18,9 +18,9 @@ from observer.files.logs import read_log
 from observer.frames import Reading
 from observer.record.recorder import Recorder, header, row_of_reading
 from observer.record.retention import Retention
+from tests.align.streams import CHANNELS, joined, plan, play, same_bits, streams
 from tests.patience import PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
-from tests.service.streams import CHANNELS, joined, plan, play, same_bits, streams
 
 
 def _rows(recorder: Recorder, first: int, count: int) -> None:

@@ -10,8 +10,8 @@ from pymodbus.client import ModbusTcpClient
 
 from drivers.control_modbus import ModbusControlLink
 from observer.control.steering import Steering, correction_of
+from tests.control.a_control import simulated_control
 from tests.patience import Stopwatch, until
-from tests.service.a_control import simulated_control
 
 pytestmark = pytest.mark.system
 VALID_S = 0.5
