@@ -123,14 +123,14 @@ def measured(folder: Path) -> tuple[dict[str, tuple[str, ...]], list[Row]]:
         ),
         _row(
             "MQTT broker gone",
-            "its state told again in ≤ 1 s of its return",
-            f"told again {back_s:.1f} s after a broker without memory",
+            "its state published again within 1 s of its return",
+            f"published again {back_s:.1f} s after a broker without memory",
             back_s <= BACK_S,
         ),
         _row(
             "gateway killed",
-            f"last will told, page, MQTT and OPC UA again in ≤ {AGAIN_S:g} s",
-            f"alive is {will}, all three say good again after {again_s:.1f} s",
+            f"last will published, page, MQTT and OPC UA again in ≤ {AGAIN_S:g} s",
+            f"alive is {will}, all three are good again after {again_s:.1f} s",
             will == "false" and again_s <= AGAIN_S,
         ),
     ]
