@@ -15,7 +15,7 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
-from observer.gateway.feed import Feed, Outlets
+from observer.gateway.feed import Feed
 from observer.gateway.start import Start
 from observer.installation import Installation, load
 from observer.live.forecasting import Forecaster, is_wanted
@@ -151,7 +151,7 @@ def _service(
     if config.alarms.enabled:
         desk = AlarmDesk(config, machine.plant.layout, config.alarms, config.alarms_file)
         air = machine.plant.known.ambient
-        observers.append(AlarmObserver(desk, partial(publisher.document, "alarms"), air, gap, instance))
+        observers.append(AlarmObserver(desk, partial(publisher.document, "alarms"), air, instance))
     if forecasts:
         observers.append(Forecaster(machine, instance, partial(publisher.document, "forecast")))
     return Service(
@@ -189,22 +189,21 @@ def _service(
 
 def _publisher(
     ready: _Ready, instance: str, path: Path | None, *, compensates: bool, forecasts: bool
-) -> ZenohPublisher | Outlets:
+) -> ZenohPublisher:
     """Zenoh, with a gateway beside it where the configuration asks for one."""
     config, name = ready.config, ready.config.machine
-    in_force, layout = config_json(config, instance), ready.estimator.layout
-    publisher = ZenohPublisher(
+    in_force, start = config_json(config, instance), Start.of(config, path, forecasts=forecasts)
+    return ZenohPublisher(
         name.name,
         name.axis,
         config.publish,
         in_force,
-        layout,
+        ready.estimator.layout,
         instance,
         compensates=compensates,
         forecasts=forecasts,
+        outlet=None if start is None else Feed(start, in_force.encode()),
     )
-    start = Start.of(config, path, forecasts=forecasts)
-    return publisher if start is None else Outlets(publisher, Feed(start, in_force.encode()))
 
 
 def _steering(config: Installation) -> Steering | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
 ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
@@ -13,36 +13,230 @@ JSON_ENCODING = "application/json"
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
-    """A key below `ballscrew/<machine>/<axis>/` that is published `when`, None where it only answers.
+class Figure:
+    """A value of a document, or one for each entry of a table, as metrics, OPC UA and the page show it.
 
-    It exists if the service has what it `needs`. One that `answers` is a queryable too, for every role that
-    may query (`publish.session`). An MQTT broker, and a gateway that starts late, get the last message of a
-    `retained` key at once. The page shows one at most every `page_every_s`.
+    `path` leads to it, its names separated by dots; `*` is every entry of a table. In a document of columns
+    `by` is the column of their names. `words` describe it.
+
+    `metric` is its name for Prometheus after `ballscrew_`, with `label` for the entry, in base units by
+    `factor`, and with the document's quality as a label too if `labelled`; a `counter` only grows. Text
+    counts as 1 if it is `good`, else 0. `node` is its place in OPC UA below the axis, `{}` the entry's name;
+    without `{}` a column is one array. `used` is the column of qualities by which OPC UA marks single values.
     """
 
-    when: str | None
-    encoding: str = JSON_ENCODING
-    answers: bool = False
-    retained: bool = False
-    needs: Literal["learned", "compensation", "forecast"] | None = None
-    page_every_s: float = 0.0
+    path: str
+    words: str
+    metric: str | None = None
+    node: str | None = None
+    by: str | None = None
+    label: str = "name"
+    factor: float = 1.0
+    labelled: bool = True
+    counter: bool = False
+    used: str | None = None
 
+    def rows(self, document: Mapping[str, Any]) -> list[tuple[str, Any]]:
+        """The values with the names of their entries, `""` for a single one; None where it is not known."""
+        if self.by is not None:
+            names, values = document.get(self.by, ()), document.get(self.path, ())
+            return [(_entry(name), value) for name, value in zip(names, values, strict=False)]
+        found: list[tuple[str, Any]] = [("", document)]
+        for part in self.path.split("."):
+            if part == "*":
+                found = [row for _, table in found for row in table.items()]
+            else:
+                found = [(name, table[part]) for name, table in found if part in table]
+        return found
+
+
+def _entry(name: Any) -> str:
+    """What an entry is called: its name, or its position with four digits."""
+    return name if isinstance(name, str) else f"{float(name):.4g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A key below `ballscrew/<machine>/<axis>/` that `holds` something and is published `when`.
+
+    `when` is None for one that only answers. One made of each step is published at most `rate_Hz` times a
+    second, or as often as that setting of `[publish]` says. `asked` is what it answers to a query, of every
+    role that may query (`publish.session`), None if nothing. It exists if the service has what it `needs`. An
+    MQTT broker, and a gateway that starts late, get the last message of a `retained` key at once.
+
+    With `rated` its `quality` is that of its figures. The page shows one at most every `page_every_s`: where
+    there is a `panel` for it, else its figures in a table.
+    """
+
+    holds: str
+    when: str | None
+    rate_Hz: float | str | None = None
+    encoding: str = JSON_ENCODING
+    asked: str | None = None
+    retained: bool = False
+    needs: Literal["expansion", "learned", "compensation", "forecast"] | None = None
+    rated: bool = False
+    page_every_s: float = 0.0
+    panel: bool = False
+    figures: tuple[Figure, ...] = ()
+
+
+def _of_sources(path: str, words: str, metric: str, leaf: str) -> Figure:
+    return Figure(path, words, metric, f"Heat/{{}}/{leaf}", by="sources", label="source")
+
+
+def _along(path: str, words: str, metric: str, node: str, factor: float = 1.0) -> Figure:
+    return Figure(path, words, metric, node, by="position_m", label="position_m", factor=factor)
+
+
+_SENSOR: dict[str, Any] = {"by": "sensors", "label": "sensor"}
+_LEARNED: dict[str, Any] = {"label": "parameter", "labelled": False}
+_IN_ITS_UNIT = "What has been learnt, in the unit of its name."
+_LAST = "the last document"
 
 KEYS = {
-    "estimate": Key("every step", ESTIMATE_ENCODING, answers=True, page_every_s=0.09),
-    "readings": Key("every step", page_every_s=0.09),
-    "heat": Key("every step", page_every_s=0.09),
-    "field": Key("at most `field_rate_Hz`", page_every_s=0.45),
-    "error": Key("at most `field_rate_Hz`", page_every_s=0.45),
-    "learned": Key("once a second, if anything is", retained=True, needs="learned"),
-    "health": Key("on change, and every 5 s", answers=True, retained=True),
-    "alarms": Key("on change, and every 5 s", answers=True, retained=True),
-    "forecast": Key("every minute, unless off", answers=True, retained=True, needs="forecast"),
-    "compensation": Key("every step, if enabled", answers=True, retained=True, needs="compensation"),
-    "config": Key(None, answers=True, retained=True),
-}
-"""All that publisher, gateway, MQTT and page need to know of a key, besides what makes its payload."""
+    "estimate": Key(
+        "CBOR, encoding `application/cbor;ballscrew.estimate.v1`: everything a step returns",
+        "every step",
+        encoding=ESTIMATE_ENCODING,
+        asked="the last estimate; `?last=N` an array of the last N, encoding "
+        "`application/cbor;ballscrew.estimates.v1`",
+        rated=True,
+        page_every_s=0.09,
+        panel=True,
+        figures=(
+            _of_sources("heat_W", "Heat that enters the screw.", "heat_watts", "Heat_W"),
+            _of_sources("heat_sigma_W", "Its standard deviation.", "heat_sigma_watts", "Sigma_W"),
+            _of_sources("heat_bound_W", "Its bound.", "heat_bound_watts", "Bound_W"),
+            _of_sources("law_W", "The heat by its law.", "heat_law_watts", "Law_W"),
+            Figure("position_m", "Positions of field and error.", node="Field/Position_m", by="position_m"),
+            _along("field_degC", "Temperature.", "temperature_celsius", "Field/Temperature_degC"),
+            _along("field_sigma_K", "Its sigma.", "temperature_sigma_celsius", "Field/Sigma_K"),
+            _along("field_bound_K", "Its bound.", "temperature_bound_celsius", "Field/Bound_K"),
+            _along("error_um", "Thermal error.", "error_meters", "Error/Error_um", 1e-6),
+            _along("error_sigma_um", "Its sigma.", "error_sigma_meters", "Error/Sigma_um", 1e-6),
+            _along("error_bound_um", "Its bound.", "error_bound_meters", "Error/Bound_um", 1e-6),
+            Figure(
+                "innovation_K", "Reading less expected.", "innovation_celsius", "Sensors/{}/Innovation_K",
+                used="sensor_quality", **_SENSOR,
+            ),
+            Figure(
+                "sensor_quality", "Whether the reading was used.", "sensor_good", "Sensors/{}/Quality",
+                labelled=False, **_SENSOR,
+            ),
+        ),
+    ),
+    "readings": Key(
+        "JSON: what the estimate was made of, each channel with its quality and age",
+        "every step",
+        page_every_s=0.09,
+        panel=True,
+    ),
+    "heat": Key(
+        "JSON: heat, sigma and bound of each source", "every step", rated=True, page_every_s=0.09, panel=True
+    ),
+    "field": Key(
+        "JSON: temperature, sigma and bound at each grid point",
+        "at most `field_rate_Hz`",
+        "field_rate_Hz",
+        rated=True,
+        page_every_s=0.45,
+        panel=True,
+    ),
+    "error": Key(
+        "JSON: thermal error, sigma and bound at each grid point",
+        "at most `field_rate_Hz`, with an expansion coefficient",
+        "field_rate_Hz",
+        needs="expansion",
+        rated=True,
+        page_every_s=0.45,
+        panel=True,
+    ),
+    "learned": Key(
+        "JSON: what has been [learnt](../explanation/learning.md) of the machine, each with its sigma",
+        "once a second, if anything is",
+        1.0,
+        retained=True,
+        needs="learned",
+        rated=True,
+        panel=True,
+        figures=(
+            Figure("parameters.*.value", _IN_ITS_UNIT, "learned", "Learned/{}/Value", **_LEARNED),
+            Figure("parameters.*.sigma", _IN_ITS_UNIT, "learned_sigma", "Learned/{}/Sigma", **_LEARNED),
+        ),
+    ),
+    "health": Key(
+        "JSON: state, reasons, quality and age of each channel, counts",
+        "on change, and every 5 s",
+        asked="the last report; this is what `observer health` asks",
+        retained=True,
+        panel=True,
+        figures=(
+            Figure("state", "The state of the service.", node="Health/State"),
+            Figure("reasons", "Why it is not good.", node="Health/Reasons"),
+            Figure("cycles", "Steps of the estimator.", "cycles", counter=True),
+            Figure("overruns", "Steps left out because the computer was late.", "overruns", counter=True),
+            Figure("published", "Messages that went to Zenoh.", "published", counter=True),
+            Figure("publish_drops", "Messages that could not go to Zenoh.", "publish_drops", counter=True),
+            Figure("recorded", "Rows that were recorded.", "recorded", counter=True),
+            Figure("record_drops", "Rows that could not be recorded.", "record_drops", counter=True),
+            Figure("drivers.*.errors", "Polls that failed.", "driver_errors", label="driver", counter=True),
+            Figure(
+                "drivers.*.reconnects", "Connections after the first.", "driver_reconnects", label="driver",
+                counter=True,
+            ),
+            Figure(
+                "channels.*.age_s", "Age of the last usable value.", "channel_age_seconds", label="channel"
+            ),
+        ),
+    ),
+    "alarms": Key(
+        "JSON: what somebody should [come and look for](../explanation/alarms.md), and how each heat stands "
+        "to what was learnt of it",
+        "on change, and every 5 s, if enabled",
+        asked=_LAST,
+        retained=True,
+        panel=True,
+    ),
+    "forecast": Key(
+        "JSON: temperatures and thermal error of the next hour with σ, when it settles (`settled_at_s`, with "
+        "95 % in `settled_between_s`), how long a warm-up lasts and what it may save "
+        "([how](../explanation/forecast.md))",
+        "every minute, unless off",
+        asked=_LAST,
+        retained=True,
+        needs="forecast",
+        rated=True,
+        panel=True,
+        figures=(
+            Figure(
+                "settled_at_s", "When it will have settled.", "forecast_settled_timestamp_seconds",
+                "Forecast/SettledAt_s",
+            ),
+        ),
+    ),
+    "compensation": Key(
+        "JSON: table and line for a control, and whether they may be used "
+        "([how to](../how-to/compensate.md))",
+        "every step, if enabled",
+        asked=_LAST,
+        retained=True,
+        needs="compensation",
+        rated=True,
+        panel=True,
+    ),
+    "config": Key(
+        'JSON `{"hash", "instance", "config"}`: the configuration in force and its hash, without who may '
+        "connect",
+        None,
+        asked="the configuration",
+        retained=True,
+        panel=True,
+    ),
+}  # fmt: skip
+"""All that publisher, gateway, MQTT, metrics, OPC UA, page and reference page need to know of a key, besides
+what makes its document.
+"""
 RETAINED = tuple(name for name, key in KEYS.items() if key.retained)
 
 KINDS = ("arm", "disarm", "reset", "acknowledge")

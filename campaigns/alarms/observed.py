@@ -28,7 +28,7 @@ from observer.estimate.machine import Machine
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
-from observer.quality.health import Facts
+from observer.quality.conditions import Facts
 from observer.tables.keeping import AlarmSettings
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, Rough, Specimen, config_of, draw, work
@@ -137,10 +137,10 @@ class Rig:
         facts = Facts(
             float(frame.time_s[0]), frame, {}, EstimateQuality.GOOD, True, None, 0, 0,
             {"log": (DriverStatus(connected=True), 0)}, None, PublishStatus(0, 0, 0), 0.0,
-            findings=self.pipeline.findings,
+            findings=self.pipeline.findings, departure=None if gap is None else gap.departure,
         )  # fmt: skip
         before = {alarm["id"] for alarm in seen.desk.document(0.0)["alarms"] if alarm["state"] != "returned"}
-        seen.desk.look(facts, None if gap is None else gap.departure)
+        seen.desk.look(facts)
         for alarm in seen.desk.document(0.0)["alarms"]:
             if alarm["state"] != "returned" and alarm["id"] not in before:
                 seen.raised[alarm["id"]] += 1

@@ -81,10 +81,10 @@ State = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
-    """Something that holds now: of which kind, about what, why in words, and the figures it rests on.
+class AlarmCause:
+    """What raises an alarm: of which kind, about what, why in words, and the figures it rests on.
 
-    `name` distinguishes conditions of one kind and target.
+    `name` distinguishes causes of one kind and target.
     """
 
     kind: str
@@ -106,7 +106,7 @@ class Alarm:
     state: State
     since_s: float
     seen_s: float
-    condition: Condition = field(repr=False)
+    condition: AlarmCause = field(repr=False)
 
     @property
     def is_raised(self) -> bool:
@@ -117,9 +117,9 @@ class Alarm:
 Alarms = Mapping[str, Alarm]
 
 
-def advance(alarms: Alarms, conditions: Iterable[Condition], time_s: float) -> dict[str, Alarm]:
+def advance(alarms: Alarms, causes: Iterable[AlarmCause], time_s: float) -> dict[str, Alarm]:
     """Return the alarms at a moment, of those before and of what holds now."""
-    holding = {condition.id: condition for condition in conditions}
+    holding = {cause.id: cause for cause in causes}
     kept = {
         name: after
         for name, alarm in alarms.items()
@@ -138,7 +138,7 @@ def acknowledged(alarms: Alarms, name: str | None = None) -> dict[str, Alarm]:
     }
 
 
-def _with(alarm: Alarm | None, condition: Condition, time_s: float) -> Alarm:
+def _with(alarm: Alarm | None, condition: AlarmCause, time_s: float) -> Alarm:
     """The alarm while its condition holds."""
     if alarm is None:
         alarm = Alarm("pending", time_s, time_s, condition)
@@ -164,7 +164,7 @@ def _without(alarm: Alarm, time_s: float) -> Alarm | None:
 
 def alarm_of(plain: Mapping[str, Any]) -> Alarm:
     """An alarm from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
-    condition = Condition(**plain["condition"])
+    condition = AlarmCause(**plain["condition"])
     if condition.kind not in KINDS:
         raise ValueError(f"kind {condition.kind}")
     return Alarm(plain["state"], float(plain["since_s"]), float(plain["seen_s"]), condition)

@@ -61,7 +61,8 @@ class Finding:
 
     `value` is in the unit of the fault: a mean in σ, a correlation, a ratio to the expected noise, the
     innovation in K, a heat in W, a ratio of ways, a leap in m, what a sensor reads too much in K;
-    `expected` is what it is held against, or the σ of the last.
+    `expected` is what it is held against, or the σ of the last. `other` is the sensor with which this one was
+    exchanged.
     """
 
     fault: Fault
@@ -69,6 +70,7 @@ class Finding:
     since_s: float
     value: float
     expected: float
+    other: str = ""
 
 
 class SelfTestState(NamedTuple):
@@ -247,12 +249,12 @@ def _of_all(layout: Layout, state: EstimatorState, *, now: bool) -> list[tuple[F
     found = []
     for name, own in zip(layout.sensors, state.guard, strict=False):
         if own[of.CAUSE] if now else own[of.STEPS]:
-            fault, other = Fault.EXCLUDED, name
+            fault, other = Fault.EXCLUDED, ""
             if own[of.CAUSE] == of.SWAPPED:
-                fault, other = Fault.SWAPPED, f"{name}, {layout.sensors[int(own[of.OTHER])]}"
+                fault, other = Fault.SWAPPED, layout.sensors[int(own[of.OTHER])]
             excess_K, sigma_K = float(own[of.EXCESS_K]), float(own[of.EXCESS_SIGMA_K])
             found.append(
-                (Finding(fault, other, float(own[of.FIRST_S]), excess_K, sigma_K), int(own[of.STEPS]))
+                (Finding(fault, name, float(own[of.FIRST_S]), excess_K, sigma_K, other), int(own[of.STEPS]))
             )
     verdict = state.verdict
     if verdict[of.COMMON_K]:

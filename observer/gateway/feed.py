@@ -12,17 +12,13 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import replace
 from typing import IO, Any
 
 import structlog
 
-from observer.exchange import RETAINED, Command, Outcome, PublishStatus, plain_name
-from observer.frames import EstimateBlock, FrameBlock
+from observer.exchange import RETAINED, Command, Outcome, plain_name
 from observer.gateway.messages import Pending, framed
 from observer.gateway.start import Start
-from observer.publish.zenoh import ZenohPublisher
 
 _RETRY_S = 1.0
 _START = "start"
@@ -157,44 +153,3 @@ def _write(child: subprocess.Popen[bytes], key: str, payload: bytes) -> None:
     assert child.stdin is not None
     while data:
         data = data[child.stdin.write(data) :]
-
-
-class Outlets:
-    """A publisher with a gateway beside it."""
-
-    def __init__(self, publisher: ZenohPublisher, feed: Feed) -> None:
-        self._publisher = publisher
-        self._feed = feed
-        publisher.tap = feed.put
-
-    @property
-    def status(self) -> PublishStatus:
-        """How publishing stands; an outlet's reason where Zenoh has none."""
-        status = self._publisher.status
-        return replace(status, reason=status.reason or self._feed.reason)
-
-    def start(self) -> None:
-        """Begin to open the session and to start the gateway."""
-        self._publisher.start()
-        self._feed.start()
-
-    def commands(self) -> list[Command]:
-        """The commands received since the last call, by either way."""
-        return self._publisher.commands() + self._feed.commands()
-
-    def publish(self, block: EstimateBlock, sequence: int) -> None:
-        """Publish a block of one estimate."""
-        self._publisher.publish(block, sequence)
-
-    def readings(self, frame: FrameBlock, sequence: int) -> None:
-        """Publish what the estimate was made of."""
-        self._publisher.readings(frame, sequence)
-
-    def document(self, key: str, document: Mapping[str, Any]) -> None:
-        """Publish a document under a key."""
-        self._publisher.document(key, document)
-
-    def close(self, timeout_s: float) -> bool:
-        """End gateway and session; returns whether the session was closed in time."""
-        self._feed.close(timeout_s / 2)
-        return self._publisher.close(timeout_s / 2)

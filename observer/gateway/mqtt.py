@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import ssl
 import sys
-from pathlib import Path
 from typing import Any
 
 from paho.mqtt.client import Client
@@ -19,6 +18,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from observer.errors import ConfigError
 from observer.exchange import RETAINED
+from observer.files.secrets import read_password
 from observer.gateway.messages import Latest
 from observer.gateway.start import Say, Start
 from observer.tables.gateway import Mqtt, host_and_port
@@ -58,7 +58,9 @@ class _Broker:
         client.on_connect, client.on_disconnect = self._connected, self._disconnected
         client.on_connect_fail = lambda *_: self._report(self._why_not(sys.exception()))
         if settings.user is not None and settings.password_file is not None:
-            client.username_pw_set(settings.user, _password_in(settings.password_file))
+            client.username_pw_set(
+                settings.user, read_password(settings.password_file, "mqtt.password_file", secret=False)
+            )
         if settings.ca is not None:
             try:
                 client.tls_set(str(settings.ca))
@@ -129,11 +131,3 @@ class _Broker:
 
     def _report(self, reason: str) -> None:
         self._loop.call_soon_threadsafe(self._say, {"reason": f"mqtt: {reason}"})
-
-
-def _password_in(file: Path) -> str:
-    """The password in a file, its first line."""
-    try:
-        return file.read_text(encoding="utf-8").splitlines()[0]
-    except (OSError, IndexError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: no password can be read ({error}); fix mqtt.password_file") from None

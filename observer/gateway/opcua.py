@@ -25,6 +25,7 @@ from asyncua.common.node import Node
 from asyncua.server.server import Server
 from asyncua.ua.status_codes import StatusCodes
 
+from observer.exchange import KEYS, Figure
 from observer.gateway.messages import Latest
 from observer.gateway.opcua_server import guarded
 from observer.gateway.start import Say, Start
@@ -81,56 +82,39 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
 def values(latest: Latest) -> Iterator[Value]:
     """Yield every variable known now."""
     silent = latest.is_stale
-    if estimate := latest.document("estimate"):
-        yield from _of_estimate(estimate, "stale" if silent else estimate["quality"])
-    own = "stale" if silent else "good"
-    if health := latest.document("health"):
-        yield Value(("Health", "State"), "stale" if silent else health["state"], own, health["time_s"])
-        yield Value(("Health", "Reasons"), list(health["reasons"]), own, health["time_s"])
+    for name, key in KEYS.items():
+        document = latest.document(name) if key.figures else {}
+        own = document.get("quality", "invalid") if key.rated else "good"
+        for figure in key.figures if document else ():
+            yield from _values(figure, document, "stale" if silent else own)
     if alarms := latest.document("alarms"):
         words = [f"{a['severity']} {a['id']} ({a['state']}): {a['reason']}" for a in alarms["alarms"]]
+        own = "stale" if silent else "good"
         yield Value(("Alarms", "Raised"), words, own, alarms["time_s"])
         yield Value(("Alarms", "Count"), float(len(words)), own, alarms["time_s"])
-    if learned := latest.document("learned"):
-        yield from _of_learned(learned, "stale" if silent else learned["quality"])
-    if (forecast := latest.document("forecast")) and forecast.get("settled_at_s") is not None:
-        quality = "stale" if silent else forecast["quality"]
-        yield Value(("Forecast", "SettledAt_s"), float(forecast["settled_at_s"]), quality, forecast["time_s"])
 
 
-def _of_estimate(estimate: Mapping[str, Any], quality: str) -> Iterator[Value]:
-    time_s = estimate["time_s"]
-    for i, name in enumerate(estimate["sources"]):
-        for leaf, key in _OF_HEAT.items():
-            yield Value(("Heat", name, leaf), float(estimate[key][i]), quality, time_s)
-    for part, keys in _CURVES.items():
-        for leaf, key in keys.items():
-            if len(estimate[key]):
-                yield Value((part, leaf), [float(x) for x in estimate[key]], quality, time_s)
-    for i, name in enumerate(estimate["sensors"]):
-        used = estimate["sensor_quality"][i] == "good" or quality == "stale"
-        own = quality if used else "invalid"
-        yield Value(("Sensors", name, "Innovation_K"), float(estimate["innovation_K"][i]), own, time_s)
-        yield Value(("Sensors", name, "Quality"), estimate["sensor_quality"][i], quality, time_s)
+def _values(figure: Figure, document: Mapping[str, Any], quality: str) -> Iterator[Value]:
+    """The variables of a figure: one for each entry, or the column as an array."""
+    if figure.node is None:
+        return
+    path, rows = figure.node.split("/"), figure.rows(document)
+    if figure.by is not None and "{}" not in path:
+        if rows:
+            yield Value(tuple(path), [float(value) for _, value in rows], quality, document["time_s"])
+        return
+    used = document.get(figure.used or "", ())
+    for i, (name, value) in enumerate(rows):
+        unused = quality != "stale" and i < len(used) and used[i] != "good"
+        place = tuple(name if part == "{}" else part for part in path)
+        yield Value(place, _plain(value), "invalid" if unused else quality, document["time_s"])
 
 
-def _of_learned(learned: Mapping[str, Any], quality: str) -> Iterator[Value]:
-    for name, learnt in learned["parameters"].items():
-        for leaf, key in (("Value", "value"), ("Sigma", "sigma")):
-            number = math.nan if learnt[key] is None else float(learnt[key])
-            yield Value(("Learned", name, leaf), number, quality, learned["time_s"])
-
-
-_OF_HEAT = {"Heat_W": "heat_W", "Sigma_W": "heat_sigma_W", "Bound_W": "heat_bound_W", "Law_W": "law_W"}
-_CURVES = {
-    "Field": {
-        "Position_m": "position_m",
-        "Temperature_degC": "field_degC",
-        "Sigma_K": "field_sigma_K",
-        "Bound_K": "field_bound_K",
-    },
-    "Error": {"Error_um": "error_um", "Sigma_um": "error_sigma_um", "Bound_um": "error_bound_um"},
-}
+def _plain(value: Any) -> Any:
+    """Text or a list as it is, a number as a float, NaN where it is not known."""
+    if isinstance(value, (str, list, tuple)):
+        return list(value) if isinstance(value, tuple) else value
+    return math.nan if value is None else float(value)
 
 
 class _Tree:

@@ -15,7 +15,6 @@ server's own object, the base types and the data types, without the descriptions
 from __future__ import annotations
 
 import asyncio
-import stat
 import sys
 from asyncio import BaseTransport
 from collections.abc import Iterable, Iterator
@@ -40,7 +39,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
 from observer.errors import ConfigError
-from observer.gateway.users import Users, read_users
+from observer.files.secrets import read_named, read_users
+from observer.gateway.users import Users
 from observer.tables.gateway import Opcua
 
 _LEAST_BITS = 2048  # of a key, by every policy below
@@ -75,7 +75,7 @@ async def guarded(settings: Opcua) -> Server:
 
 async def _identify(server: Server, certificate: Path, key: Path) -> str | None:
     """Give the server its certificate and key; returns the application's name in the certificate."""
-    shown, secret = _read("certificate", certificate), _read("key", key, secret=True)
+    shown, secret = read_named(certificate, "opcua.certificate"), read_named(key, "opcua.key", secret=True)
     try:
         await server.load_certificate(shown, _format(shown))
         await server.load_private_key(secret, None, _format(secret))
@@ -90,18 +90,6 @@ async def _identify(server: Server, certificate: Path, key: Path) -> str | None:
     if private.public_key() != ours.public_key():
         raise ConfigError(f"opcua.key: {key} is not the key of {certificate}; name the two that go together")
     return _name_in(ours)
-
-
-def _read(key: str, path: Path, *, secret: bool = False) -> bytes:
-    try:
-        mode, data = path.stat().st_mode, path.read_bytes()
-    except OSError as error:
-        raise ConfigError(
-            f"opcua.{key}: {path} cannot be read ({error.strerror}); fix or rename it"
-        ) from None
-    if secret and stat.S_IMODE(mode) & 0o077:
-        raise ConfigError(f"opcua.{key}: others on this computer can read {path}; run chmod 600 {path}")
-    return data
 
 
 def _format(data: bytes) -> str:

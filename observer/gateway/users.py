@@ -1,4 +1,4 @@
-"""Who may look: names and passwords from a file, and how often somebody may be wrong."""
+"""Who may look: names, passwords, and how often somebody may be wrong."""
 
 from __future__ import annotations
 
@@ -8,38 +8,10 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from pathlib import Path
-
-from observer.errors import ConfigError
 
 _FAILURES = 5
 _WITHIN_S = 60.0
 _MOST_ADDRESSES = 1000
-
-
-def read_users(path: Path, key: str = "page.users_file") -> dict[str, str]:
-    """Names and passwords from a file of `user:password` lines, named under a key of the configuration.
-
-    Raises `ConfigError` where it is none.
-    """
-    try:
-        mode = path.stat().st_mode
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigError(f"{key}: {path} cannot be read ({reason}); fix or rename it") from None
-    if mode & 0o077:
-        raise ConfigError(f"{key}: others on this computer can read {path}; run chmod 600 {path}")
-    users = {}
-    for number, line in enumerate(lines, 1):
-        name, colon, password = line.strip().partition(":")
-        if line.strip() and not (name and colon and password):
-            raise ConfigError(f"{key}: line {number} of {path} is not user:password; fix it")
-        if name:
-            users[name] = password
-    if not users:
-        raise ConfigError(f"{key}: {path} names nobody; write a line user:password into it")
-    return users
 
 
 class Users:

@@ -30,9 +30,9 @@ from observer.live.commands import Commands
 from observer.live.observers import Step, StepObserver
 from observer.live.renewal import Renewal, Renewals
 from observer.live.wires import Wires
+from observer.quality.conditions import Facts
 from observer.quality.gap import GapWatch
-from observer.quality.health import HEALTH_PERIOD_S, Facts, Health, assess
-from observer.quality.reasons import departure_sentence
+from observer.quality.health import HEALTH_PERIOD_S, Health, assess
 from observer.record.recorder import Recorder
 
 _LOOK_S = 0.5
@@ -338,8 +338,6 @@ class _Cycles:
             yield from observer.notices()
         if service.control is not None and service.control.failure is not None:
             yield f"compensation: {service.control.failure}"
-        if service.gap is not None and (departure := service.gap.departure) is not None:
-            yield departure_sentence(departure)
         if service.renewals is not None:
             yield from service.renewals.notices()
 
@@ -362,6 +360,7 @@ class _Cycles:
             self._pipeline.findings,
             tuple(self._notices()),
             None if service.gap is None else service.gap.figures,
+            None if service.gap is None else service.gap.departure,
             service.sensors,
         )
         health = assess(facts)

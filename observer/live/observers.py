@@ -10,8 +10,8 @@ from typing import Any
 from observer.estimate.checkpoint import Snapshot
 from observer.frames import EstimateBlock, FrameBlock, Inputs
 from observer.quality.alarms import AlarmDesk
-from observer.quality.gap import GapWatch
-from observer.quality.health import HEALTH_PERIOD_S, Facts
+from observer.quality.conditions import Facts
+from observer.quality.health import HEALTH_PERIOD_S
 
 _END_S = 0.1
 
@@ -72,10 +72,9 @@ class AlarmObserver(StepObserver):
         desk: AlarmDesk,
         publish: Callable[[Mapping[str, Any]], None],
         air: int,
-        gap: GapWatch | None,
         instance: str,
     ) -> None:
-        self._desk, self._publish, self._air, self._gap, self._instance = desk, publish, air, gap, instance
+        self._desk, self._publish, self._air, self._instance = desk, publish, air, instance
         self._sent_s = -math.inf
 
     def follow(self, step: Step) -> None:
@@ -84,7 +83,7 @@ class AlarmObserver(StepObserver):
 
     def report(self, facts: Facts) -> None:
         """Judge and publish."""
-        changed = self._desk.look(facts, None if self._gap is None else self._gap.departure)
+        changed = self._desk.look(facts)
         if changed or facts.time_s - self._sent_s >= HEALTH_PERIOD_S:
             self._sent_s = facts.time_s
             self._publish(self._desk.document(facts.time_s) | {"instance": self._instance})

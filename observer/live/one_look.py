@@ -16,7 +16,7 @@ from typing import Any
 from drivers.protocol import Driver
 from observer.frames import Reading
 from observer.process.clock import ServiceClock
-from observer.quality.remedies import remedy_for
+from observer.quality.reasons import remedy_for
 
 LOOK_S = 5.0
 """How long is waited for a value of every channel; half as long again as a period, where that is longer."""

@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from observer.exchange import KEYS
+from observer.exchange import KEYS, Key
 from observer.gateway.messages import Latest, Pending
 from observer.gateway.start import Start
 from observer.publish.codec import decode_estimate
@@ -71,8 +71,10 @@ class Stream:
                 self._innovations.take(estimate)
             if now_s - self._sent_s.get(key, -math.inf) < KEYS[key].page_every_s:
                 return
-            data = payload if estimate is None else shown(estimate, self._innovations)
-            self.recent.take(key, data)
+            if estimate is not None:
+                payload = shown(estimate, self._innovations)
+            self.recent.take(key, payload)
+            data = payload if KEYS[key].panel else figures_of(KEYS[key], json.loads(payload))
         except ValueError:
             return  # not of this version; what the page knows goes stale, and says so
         self._sent_s[key] = now_s
@@ -122,6 +124,12 @@ def shown(estimate: Mapping[str, Any], innovations: Innovations) -> bytes:
     return json.dumps({**kept, "innovations": innovations.document(estimate["time_s"])}).encode()
 
 
+def figures_of(key: Key, document: Mapping[str, Any]) -> bytes:
+    """The figures of a document that has no panel of its own, `[words, name, value]` each, as JSON."""
+    rows = [(figure.words, name, value) for figure in key.figures for name, value in figure.rows(document)]
+    return json.dumps({"rows": rows, "quality": document.get("quality")}).encode()
+
+
 def _plain(value: Any) -> Any:
     if not hasattr(value, "tolist"):
         return value
@@ -150,8 +158,8 @@ class Recent:
             self._rows.append(self._row(document))
 
     def document(self) -> dict[str, Any]:
-        """The rows, the oldest first, with what they are of."""
-        return {"every_s": _EVERY_S, "rows": list(self._rows)}
+        """The rows, the oldest first, and the keys of which the page hears."""
+        return {"every_s": _EVERY_S, "rows": list(self._rows), "keys": list(KEYS)}
 
     def _is_due(self, field: dict[str, Any]) -> bool:
         if not self._rows:

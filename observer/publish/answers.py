@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -21,9 +21,9 @@ from observer.exchange import (
     ESTIMATE_ENCODING,
     ESTIMATES_ENCODING,
     JSON_ENCODING,
-    KEYS,
     KINDS,
     Command,
+    Key,
     Outcome,
     plain_name,
 )
@@ -75,12 +75,9 @@ class Responder:
         self._budget = Budget(_BYTES_1_S)
         self._logged_s = -_LOG_S
 
-    def declare(self, session: zenoh.Session, has: Collection[str]) -> dict[str, Any]:
-        """Declare on a session what can be asked of a service that `has` some of what keys need.
-
-        Returns the queryables by their key.
-        """
-        keys = [n for n, key in KEYS.items() if key.answers and (key.needs is None or key.needs in has)]
+    def declare(self, session: zenoh.Session, published: Mapping[str, Key]) -> dict[str, Any]:
+        """Declare on a session which of the keys answer, and the commands; returns the queryables by key."""
+        keys = [name for name, key in published.items() if key.asked is not None]
         keys += [f"command/{kind}" for kind in KINDS]
         return {
             key: session.declare_queryable(

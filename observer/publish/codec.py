@@ -113,6 +113,13 @@ class EstimateEncoder:
             *map(cbor2.dumps, _CHANNEL_QUALITY),
         ]
         self._sensors = s
+        self.documents = {
+            "heat": self.heat,
+            "field": self.field,
+            "error": self.error,
+            "learned": self.learned,
+        }
+        """What is made of each step beside the estimate itself, by key."""
         self._fields: Any = None  # of the last estimate, and how the kernel makes a message of it
         self._message: Any = None
 

@@ -7,7 +7,6 @@ import json
 import re
 import socket
 import ssl
-import stat
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any, Protocol
 import zenoh
 
 from observer.errors import ConfigError
+from observer.files.secrets import read_named, read_password, read_users
 from observer.tables.publishing import Access, Client, Login, Publish, Tls
 
 RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second
@@ -100,11 +100,11 @@ def _tls(tls: Tls, place: str, *, listens: bool) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     context = ssl.create_default_context()
     if tls.ca is not None:
-        settings["root_ca_certificate"] = ca = _readable(tls.ca, f"{place}.ca")
+        settings["root_ca_certificate"] = ca = _checked(tls.ca, f"{place}.ca")
         _try(lambda: context.load_verify_locations(ca), f"{place}.ca")
     if tls.certificate is not None and tls.key is not None:
-        certificate = _readable(tls.certificate, f"{place}.certificate")
-        key = _readable(tls.key, f"{place}.key", secret=True)
+        certificate = _checked(tls.certificate, f"{place}.certificate")
+        key = _checked(tls.key, f"{place}.key", secret=True)
         _try(lambda: context.load_cert_chain(certificate, key, password=""), f"{place}.certificate")
         settings |= {"listen_certificate": certificate, "listen_private_key": key}
         settings |= {"connect_certificate": certificate, "connect_private_key": key}
@@ -124,51 +124,21 @@ def _try(load: Callable[[], object], place: str) -> None:
 
 
 def _login(login: Login, place: str) -> dict[str, Any]:
-    """Zenoh's keys for names and passwords."""
+    """Zenoh's keys for names and passwords; it would pass over a line that is wrong."""
     settings: dict[str, Any] = {}
     if login.users_file is not None:
-        settings["dictionary_file"] = _users(login.users_file, f"{place}.users_file")
+        read_users(login.users_file, f"{place}.users_file")
+        settings["dictionary_file"] = str(login.users_file.absolute())
     if login.user is not None and login.password_file is not None:
-        path = _readable(login.password_file, f"{place}.password_file", secret=True)
-        password = _text(path, f"{place}.password_file").strip()
-        if not password:
-            raise ConfigError(f"{place}.password_file: {path} is empty; write the password into it")
+        password = read_password(login.password_file, f"{place}.password_file")
         settings |= {"user": login.user, "password": password}
     return {"transport/auth/usrpwd": settings} if settings else {}
 
 
-def _users(file: Path, place: str) -> str:
-    """A file of `name:password` lines, checked, because Zenoh would pass over a line that is wrong."""
-    path = _readable(file, place, secret=True)
-    lines = _text(path, place).splitlines()
-    for number, line in enumerate(lines, 1):
-        name, _, password = line.partition(":")
-        if not name.strip() or not password.strip() or name != name.strip():
-            raise ConfigError(f"{place}: {path}, line {number}: write name:password, nothing else")
-    if not lines:
-        raise ConfigError(f"{place}: {path} names nobody; write a line name:password for each user")
-    return path
-
-
-def _readable(file: Path, place: str, *, secret: bool = False) -> str:
-    """The path of a file that is there; one with a secret in it belongs to its owner alone."""
-    try:
-        with file.open("rb"):
-            mode = stat.S_IMODE(file.stat().st_mode)
-    except OSError as error:
-        raise ConfigError(
-            f"{place}: {file} cannot be read ({error.strerror}); give a readable file"
-        ) from None
-    if secret and mode & 0o077:
-        raise ConfigError(f"{place}: {file} can be read by others (mode {mode:04o}); run chmod 600 {file}")
+def _checked(file: Path, place: str, *, secret: bool = False) -> str:
+    """The path of a file that can be read."""
+    read_named(file, place, secret=secret)
     return str(file.absolute())
-
-
-def _text(path: str, place: str) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise ConfigError(f"{place}: {path} is no text in UTF-8; write it anew") from None
 
 
 # Roles: who may do what, in the words of Zenoh's access control, which denies all else. It judges a key

@@ -11,9 +11,9 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import structlog
 import zenoh
@@ -35,7 +35,6 @@ from observer.publish.session import (
 from observer.tables.publishing import Publish
 
 _LOOK_S = 0.05
-_LEARNED_S = 1.0
 _LINKED_S = 1.5  # a peer's link to its router is there by then, or the router is not
 _GONE_S = LEASE_MS / 1000 + 1.0  # the token of a service that has died is gone by then
 
@@ -63,6 +62,26 @@ class _Link:
         close(self.session)
 
 
+class Outlet(Protocol):
+    """Takes every message beside Zenoh; no method waits for anything but `close`."""
+
+    @property
+    def reason(self) -> str | None:
+        """A problem in one sentence; None without."""
+
+    def start(self) -> None:
+        """Begin to take messages."""
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Take a message."""
+
+    def commands(self) -> list[Command]:
+        """The commands received since the last call."""
+
+    def close(self, timeout_s: float) -> bool:
+        """End."""
+
+
 class ZenohPublisher:
     """Publishes estimates and health of one axis; answers for configuration, health and last estimates."""
 
@@ -77,6 +96,7 @@ class ZenohPublisher:
         *,
         compensates: bool = False,
         forecasts: bool = False,
+        outlet: Outlet | None = None,
     ) -> None:
         """Take what is published, by which instance, and whether a compensation and a forecast are.
 
@@ -87,17 +107,19 @@ class ZenohPublisher:
         self._config, self._ear = service_config(settings), ear_config(settings)
         self._instance = instance
         self._encoder = EstimateEncoder(layout, instance)
-        self._has_error = layout.has_error
-        there = {"learned": bool(layout.learned), "compensation": compensates, "forecast": forecasts}
-        self._has = {need for need, is_there in there.items() if is_there}
+        there = {
+            "expansion": layout.has_error, "learned": bool(layout.learned), "compensation": compensates,
+            "forecast": forecasts,
+        }  # fmt: skip
+        self._keys = {n: key for n, key in KEYS.items() if key.needs is None or there[key.needs]}
         self._answers = Responder(self._prefix, config_json.encode(), settings.history, instance)
-        self._field_slot = self._learned_slot = -math.inf
+        self._slots: dict[str, int] = {}
         self._link: _Link | None = None
         self._connected = self._was_connected = self._settled = False
         self._published = self._dropped = self._reconnects = 0
         self._reason: str | None = "Zenoh: the session is not open yet"
         self._taken: str | None = None
-        self.tap: Callable[[str, bytes], object] | None = None  # takes every message too; waits for nothing
+        self._outlet = outlet
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zenoh-open", daemon=True)
 
@@ -113,7 +135,7 @@ class ZenohPublisher:
             self._published,
             self._dropped,
             self._reconnects,
-            dead or self._taken or rival or self._reason,
+            dead or self._taken or rival or self._reason or (self._outlet.reason if self._outlet else None),
             self._settled or not alive,
             self._taken,
             rival,
@@ -128,30 +150,33 @@ class ZenohPublisher:
         """
         atexit.register(self.close)
         self._thread.start()
+        if self._outlet is not None:
+            self._outlet.start()
 
     def commands(self) -> list[Command]:
         """The commands that came since the last call."""
-        return self._answers.commands()
+        return self._answers.commands() + ([] if self._outlet is None else self._outlet.commands())
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
-        """Publish a block of one estimate: `estimate` and `heat`; `field` and `error` at their rate, and once
-        a second what has been `learned`.
-        """
+        """Publish a block of one estimate, and the documents made of it that are due."""
         estimate = self._encoder.cbor(block, 0, sequence)
         self._answers.estimates.append(estimate)
         self._put("estimate", estimate)
         os.sched_yield()  # so that it is sent before the rest is encoded, where cores are few
-        self._put("heat", self._encoder.heat(block, 0, sequence))
-        slot = math.floor(block.time_s[0] * self._settings.field_rate_Hz)
-        if slot != self._field_slot:
-            self._field_slot = slot
-            self._put("field", self._encoder.field(block, 0, sequence))
-            if self._has_error:
-                self._put("error", self._encoder.error(block, 0, sequence))
-        second = math.floor(block.time_s[0] / _LEARNED_S)
-        if "learned" in self._has and second != self._learned_slot:
-            self._learned_slot = second
-            self._put("learned", self._encoder.learned(block, 0, sequence))
+        for name, document in self._encoder.documents.items():
+            if name in self._keys and self._is_due(name, float(block.time_s[0])):
+                self._put(name, document(block, 0, sequence))
+
+    def _is_due(self, name: str, time_s: float) -> bool:
+        """Whether a key that has a rate may be published again."""
+        rate_Hz = self._keys[name].rate_Hz
+        if rate_Hz is None:
+            return True
+        slot = math.floor(
+            time_s * (getattr(self._settings, rate_Hz) if isinstance(rate_Hz, str) else rate_Hz)
+        )
+        before, self._slots[name] = self._slots.get(name), slot
+        return slot != before
 
     def readings(self, frame: FrameBlock, sequence: int) -> None:
         """Publish what the estimate of this number was made of: a frame of one step."""
@@ -164,19 +189,22 @@ class ZenohPublisher:
         self._put(key, data)
 
     def close(self, timeout_s: float = 1.0) -> bool:
-        """End the session; says whether it was closed in that time."""
+        """End the session, and the outlet; returns whether the session was closed in that time."""
         atexit.unregister(self.close)
         self._closing.set()
         link, self._link = self._link, None
         end_s = time.monotonic() + timeout_s
+        if self._outlet is not None:
+            self._outlet.close(timeout_s / 2)
+            timeout_s /= 2
         closed = link is None or close_within(link, timeout_s)
         if self._thread.ident is not None:
             self._thread.join(max(end_s - time.monotonic(), 0.0))
         return closed
 
     def _put(self, key: str, payload: bytes) -> None:
-        if self.tap is not None:
-            self.tap(key, payload)
+        if self._outlet is not None:
+            self._outlet.put(key, payload)
         link = self._link
         if link is None:
             self._dropped += 1
@@ -254,9 +282,9 @@ class ZenohPublisher:
                 congestion_control=zenoh.CongestionControl.DROP,
                 express=name == "estimate",
             )
-            for name, key in KEYS.items()
-            if key.when is not None and (key.needs is None or key.needs in self._has)
+            for name, key in self._keys.items()
+            if key.when is not None
         }
-        queryables = self._answers.declare(session, self._has)
+        queryables = self._answers.declare(session, self._keys)
         alive = session.liveliness().declare_token(f"{self._prefix}/alive")
         return _Link(session, publishers, queryables, rivals, alive)

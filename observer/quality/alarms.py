@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,22 +16,18 @@ import structlog
 from observer.alarms import bands, offsets
 from observer.alarms.bands import Band, Gathering, Window
 from observer.alarms.offsets import KnownOffset
-from observer.alarms.states import KINDS, Alarm, Condition, acknowledged, advance, alarm_of
+from observer.alarms.states import KINDS, Alarm, AlarmCause, acknowledged, advance, alarm_of
 from observer.config import Config
-from observer.estimators.selftest import Fault, Finding
+from observer.estimators.selftest import Fault
 from observer.files.folders import make_folder, write_whole
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout, Quality
-from observer.process.clock import STEP_S
-from observer.quality.gap import Departure
-from observer.quality.health import Facts
-from observer.quality.reasons import departure_sentence, sentence
+from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
+from observer.quality.conditions import Condition, Facts, Trouble, conditions
+from observer.quality.reasons import sentence
 from observer.tables.keeping import AlarmSettings
 
 _KEPT_S = 60.0
 _NOTHING = Gathering(0.0, 0.0, 0.0, 0.0, 0.0)
 _MOST_STEP_S = 30.0
-_APART_S = 600.0
-"""Over so long a sensor and the model have to be apart."""
 _LOOK_S = 60.0
 """Learnt offsets are looked at after so much of good estimates."""
 _BELIEVED = (EstimateQuality.GOOD, EstimateQuality.DEGRADED)
@@ -39,6 +35,32 @@ _FORMAT = 1
 _STUCK, _DISCONNECTED = "stuck", "disconnected"
 _RESTLESS = 3.0
 """Times as restless as configured, from which it is worth a way to the sensor."""
+
+_ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
+    Trouble.STEP_FAILED: ("estimate", "estimator", None),
+    Trouble.CHANNEL: ("sensor_fault", "", None),
+    Trouble.DRIVER: ("wire", "", None),
+    Trouble.DEPARTED: ("model_inconsistent", "", None),
+    Trouble.RECORDING: ("disk", "recording", None),
+    Trouble.CLOCK: ("clock", "computer", None),
+    Fault.NOISY: ("sensor_disagrees", "", "noisy"),
+    Fault.REFUSED: ("sensor_disagrees", "", "refused"),
+    Trouble.OFFSET_MOVED: ("sensor_disagrees", "", "drifting"),
+    Fault.OFF_LAW: ("heat_off_law", "", None),
+    Fault.ALL_OFF_LAW: ("heat_off_law", "all", None),
+    Trouble.HEAT_HIGH: ("heat_high", "", None),
+    Trouble.HEAT_LOW: ("heat_low", "", None),
+}
+"""Of each condition that calls somebody to the machine: the kind of alarm, its target where the condition is
+about none, and the name that tells it from others of its kind.
+"""
+_FOUND = ("value", "expected", "since_s")
+_EVIDENCE: dict[Trouble | Fault, tuple[str, ...]] = {
+    **dict.fromkeys((Fault.NOISY, Fault.REFUSED, Fault.OFF_LAW, Fault.ALL_OFF_LAW), _FOUND),
+    Trouble.DEPARTED: ("rms_K", "allowed_K", "since_s"),
+    Trouble.OFFSET_MOVED: ("offset_K", "usual_K"),
+}
+"""What the figures of a condition are called in the document."""
 
 log = structlog.get_logger()
 
@@ -78,7 +100,6 @@ class AlarmDesk:
             KnownSensor(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
         ]
         self._offsets = {sensor.name: KnownOffset() for sensor in self._known}
-        self._apart_K = np.zeros(len(self._known))
         self._good_s = 0.0
         self._alarms: dict[str, Alarm] = {}
         self._file = file
@@ -114,10 +135,7 @@ class AlarmDesk:
             self._gathering[source.name] = now
 
     def _see_sensors(self, estimate: EstimateBlock, dt_s: float) -> None:
-        """How far each sensor is from the model, and from time to time what its learnt offset is."""
-        apart_K: FloatArray = estimate.innovation_K[0]
-        share = 1.0 - math.exp(-dt_s / _APART_S)
-        self._apart_K += share * np.where(np.isfinite(apart_K), apart_K - self._apart_K, 0.0)
+        """Take from time to time what the learnt offset of each sensor is."""
         self._good_s += dt_s
         if self._good_s < _LOOK_S:
             return
@@ -136,17 +154,11 @@ class AlarmDesk:
         window = Window(time_s, heat_W, sigma_W, law_W, rise_K, law_W)
         return bands.learnt(band, window, self._settings.learn_h, self._settings.deadband)
 
-    def look(self, facts: Facts, departure: Departure | None) -> bool:
+    def look(self, facts: Facts) -> bool:
         """Judge what holds now; says whether something changed that should be published at once."""
-        holding = [
-            condition
-            for condition in (
-                *conditions(facts, departure, self._sensors),
-                *self._disagreeing(),
-                *self._heats(),
-            )
-            if condition.kind not in self._settings.off
-        ]
+        found = (*conditions(facts), *self._disagreeing(), *self._heats())
+        causes = map(self._cause, found)
+        holding = [cause for cause in causes if cause is not None and cause.kind not in self._settings.off]
         self._alarms = advance(self._alarms, holding, facts.time_s)
         raised = tuple((name, alarm.state) for name, alarm in self._alarms.items() if alarm.is_raised)
         changed, before = raised != self._reported, dict(self._reported)
@@ -195,43 +207,50 @@ class AlarmDesk:
         }
 
     def _disagreeing(self) -> Iterator[Condition]:
-        """Sensors that are apart from the model, or whose offset has moved."""
-        for sensor, apart_K in zip(self._known, self._apart_K.tolist(), strict=True):
+        """Sensors whose learnt offset has moved."""
+        for sensor in self._known:
             known = self._offsets[sensor.name]
             if known.moved:
-                moved_K = known.now_K - known.usual_K
-                yield Condition(
-                    "sensor_disagrees",
-                    sensor.name,
-                    f"{sensor.name} reads {moved_K:+.2f} K beside what it did in its first "
-                    f"{self._settings.learn_h:g} h, by the offset that is learnt",
-                    "drifting",
-                    {"offset_K": round(known.now_K, 3), "usual_K": round(known.usual_K, 3)},
-                )
-            if abs(apart_K) > self._settings.sensor_K:
-                yield Condition(
-                    "sensor_disagrees",
-                    sensor.name,
-                    f"{sensor.name} reads {apart_K:+.2f} K beside what the model and the other sensors say",
-                    "apart",
-                    {"apart_K": round(apart_K, 3)},
-                )
+                now_K, usual_K = round(known.now_K, 3), round(known.usual_K, 3)
+                learn_h = f"{self._settings.learn_h:g}"
+                yield Condition(Trouble.OFFSET_MOVED, sensor.name, learn_h, value=now_K, expected=usual_K)
 
     def _heats(self) -> Iterator[Condition]:
-        """Heats that are not within their bands."""
+        """Heats that are not within their bands: the ratio to the usual one, and the trend a day."""
         for name, band in self._bands.items():
-            if band.side == 0:
-                continue
-            evidence = self._band_document(band)
-            trend = evidence["trend_per_day"]
-            growth = "" if trend is None else f", {100 * trend:+.1f} % a day"
-            yield Condition(
-                "heat_high" if band.side > 0 else "heat_low",
-                name,
-                f"the heat of {name} is {evidence['ratio']:.2f} times what was learnt for its speed and "
-                f"temperature in {self._settings.learn_h:g} h of running{growth}",
-                evidence=evidence,
-            )
+            if band.side != 0:
+                kind = Trouble.HEAT_HIGH if band.side > 0 else Trouble.HEAT_LOW
+                about = self._band_document(band)
+                trend = math.nan if about["trend_per_day"] is None else about["trend_per_day"]
+                learn_h = f"{self._settings.learn_h:g}"
+                yield Condition(kind, name, learn_h, value=about["ratio"], expected=trend)
+
+    def _cause(self, condition: Condition) -> AlarmCause | None:
+        """The alarm that a condition raises; None where it is not worth a way to the machine.
+
+        The self-test judges what an estimate is good for, and a hundredth of a kelvin lowers that: means and
+        correlations of innovations are reasons of the quality, and no alarms.
+        """
+        kind, target, name = _ALARMS.get(condition.kind, (None, "", None))
+        about = condition.about or target
+        if condition.kind is Trouble.CHANNEL and condition.quality is not None:
+            name, about = condition.detail or condition.quality.label, self._sensors.get(about, about)
+            if name == _DISCONNECTED:  # the wire has an alarm of its own
+                return None
+            kind = "sensor_stuck" if name == _STUCK else kind
+        restless = condition.kind is not Fault.NOISY or condition.value >= _RESTLESS
+        if kind is None or not restless:
+            return None
+        return AlarmCause(kind, about, sentence(condition), name, self._evidence(condition))
+
+    def _evidence(self, condition: Condition) -> dict[str, Any] | None:
+        """The figures that an alarm rests on, None where it has none."""
+        if condition.kind in (Trouble.HEAT_HIGH, Trouble.HEAT_LOW):
+            return self._band_document(self._bands[condition.about])
+        names = _EVIDENCE.get(condition.kind, ())
+        values = (condition.value, condition.expected, condition.since_s)
+        pairs = zip(names, values, strict=False)
+        return {name: value if math.isfinite(value) else None for name, value in pairs} or None
 
     def _keep(self, time_s: float, *, now: bool) -> None:
         """Write what is known now and then, in a thread of its own: a slow disk holds up no tick."""
@@ -294,55 +313,3 @@ def _write(file: Path, data: bytes) -> None:
         write_whole(file, data)
     except OSError as error:
         log.warning("alarms cannot be kept", file=str(file), reason=error.strerror)
-
-
-def conditions(facts: Facts, departure: Departure | None, sensors: Mapping[str, str]) -> Iterator[Condition]:
-    """What holds now; `sensors` are the names of the channels that are sensors'."""
-    if facts.failure:
-        yield Condition("estimate", "estimator", facts.failure)
-    lost = {name for name, (status, _) in facts.drivers.items() if not status.connected}
-    for name in sorted(lost):
-        error = facts.drivers[name][0].last_error
-        yield Condition("wire", name, f"driver {name} is not connected" + (f": {error}" if error else ""))
-    if facts.frame is not None:
-        yield from _of_channels(facts.frame, facts.faults, sensors)
-    yield from _of_findings(facts.findings, set(sensors.values()))
-    if departure is not None:
-        evidence = {"rms_K": departure.rms_K, "allowed_K": departure.allowed_K, "since_s": departure.since_s}
-        yield Condition(
-            "model_inconsistent", departure.sensor, departure_sentence(departure), evidence=evidence
-        )
-    if facts.record is not None and facts.record.reason:
-        yield Condition("disk", "recording", facts.record.reason)
-    if abs(facts.clock_offset_s) > STEP_S:
-        yield Condition("clock", "computer", f"the computer's clock stepped by {facts.clock_offset_s:+.1f} s")
-
-
-def _of_channels(
-    frame: FrameBlock, faults: Mapping[str, str], sensors: Mapping[str, str]
-) -> Iterator[Condition]:
-    """Channels that give no value, but those of a wire that is gone: the wire has an alarm of its own."""
-    for j, channel in enumerate(frame.channels):
-        quality, fault = Quality(frame.quality[-1, j]), faults.get(channel)
-        if quality == Quality.GOOD or fault == _DISCONNECTED:
-            continue
-        what, name = fault or quality.label, sensors.get(channel, channel)
-        kind = "sensor_stuck" if what == _STUCK else "sensor_fault"
-        yield Condition(kind, name, f"channel {channel} is {quality.label} ({what})", name=what)
-
-
-def _of_findings(findings: Sequence[Finding], sensors: set[str]) -> Iterator[Condition]:
-    """Of what the self-test finds, what is worth a way to the machine.
-
-    It judges what an estimate is good for, and a hundredth of a kelvin lowers that: means and correlations
-    of innovations are reasons of the quality, and no alarms.
-    """
-    for finding in findings:
-        figures = {"value": finding.value, "expected": finding.expected, "since_s": finding.since_s}
-        evidence = {key: value if math.isfinite(value) else None for key, value in figures.items()}
-        restless = finding.fault is Fault.NOISY and finding.value >= _RESTLESS
-        if finding.subject in sensors and (restless or finding.fault is Fault.REFUSED):
-            name = finding.fault.name.lower()
-            yield Condition("sensor_disagrees", finding.subject, sentence(finding), name, evidence)
-        elif finding.fault in (Fault.OFF_LAW, Fault.ALL_OFF_LAW):
-            yield Condition("heat_off_law", finding.subject or "all", sentence(finding), evidence=evidence)

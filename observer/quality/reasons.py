@@ -1,7 +1,9 @@
-"""What the self-test found, in words."""
+"""Words: the sentence of each condition, made last and never read back, and what to do about a channel."""
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 
@@ -10,38 +12,32 @@ import numpy as np
 from observer.align.plausibility import motion_sentence
 from observer.estimators.selftest import Fault, Finding
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Quality
-from observer.quality.gap import Departure
+from observer.quality.conditions import Condition, Trouble, of_channel, of_finding
 
 _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 
 
-def sentence(finding: Finding) -> str:
-    """Say what fails, since when, and what to look at."""
-    return f"{_what(finding)}, since {clock(finding.since_s)}"
-
-
-def channel_sentence(name: str, quality: str, fault: str | None = None) -> str:
-    """Say that a channel is not good, and with which fault."""
-    return f"channel {name} is {quality}" + (f" ({fault})" if fault else "")
-
-
-def unexplained(quality: EstimateQuality) -> str:
-    """Say that neither channels nor self-test say why an estimate is not good."""
-    return (
-        f"the estimate is {quality.label} although no channel and no test says why; reset it, and report this"
+def sentence(condition: Condition) -> str:
+    """Say what is wrong, of a finding since when too, and what to look at."""
+    kind, about, value = condition.kind, condition.about, condition.value
+    if kind is Fault.MOTION:
+        return f"{motion_sentence(about, 'the speed', value)}, since {clock(condition.since_s)}"
+    high = kind in (Fault.EXCLUDED, Fault.SHARED_OFFSET)
+    text = _SENTENCES[kind].format(
+        about=", ".join(sorted(filter(None, (about, condition.other)))),
+        value=abs(value) if high else value,
+        way="high" if value > 0.0 else "low",
+        expected=condition.expected,
+        more=value - condition.expected,
+        trend="" if math.isnan(condition.expected) else f", {100 * condition.expected:+.1f} % a day",
+        detail=condition.detail,
+        why=f": {condition.detail}" if condition.detail else "",
+        fault=f" ({condition.detail})" if condition.detail else "",
+        quality="" if condition.quality is None else condition.quality.label,
+        since=_date(condition.since_s) if kind is Trouble.DEPARTED else "",
+        phase=_WHILE.get(condition.detail, ""),
     )
-
-
-def departure_sentence(found: Departure) -> str:
-    """Say from which sensor the prediction has departed, since when, by how much, and what to do."""
-    since = f"{found.since_s:.0f} s"
-    if found.since_s >= _EPOCH_FROM_S:
-        since = f"{datetime.fromtimestamp(found.since_s, UTC):%Y-%m-%d %H:%M} UTC"
-    return (
-        f"the model's prediction has departed from sensor {found.sensor} since {since}, most "
-        f"{_WHILE[found.phase]}: {found.rms_K:.1f} K rms where its tolerances allow {found.allowed_K:.1f} K; "
-        "run `observer discover --recent 8h`"
-    )
+    return f"{text}, since {clock(condition.since_s)}" if isinstance(kind, Fault) else text
 
 
 def clock(time_s: float) -> str:
@@ -51,16 +47,11 @@ def clock(time_s: float) -> str:
     return f"{datetime.fromtimestamp(time_s).astimezone():%H:%M}"
 
 
-def _what(finding: Finding) -> str:
-    subject, value, expected = finding.subject, finding.value, finding.expected
-    if finding.fault is Fault.MOTION:
-        return motion_sentence(subject, "the speed", value)
-    if finding.fault in (Fault.EXCLUDED, Fault.SHARED_OFFSET):
-        way = "high" if value > 0.0 else "low"
-        return _SENTENCES[finding.fault].format(subject=subject, value=abs(value), expected=expected, way=way)
-    if finding.fault is Fault.SWAPPED:  # each of the two finds the same
-        subject = ", ".join(sorted(subject.split(", ")))
-    return _SENTENCES[finding.fault].format(subject=subject, value=value, expected=expected)
+def _date(time_s: float) -> str:
+    """A time that may be days ago."""
+    if time_s < _EPOCH_FROM_S:
+        return f"{time_s:.0f} s"
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
 
 
 _WHILE = {
@@ -70,22 +61,41 @@ _WHILE = {
     "dwell": "during short stops",
     "cool_down": "while cooling down",
 }
-_SENTENCES = {
-    Fault.BIASED: "{subject} and the model disagree by {value:+.2g} σ on average: an offset, a place, or "
+_SENTENCES: dict[Trouble | Fault, str] = {
+    Trouble.STEP_FAILED: "the estimator's step failed: {detail}",
+    Trouble.CHANNEL: "channel {about} is {quality}{fault}",
+    Trouble.DRIVER: "driver {about} is not connected{why}",
+    Trouble.RECORDING: "recording: {detail}",
+    Trouble.PUBLISHING: "publishing: {detail}",
+    Trouble.DEPARTED: "the model's prediction has departed from sensor {about} since {since}, most {phase}: "
+    "{value:.1f} K rms where its tolerances allow {expected:.1f} K; run `observer discover --recent 8h`",
+    Trouble.NOTICE: "{detail}",
+    Trouble.CLOCK: "the computer's clock stepped by {value:+.1f} s; times go on from the service's start",
+    Trouble.NO_ESTIMATE: "no estimate yet: the first step is still to come",
+    Trouble.UNEXPLAINED: "the estimate is {quality} although no channel and no test says why; reset it, and "
+    "report this",
+    Trouble.OFFSET_MOVED: "{about} reads {more:+.2f} K beside what it did in its first {detail} h, by the "
+    "offset that is learnt",
+    **dict.fromkeys(
+        (Trouble.HEAT_HIGH, Trouble.HEAT_LOW),
+        "the heat of {about} is {value:.2f} times what was learnt for its speed and temperature in "
+        "{detail} h of running{trend}",
+    ),
+    Fault.BIASED: "{about} and the model disagree by {value:+.2g} σ on average: an offset, a place, or "
     "film and ambient",
-    Fault.COLOURED: "what {subject} shows beyond the model is no noise: one sample deviates as the last did "
+    Fault.COLOURED: "what {about} shows beyond the model is no noise: one sample deviates as the last did "
     "(mean product {value:+.2g} σ², that of noise is 0)",
-    Fault.NOISY: "{subject} is {value:.1f} times as restless as its noise_K and the model say",
-    Fault.REFUSED: "{subject} is refused: {value:+.2f} K from what the model and the other sensors expect",
-    Fault.UNKNOWN: "the heat of {subject} is not known yet (σ {value:.3g} W, {expected:.3g} W at the start)",
-    Fault.OFF_LAW: "the heat of {subject} is {value:.3g} W where its law says {expected:.3g} W: a unit, a "
+    Fault.NOISY: "{about} is {value:.1f} times as restless as its noise_K and the model say",
+    Fault.REFUSED: "{about} is refused: {value:+.2f} K from what the model and the other sensors expect",
+    Fault.UNKNOWN: "the heat of {about} is not known yet (σ {value:.3g} W, {expected:.3g} W at the start)",
+    Fault.OFF_LAW: "the heat of {about} is {value:.3g} W where its law says {expected:.3g} W: a unit, a "
     "sensor, the nut's position, or the model",
     Fault.ALL_OFF_LAW: "all heats together are off their laws by {value:+.1f} σ: film, ambient, or something "
     "that all sensors share",
-    Fault.LEAPT: "{subject} has leapt by {value:+.3f} m, which the speed does not explain: homed anew, or a "
+    Fault.LEAPT: "{about} has leapt by {value:+.3f} m, which the speed does not explain: homed anew, or a "
     "slipped encoder; where the nut is is not known until a reset",
-    Fault.EXCLUDED: "{subject} reads {value:.1f} ± {expected:.1f} K too {way} and is left out; look at it",
-    Fault.SWAPPED: "{subject} have taken each other's place and are left out; look at their connectors",
+    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} K too {way} and is left out; look at it",
+    Fault.SWAPPED: "{about} have taken each other's place and are left out; look at their connectors",
     Fault.SHARED_OFFSET: "all sensors began to read {value:.2f} K too {way} at once, as by a reference "
     "junction; it is taken out of them",
     Fault.GAIN: "all sensors began to show {value:.0%} of their rise above the air at once; look at the "
@@ -102,13 +112,13 @@ _SENTENCES = {
 
 
 class NotGood:
-    """Counts the steps of a log that are not good by the channels that were not, block by block."""
+    """Counts the steps of a log that are not good by the condition that held, block by block."""
 
     def __init__(self, channels: Sequence[str]) -> None:
         """Begin before the first step."""
         self._channels = channels
         self._steps = np.zeros((len(channels), len(Quality)), dtype=np.int64)
-        self._found: dict[str, int] = {}
+        self._found: Counter[Condition] = Counter()
 
     def take(self, frames: FrameBlock, block: EstimateBlock) -> None:
         """Take the frames of a block and its estimates."""
@@ -119,22 +129,68 @@ class NotGood:
         of_channels = (frames.quality != Quality.GOOD).any(axis=1)
         refused = (block.sensor_quality != Quality.GOOD).any(axis=1)
         for worst in (EstimateQuality.STALE, EstimateQuality.INVALID):
-            if n := np.count_nonzero((block.quality == worst) & ~of_channels & ~refused):
-                self._found[unexplained(worst)] = self._found.get(unexplained(worst), 0) + int(n)
+            n = np.count_nonzero((block.quality == worst) & ~of_channels & ~refused)
+            self._found[Condition(Trouble.UNEXPLAINED, quality=worst)] += int(n)
 
     def note(self, found: Iterable[tuple[Finding, int]]) -> None:
         """Take what the self-test found, each in how many steps, up to its end or a reset."""
         for finding, steps in found:
-            said = sentence(finding)
-            self._found[said] = self._found.get(said, 0) + steps
+            self._found[of_finding(finding)] += steps
 
     @property
     def reasons(self) -> dict[str, int]:
         """Every reason as a sentence, and in how many steps it held."""
-        by_channel = {
-            channel_sentence(name, quality.label): int(self._steps[j, quality])
-            for j, name in enumerate(self._channels)
-            for quality in Quality
-            if quality != Quality.GOOD and self._steps[j, quality]
-        }
-        return by_channel | self._found
+        words: Counter[str] = Counter()
+        for j, name in enumerate(self._channels):
+            for quality in list(Quality)[1:]:
+                words[sentence(of_channel(name, quality))] += int(self._steps[j, quality])
+        for condition, steps in self._found.items():
+            words[sentence(condition)] += steps
+        return {text: steps for text, steps in words.items() if steps}
+
+
+_REMEDIES = {
+    "disconnected": "look whether the device is on, cabled, and at the address or port of its table",
+    "timeout": "the wire is there and nothing answers: look at unit_id, baud rate and parity, and timeout_s",
+    "bad_reply": "what answers is no reply to this question: look at unit_id, and for a second master",
+    "silent": "the bus carries no such message: look at bit rate, cable, identifier and sender",
+    "short_frame": "the message is shorter than its description: look at the DBC file or position_byte",
+    "bad_frame": "the message does not fit its description: look at the DBC file",
+    "open_circuit": "a thermocouple's wire is broken or not connected: look at the terminals of this input",
+    "cold_junction": "the module cannot tell its terminals' temperature: look at the module, replace it",
+    "under_range": "the thermocouple is the wrong way round, or of another type than the module is set to",
+    "over_range": "the thermocouple is of another type than the module is set to, or its wire is open",
+    "out_of_range": "the thermocouple's type or its connection is wrong, or low and high are too narrow",
+    "register_communication": "the module waits for register commands: switch its control byte back",
+    "not_ready": "the module is starting, or not configured: look at its project in the controller",
+    "module_error": "the module reports an error of its own: look at its lamps and its manual",
+    "not_a_number": "the device sends what is no number: look at type and word_order",
+    "unreadable": "the value cannot be read as a number: look at the column or the signal",
+    "end_of_log": "the log that is played has ended",
+    "never_came": "nothing came in time: look at the driver's last error and at period_s",
+}
+_EXCEPTIONS = {
+    1: 'the device does not know this function: give function = "holding" or "input"',
+    2: "the device has no such register: look at register, counted from 0, and first_register",
+    3: "the device refuses so many registers: look at register and type",
+    4: "the device failed to read its own data: look at its lamps and its manual",
+    6: "the device is busy: raise period_s, and look for a second master",
+    10: "the gateway has no way to the unit: look at unit_id and the gateway's lines",
+    11: "the unit behind the gateway does not answer: look at unit_id, power and cable",
+}
+
+
+def remedy_for(fault: str | None, implausible: str | None) -> str | None:
+    """What to do about a channel; None where nothing is wrong with it.
+
+    An implausible value says itself what it looks like; so the rest is where to fix it.
+    """
+    if fault is not None:
+        if fault.startswith("exception_") and fault[10:].isdigit():
+            return _EXCEPTIONS.get(
+                int(fault[10:]), "the device refuses: look up this exception in its manual"
+            )
+        return _REMEDIES.get(fault, "look up this fault in the device's table and its manual")
+    if implausible is not None:
+        return "look at scale, offset, type and unit of the channel; if the value is right, at [limits]"
+    return None

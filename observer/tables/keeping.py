@@ -62,7 +62,6 @@ class AlarmSettings(Section):
     learn_h: Annotated[Number, Field(ge=1.0, le=1000.0)] = 30.0
     #: how much more or less than usual, as a part of it, a heat has to be, 0.05 to 3
     deadband: Annotated[Number, Field(ge=0.05, le=3.0)] = 0.25
-    #: how far a sensor has to be from the model and the others for ten minutes, or from what its learnt
-    #: offset was, 0.05 to 20
+    #: how far a sensor's learnt offset has to be from what it was, 0.05 to 20
     sensor_K: Annotated[Number, Field(ge=0.05, le=20.0)] = 0.5
     off: tuple[AlarmKind, ...] = ()  #: kinds that are not raised, such as `["sensor_disagrees"]`

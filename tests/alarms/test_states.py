@@ -8,11 +8,11 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.alarms.states import KINDS, Condition, acknowledged, advance
+from observer.alarms.states import KINDS, AlarmCause, acknowledged, advance
 
 OPERATIONS = Path(__file__).parents[2] / "docs" / "operations.md"
-PLUG = Condition("sensor_fault", "t3", "channel t3_degC is missing (open_circuit)", "open_circuit")
-STUCK = Condition("sensor_stuck", "t3", "channel t3_degC is rejected (stuck)", "stuck")
+PLUG = AlarmCause("sensor_fault", "t3", "channel t3_degC is missing (open_circuit)", "open_circuit")
+STUCK = AlarmCause("sensor_stuck", "t3", "channel t3_degC is rejected (stuck)", "stuck")
 
 
 def _states(alarms) -> dict[str, str]:
@@ -77,4 +77,4 @@ def test_every_kind_says_what_to_do():
 
 
 def test_a_name_is_fit_for_a_key():
-    assert Condition("wire", "fräse/x*", "gone").id == "wire.fr_se_x_"
+    assert AlarmCause("wire", "fräse/x*", "gone").id == "wire.fr_se_x_"

@@ -21,6 +21,7 @@ from pydantic.fields import FieldInfo
 
 from drivers import can, canopen, modbus, mtconnect, opcua, places, player
 from observer.effects.catalogue import LIBRARY
+from observer.exchange import KEYS
 from observer.installation import Installation
 from observer.tables import publishing
 from observer.tables.quantities import Section
@@ -76,6 +77,7 @@ TABLES: dict[str, dict[str, type[BaseModel]]] = {
     "effects.md": {f"`{effect.named()}`": effect for effect in LIBRARY},
 }
 _HEAD = "| key | default | meaning |\n|---|---|---|\n"
+_ROWS = re.compile(r"(?m)(^\| key \| payload \|.*\n\|[-|]+\n)((?:\|.*\n)*)")
 _ROW = re.compile(r"^\| `(\w+)` \| (.*?) \| (.*) \|$", re.M)
 
 
@@ -129,8 +131,17 @@ def section_of(page: str, title: str, model: type[BaseModel], text: str) -> str:
     return f"\n{model.__doc__}\n\n{own}\n{prose}{last.replace('..', '.')}\n"
 
 
+def keys() -> str:
+    """The rows of the published keys."""
+    return "".join(
+        f"| `{name}` | {key.holds} | {key.when or '–'} | {key.asked or '–'} |\n" for name, key in KEYS.items()
+    )
+
+
 def written(page: str) -> str:
     """A page as it should be."""
+    if page == "zenoh.md":
+        return _ROWS.sub(lambda found: found[1] + keys(), (REFERENCE / page).read_text(encoding="utf-8"))
     head, *parts = re.split(r"(?m)^## ", (REFERENCE / page).read_text(encoding="utf-8"))
     texts = dict(part.split("\n", 1) for part in parts)
     tables, made = TABLES[page], []
@@ -143,5 +154,5 @@ def written(page: str) -> str:
 
 
 if __name__ == "__main__":
-    for name in TABLES:
+    for name in (*TABLES, "zenoh.md"):
         (REFERENCE / name).write_text(written(name), encoding="utf-8")

@@ -15,6 +15,7 @@ from observer.align.aligner import frames_of_log
 from observer.estimate.machine import Machine
 from observer.estimators.selftest import Fault as Found
 from observer.frames import EstimateQuality, Quality
+from observer.quality.conditions import of_finding
 from observer.quality.reasons import sentence
 from tests.learning.cover import estimates, log_of
 from tests.learning.machines import config_of
@@ -35,7 +36,7 @@ def found_of(name: str, number: int) -> dict[Found, str]:
     pipeline = pipeline_of(machine)
     for frames in frames_of_log(log_of(faulty(day_of(number), catalogue()[name], number)), machine.plan):
         pipeline.step(frames)
-    return {finding.fault: sentence(finding) for finding, _ in pipeline.history}
+    return {finding.fault: sentence(of_finding(finding)) for finding, _ in pipeline.history}
 
 
 @pytest.mark.parametrize("number", MACHINES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from observer.errors import ConfigError
-from observer.gateway.users import read_users
+from observer.files.secrets import read_users
 from observer.page.guard import Logins
 
 
@@ -17,7 +17,7 @@ def _file(folder, text: str, mode: int = 0o600):
 
 
 def test_names_and_passwords_are_read(tmp_path):
-    users = read_users(_file(tmp_path, "anna:a:b\n\nben:c\n"))
+    users = read_users(_file(tmp_path, "anna:a:b\n\nben:c\n"), "page.users_file")
     assert users == {"anna": "a:b", "ben": "c"}
 
 
@@ -32,12 +32,12 @@ def test_names_and_passwords_are_read(tmp_path):
 )
 def test_a_file_that_cannot_be_used_is_refused_in_words(tmp_path, text, mode, reason):
     with pytest.raises(ConfigError, match=reason):
-        read_users(_file(tmp_path, text, mode))
+        read_users(_file(tmp_path, text, mode), "page.users_file")
 
 
 def test_a_file_that_is_missing_is_refused_in_words(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
-        read_users(tmp_path / "none")
+        read_users(tmp_path / "none", "page.users_file")
 
 
 class Clock:

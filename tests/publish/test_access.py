@@ -189,7 +189,11 @@ def test_files_with_secrets_belong_to_one_person(tmp_path):
         ):
             login(user="anna", password_file=word, users_file=users)
         file.chmod(0o600)
-    for text, sentence in (("", "names nobody"), ("anna\n", "line 1: write name:password"), ("\n", "line 1")):
+    for text, sentence in (
+        ("", "names nobody"),
+        ("anna\n", "line 1: write name:password"),
+        ("\n", "names nobody"),
+    ):
         users.write_text(text)
         with pytest.raises(ConfigError, match=sentence):
             login(users_file=users)

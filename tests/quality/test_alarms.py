@@ -13,7 +13,7 @@ from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
 from observer.quality.alarms import AlarmDesk
-from observer.quality.health import Facts
+from observer.quality.conditions import Facts
 from observer.tables.keeping import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
 from tests.publish.blocks import block
@@ -35,11 +35,9 @@ def _estimate(time_s: float, quality=EstimateQuality.GOOD, **values: float) -> E
     row = lambda n, value: np.full((1, n), value)  # noqa: E731
     learned = row(5, 0.1)
     learned[0, 2] += values.get("t3_offset_K", 0.0)
-    apart_K = row(5, 0.0)
-    apart_K[0, 2] = values.get("t3_apart_K", 0.0)
     return replace(
         block(time_s, quality=quality, layout=LAYOUT), heat_W=row(3, 20.0 * values.get("factor", 1.0)),
-        heat_sigma_W=row(3, 1.0), law_W=row(3, 20.0), innovation_K=apart_K, learned=learned,
+        heat_sigma_W=row(3, 1.0), law_W=row(3, 20.0), innovation_K=row(5, 0.0), learned=learned,
         learned_sigma=row(5, values.get("sigma_K", 0.05)),
     )  # fmt: skip
 
@@ -62,7 +60,7 @@ def _run(desk: AlarmDesk, hours: float, from_h: float = 0.0, *findings: Finding,
         time_s = 1.8e9 + from_h * 3600.0 + k * STEP_S
         desk.see(_estimate(time_s, **values), _frame(time_s), 22.0)
         if k % 3 == 0:
-            desk.look(_facts(time_s, *findings), None)
+            desk.look(_facts(time_s, *findings))
     return {alarm["id"] for alarm in desk.document(0.0)["alarms"]}
 
 
@@ -94,16 +92,6 @@ def test_a_sensor_whose_learnt_offset_moves_is_told_as_drifting():
     (alarm,) = desk.document(0.0)["alarms"]
     assert alarm["evidence"]["usual_K"] == pytest.approx(0.1, abs=0.01)
     assert not _run(_desk(learn_h=10.0), 36.0, 0.0, sigma_K=0.3, t3_offset_K=0.7)
-
-
-def test_a_sensor_that_is_apart_from_the_model_for_long_is_told_and_one_that_is_so_for_minutes_is_not():
-    desk = _desk()
-    assert not _run(desk, 0.1, 0.0, t3_apart_K=0.8)
-    assert not _run(desk, 1.0, 0.1)
-    assert _run(desk, 1.0, 1.1, t3_apart_K=0.8) == {"sensor_disagrees.t3.apart"}
-    degraded = _desk()
-    assert _run(degraded, 1.0, 0.0, quality=EstimateQuality.DEGRADED, t3_apart_K=-0.8)
-    assert not _run(_desk(sensor_K=1.0), 1.0, 0.0, t3_apart_K=0.8)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
 from observer.publish.codec import to_json
-from observer.quality.health import Facts, assess
+from observer.quality.conditions import Condition, Facts, Trouble, of_finding
+from observer.quality.health import assess
 from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
 from tests.align.streams import CHANNELS, plan
@@ -132,7 +133,7 @@ def _left_out(finding: Finding, **changes):
     [
         (Finding(Fault.EXCLUDED, "t2", 5.0, 3.00004, 0.2), "t2_degC",
          {"value": 3.0, "sigma": 0.2, "unit": "K"}),
-        (Finding(Fault.SWAPPED, "t1, t2", 5.0, -4.5, 0.1), "t1_degC",
+        (Finding(Fault.SWAPPED, "t1", 5.0, -4.5, 0.1, "t2"), "t1_degC",
          {"value": -4.5, "sigma": 0.1, "unit": "K"}),
         # it has only just been left out, and nothing has come of it since
         (Finding(Fault.EXCLUDED, "t1", 5.0, np.nan, 0.0), "t1_degC",
@@ -145,7 +146,7 @@ def test_what_is_left_out_is_excluded_with_what_it_reads_too_much(finding, chann
     channels, health = _left_out(finding)
     assert channels.pop(channel) == {"quality": "excluded", "age_s": 0.1, "fault": None, "excess": excess}
     assert all(other == {"quality": "good", "age_s": 0.1, "fault": None} for other in channels.values())
-    assert health.reasons == (sentence(finding),)  # which says it once
+    assert health.reasons == (sentence(of_finding(finding)),)  # which says it once
     assert health.essence != assess(_facts()).essence
 
 
@@ -171,15 +172,30 @@ def test_ages_and_counts_do_not_make_a_report_new():
 
 
 def test_figures_within_a_reason_are_no_change_worth_telling():
-    first = replace(assess(_facts()), reasons=("t3 is refused: +1.02 K from what is expected, since 14:02",))
-    later = replace(first, reasons=("t3 is refused: -0.98 K from what is expected, since 14:02",))
-    other = replace(first, reasons=("t4 is refused: +1.02 K from what is expected, since 14:02",))
-    assert first.essence == later.essence
-    assert first.essence != other.essence
+    def essence(sensor: str, apart_K: float):
+        return assess(_facts(findings=(Finding(Fault.REFUSED, sensor, 5.0, apart_K, 0.1),))).essence
+
+    assert essence("t3", 1.02) == essence("t3", -0.98)
+    assert essence("t3", 1.02) != essence("t4", 1.02)
+
+
+def test_every_kind_of_condition_has_its_sentence():
+    for kind in (*Trouble, *Fault):
+        assert sentence(Condition(kind, "t1", "x", 5.0, 1.5, 0.5, quality=Quality.STALE))
+
+
+def test_conditions_say_for_programs_what_the_reasons_say_for_people():
+    swapped = [Finding(Fault.SWAPPED, a, 5.0, 1.0, 0.1, b) for a, b in (("t1", "t2"), ("t2", "t1"))]
+    document = json.loads(to_json(assess(_facts(findings=tuple(swapped), clock_offset_s=9.0)).document()))
+    assert [(c["kind"], c["about"], c["since_s"]) for c in document["conditions"]] == [
+        ("swapped", ["t1", "t2"], 5.0), ("swapped", ["t2", "t1"], 5.0), ("clock", [], None)
+    ]  # fmt: skip
+    assert document["reasons"] == list(dict.fromkeys(c["reason"] for c in document["conditions"]))
+    assert len(document["reasons"]) == 2
 
 
 def test_what_follows_the_last_sample_is_no_percentage():
     """A mean product in σ² may be more than one: "it repeats by 170 %" is nothing that anyone can picture."""
-    said = sentence(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0))
+    said = sentence(of_finding(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0)))
     assert "%" not in said
     assert "one sample deviates as the last did (mean product +1.7 σ²" in said

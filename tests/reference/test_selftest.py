@@ -15,6 +15,7 @@ from observer.align.aligner import doubts, frames_of_log
 from observer.estimate.machine import Machine
 from observer.files.logs import Log
 from observer.frames import EstimateQuality, Reading
+from observer.quality.conditions import of_finding
 from observer.quality.reasons import sentence
 from tests.reference import live
 from tests.reference.live import Arrivals, Ride
@@ -180,7 +181,9 @@ def as_configured(days: float, seed: int) -> tuple[int, dict[str, int]]:
         late = np.arange(before, before + len(block)) > 240
         bad += int(np.sum(late & (block.quality != GOOD)))
         before += len(block)
-    found = {sentence(f): n for f, n in pipeline.history if f.fault.name not in {"UNKNOWN", "REFUSED"}}
+    found = {
+        sentence(of_finding(f)): n for f, n in pipeline.history if f.fault.name not in {"UNKNOWN", "REFUSED"}
+    }
     return bad, found
 
 

@@ -72,14 +72,15 @@ function remember() {
 }
 
 export async function connect() {
+  let keys;
   try {
     const answer = await fetch("/recent.json");
     if (answer.status === 401) { location.assign("/login"); return; }
-    if (answer.ok) store.rows = (await answer.json()).rows;
-    news("rows");
-  } catch { /* the stream below tries on */ }
+    ({ rows: store.rows, keys } = await answer.json());
+  } catch { setTimeout(connect, 1000); return; }
+  news("rows");
   const events = new EventSource("/events");
-  for (const key of ["estimate", "heat", "readings", "field", "error", "learned", "health", "compensation", "config", "alarms", "forecast", "hello", "beat"]) {
+  for (const key of [...keys, "hello", "beat"]) {
     events.addEventListener(key, (event) => take(key, JSON.parse(event.data)));
   }
   events.addEventListener("error", () => {
@@ -98,6 +99,7 @@ function take(key, document_) {
   store.documents[key] = document_;
   if (key === "field") remember();
   news(key);
+  if (document_.rows) news("more");
   if (!store.held && ["estimate", "field"].includes(key)) news("view");
 }
 

@@ -61,7 +61,7 @@ function drawSensors() {
   estimate.sensors.forEach((name, i) => {
     const sensor = store.config?.sensor?.find((s) => s.name === name), channel = sensor?.channel;
     const reading = readings.channels[channel], unit = sensor?.kind === "displacement" ? "µm" : "°C", small = sensor?.kind === "displacement" ? "µm" : "K";
-    const quality = estimate.sensor_quality[i], why = reasonsOf().filter((r) => r.includes(channel) || new RegExp(`\\b${name.replace(/[^\w]/g, ".")}\\b`).test(r));
+    const quality = estimate.sensor_quality[i], why = (health?.conditions ?? []).filter(({ about }) => about.includes(channel) || about.includes(name)).map(({ reason }) => reason);
     // what came last, unless the service says that nothing comes: not every step has a reading
     const last = ["missing", "stale"].includes(quality) ? undefined : estimate.innovations?.[name];
     const fault = health?.channels?.[channel]?.fault;
@@ -89,6 +89,15 @@ function drawLearnt() {
     return make("tr", {}, make("th", { scope: "row", text: key }), make("td", { class: "n", "data-learnt": key, text: `${number(value, digits)} ± ${number(sigma, digits)}` }));
   });
   box.replaceChildren(make("table", {}, make("tbody", {}, ...rows)));
+}
+
+// keys without a panel of their own: their figures
+function drawMore() {
+  const rows = Object.entries(store.documents).flatMap(([key, published]) => (published.rows ?? []).map(([words, name, value]) =>
+    make("tr", { "data-key": key }, make("th", { scope: "row", text: [key, name].filter(Boolean).join(" ") }), make("td", { text: words }),
+      make("td", { class: "n", text: known(value) ? String(Number(value.toPrecision(5))) : value ?? "–" }))));
+  byId("more").parentElement.hidden = rows.length === 0;
+  byId("more").replaceChildren(make("table", {}, make("tbody", {}, ...rows)));
 }
 
 async function acknowledge(id, button) {
@@ -145,6 +154,7 @@ export function startTables() {
   onNews(["estimate", "readings", "config", "theme"], drawSensors);
   onNews(["learned", "hello"], drawLearnt);
   onNews(["alarms", "hello"], drawAlarms);
+  onNews(["more"], drawMore);
   onNews(["estimate", "hello"], drawFoot);
   setInterval(watchSilence, 100);
   setInterval(() => say("clock", clock(Date.now() / 1000)), 1000);

@@ -1,0 +1,152 @@
+"""What is not as it should be: one list of typed conditions, of which health, alarms and words are made.
+
+A condition is identified by its kind and by what it is about. Its sentence is made last (`quality.reasons`)
+and is never compared or taken apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import Any
+
+from drivers.protocol import DriverStatus
+from observer.estimators.selftest import Fault, Finding
+from observer.exchange import PublishStatus
+from observer.frames import EstimateQuality, FrameBlock, Quality
+from observer.process.clock import STEP_S
+from observer.quality.gap import Departure
+from observer.record.recorder import RecordStatus
+
+
+class Trouble(Enum):
+    """Kinds of conditions beside those that the self-test and the screening find (`Fault`)."""
+
+    STEP_FAILED = auto()
+    CHANNEL = auto()
+    DRIVER = auto()
+    RECORDING = auto()
+    PUBLISHING = auto()
+    DEPARTED = auto()
+    NOTICE = auto()
+    CLOCK = auto()
+    NO_ESTIMATE = auto()
+    UNEXPLAINED = auto()
+    OFFSET_MOVED = auto()
+    HEAT_HIGH = auto()
+    HEAT_LOW = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One thing that is not as it should be.
+
+    `about` is the sensor, channel, source or driver, and `other` one that shares it; `detail` a fault or a
+    phase in one word, or the words of whoever reports it; `value` and `expected` as in `Finding`, NaN
+    without; `quality` that of a channel or of the estimate.
+    """
+
+    kind: Trouble | Fault
+    about: str = ""
+    detail: str = ""
+    since_s: float = math.nan
+    value: float = math.nan
+    expected: float = math.nan
+    other: str = ""
+    quality: Quality | EstimateQuality | None = None
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What makes it the same condition, whatever its figures are by now."""
+        return self.kind, self.about, self.other, self.detail, self.quality
+
+    def document(self, reason: str) -> dict[str, Any]:
+        """The condition as it is published, with its sentence."""
+        return {
+            "kind": self.kind.name.lower(),
+            "about": [name for name in (self.about, self.other) if name],
+            "since_s": self.since_s if math.isfinite(self.since_s) else None,
+            "reason": reason,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that conditions and a health report are made of, gathered at one moment.
+
+    `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
+    valid estimate has been there; `failure` is what the last cycle failed with; `findings` what the self-test
+    says; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction, `departure`
+    what is beyond its tolerances; `sensors` are the names of the channels that are sensors'.
+    """
+
+    time_s: float
+    frame: FrameBlock | None
+    faults: Mapping[str, str]
+    estimate: EstimateQuality | None
+    had_estimate: bool
+    failure: str | None
+    cycles: int
+    overruns: int
+    drivers: Mapping[str, tuple[DriverStatus, int]]
+    record: RecordStatus | None
+    publish: PublishStatus
+    clock_offset_s: float
+    findings: tuple[Finding, ...] = ()
+    notices: tuple[str, ...] = ()
+    gap: Mapping[str, Any] | None = None
+    departure: Departure | None = None
+    sensors: Mapping[str, str] = field(default_factory=dict)
+
+
+def of_finding(found: Finding) -> Condition:
+    """The condition that the self-test or the screening has found."""
+    return Condition(found.fault, found.subject, "", found.since_s, found.value, found.expected, found.other)
+
+
+def of_departure(found: Departure) -> Condition:
+    """The condition that the prediction has departed from a sensor."""
+    return Condition(Trouble.DEPARTED, found.sensor, found.phase, found.since_s, found.rms_K, found.allowed_K)
+
+
+def of_channel(name: str, quality: Quality, fault: str | None = None) -> Condition:
+    """The condition of a channel that is not good: its quality, and its driver's or aligner's fault."""
+    return Condition(Trouble.CHANNEL, name, fault or "", quality=quality)
+
+
+def conditions(facts: Facts) -> tuple[Condition, ...]:
+    """Everything that is not as it should be; what is unexplained only where nothing else is found."""
+    return tuple(_found(facts)) or tuple(_unexplained(facts))
+
+
+def _found(facts: Facts) -> Iterator[Condition]:
+    if facts.failure:
+        yield Condition(Trouble.STEP_FAILED, detail=facts.failure)
+    if (frame := facts.frame) is not None:
+        for name, quality in zip(frame.channels, frame.quality[-1].tolist(), strict=True):
+            if quality != Quality.GOOD:
+                yield of_channel(name, Quality(quality), facts.faults.get(name))
+    yield from map(of_finding, facts.findings)
+    for name, (status, _) in facts.drivers.items():
+        if not status.connected:
+            yield Condition(Trouble.DRIVER, name, status.last_error or "")
+    if facts.record and facts.record.reason:
+        yield Condition(Trouble.RECORDING, detail=facts.record.reason)
+    if facts.publish.reason:
+        yield Condition(Trouble.PUBLISHING, detail=facts.publish.reason)
+    if facts.departure is not None:
+        yield of_departure(facts.departure)
+    for notice in facts.notices:
+        yield Condition(Trouble.NOTICE, detail=notice)
+    if abs(facts.clock_offset_s) > STEP_S:
+        yield Condition(Trouble.CLOCK, value=facts.clock_offset_s)
+
+
+def _unexplained(facts: Facts) -> Iterator[Condition]:
+    """What is said of an estimate that is not good where nothing else says why."""
+    if facts.frame is None or facts.estimate is None:
+        yield Condition(Trouble.NO_ESTIMATE)
+    elif facts.estimate != EstimateQuality.GOOD:
+        yield Condition(Trouble.UNEXPLAINED, quality=facts.estimate)
