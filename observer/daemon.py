@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from observer.control.compensation import LATE_PERIODS
-from observer.control.compensator import Compensator
+from observer.control.compensation import LATE_PERIODS, Compensator
 from observer.control.steering import Steering
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted

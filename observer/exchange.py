@@ -13,7 +13,7 @@ JSON_ENCODING = "application/json"
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class KeyFigure:
     """A value of a document, or one for each entry of a table, as metrics, OPC UA and the page show it.
 
     `path` leads to it, its names separated by dots; `*` is every entry of a table. In a document of columns
@@ -78,15 +78,15 @@ class Key:
     rated: bool = False
     page_every_s: float = 0.0
     panel: bool = False
-    figures: tuple[Figure, ...] = ()
+    figures: tuple[KeyFigure, ...] = ()
 
 
-def _of_sources(path: str, words: str, metric: str, leaf: str) -> Figure:
-    return Figure(path, words, metric, f"Heat/{{}}/{leaf}", by="sources", label="source")
+def _of_sources(path: str, words: str, metric: str, leaf: str) -> KeyFigure:
+    return KeyFigure(path, words, metric, f"Heat/{{}}/{leaf}", by="sources", label="source")
 
 
-def _along(path: str, words: str, metric: str, node: str, factor: float = 1.0) -> Figure:
-    return Figure(path, words, metric, node, by="position_m", label="position_m", factor=factor)
+def _along(path: str, words: str, metric: str, node: str, factor: float = 1.0) -> KeyFigure:
+    return KeyFigure(path, words, metric, node, by="position_m", label="position_m", factor=factor)
 
 
 _SENSOR: dict[str, Any] = {"by": "sensors", "label": "sensor"}
@@ -109,18 +109,18 @@ KEYS = {
             _of_sources("heat_sigma_W", "Its standard deviation.", "heat_sigma_watts", "Sigma_W"),
             _of_sources("heat_bound_W", "Its bound.", "heat_bound_watts", "Bound_W"),
             _of_sources("law_W", "The heat by its law.", "heat_law_watts", "Law_W"),
-            Figure("position_m", "Positions of field and error.", node="Field/Position_m", by="position_m"),
+            KeyFigure("position_m", "Where field and error are.", node="Field/Position_m", by="position_m"),
             _along("field_degC", "Temperature.", "temperature_celsius", "Field/Temperature_degC"),
             _along("field_sigma_K", "Its sigma.", "temperature_sigma_celsius", "Field/Sigma_K"),
             _along("field_bound_K", "Its bound.", "temperature_bound_celsius", "Field/Bound_K"),
             _along("error_um", "Thermal error.", "error_meters", "Error/Error_um", 1e-6),
             _along("error_sigma_um", "Its sigma.", "error_sigma_meters", "Error/Sigma_um", 1e-6),
             _along("error_bound_um", "Its bound.", "error_bound_meters", "Error/Bound_um", 1e-6),
-            Figure(
+            KeyFigure(
                 "innovation_K", "Reading less expected.", "innovation_celsius", "Sensors/{}/Innovation_K",
                 used="sensor_quality", **_SENSOR,
             ),
-            Figure(
+            KeyFigure(
                 "sensor_quality", "Whether the reading was used.", "sensor_good", "Sensors/{}/Quality",
                 labelled=False, **_SENSOR,
             ),
@@ -161,8 +161,8 @@ KEYS = {
         rated=True,
         panel=True,
         figures=(
-            Figure("parameters.*.value", _IN_ITS_UNIT, "learned", "Learned/{}/Value", **_LEARNED),
-            Figure("parameters.*.sigma", _IN_ITS_UNIT, "learned_sigma", "Learned/{}/Sigma", **_LEARNED),
+            KeyFigure("parameters.*.value", _IN_ITS_UNIT, "learned", "Learned/{}/Value", **_LEARNED),
+            KeyFigure("parameters.*.sigma", _IN_ITS_UNIT, "learned_sigma", "Learned/{}/Sigma", **_LEARNED),
         ),
     ),
     "health": Key(
@@ -172,20 +172,20 @@ KEYS = {
         retained=True,
         panel=True,
         figures=(
-            Figure("state", "The state of the service.", node="Health/State"),
-            Figure("reasons", "Why it is not good.", node="Health/Reasons"),
-            Figure("cycles", "Steps of the estimator.", "cycles", counter=True),
-            Figure("overruns", "Steps left out because the computer was late.", "overruns", counter=True),
-            Figure("published", "Messages that went to Zenoh.", "published", counter=True),
-            Figure("publish_drops", "Messages that could not go to Zenoh.", "publish_drops", counter=True),
-            Figure("recorded", "Rows that were recorded.", "recorded", counter=True),
-            Figure("record_drops", "Rows that could not be recorded.", "record_drops", counter=True),
-            Figure("drivers.*.errors", "Polls that failed.", "driver_errors", label="driver", counter=True),
-            Figure(
+            KeyFigure("state", "The state of the service.", node="Health/State"),
+            KeyFigure("reasons", "Why it is not good.", node="Health/Reasons"),
+            KeyFigure("cycles", "Steps of the estimator.", "cycles", counter=True),
+            KeyFigure("overruns", "Steps left out because the computer was late.", "overruns", counter=True),
+            KeyFigure("published", "Messages that went to Zenoh.", "published", counter=True),
+            KeyFigure("publish_drops", "Messages that could not go to Zenoh.", "publish_drops", counter=True),
+            KeyFigure("recorded", "Rows that were recorded.", "recorded", counter=True),
+            KeyFigure("record_drops", "Rows that could not be recorded.", "record_drops", counter=True),
+            KeyFigure("drivers.*.errors", "Failed polls.", "driver_errors", label="driver", counter=True),
+            KeyFigure(
                 "drivers.*.reconnects", "Connections after the first.", "driver_reconnects", label="driver",
                 counter=True,
             ),
-            Figure(
+            KeyFigure(
                 "channels.*.age_s", "Age of the last usable value.", "channel_age_seconds", label="channel"
             ),
         ),
@@ -209,7 +209,7 @@ KEYS = {
         rated=True,
         panel=True,
         figures=(
-            Figure(
+            KeyFigure(
                 "settled_at_s", "When it will have settled.", "forecast_settled_timestamp_seconds",
                 "Forecast/SettledAt_s",
             ),

@@ -17,7 +17,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from observer.alarms.states import Severity, State
-from observer.exchange import KEYS, Figure
+from observer.exchange import KEYS, KeyFigure
 from observer.frames import EstimateQuality
 from observer.gateway.messages import Latest
 from observer.gateway.server import served
@@ -83,7 +83,7 @@ class _Figures(Collector):
 
 
 def _rows(
-    figure: Figure, document: Mapping[str, Any], quality: str | None
+    figure: KeyFigure, document: Mapping[str, Any], quality: str | None
 ) -> Iterator[tuple[dict[str, str], float]]:
     """The labels and values of a figure, as far as they are known."""
     of_quality = {"quality": quality} if figure.labelled and quality is not None else {}

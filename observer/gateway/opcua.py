@@ -25,7 +25,7 @@ from asyncua.common.node import Node
 from asyncua.server.server import Server
 from asyncua.ua.status_codes import StatusCodes
 
-from observer.exchange import KEYS, Figure
+from observer.exchange import KEYS, KeyFigure
 from observer.gateway.messages import Latest
 from observer.gateway.opcua_server import guarded
 from observer.gateway.start import Say, Start
@@ -94,7 +94,7 @@ def values(latest: Latest) -> Iterator[Value]:
         yield Value(("Alarms", "Count"), float(len(words)), own, alarms["time_s"])
 
 
-def _values(figure: Figure, document: Mapping[str, Any], quality: str) -> Iterator[Value]:
+def _values(figure: KeyFigure, document: Mapping[str, Any], quality: str) -> Iterator[Value]:
     """The variables of a figure: one for each entry, or the column as an array."""
     if figure.node is None:
         return

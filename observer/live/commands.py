@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import structlog
 
-from observer.control.compensator import Compensator
+from observer.control.compensation import Compensator
 from observer.exchange import Command, Outcome
 from observer.frames import Reading
 from observer.record.recorder import Recorder

@@ -17,7 +17,7 @@ import structlog
 
 from drivers.protocol import Driver
 from observer.align.aligner import Aligner, AlignPlan
-from observer.control.compensator import Compensator
+from observer.control.compensation import Compensator
 from observer.control.steering import Steering
 from observer.errors import UserError
 from observer.estimate.checkpoint import Snapshot

@@ -1,10 +1,12 @@
-"""The page's routes."""
+"""The page: its routes, and the outlet that serves it."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import mimetypes
 import os
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -30,11 +32,13 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from observer.errors import LogError
-from observer.gateway.start import Start
+from observer.files.secrets import read_users
+from observer.gateway.messages import Latest
+from observer.gateway.server import served
+from observer.gateway.start import Say, Start
 from observer.page.guard import COOKIE, REPORT_POLICY, Guard, Logins
-from observer.page.history import Recorded, history, recordings
+from observer.page.history import Digests, Recorded, history, recordings
 from observer.page.reports import report_html, reports
-from observer.page.rows import Digests
 from observer.page.stream import Stream
 from observer.tables.gateway import host_and_port
 
@@ -226,3 +230,30 @@ async def _form(request: Request) -> dict[str, str]:
     except ValueError:
         raise HTTPException(400, f"a form has at most {_MOST_FIELDS} fields\n") from None
     return {name: values[0] for name, values in fields.items()}
+
+
+async def serve(start: Start, latest: Latest, say: Say) -> None:
+    """Serve the page until cancelled; raises `OSError` or `ConfigError` with one sentence if it cannot."""
+    assert start.page is not None
+    page = start.page
+    secure = page.certificate is not None
+    users = read_users(page.users_file, "page.users_file") if page.users_file is not None else None
+    login = None if users is None else Logins(users, secure=secure)
+    stream = Stream(latest, start, login is not None)
+    app = application(start, stream, login, acknowledge)
+    async with served(app, "page", page.listen, page.certificate, page.key) as serving:
+        feeding = asyncio.create_task(stream.run())
+        say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
+        try:
+            done, _ = await asyncio.wait([serving, feeding], return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            feeding.cancel()
+            stream.end()
+
+
+def acknowledge(alarm: str, by: str) -> None:
+    """Report to the service that somebody has seen an alarm, by its `id`."""
+    sys.stdout.write(json.dumps({"acknowledge": alarm, "by": by}) + "\n")
+    sys.stdout.flush()

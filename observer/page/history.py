@@ -1,11 +1,19 @@
-"""What has been recorded: which files there are, and the least and the most of each channel over a span."""
+"""What has been recorded: which files there are, and the least and the most of each channel over a span.
+
+The files are long: only the rows asked for are read, a block at a time, so memory depends neither on the size
+of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps the least
+and the most of each channel in bins of seconds or minutes. It grows for as long as there is time, and
+continues when it is asked again, from the end of a file that has grown meanwhile too.
+"""
 
 from __future__ import annotations
 
+import csv
 import math
+import os
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.errors import LogError
-from observer.page.rows import (
-    COARSE_S,
-    FINE_S,
-    Digest,
-    Digests,
-    Values,
-    blocks,
-    channels_of,
-    ends,
-    extremes,
-    header,
-    offset,
-)
+from observer.files.logs import FLAGS, LATE, STEP, TIME
+from observer.kernels import read_rows
 
 _STAMPED = r"-\d{8}T\d{6}Z[^/]*\.csv"
 """How the recorder names a file after its machine and axis; what somebody has appended to it may stay."""
@@ -39,6 +36,14 @@ _PATIENCE_S = 0.35
 """So long a request may read before it answers with what there is; to compare days two are asked for."""
 MOST_POINTS = 2000
 _LEAST_S, _MOST_S = 1e-3, 1e11  # of a span; of a time, which is the year 5138
+_BLOCK_BYTES = 1 << 19
+_LINE_BYTES = 1 << 16
+FINE_S, COARSE_S = 5.0, 300.0
+_MOST_BYTES = 24 << 20
+"""Of all bins together: fine ones of a week of a machine with a dozen channels, coarse ones of a year."""
+_MERGED = 64
+Values = NDArray[np.floating[Any]]
+_OWN = {TIME, STEP, LATE, FLAGS}
 _Extremes = tuple[NDArray[np.float64], Values, Values]
 
 
@@ -101,8 +106,8 @@ def history(
         bin_s = COARSE_S if part_s >= _BINS * COARSE_S else FINE_S
         grown, read = _grow(digests, wanted, bin_s, clock() + _PATIENCE_S, clock)
         for digest in grown:
-            parts.take(digest.channels, digest.bins(bin_s).within(from_s, to_s), from_s, part_s)
-        digests.tidy(file.path for file in wanted)
+            parts.take(digest.channels, digest.within(from_s, to_s), from_s, part_s)
+        digests.tidy((file.path, bin_s) for file in wanted)
     middle_s = from_s + (np.arange(points) + 0.5) * part_s
     return {
         "from_s": from_s,
@@ -156,8 +161,7 @@ def _grow(
     grown, sizes, read = [], 0, 0
     for file in reversed(files):
         try:
-            digest, size = digests.of(file.path), file.path.stat().st_size
-            digest.bins(bin_s)
+            digest, size = digests.of(file.path, bin_s), file.path.stat().st_size
             if clock() < until_s and digest.end < size:
                 for _ in digest.grow():
                     if clock() >= until_s:
@@ -179,3 +183,156 @@ def _rows(path: Path, from_s: float, to_s: float) -> Iterator[tuple[list[str], _
         yield names, (block.time_s, block.values, block.values)
         if block.time_s[-1] > to_s + _MARGIN_S:
             return
+
+
+@dataclass(frozen=True, slots=True)
+class RowBlock:
+    """Some rows: their times (n), a column for each channel (n, channels), and where the next row begins."""
+
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    end: int
+
+
+def header(path: Path) -> tuple[list[str], int]:
+    """The names of a file's columns, and where its first row begins. Raises `OSError`."""
+    with path.open("rb") as file:
+        line = file.readline(_LINE_BYTES)
+        return next(csv.reader([line.decode("utf-8", "replace")]), []), file.tell()
+
+
+def channels_of(columns: list[str]) -> list[str]:
+    """Those columns that are channels."""
+    return [name for name in columns if name not in _OWN]
+
+
+def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
+    """The rows from a place in the file on; damaged ones are left out. Raises `OSError`."""
+    wanted = [TIME, *channels_of(columns)]
+    place = np.array([wanted.index(name) if name in wanted else -1 for name in columns], np.intp)
+    with path.open("rb") as file:
+        file.seek(begin)
+        end, rest = begin, b""
+        while data := file.read(_BLOCK_BYTES):
+            rows, newline, rest = (rest + data).rpartition(b"\n")
+            end += len(rows) + len(newline)
+            table = np.empty((rows.count(b"\n") + 1, len(wanted)))
+            count = read_rows(rows + newline, place, table)
+            if count:
+                yield RowBlock(table[:count, 0], table[:count, 1:], end)
+
+
+def offset(path: Path, begin: int, time_s: float) -> int:
+    """Where a row begins before which all are older than a time, by halving the file. Raises `OSError`."""
+    with path.open("rb") as file:
+        low, high = begin, path.stat().st_size
+        while high - low > _LINE_BYTES:
+            middle = (low + high) // 2
+            file.seek(middle)
+            file.readline(_LINE_BYTES)
+            start = file.tell()
+            found_s = _time(file.readline(_LINE_BYTES))
+            if found_s is None or found_s >= time_s:
+                high = middle
+            else:
+                low = start
+    return max(begin, low)
+
+
+def ends(path: Path) -> tuple[float, float] | None:
+    """The times of the first and of the last whole row, None where there are none. Raises `OSError`."""
+    with path.open("rb") as file:
+        file.readline(_LINE_BYTES)
+        first_s = _time(file.readline(_LINE_BYTES))
+        file.seek(max(0, path.stat().st_size - _LINE_BYTES))
+        for line in reversed(file.read(_LINE_BYTES).split(b"\n")[:-1]):
+            if first_s is not None and (last_s := _time(line)) is not None:
+                return first_s, max(first_s, last_s)
+    return None
+
+
+def extremes(
+    keys: NDArray[np.int64], least: Values, most: Values
+) -> tuple[NDArray[np.int64], Values, Values]:
+    """The least and the most (keys, channels) of the rows with the same key; NaN where none has a value."""
+    if np.any(keys[1:] < keys[:-1]):
+        order = np.argsort(keys, kind="stable")
+        keys, least, most = keys[order], least[order], most[order]
+    first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
+    return keys[first], np.fmin.reduceat(least, first), np.fmax.reduceat(most, first)
+
+
+def _time(line: bytes) -> float | None:
+    """The time at the beginning of a row, None where there is none."""
+    try:
+        return float(line.split(b",", 1)[0])
+    except ValueError:
+        return None
+
+
+class Digest:
+    """The least and the most of each channel of a file (n, channels) in bins, as far as it has been read."""
+
+    def __init__(self, path: Path, bin_s: float) -> None:
+        self._path, self._bin_s = path, bin_s
+        self._columns, self.end = header(path)
+        self.inode = path.stat().st_ino
+        self.channels = channels_of(self._columns)
+        self._parts: list[tuple[NDArray[np.int64], Values, Values]] = []
+
+    def grow(self) -> Iterable[None]:
+        """Take what has not been read yet, a block at each step."""
+        for block in blocks(self._path, self._columns, self.end):
+            known = np.isfinite(block.time_s)
+            keys = np.floor(block.time_s[known] / self._bin_s).astype(np.int64)
+            if keys.size:
+                keys, least, most = extremes(keys, block.values[known], block.values[known])
+                self._parts.append((keys, least.astype(np.float32), most.astype(np.float32)))
+            if len(self._parts) > _MERGED:
+                self._merge()
+            self.end = block.end
+            yield
+
+    def _merge(self) -> None:
+        keys, least, most = (np.concatenate(column) for column in zip(*self._parts, strict=True))
+        self._parts = [extremes(keys, least, most)]
+
+    def within(self, from_s: float, to_s: float) -> _Extremes:
+        """The middles (n) of the bins in a span, and the least and the most (n, channels) of each."""
+        if not self._parts:
+            return np.empty(0), np.empty((0, 0)), np.empty((0, 0))
+        if len(self._parts) > 1:
+            self._merge()
+        keys, least, most = self._parts[0]
+        middle_s = (keys.astype(np.float64) + 0.5) * self._bin_s
+        here = slice(*np.searchsorted(middle_s, [from_s, to_s]))
+        return middle_s[here], least[here].astype(np.float64), most[here].astype(np.float64)
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return sum(array.nbytes for part in self._parts for array in part)
+
+
+class Digests:
+    """The digests of the files that were looked at, those that were wanted last."""
+
+    def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
+        self._digests: dict[tuple[Path, float], Digest] = {}
+        self._most_bytes = most_bytes
+
+    def of(self, path: Path, bin_s: float) -> Digest:
+        """The digest of a file, new where it is another file than before. Raises `OSError`."""
+        about, digest = path.stat(), self._digests.pop((path, bin_s), None)
+        if digest is None or digest.inode != about.st_ino or digest.end > about.st_size:
+            digest = Digest(path, bin_s)
+        self._digests[path, bin_s] = digest  # the last in the order
+        return digest
+
+    def tidy(self, wanted: Iterable[tuple[Path, float]]) -> None:
+        """Drop what is too much, the oldest first and never what is wanted, and what is of files gone."""
+        wanted, in_all = set(wanted), sum(digest.size for digest in self._digests.values())
+        for key, digest in list(self._digests.items()):
+            if not os.path.lexists(key[0]) or (in_all > self._most_bytes and key not in wanted):
+                in_all -= digest.size
+                del self._digests[key]

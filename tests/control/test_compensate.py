@@ -13,8 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from observer.config import Config
 from observer.control import compensation
-from observer.control.compensation import CompensationPlan, CompensationState
-from observer.control.compensator import Compensator
+from observer.control.compensation import CompensationPlan, CompensationState, Compensator
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Layout
 from observer.installation import parse

@@ -10,7 +10,7 @@ import pytest
 import structlog
 
 from observer.align.aligner import blocks_of_log, faults_of, frames_of_log
-from observer.control.compensator import Compensator
+from observer.control.compensation import Compensator
 from observer.errors import UserError
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of

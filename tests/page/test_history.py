@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from observer.frames import Reading
-from observer.page import rows as subject
-from observer.page.history import history, recordings
-from observer.page.rows import COARSE_S, FINE_S, Digests
+from observer.page import history as subject
+from observer.page.history import COARSE_S, FINE_S, Digests, history, recordings
 from observer.record.recorder import Recorder
 
 CHANNELS = ("t1_degC", "nut_position_m")
@@ -141,33 +140,33 @@ def test_a_file_that_grows_is_read_on_and_one_that_is_new_from_its_beginning(day
     file = Path(shutil.copy(source, tmp_path))
     digests, span = Digests(), (1000.0, 1000.0 + 1.5 * DAY_S, 60)
     _whole(recordings(tmp_path, "lathe-z"), *span, digests)
-    end = digests.of(file).end
+    end = digests.of(file, COARSE_S).end
     assert end == file.stat().st_size
     with file.open("a", encoding="utf-8") as more:
         more.write("88000.0,999.0,0,,,\n88001.0,10")  # the second row is being written
     told = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
     assert max(x for x in told["channels"]["t1_degC"]["most"] if x is not None) == 999.0
-    assert digests.of(file).end == end + len("88000.0,999.0,0,,,\n")
+    assert digests.of(file, COARSE_S).end == end + len("88000.0,999.0,0,,,\n")
     file.write_text("time_s,t1_degC,step,late_s,flags\n1000.0,20.0,,,\n", encoding="utf-8")
     told = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
     assert told["channels"]["t1_degC"]["most"][:2] == [20.0, None]
 
 
-def test_fine_bins_are_given_up_for_those_that_are_wanted(day):
+def test_bins_are_given_up_for_those_that_are_wanted(day):
     files, digests = recordings(day, "lathe-z"), Digests(most_bytes=1)
     for file in files:
         begin_s = file.from_s + 100.0  # the other file has ended by then
         told = _whole(files, begin_s, begin_s + 20_000.0, 500, digests)
         assert None not in told["channels"]["t1_degC"]["least"]
-    assert [digests.of(file.path).fine_bytes > 0 for file in files] == [False, True]
+    assert [digests.of(file.path, FINE_S).size > 0 for file in files] == [False, True]
     assert _whole(files, 1000.0, 21_000.0, 500, digests)["channels"]["t1_degC"]["most"][0] < 1.05
 
 
 def test_looking_back_does_not_make_the_process_large(day):
     """Nothing large is imported for it, and what is read is not kept."""
     script = (
-        "import sys\nfrom pathlib import Path\nimport observer.gateway.process, observer.page.outlet\n"
-        "from observer.page.rows import Digests\nfrom observer.page.history import history, recordings\n"
+        "import sys\nfrom pathlib import Path\nimport observer.gateway.process, observer.page.app\n"
+        "from observer.page.history import Digests, history, recordings\n"
         f"files, digests = recordings(Path({str(day)!r}), 'lathe-z'), Digests()\n"
         f"while history(files, 1000.0, {1000.0 + 1.5 * DAY_S}, 800, digests)['read'] < 1.0: pass\n"
         "history(files, 1000.0, 60000.0, 2000)\nassert 'pandas' not in sys.modules\n"
