@@ -92,7 +92,12 @@ def told_of_a_machine(teller: Teller, quality: str = "good") -> None:
     teller.document("health", HEALTH | {"time_s": 1.0})
     teller.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
     teller.document(
-        "learned", {"time_s": 1.0, "parameters": {"surface.convection_W_m2K": {"value": 14.5, "sigma": 0.5}}}
+        "learned",
+        {
+            "time_s": 1.0,
+            "quality": "good",
+            "parameters": {"surface.convection_W_m2K": {"value": 14.5, "sigma": 0.5}},
+        },
     )
     teller.document("forecast", {"time_s": 1.0, "quality": "good", "settled_at_s": 1234.5})
     teller.estimate(quality)
