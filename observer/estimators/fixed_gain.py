@@ -18,12 +18,14 @@ from observer.estimators.by_block import BlockEstimator, Scratch
 from observer.estimators.design.bandwidth import bandwidth, design
 from observer.estimators.design.gains import Refusal, everything, sensor_rows
 from observer.estimators.design.riccati import steady_covariance, steady_kalman
-from observer.estimators.fixed_gain_records import Considered, GainTable, StepBins, steady_step
+from observer.estimators.fixed_gain_records import FixedGainWork, GainTable, StepBins, considered, steady_step
 from observer.estimators.packing import PlantArrays, Results
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
 from observer.frames import BoolArray, FloatArray, contiguous
-from observer.kernels import DONE, record, run_fixed_gain
+from observer.kernels import record, run_fixed_gain
+from observer.kernels.codes import DONE
+from observer.kernels.fixed_gain import KEY
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
@@ -160,46 +162,43 @@ class FixedGainEstimator(BlockEstimator):
 
     def scratch(self) -> Scratch:
         """Return what kernels change on the way, with what is considered."""
-        return FixedGainScratch(self.plant, self._arrays, self._roughly, self.initial())
+        reported = len(self.plant.rows.C) - self.plant.rows.sensors
+        return FixedGainScratch(self._arrays, self._roughly, self.initial(), reported, optimal=self.optimal)
 
     def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
-        bins = record(self._bank.bins(chunk.lengths_s))
-        first, resumed, key = 0, 0, 0
-        while key != DONE:
-            first, key, resumed = run_fixed_gain(
+        bins, at = record(self._bank.bins(chunk.lengths_s)), scratch.at
+        at[:] = 0
+        while True:
+            run_fixed_gain(
                 self.plant_record, chunk.table, bins, inputs, chunk.step, scratch.running_record,
-                self.gate_sigma, self.optimal, self._bank.table, results, first, resumed,
-                scratch.work_record, scratch.columns, scratch.considered,
+                self.gate_sigma, self._bank.table, results, scratch.work_record, scratch.own,
             )  # fmt: skip
-            if key != DONE:
-                self._bank.add(int(key))
+            if at[KEY] == DONE:
+                return
+            self._bank.add(int(at[KEY]))
 
 
 class FixedGainScratch(Scratch):
     """The same with the steady step's columns, and what is considered, on the memory of the state."""
 
     def __init__(
-        self, plant: Plant, arrays: PlantArrays, roughly: PlantArrays, initial: EstimatorState
+        self,
+        arrays: PlantArrays,
+        roughly: PlantArrays,
+        initial: EstimatorState,
+        reported: int,
+        *,
+        optimal: bool,
     ) -> None:
         """Allocate it; `roughly` is the plant with what is only roughly known of it."""
         super().__init__(arrays, initial)
         n, s, L = len(self.running.x), len(self.running.suspect), len(roughly.learn.kind)
         first = n + 2 * s if L else 0
         around, S = self.running.around[:first], self.running.around[first:].reshape(n, L)
-        self.columns = record(steady_step(arrays, len(plant.rows.C) - s))
-        self.considered = record(
-            Considered(
-                roughly,
-                packing.scratch(roughly),
-                around,
-                S,
-                np.zeros(n + L),
-                np.zeros((s, L)),
-                np.zeros(s),
-                np.zeros(s),
-                np.zeros(1, np.int64),
-            )
+        self.at = np.zeros(3, np.int64)
+        self.own = record(
+            FixedGainWork(optimal, self.at, steady_step(arrays, reported), considered(roughly, around, S))
         )
 
 

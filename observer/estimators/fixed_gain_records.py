@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.estimators.packing import IntArray, PlantArrays, Work
+from observer.estimators.packing import IntArray, PlantArrays, Work, scratch
 from observer.frames import FloatArray
-from observer.kernels.layout import padded_width
+from observer.kernels.layout import padded_width, zeros
 
-_REGISTER, _EIGHT, _LINE = 4, 8, 8
-"""Numbers in a vector register, rows that `vector.weigh` takes at a time, numbers in a line of the cache."""
+_REGISTER, _EIGHT = 4, 8
+"""Numbers in a vector register, and rows that `vector.weigh` takes at a time."""
 _RUN = 128
 """Steps in a run: few enough that they stay in the nearest cache."""
 
@@ -81,35 +81,27 @@ def steady_step(arrays: PlantArrays, reported: int) -> SteadyStep:
     (m, n_x), p, m_e, s = arrays.B.shape, len(arrays.E), len(arrays.source), len(arrays.R_K2)
     own, shown = padded_width(s, _REGISTER), padded_width(reported, _REGISTER)
     width, c, pushing = (padded_width(count, _EIGHT) for count in (n_x + p + m_e, m + 2 * p, m_e + own))
-    rows = _aligned(width, shown)
+    rows = zeros((width, shown))
     rows[:n_x, :reported] = arrays.rows[:, :reported]
     rows[n_x : n_x + p, :reported] = arrays.rows_F[:, :reported]
     step = padded_width(width - m_e + pushing, _EIGHT)
     return SteadyStep(
-        decay=_aligned(width),
+        decay=zeros((width,)),
         drives=np.zeros((m + 2 * p + m_e, width)),
-        sensors=_aligned(width, own),
-        inputs=_aligned(c, width + own),
-        seen=_aligned(width, own),
-        push=_aligned(pushing, width),
+        sensors=zeros((width, own)),
+        inputs=zeros((c, width + own)),
+        seen=zeros((width, own)),
+        push=zeros((pushing, width)),
         rows=rows,
-        weights=_aligned(_RUN, c),
-        forced=_aligned(width + own),
-        states=_aligned(_RUN + 1, step),
-        value=_aligned(_RUN, shown),
+        weights=zeros((_RUN, c)),
+        forced=zeros((width + own,)),
+        states=zeros((_RUN + 1, step)),
+        value=zeros((_RUN, shown)),
         nu_sigma=np.zeros(s),
         gate_K2=np.zeros(s),
         jump_W2=np.zeros(m_e),
         present=np.zeros(s, np.uint8),
     )
-
-
-def _aligned(*shape: int) -> FloatArray:
-    """Zeros that begin with a line of the cache: no register of them lies across two."""
-    size = int(np.prod(shape))
-    numbers = np.zeros(size + _LINE)
-    begin = -(numbers.ctypes.data // numbers.itemsize) % _LINE
-    return numbers[begin : begin + size].reshape(shape)
 
 
 class Considered(NamedTuple):
@@ -129,3 +121,21 @@ class Considered(NamedTuple):
     variance: FloatArray
     e: FloatArray
     taken: IntArray
+
+
+def considered(plant: PlantArrays, around: FloatArray, S: FloatArray) -> Considered:
+    """Allocate what is considered of a plant, on the memory of its state."""
+    (n, L), s = S.shape, len(plant.R_K2)
+    return Considered(
+        plant, scratch(plant), around, S, np.zeros(n + L), np.zeros((s, L)), np.zeros(s), np.zeros(s),
+        np.zeros(1, np.int64),
+    )  # fmt: skip
+
+
+class FixedGainWork(NamedTuple):
+    """What a run with fixed gains works on: `optimal` and `at` (3,) as in `kernels.fixed_gain.observe`."""
+
+    optimal: bool
+    at: IntArray
+    steady: SteadyStep
+    considered: Considered

@@ -17,14 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.frames import FloatArray, contiguous
+from observer.frames import FloatArray
 from observer.history.stacked import Prior, StackedProblem
-from observer.kernels import find_heats_stepwise
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant
 
 _ITERATIONS = 1000
 _REST = 1e-10
+_STEP_ITERATIONS, _STEP_REST = 50, 1e-20
 _PATIENCE, _WORTH_IT = 20, 1e-3
 """A descent continues while twenty iterations still lower the misfit by a thousandth."""
 
@@ -137,18 +137,41 @@ def _smoothed(variance: FloatArray) -> FloatArray:
 def stepwise_heats(plant: Plant, problem: StackedProblem, rise_K: FloatArray) -> FloatArray:
     """Return the heats (T, m_e) found step by step from Z, `rise_K` (K, s); `plant` has no moving sources.
 
-    At step n only q_n is unknown: J_n = Σ_i (T_i(q) - y_i)² is minimised by conjugate gradients with central
-    differences, from the heats of the step before, until J_n is at the noise level; then the step is final.
-    Nothing links the steps, so each must be long enough for heat to reach the sensors; otherwise noise is
-    taken for heat. Source: Lathe's equations 11 to 17.
+    At step n only q_n is unknown: J_n = Σ_i (T_i(q) - y_i)² is minimised by conjugate gradients from the
+    heats of the step before, until J_n is at the noise level; then the step is final. Nothing links the
+    steps, so each must be long enough for heat to reach the sensors; otherwise noise is taken for heat. J_n
+    is quadratic, so its gradient is what central differences, as printed, give. Source: Lathe's equations 11
+    to 17.
     """
+    decay = np.exp(-plant.decay_1_s * problem.dt_s)
     held = step_matrices(plant, problem.dt_s).hold[:, None] * plant.B[:, plant.estimated]
+    C = plant.rows.C[: plant.rows.sensors]
     out = np.empty((problem.steps, problem.heats))
-    C = np.ascontiguousarray(plant.rows.C[: plant.rows.sensors])
-    n_x, m = held.shape
-    find_heats_stepwise(
-        np.exp(-plant.decay_1_s * problem.dt_s), contiguous(held), C, C @ held, contiguous(rise_K),
-        contiguous(problem.weight_1_K), out,
-        np.zeros(n_x), np.zeros(m), np.empty(len(C)), np.empty(m), np.empty(m),
-    )  # fmt: skip
+    G, x, q = C @ held, np.zeros(len(held)), np.zeros(problem.heats)
+    for k, (y, weight) in enumerate(zip(rise_K[1:], problem.weight_1_K[1:], strict=True)):
+        x *= decay
+        used = weight > 0.0
+        q = _descend_step(G[used], (C @ x - y)[used], q, float(np.sum(weight[used] ** -2.0)))
+        out[k] = q
+        x += held @ q
     return out
+
+
+def _descend_step(G: FloatArray, off_K: FloatArray, q: FloatArray, enough_K2: float) -> FloatArray:
+    """Return q for which |off + G q|² is at the noise level, or as small as fifty iterations make it."""
+    error, direction, before, first = off_K + G @ q, np.zeros_like(q), 0.0, 0.0
+    for _ in range(_STEP_ITERATIONS):
+        if error @ error <= enough_K2:
+            break
+        gradient = 2.0 * error @ G
+        steepness = float(gradient @ gradient)
+        first = first or steepness
+        if steepness <= _STEP_REST * first:
+            break
+        direction = gradient + (steepness / before if before else 0.0) * direction
+        change = G @ direction
+        step = float(error @ change / (change @ change))
+        q = q - step * direction
+        error = error - step * change
+        before = steepness
+    return q

@@ -23,7 +23,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators import packing
-from observer.estimators.fixed_gain_records import Considered
+from observer.estimators.fixed_gain_records import considered
 from observer.estimators.steps import StepCache, chunks
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.history.smoother import smooth_changes
@@ -96,19 +96,8 @@ class _Along:
         n, s, L = packing.states_of(plant), plant.rows.sensors, len(arrays.learn.kind)
         of_machine = max(arrays.learn.machine, 1)
         self._x = np.zeros(n)
-        self._allowed = record(
-            Considered(
-                arrays,
-                packing.scratch(arrays),
-                around=np.zeros(n - L + 2 * s),
-                S=np.zeros((n - L, of_machine)),
-                nothing=np.zeros(n),
-                nu=np.zeros((s, of_machine)),
-                variance=np.zeros(s),
-                e=np.zeros(s),
-                taken=np.zeros(1, np.int64),
-            )
-        )
+        around, S = np.zeros(n - L + 2 * s), np.zeros((n - L, of_machine))
+        self._considered = record(considered(arrays, around, S))
 
     def __call__(self, u: Inputs, D: FloatArray) -> FloatArray:
         """Fill D (K, s, …) for the steps of a block, the very first of which starts from the sensors; return
@@ -121,7 +110,14 @@ class _Along:
         expected_degC = np.full(u.y_degC.shape, np.nan)
         for part, _, table, chunk, step in chunks(self._steps, u):
             run_tolerances(
-                self._allowed, table, record(chunk), step, self._x, self._begins, D[part], expected_degC[part]
+                self._considered,
+                table,
+                record(chunk),
+                step,
+                self._x,
+                self._begins,
+                D[part],
+                expected_degC[part],
             )
             self._begins = False
         return expected_degC

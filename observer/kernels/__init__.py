@@ -14,8 +14,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from observer.kernels.codes import DONE
-
 VARIABLE = "OBSERVER_KERNELS"
 _WAYS = ("any", "avx2", "interpreted")
 
@@ -47,7 +45,7 @@ def _load(way: str) -> dict[str, Any]:
     if way == "interpreted":
         modules = (
             "kalman", "fixed_gain", "smoother", "advance", "bank", "changes", "exact_step", "path",
-            "selftest", "stepwise", "message", "live", "walk", "cells",
+            "selftest", "message", "live", "walk", "cells",
         )  # fmt: skip
         entries: dict[str, Any] = {}
         for name in modules:
@@ -84,38 +82,8 @@ def record(fields: Any) -> Any:
     return kind(**values)
 
 
-run_kalman = _loaded["run_kalman"]
-run_bank = _loaded["run_bank"]
-run_until_due = _loaded["run_until_due"]
-pour = _loaded["pour"]
-put_bounds = _loaded["put_bounds"]
-run_fixed_gain = _loaded["run_fixed_gain"]
-run_forward = _loaded["run_forward"]
-run_backward = _loaded["run_backward"]
-run_tolerances = _loaded["run_tolerances"]
-run_changes_forward = _loaded["run_changes_forward"]
-run_changes_backward = _loaded["run_changes_backward"]
-march = _loaded["march"]
-discretise = _loaded["discretise"]
-number_steps = _loaded["number_steps"]
-follow_path = _loaded["follow_path"]
-average_columns = _loaded["average_columns"]
-add_columns = _loaded["add_columns"]
-fill_inputs = _loaded["fill_inputs"]
-put_reading = _loaded["put_reading"]
-tick_on = _loaded["tick_on"]
-walk_rows = _loaded["walk_rows"]
-step_frame = _loaded["step_frame"]
-encode = _loaded["encode"]
-compare_ways = _loaded["compare_ways"]
-run_selftest = _loaded["run_selftest"]
-find_heats_stepwise = _loaded["find_heats_stepwise"]
-read_rows = _loaded["read_rows"]
-
-__all__ = [
-    "DONE", "WAY", "add_columns", "average_columns", "compare_ways", "discretise", "encode", "fill_inputs",
-    "find_heats_stepwise", "follow_path", "march", "number_steps", "pour", "put_bounds", "put_reading",
-    "read_rows", "record", "run_backward", "run_bank", "run_changes_backward", "run_changes_forward",
-    "run_fixed_gain", "run_forward", "run_kalman", "run_selftest", "run_tolerances", "run_until_due",
-    "step_frame", "tick_on", "walk_rows",
-]  # fmt: skip
+def __getattr__(name: str) -> Any:
+    """Return an entry of the kernels: `run_kalman`, `march`, `step_frame` and the others."""
+    if name in _loaded and not name.startswith("_"):
+        return _loaded[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

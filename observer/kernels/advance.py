@@ -129,6 +129,33 @@ def couple_covariance(p, u, k, z, B, half, P, work):
             P[b, a] = P[a, b]
 
 
+def advance_columns(p, t, d, B, X):
+    """The step without inputs for every column of X (n, c): x⁺ = e∘x + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
+    n_x, count = B.shape[1], X.shape[1]
+    for a in range(n_x):
+        keep = t.decay[d, a]
+        for q in range(count):
+            X[a, q] *= keep
+        for j in range(len(p.source)):
+            add_row(X[a], B[p.source[j], a] * t.couple[d, j, a], X[n_x + j])
+    for j in range(len(p.source)):
+        keep = t.heat_decay[d, j]
+        for q in range(count):
+            X[n_x + j, q] *= keep
+
+
+def couple_columns(p, u, k, z, x, X, work):
+    """What half a coupling, taken at the state x, does to every column of X."""
+    half_s, n_x = 0.5 * u.dt_s[k], work.B.shape[1]
+    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, X[:n_x], work.shift, work.link)
+
+
+def add_row(target, weight, row):
+    """target += weight · row."""
+    for q in range(len(target)):
+        target[q] += weight * row[q]
+
+
 def march_steps(p, t, decay, u, B, C, work, x, states, first):
     """March x over steps of `u` from `first` on; `states` (K, n_x + p) are the states and known inputs at
     their ends. What drives a plant that is not coupled is made anew only where it is not what it was.

@@ -1,4 +1,4 @@
-cdef Py_ssize_t SPAN_S, DUE_S, DEGRADED, OF_SPAN
+cdef Py_ssize_t SPAN_S, DUE_S, DEGRADED
 
 @cython.locals(dt_s=double, weight=double)
 cdef bint gather(Inputs u, Py_ssize_t k, Gathered g) noexcept nogil

@@ -25,7 +25,6 @@ from observer.kernels.step import project, residual, sensor_covariance
 
 # What of a span is gathered beside arrays: how long it is and shall be, and the worst that was degraded.
 SPAN_S, DUE_S, DEGRADED = 0, 1, 2
-OF_SPAN = 3
 
 
 def gather(u, k, g):

@@ -6,9 +6,9 @@ arithmetic only. Column 0 stands for the log itself on the way back, the others 
 
 from __future__ import annotations
 
-from observer.kernels.advance import move_columns
+from observer.kernels.advance import add_row, advance_columns, couple_columns, move_columns
 from observer.kernels.consider import begin_considered, consider_readings, propagate_considered
-from observer.kernels.coupling import couple, coupled
+from observer.kernels.coupling import coupled
 from observer.kernels.judging import step_is_finite
 from observer.kernels.kalman import SKIPPED, STEPPED
 from observer.kernels.learning import advance_learning, below
@@ -78,10 +78,10 @@ def changes_forward(p, t, u, step, tape, work, X, moved, heat):
         move_columns(p, u, k, B, C)
         if tape.kind[k] == STEPPED:
             if p.coupling.active:
-                couple_changes(p, u, k, u.z_start[k], tape.coupled[k, 0], X, work)
-            step_changes(p, t, step[k], B, X)
+                couple_columns(p, u, k, u.z_start[k], tape.coupled[k, 0], X, work)
+            advance_columns(p, t, step[k], B, X)
             if p.coupling.active:
-                couple_changes(p, u, k, u.z_end[k], tape.coupled[k, 1], X, work)
+                couple_columns(p, u, k, u.z_end[k], tape.coupled[k, 1], X, work)
         for i in range(len(p.R_K2)):
             if tape.weight[k, i] > 0.0:
                 for a in range(n_x):
@@ -96,27 +96,6 @@ def changes_forward(p, t, u, step, tape, work, X, moved, heat):
             for q in range(count):
                 heat[k, j, q] = X[n_x + j, q]
             heat[k, j, 0] = tape.heat[k, j]
-
-
-def step_changes(p, t, d, B, X):
-    """x⁺ = e∘x + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ, for every column."""
-    n_x, count = B.shape[1], X.shape[1]
-    for a in range(n_x):
-        keep = t.decay[d, a]
-        for q in range(count):
-            X[a, q] *= keep
-        for j in range(len(p.source)):
-            add_row(X[a], B[p.source[j], a] * t.couple[d, j, a], X[n_x + j])
-    for j in range(len(p.source)):
-        keep = t.heat_decay[d, j]
-        for q in range(count):
-            X[n_x + j, q] *= keep
-
-
-def couple_changes(p, u, k, z, x, X, work):
-    """What half a coupling, taken at the state x, does to every column."""
-    half_s, n_x = 0.5 * u.dt_s[k], work.B.shape[1]
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, X[:n_x], work.shift, work.link)
 
 
 def changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information):
@@ -170,9 +149,3 @@ def couple_changes_back(p, u, k, z, x, R, work):
         for i in range(n_x):
             for a in range(n_x):
                 R[a, q] += M[i, a] * was[i]
-
-
-def add_row(target, weight, row):
-    """target += weight · row."""
-    for q in range(len(target)):
-        target[q] += weight * row[q]

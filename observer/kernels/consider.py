@@ -11,80 +11,37 @@ taken along a field that follows the estimate slowly, as where they are learnt (
 
 from __future__ import annotations
 
-from observer.kernels.advance import move_columns
-from observer.kernels.coupling import couple
+from observer.kernels.advance import advance_columns, couple_columns, move_columns
 from observer.kernels.covariance import squared
 from observer.kernels.judging import clear
-from observer.kernels.learning import below, draw_near, follow, see
+from observer.kernels.learning import draw_near, follow, linearise_at
 from observer.kernels.libc import sqrt
 
 
 def begin_considered(a, u, k, x):
     """At the start: the effects are taken at the state, and nothing is off by a parameter yet."""
-    C = a.work.C
     if a.S.shape[1] == 0:
         return
-    move_columns(a.plant, u, k, a.work.B, C)
-    first, s = len(a.plant.uniform) + len(a.plant.source), len(a.plant.R_K2)
+    move_columns(a.plant, u, k, a.work.B, a.work.C)
     clear(a.S)
-    for b in range(first):
-        a.around[b] = x[b]
-    for i in range(s):
-        a.around[first + i] = below(a.plant, u, k, C, i, a.around)
-        a.around[first + s + i] = a.around[first + i]
-    see(a.plant, u, k, 0.0, C, a.around)
+    linearise_at(a.plant, u, k, a.work.C, x, a.around)
 
 
 def propagate_considered(a, t, d, u, k):
     """Take `around` and S over step k, once."""
-    S = a.S
-    if S.shape[1] == 0 or a.taken[0] == 1:
+    if a.S.shape[1] == 0 or a.taken[0] == 1:
         return
     a.taken[0] = 1
-    n_x, m_e, sigma = len(a.plant.uniform), len(a.plant.source), a.plant.learn.sigma
     move_columns(a.plant, u, k, a.work.B, a.work.C)
     follow(a.plant, t, d, u, k, a.work.B, a.work.C, a.around, a.nothing, a.work)
-    half_s, before = 0.5 * u.dt_s[k], a.work.before
-    rate_1_s, drawn_degC = u.loss_1_s[k], u.loss_degC[k]
     if a.plant.coupling.active:
-        couple(
-            a.plant.coupling,
-            rate_1_s,
-            drawn_degC,
-            u.z_start[k],
-            a.work.B,
-            half_s,
-            before[0],
-            S[:n_x],
-            a.work.shift,
-            a.work.link,
-        )
-    for b in range(n_x):
-        for r in range(S.shape[1]):
-            S[b, r] *= t.decay[d, b]
-    for j in range(m_e):
-        index = a.plant.source[j]
-        for b in range(n_x):
-            for r in range(S.shape[1]):
-                S[b, r] += a.work.B[index, b] * t.couple[d, j, b] * S[n_x + j, r]
-        for r in range(S.shape[1]):
-            S[n_x + j, r] *= t.heat_decay[d, j]
+        couple_columns(a.plant, u, k, u.z_start[k], a.work.before[0], a.S, a.work)
+    advance_columns(a.plant, t, d, a.work.B, a.S)
     for i in range(a.plant.learn.machine):
-        for b in range(n_x):
-            S[b, i] += a.work.G[m_e + i, b] * sigma[i]
+        for b in range(len(a.plant.uniform)):
+            a.S[b, i] += a.work.G[len(a.plant.source) + i, b] * a.plant.learn.sigma[i]
     if a.plant.coupling.active:
-        couple(
-            a.plant.coupling,
-            rate_1_s,
-            drawn_degC,
-            u.z_end[k],
-            a.work.B,
-            half_s,
-            before[1],
-            S[:n_x],
-            a.work.shift,
-            a.work.link,
-        )
+        couple_columns(a.plant, u, k, u.z_end[k], a.work.before[1], a.S, a.work)
 
 
 def consider_readings(a, S_nu):

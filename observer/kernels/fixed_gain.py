@@ -8,7 +8,6 @@ for an arbitrary K), so σ stays honest.
 
 from __future__ import annotations
 
-from observer.kernels.advance import move_columns, put_laws
 from observer.kernels.codes import DONE, GOOD
 from observer.kernels.consider import (
     add_considered,
@@ -22,31 +21,19 @@ from observer.kernels.consider import (
 from observer.kernels.judging import (
     add_prior,
     defer_readmitted,
-    find_usable,
     gate,
-    inflate_for_lost_position,
     inflate_for_rejected,
     invalidate,
-    judge,
-    move_rows,
     skip,
-    step_is_finite,
     write_innovations,
-    write_sigmas,
-    write_values,
+    write_step,
 )
+from observer.kernels.kalman import SKIPPED, STARTED, STEPPED, start_or_predict
 from observer.kernels.libc import cython
 from observer.kernels.steady_state_step import take_steady_steps
-from observer.kernels.step import (
-    compare,
-    correct,
-    is_drastic,
-    predict,
-    start,
-    symmetrise,
-)
+from observer.kernels.step import compare, correct, is_drastic, symmetrise
 
-_PREDICTED, _STARTED = 1, 2
+STEP, KEY, TAKEN = 0, 1, 2
 
 
 def find_gain(gains, key):
@@ -92,151 +79,119 @@ def put(source, target):
             target[a, b] = source[a, b]
 
 
-def correct_covariance(R_K2, C, accepted, K, g, P, A):
-    """P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ for any K, with g_i = P c_i; absent sensors take no part."""
-    n, width, n_x = P.shape[0], P.shape[1], C.shape[1]
+def correct_by_gain(p, K, state, work):
+    """x⁺ = x + K ν, P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ for any K; sensors that are not accepted take no
+    part.
+    """
+    P, A, n_x = state.P, work.A, work.C.shape[1]
     put(P, A)
-    for i in range(len(accepted)):
-        if accepted[i]:
-            for a in range(n):
+    for i in range(len(work.accepted)):
+        if work.accepted[i]:
+            for a in range(P.shape[0]):
                 gain = K[a, i]
-                for b in range(width):
-                    A[a, b] -= gain * g[i, b]
+                state.x[a] += gain * work.nu[i]
+                for b in range(P.shape[1]):
+                    A[a, b] -= gain * work.g[i, b]
     put(A, P)
-    for i in range(len(accepted)):
-        if accepted[i]:
-            for a in range(n):
-                rest = R_K2[i] * K[a, i]
+    for i in range(len(work.accepted)):
+        if work.accepted[i]:
+            for a in range(P.shape[0]):
+                rest = p.R_K2[i] * K[a, i]
                 for b in range(n_x):
-                    rest -= A[a, b] * C[i, b]
-                for b in range(n):
+                    rest -= A[a, b] * work.C[i, b]
+                for b in range(P.shape[0]):
                     P[a, b] += rest * K[b, i]
     symmetrise(P)
 
 
-def key_of(u, k, usable, accepted, suspect, step_bin):
-    """Key of the gain for the sensors that are good, and whether all of them correct at step k.
+def key_of(u, k, state, work, step_bin):
+    """Key of the gain for the sensors that are good, whether all of them correct at step k, and whether any.
 
     A good sensor that only has no new sample at this tick counts as present: its gain waits for its next
     sample.
     """
-    s = len(usable)
-    alive, complete = 0, True
+    s, alive, complete, correcting = len(work.usable), 0, True, False
     for i in range(s):
-        if u.quality[k, i] == GOOD and suspect[i] == 0.0:
+        correcting = correcting or work.accepted[i] != 0
+        if u.quality[k, i] == GOOD and state.suspect[i] == 0.0:
             alive += 1 << i
-            complete = complete and accepted[i]
-    return (step_bin << s) + alive, complete
+            complete = complete and work.accepted[i]
+    return (step_bin << s) + alive, complete, correcting
 
 
-def correct_state(K, chosen, accepted, nu, x):
-    """Add K ν of the accepted sensors to x."""
-    for i in range(len(accepted)):
-        if accepted[i]:
-            for a in range(len(x)):
-                x[a] += K[chosen, a, i] * nu[i]
+def observe(p, t, bins, u, step, state, gate_sigma, gains, out, work, own):
+    """Run the observer over the K steps of `u`, changing `state` and filling `out`.
 
-
-def observe(p, t, bins, u, step, state, gate_sigma, optimal, gains, out, first, resumed, work, c, considered):
-    """Run the observer over the K steps of `u` from `first` on, changing `state` and filling `out`.
-
-    `step` (K,) is where each step's length is in the table `t`.
-    Returns (k, key, resumed). Where a gain is not in the table it stops before that step's correction and
-    names it; called again from there with the `resumed` it returned, it goes on. `optimal`: until the
-    covariance has settled, correct by the Kalman gain of the moment instead of the one in the table.
-    What is `considered` widens the gate and the reported σ, and changes no estimate.
+    `step` (K,) is where each step's length is in the table `t`. `own.at` says which step is next, and, where
+    its gain is not in the table, the key of that gain and how the step was taken: with the gain added and
+    called again, it goes on from there. `own.optimal`: until the covariance has settled, correct by the
+    Kalman gain of the moment instead of the one in the table. What is `own.considered` widens the gate and
+    the reported σ, and changes no estimate.
     """
-    s = u.y_degC.shape[1]
-    x, P, B, C = state.x, state.P, work.B, work.C
-    nu, S, g, usable, accepted = work.nu, work.S_nu, work.g, work.usable, work.accepted
-    suspect, roughly = work.suspect, considered.S.shape[1] > 0
-    settled = find_settled(gains, P) if resumed == 0 else -1
-    k = first
+    taken = own.at[TAKEN]
+    settled = find_settled(gains, state.P) if taken == SKIPPED else -1
+    k = own.at[STEP]
     while k < len(step):
         if settled >= 0:
             k = take_steady_steps(
-                p, t, bins, u, step, state, gate_sigma, gains, settled, out, k, work, c, considered
-            )
+                p, t, bins, u, step, state, gate_sigma, gains, settled, out, k, work, own.steady,
+                own.considered,
+            )  # fmt: skip
             settled = -1
             continue
-        present = find_usable(u, k, usable)
-        if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
-            skip(u, k, usable, state, out)
-            settled = find_settled(gains, P)
-            k += 1
-            continue
-        d = step[k]
-        started = resumed == _STARTED
-        move_columns(p, u, k, B, C)
-        if resumed == 0 and state.flags[0] == 0:
-            start(p, C, u, k, usable, x, P, nu)
-            begin_considered(considered, u, k, x)
-            put_laws(p, u, k, B, x, work.law)
-            started = True
-            state.flags[0] = 1
-        elif resumed == 0:
-            if roughly:
-                propagate_considered(considered, t, d, u, k)
-            predict(p, t, d, u, k, state, work)
-            inflate_for_lost_position(p, u, k, state.lost_s, P)
-        resumed = 0
+        if taken == SKIPPED:
+            taken = start_or_predict(p, t, step[k], u, k, state, work)
+            if taken == STARTED:
+                begin_considered(own.considered, u, k, state.x)
+            elif taken == STEPPED:
+                propagate_considered(own.considered, t, step[k], u, k)
+            else:
+                skip(u, k, work.usable, state, out)
+                settled = find_settled(gains, state.P)
+                k += 1
+                continue
         compare(p, u, k, state, work)
-        consider_readings(considered, S)
-        copy(state.suspect, suspect)
-        write_innovations(nu, considered.variance, usable, k, out)
+        consider_readings(own.considered, work.S_nu)
+        copy(state.suspect, work.suspect)
+        write_innovations(work.nu, own.considered.variance, work.usable, k, out)
         out.log_likelihood[k] = 0.0
-        released = gate(nu, considered.variance, usable, state.suspect, gate_sigma, accepted)
+        released = gate(own.considered.variance, gate_sigma, state, work)
         if not released:
-            defer_readmitted(nu, usable, accepted, state.suspect, state.refused_s, state.opened_K)
-        correcting = False
-        for i in range(s):
-            correcting = correcting or accepted[i] != 0
-        key, complete = key_of(u, k, usable, accepted, state.suspect, bins.number[d])
+            defer_readmitted(state, work)
+        key, complete, correcting = key_of(u, k, state, work, bins.number[step[k]])
         chosen = find_gain(gains, key)
         if chosen < 0 and correcting:
-            copy(suspect, state.suspect)
-            return k, key, _STARTED if started else _PREDICTED
+            copy(work.suspect, state.suspect)
+            own.at[STEP], own.at[KEY], own.at[TAKEN] = k, key, taken
+            return
         if released:
-            add_prior(p, P, 1.0)
-        share = inflate_for_rejected(
-            p, C, u.dt_s[k], usable, accepted, nu, state.suspect, state.refused_s, state.opened_K, P
-        )
-        if released or share > 0.0:
+            add_prior(p, state.P, 1.0)
+        if inflate_for_rejected(p, u.dt_s[k], state, work) > 0.0 or released:
             compare(p, u, k, state, work)
-        if correcting and (optimal or started or released):
+        if correcting and (own.optimal or taken == STARTED or released):
             drastic = is_drastic(p, work)
             correct(p, state, work)
-            if drastic:  # no factors are left; the gain of the table is near enough for what is allowed for
-                correct_considered(considered, gains.K[chosen], accepted)
+            if drastic:  # no factors are left; the gain of the table is near enough for what is considered
+                correct_considered(own.considered, gains.K[chosen], work.accepted)
             else:
-                correct_considered_jointly(considered, accepted, work.L, work.W, work.order)
+                correct_considered_jointly(own.considered, work.accepted, work.L, work.W, work.order)
         elif correcting:
-            correct_considered(considered, gains.K[chosen], accepted)
-            correct_state(gains.K, chosen, accepted, nu, x)
-            correct_covariance(p.R_K2, C, accepted, gains.K[chosen], g, P, work.A)
-        steady = correcting and complete and bins.exact[d] and p.coupling.active == 0
-        if steady and gains.steady[chosen] and near(P, gains, chosen):
-            put(gains.P[chosen], P)
+            correct_considered(own.considered, gains.K[chosen], work.accepted)
+            correct_by_gain(p, gains.K[chosen], state, work)
+        steady = correcting and complete and bins.exact[step[k]] and p.coupling.active == 0
+        if steady and gains.steady[chosen] and near(state.P, gains, chosen):
+            put(gains.P[chosen], state.P)
             settled = chosen
-        finish_considered(considered, u.dt_s[k], x)
-        out.quality[k] = judge(u, k, usable, accepted, state, out)
-        move_rows(p, u, k, work.rows)
-        known = write_values(p, u, k, state, work, out)
-        known = write_sigmas(state, k, work, out) and known
-        if roughly:
-            add_considered(considered, work.rows, k, out)
+        finish_considered(own.considered, u.dt_s[k], state.x)
+        known = write_step(p, u, k, state, work, out)
+        add_considered(own.considered, work.rows, k, out)
         if not known:
             invalidate(out, k)
-        k += 1
-    return len(step), DONE, 0
+        k, taken = k + 1, SKIPPED
+    own.at[STEP], own.at[KEY] = k, DONE
 
 
-def run_fixed_gain(
-    p, t, bins, u, step, state, gate_sigma, optimal, gains, out, first, resumed, work, c, considered
-):
+def run_fixed_gain(p, t, bins, u, step, state, gate_sigma, gains, out, work, own):
     """Run an observer with fixed gains (see `fixed_gain.observe`)."""
     with cython.nogil:
-        done = observe(
-            p, t, bins, u, step, state, gate_sigma, optimal, gains, out, first, resumed, work, c, considered
-        )
-    return done  # noqa: RET504  (Python takes part again only here)
+        observe(p, t, bins, u, step, state, gate_sigma, gains, out, work, own)

@@ -6,11 +6,11 @@ cdef inline void forget(double[:, ::1] rows, Py_ssize_t k) noexcept nogil
 @cython.locals(total=double)
 cdef inline bint step_is_finite(Inputs u, Py_ssize_t k) noexcept nogil
 cdef inline Py_ssize_t find_usable(Inputs u, Py_ssize_t k, unsigned char[::1] usable) noexcept nogil
-cdef inline bint gate(double[::1] nu, double[::1] S, unsigned char[::1] usable, double[::1] suspect, double gate_sigma, unsigned char[::1] accepted) noexcept nogil
+cdef inline bint gate(double[::1] S, double gate_sigma, Running state, Work work) noexcept nogil
 @cython.locals(due=bint)
-cdef inline void defer_readmitted(double[::1] nu, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] suspect, double[::1] refused_s, double[::1] opened_K) noexcept nogil
+cdef inline void defer_readmitted(Running state, Work work) noexcept nogil
 @cython.locals(share=double)
-cdef inline double inflate_for_rejected(PlantArrays p, double[:, ::1] C, double dt_s, unsigned char[::1] usable, unsigned char[::1] accepted, double[::1] nu, double[::1] suspect, double[::1] refused_s, double[::1] opened_K, double[:, ::1] P) noexcept nogil
+cdef inline double inflate_for_rejected(PlantArrays p, double dt_s, Running state, Work work) noexcept nogil
 cdef inline void inflate_for_lost_position(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] lost_s, double[:, ::1] P) noexcept nogil
 @cython.locals(variance=double)
 cdef double _share_of_prior(PlantArrays p, double[:, ::1] C, Py_ssize_t i, double nu) noexcept nogil
@@ -24,5 +24,7 @@ cdef inline void move_rows(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1]
 cdef inline bint write_values(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
 cdef inline bint write_sigmas(Running state, Py_ssize_t k, Work work, Results out) noexcept nogil
 cdef inline void clear(double[:, ::1] P) noexcept nogil
-@cython.locals(opened=bint, share=double)
+@cython.locals(known=bint)
+cdef inline bint write_step(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
+@cython.locals(released=bint)
 cdef inline bint judge_sensors(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil

@@ -67,13 +67,14 @@ def find_usable(u, k, usable):
     return count
 
 
-def gate(nu, S, usable, suspect, gate_sigma, accepted):
-    """Refuse |ν_i| > gate √S_ii; return whether the model, not the sensors, is the surprised one.
+def gate(S, gate_sigma, state, work):
+    """Refuse |ν_i| > gate √S_i; return whether the model, not the sensors, is the surprised one.
 
     That is so when more than half of the usable sensors have each been refused for three steps in a row: then
     everything is accepted, the counts start afresh, and the caller must inflate P before it corrects. A
     single sensor among several stays refused for as long as it disagrees.
     """
+    nu, usable, accepted, suspect = work.nu, work.usable, work.accepted, state.suspect
     present, long_refused = 0, 0
     for i in range(len(nu)):
         accepted[i] = usable[i]
@@ -95,27 +96,28 @@ def gate(nu, S, usable, suspect, gate_sigma, accepted):
     return True
 
 
-def defer_readmitted(nu, usable, accepted, suspect, refused_s, opened_K):
-    """Keep sensors out that the state was opened for, until the others have spoken or they agree again."""
-    for i in range(len(usable)):
-        since_s = refused_s[i] - REOPEN_AFTER_S
+def defer_readmitted(state, work):
+    """Keep sensors out for which P was inflated, until the others have corrected or they agree again."""
+    opened_K = state.opened_K
+    for i in range(len(work.usable)):
+        since_s = state.refused_s[i] - REOPEN_AFTER_S
         due = since_s >= 0.0 and fmod(since_s, REOPEN_EVERY_S) < HELD_BACK_S
-        if accepted[i] and due and opened_K[i] != 0.0 and abs(nu[i]) > _AGREES * abs(opened_K[i]):
-            accepted[i] = False
-            suspect[i] = 1.0
+        if work.accepted[i] and due and opened_K[i] != 0.0 and abs(work.nu[i]) > _AGREES * abs(opened_K[i]):
+            work.accepted[i] = False
+            state.suspect[i] = 1.0
 
 
-def inflate_for_rejected(p, C, dt_s, usable, accepted, nu, suspect, refused_s, opened_K, P):
-    """Count for how long each sensor has been refused; return by what share of its prior P was opened.
+def inflate_for_rejected(p, dt_s, state, work):
+    """Count for how long each sensor has been refused; return by what share of its prior P was inflated.
 
     A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
     After 20 s and three samples, and then every minute, P gets the share of its prior that would let the
     refused sensor be right, and the others say first what they make of it. One that is broken is refused
     again.
     """
-    share = 0.0
+    usable, refused_s, opened_K, share = work.usable, state.refused_s, state.opened_K, 0.0
     for i in range(len(usable)):
-        if usable[i] and accepted[i]:
+        if usable[i] and work.accepted[i]:
             refused_s[i] = 0.0
             opened_K[i] = 0.0
         elif usable[i] or refused_s[i] > 0.0:
@@ -123,26 +125,22 @@ def inflate_for_rejected(p, C, dt_s, usable, accepted, nu, suspect, refused_s, o
             refused_s[i] += dt_s
             if floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
                 opened_K[i] = INFINITY  # due with its next sample
-            if usable[i] and isinf(opened_K[i]) and suspect[i] >= RELEASE_AFTER_STEPS:
-                share = max(share, _share_of_prior(p, C, i, nu[i]))
-                opened_K[i] = nu[i]
+            if usable[i] and isinf(opened_K[i]) and state.suspect[i] >= RELEASE_AFTER_STEPS:
+                share = max(share, _share_of_prior(p, work.C, i, work.nu[i]))
+                opened_K[i] = work.nu[i]
     if share > 0.0:
-        add_prior(p, P, share)
+        add_prior(p, state.P, share)
     return share
 
 
 def judge_sensors(p, u, k, gate_sigma, state, work):
-    """Which usable sensors may correct; return whether P was opened: then they are to be compared anew."""
-    opened = gate(work.nu, work.S_nu, work.usable, state.suspect, gate_sigma, work.accepted)
-    if opened:
+    """Which usable sensors may correct; return whether P was inflated: then they are to be compared anew."""
+    released = gate(work.S_nu, gate_sigma, state, work)
+    if released:
         add_prior(p, state.P, 1.0)
     else:
-        defer_readmitted(work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K)
-    share = inflate_for_rejected(
-        p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.suspect, state.refused_s,
-        state.opened_K, state.P,
-    )  # fmt: skip
-    return opened or share > 0.0
+        defer_readmitted(state, work)
+    return inflate_for_rejected(p, u.dt_s[k], state, work) > 0.0 or released
 
 
 def inflate_for_lost_position(p, u, k, lost_s, P):
@@ -286,6 +284,14 @@ def write_values(p, u, k, state, work, out):
         out.field[k, r] = work.value[r]
         lost += 0 if isfinite(work.value[r]) else 1
     return lost == 0
+
+
+def write_step(p, u, k, state, work, out):
+    """Write what step k has estimated, and its quality; return whether all are numbers."""
+    out.quality[k] = judge(u, k, work.usable, work.accepted, state, out)
+    move_rows(p, u, k, work.rows)
+    known = write_values(p, u, k, state, work, out)
+    return write_sigmas(state, k, work, out) and known
 
 
 def write_sigmas(state, k, work, out):

@@ -8,14 +8,11 @@ from observer.kernels.judging import (
     find_usable,
     inflate_for_lost_position,
     invalidate,
-    judge,
     judge_sensors,
-    move_rows,
     skip,
     step_is_finite,
     write_innovations,
-    write_sigmas,
-    write_values,
+    write_step,
 )
 from observer.kernels.learning import begin, draw_near, follow, give_back, keep, report_learned
 from observer.kernels.libc import cython
@@ -88,10 +85,7 @@ def filter_part(p, t, u, step, state, gate_sigma, out, work, first, end):
         write_innovations(work.nu, work.S_nu, work.usable, k, out)
         out.log_likelihood[k] = judge_and_correct(p, u, k, gate_sigma, state, work)
         draw_near(p, u.dt_s[k], state.x, state.around)
-        out.quality[k] = judge(u, k, work.usable, work.accepted, state, out)
-        move_rows(p, u, k, work.rows)
-        known = write_values(p, u, k, state, work, out)
-        known = write_sigmas(state, k, work, out) and known
+        known = write_step(p, u, k, state, work, out)
         report_learned(p, state.x, state.P, k, work, out)
         if not known:
             invalidate(out, k)

@@ -196,6 +196,11 @@ def begin(p, u, k, usable, C, x, P, around):
         return
     if stands(p, u, k, usable):
         rest(p, u, k, x, P)
+    linearise_at(p, u, k, C, x, around)
+
+
+def linearise_at(p, u, k, C, x, around):
+    """Take the effects at the state x from now on, no sensor lagging."""
     first, s = len(p.uniform) + len(p.source), len(p.R_K2)
     for a in range(first):
         around[a] = x[a]

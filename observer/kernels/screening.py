@@ -309,19 +309,14 @@ def refuse(p, u, k, gate_sigma, state, work):
     offsets are open, and the estimate settles.
     """
     verdict = state.verdict
-    released = gate(work.nu, work.S_nu, work.usable, state.suspect, gate_sigma, work.accepted)
+    released = gate(work.S_nu, gate_sigma, state, work)
     if released:
         add_prior(p, state.P, 1.0)
         verdict[OPENED_PRIOR] = 1.0
     if verdict[AGE_S] < YOUNG_S:
         if not released:
-            defer_readmitted(
-                work.nu, work.usable, work.accepted, state.suspect, state.refused_s, state.opened_K
-            )
-        share = inflate_for_rejected(
-            p, work.C, u.dt_s[k], work.usable, work.accepted, work.nu, state.suspect, state.refused_s,
-            state.opened_K, state.P,
-        )  # fmt: skip
+            defer_readmitted(state, work)
+        share = inflate_for_rejected(p, u.dt_s[k], state, work)
         verdict[OPENED_PRIOR] += share
         if released or share > 0.0:
             verdict[SETTLING_S] = max(verdict[SETTLING_S], _SETTLING_S)

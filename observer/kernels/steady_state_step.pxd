@@ -5,7 +5,6 @@ cdef inline void lay_out_state(StepTable t, Py_ssize_t d, double[:, ::1] C, Py_s
 cdef inline void lay_out_source(PlantArrays p, StepTable t, Py_ssize_t d, double[:, ::1] B, Py_ssize_t j, SteadyStep c) noexcept nogil
 cdef void lay_out_readings(PlantArrays p, Py_ssize_t m, SteadyStep c) noexcept nogil
 cdef inline void see_drive(SteadyStep c, Py_ssize_t w) noexcept nogil
-cdef inline void move_reported(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] rows) noexcept nogil
 
 cdef double _QUIET_JUMP
 

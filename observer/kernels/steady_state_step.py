@@ -110,14 +110,6 @@ def see_drive(c, w):
         store_at(c.forced, width + q, weigh(none(), c.sensors, q, c.drives, w, 0))
 
 
-def move_reported(p, u, k, rows):
-    """Put the columns of the moving sources over step k in place among the reported rows."""
-    s = len(p.R_K2)
-    for i in range(len(p.moving)):
-        for r in range(u.moving_C.shape[2] - s):
-            rows[p.modes + p.moving[i], r] = u.moving_C[k, i, s + r]
-
-
 # A law's jump that adds less than this share to a heat's σ² leaves the covariance settled.
 _QUIET_JUMP = 1e-3
 
@@ -320,7 +312,7 @@ def take_steady_steps(p, t, bins, u, step, state, gate_sigma, gains, settled, ou
         if count == 0 or not bins.exact[d] or gains.key[settled] >> s != bins.number[d]:
             break
         move_columns(p, u, k, work.B, work.C)
-        move_reported(p, u, k, c.rows)
+        move_rows(p, u, k, c.rows)
         if d == laid_out and moving:
             lay_out_moving(p, t, d, work.B, work.C, c)
         if d != laid_out:

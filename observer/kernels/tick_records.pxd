@@ -1,14 +1,11 @@
 cdef class Products(Record):
-    cdef public Py_ssize_t[::1] base
-    cdef public Py_ssize_t[::1] column
+    cdef public Py_ssize_t[::1] base, column
     cdef public double[:, ::1] factors
 
 
 cdef class PathSamples(Record):
-    cdef public double[::1] time_s
-    cdef public double[::1] position_m
+    cdef public double[::1] time_s, position_m, driven_m_s
     cdef public Py_ssize_t[::1] offset
-    cdef public double[::1] driven_m_s
 
 
 cdef class LiveNut(Record):
@@ -32,43 +29,35 @@ cdef class DriveTick(Record):
     cdef public ColumnsRead read
     cdef public Products laws
     cdef public DriveDesk desk
-    cdef public double[::1] dt_s
-    cdef public double[::1] moment
+    cdef public double[::1] dt_s, moment
     cdef public tuple nuts
     cdef public Inputs inputs
-    cdef public object before
-    cdef public object after
+    cdef public object before, after
 
 
 cdef class EstimatorTick(Record):
     cdef public Inputs inputs
-    cdef public double length_s
-    cdef public object table_of
+    cdef public double length_s, gate_sigma, sigmas
+    cdef public object table_of, other, finish, step_bank
     cdef public StepTable table
     cdef public Py_ssize_t[::1] step
     cdef public PlantArrays plant
     cdef public Running running
-    cdef public double gate_sigma
     cdef public Results results
     cdef public Work work
-    cdef public object other
-    cdef public object finish
     cdef public double[::1] time_s
     cdef public unsigned char[::1] octets
     cdef public Gathered gathered
     cdef public Held held
-    cdef public double sigmas
-    cdef public object step_bank
 
 
 cdef class TestTick(Record):
     cdef public tuple paths
-    cdef public double[::1] strokes_m
+    cdef public double[::1] strokes_m, scores
     cdef public SelfTestState state
     cdef public Inputs inputs
     cdef public Tested seen
     cdef public Trust trust
-    cdef public double[::1] scores
 
 
 cdef class LiveStep(Record):
@@ -78,13 +67,6 @@ cdef class LiveStep(Record):
 
 
 cdef class Message(Record):
-    cdef public unsigned char[::1] out
-    cdef public unsigned char[::1] pieces
-    cdef public Py_ssize_t[::1] ends
-    cdef public Py_ssize_t[::1] begin
-    cdef public Py_ssize_t[::1] numbers
-    cdef public Py_ssize_t qualities
-    cdef public Py_ssize_t sensors
-    cdef public Py_ssize_t time_at
-    cdef public Py_ssize_t quality_at
-    cdef public Py_ssize_t sensors_at
+    cdef public unsigned char[::1] out, pieces
+    cdef public Py_ssize_t[::1] ends, begin, numbers
+    cdef public Py_ssize_t qualities, sensors, time_at, quality_at, sensors_at

@@ -11,9 +11,7 @@ from observer.estimators.carry import carry_into
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.tolerant import Tolerant
 from observer.frames import EstimateBlock
-from observer.history.conjugate_gradient import stepwise_heats
 from observer.history.smoother import smooth_heats
-from observer.history.stacked import StackedProblem
 from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start
 from observer.tables.estimator import EstimatorSettings
@@ -199,30 +197,3 @@ def step_lengths(**plant_):
     steps = [step_matrices(plant, dt_s) for dt_s in (0.0, 1e-6, 0.02, 0.5, 0.7, 60.0, 36000.0)]
     names = steps[0]._fields
     return {"given": given(plant)} | {name: np.stack([getattr(s, name) for s in steps]) for name in names}
-
-
-@case
-def stepwise_heat_history():
-    """Step by step: from rest, with sensors that are away, and one step that no sensor saw."""
-    plant = firm(rod((0.0, 0.3, 0.6), modes=3, law_uncertainty=0.0))
-    rng, K, s = np.random.default_rng(4), 40, 3
-    weight = np.where(rng.random((K, s)) < 0.85, 20.0, 0.0)
-    weight[12] = 0.0
-    rise = 0.02 * np.arange(K)[:, None] * np.array([1.0, 2.0, 0.5]) + 0.05 * noise(rng, (K, s))
-    rise[30:] = rise[29]
-    problem = StackedProblem(
-        6.0 * np.arange(K), 6.0, np.zeros((K - 1, s, 3)), rise, weight, np.zeros((K * s, 0)), np.zeros(0)
-    )
-    found = {
-        "~heat_W": stepwise_heats(plant, problem, rise),
-        "~quick": stepwise_heats(plant, problem, np.where(weight > 0.0, 0.001 * rise, 0.0)),
-        "~exact": stepwise_heats(plant, problem._replace(weight_1_K=1e9 * weight), rise),
-    }
-    # more sensors than heats, which no heat explains: down to where no step helps; and heats hard to tell
-    for name, sources_m in {"~one": (0.3,), "~many": (0.0, 0.2, 0.22, 0.24, 0.6)}.items():
-        plant = firm(rod((0.1, 0.2, 0.45), sources_m, modes=8, law_uncertainty=0.0))
-        response = np.zeros((K - 1, s, len(sources_m)))
-        sure = problem._replace(weight_1_K=np.full((K, s), 1e9), response_K_W=response)
-        found[name] = stepwise_heats(plant, sure, rise)
-    found["~far_off"] = stepwise_heats(plant, sure, 1e6 * rise)  # the differences of such squares are coarse
-    return found

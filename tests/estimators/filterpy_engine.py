@@ -1,4 +1,4 @@
-"""The Kalman filter on filterpy's dense matrices: engine "filterpy", a check of the compiled engine.
+"""The Kalman filter on filterpy's dense matrices, a check of the compiled one.
 
 The matrices are those of the `specification`, prediction and correction are filterpy's; what surrounds them,
 the start, the gate, what is learnt, the qualities, are the kernels run as Python.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 
 from observer.estimators.by_block import BlockEstimator, Scratch
 from observer.estimators.packing import Results
@@ -24,8 +25,6 @@ class FilterpyEstimator(BlockEstimator):
 
     def take(self, chunk: Chunk, _inputs: Any, scratch: Scratch, out: Results, _results: Any) -> None:
         """Take a chunk's steps by filterpy."""
-        from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (slow to import)
-
         n = len(scratch.running.x)
         kf = KalmanFilter(dim_x=n, dim_z=max(self._plant.rows.sensors, 1))
         for k, length in enumerate(chunk.step):
@@ -83,10 +82,7 @@ class FilterpyEstimator(BlockEstimator):
     def _write(self, u: Inputs, k: int, scratch: Scratch, out: Results) -> None:
         """Write step k."""
         p, work, state = self._arrays, scratch.work, scratch.running
-        out.quality[k] = judging.judge(u, k, work.usable, work.accepted, state, out)
-        judging.move_rows(p, u, k, work.rows)
-        known = judging.write_values(p, u, k, state, work, out)
-        known = judging.write_sigmas(state, k, work, out) and known
+        known = judging.write_step(p, u, k, state, work, out)
         learning.report_learned(p, state.x, state.P, k, work, out)
         if not known:
             judging.invalidate(out, k)
