@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from observer.effects.catalogue import KINDS, Effect
+from observer.effects.catalogue import Effect, effect_class
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
 from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Tolerance
@@ -61,17 +61,20 @@ class Discover(Section):
 
     #: kinds of [effects](effects.md) that a search for missing ones leaves out, because the machine cannot
     #: have them
-    without: Annotated[tuple[Annotated[str, Field(max_length=64)], ...], Field(max_length=100)] = ()
+    without: Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=100)] = ()
+    #: [effects of your own](../how-to/add-an-effect.md) that a search tries as well, each `"module:Class"`
+    also: Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
     def _kinds_exist(self) -> Discover:
-        raise_all(
-            [
-                f'without: "{kind}" is no effect; there are {", ".join(KINDS)}'
-                for kind in self.without
-                if kind not in KINDS
-            ]
-        )
+        problems = []
+        for key, kinds in (("without", self.without), ("also", self.also)):
+            for kind in kinds:
+                try:
+                    effect_class(kind)
+                except ValueError as error:
+                    problems.append(f"{key}: {error}")
+        raise_all(problems)
         return self
 
 

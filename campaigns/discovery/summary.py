@@ -10,7 +10,7 @@ import numpy as np
 
 from campaigns.discovery.judge import WRONG
 from campaigns.resumable import Cells
-from tests.truth.machine.catalogue import LADDER
+from tests.truth.machine.effects import LADDERS
 
 STRONG_SIGMA, FAIR_SIGMA = 4.0, 2.0
 DETECTED = 0.9
@@ -304,7 +304,7 @@ def time_lines(rows: Sequence[Cells]) -> list[str]:
 def limit_lines(rows: Sequence[Cells]) -> list[str]:
     """For each ladder: the least strength from which on the right name comes in 90 % of the cases."""
     lines = []
-    for ladder in LADDER:
+    for ladder in LADDERS:
         shares = [_rightly(rows, ladder.label, f"{strength:g}") for strength in ladder.strengths]
         if not any(share.of for share in shares):
             continue

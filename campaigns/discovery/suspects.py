@@ -71,7 +71,7 @@ def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
     null = fit_null(problem, config)
     found = suspects(null, ())
     if found:  # effects only take suspects back
-        known = library(config, problem.keys, config.discover.without)
+        known = library(config, problem.keys, config.discover.without, config.discover.also)
         marks = signatures(null.problem, null.config, known)
         found = suspects(null, tried(null, null, marks, (), IN_PROCESS), marks)
     return (*corrected, *found)

@@ -16,7 +16,7 @@ from observer.config import Config
 from observer.discovery.log_faults import deviance
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import EffectTable, Fitted, Shape
-from observer.effects.catalogue import LIBRARY
+from observer.effects.catalogue import LIBRARY, effect_class
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
@@ -74,10 +74,16 @@ class Candidate(NamedTuple):
 
 
 def library(
-    machine: Description, free: Collection[str], without: Sequence[str] = (), *, coarse: bool = False
+    machine: Description,
+    free: Collection[str],
+    without: Sequence[str] = (),
+    also: Sequence[str] = (),
+    *,
+    coarse: bool = False,
 ) -> tuple[Candidate, ...]:
-    """Return the candidates of a machine whose free parameters are `free`, but for some kinds; and for those
-    of a nut's path where the rows of some log are too `coarse` to show it.
+    """Return the candidates of a machine whose free parameters are `free`: of the library `without` some
+    kinds, and of the kinds from outside that are tried `also`; none of a nut's path where the rows of some
+    log are too `coarse` to show it.
     """
     length_m = machine.screw.length_m
     return tuple(
@@ -85,7 +91,7 @@ def library(
             effect, target, tuple({key: shape[key] for key in form} for shape in effect.shapes(machine)),
             {key: effect.parameters[key].on(length_m) for key in form},
         )
-        for effect in LIBRARY
+        for effect in (*LIBRARY, *map(effect_class, also))
         if effect.named() not in without and not (coarse and effect.on_the_way)
         for target in effect.places(machine, free)
         for form in effect.forms(machine, target, free)

@@ -82,7 +82,7 @@ def discover(
         )
     problem = Problem(config, keys, forward, evidence)
     coarse = any(run.coarse for run in forward.runs)
-    known = library(config, keys, config.discover.without, coarse=coarse)
+    known = library(config, keys, config.discover.without, config.discover.also, coarse=coarse)
     found = search(problem, known, progress, pool)
     progress("suspects among the logs", 0.91)
     wrong = suspects(found.null, found.ranking, found.signatures)

@@ -129,8 +129,9 @@ class EffectTable(Section):
 
     @classmethod
     def named(cls) -> str:
-        """The kind by which a configuration names the effect."""
-        return str(get_args(cls.model_fields["kind"].annotation)[0])
+        """The kind by which a configuration names the effect: its literal, else `module:Class`."""
+        literal = get_args(cls.model_fields["kind"].annotation)
+        return str(literal[0]) if literal else f"{cls.__module__}:{cls.__name__}"
 
     @classmethod
     def bounds(cls, key: str) -> tuple[float, float]:

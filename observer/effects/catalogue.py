@@ -1,38 +1,59 @@
-"""The library: every effect that a configuration may name and a search may find, a line each."""
+"""The library: every effect class of the modules here. A configuration may name classes from outside too."""
 
 from __future__ import annotations
 
-from typing import Annotated, get_args
+import functools
+import operator
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, SerializeAsAny, ValidatorFunctionWrapHandler, WrapValidator
 
 from observer.effects import bodies, film, heat, sensing
 from observer.effects.base import EffectTable
+from observer.tables.outside import entry_names, is_outside, outside
 
-Effect = Annotated[
-    film.SurfaceConvection
-    | film.SpeedConvection
-    | film.UnevenConvection
-    | film.RadiationEffect
-    | bodies.EndConduction
-    | bodies.AttachedMass
-    | heat.EndHeat
-    | heat.MotorHeat
-    | heat.FrictionFade
-    | heat.FrictionSpeed
-    | heat.RunIn
-    | heat.Dwell
-    | heat.LocalHeat
-    | film.AmbientDrift
-    | film.Coolant
-    | sensing.SensorLag
-    | sensing.SensorBias
-    | sensing.SensorDrift,
-    Field(discriminator="kind"),
-]
-BY_KIND: dict[str, type[EffectTable]] = {effect.named(): effect for effect in get_args(get_args(Effect)[0])}
-LIBRARY = tuple(BY_KIND.values())
+LIBRARY: tuple[type[EffectTable], ...] = tuple(
+    effect
+    for module in (film, bodies, heat, sensing)
+    for effect in vars(module).values()
+    if isinstance(effect, type) and issubclass(effect, EffectTable) and effect.__module__ == module.__name__
+)
+"""In the order of the files, which is that of the reference."""
+BY_KIND = {effect.named(): effect for effect in LIBRARY}
 KINDS = tuple(BY_KIND)
+
+
+def effect_class(kind: str) -> type[EffectTable]:
+    """Return the class of a kind, of the library or from outside. Raises `ValueError` with the remedy."""
+    if kind in BY_KIND:
+        return BY_KIND[kind]
+    if not is_outside(kind, "effects"):
+        known = ", ".join((*KINDS, *entry_names("effects")))
+        raise ValueError(f'"{kind}" is no effect; give one of {known}, or "module:Class"')
+    effect = outside(kind, "effects")
+    if not (isinstance(effect, type) and issubclass(effect, EffectTable)):
+        raise ValueError(f"{kind} is no effect; name a subclass of observer.effects.base.EffectTable")
+    return effect
+
+
+def _from_outside(value: Any, known: ValidatorFunctionWrapHandler) -> EffectTable:
+    """Validate an effect's table by the class that its `kind` names, or by one of the library."""
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    if kind not in BY_KIND and is_outside(kind, "effects"):
+        return effect_class(kind).model_validate(value)
+    effect: EffectTable = known(value)
+    return effect
+
+
+if TYPE_CHECKING:
+    Effect = EffectTable
+else:
+    Effect = Annotated[
+        functools.reduce(operator.or_, LIBRARY),
+        Field(discriminator="kind"),
+        WrapValidator(_from_outside),
+        SerializeAsAny(),
+    ]
 
 
 def offset_of(sensor: str, offset_K: float) -> EffectTable:

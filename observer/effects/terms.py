@@ -105,6 +105,21 @@ class Body(NamedTuple):
     loss_W_K: float = 0.0
 
 
+class WarmedAir(NamedTuple):
+    """Air along a stretch of the screw, as under a cover, that a source warms.
+
+    C dT_a/dt = heated q + ∫ h P (T − T_a) dx − loss (T_a − T_amb), q the heat that the source gives the
+    screw; the base film h of the screw draws to T_a there, not to the ambient.
+    """
+
+    source: str
+    from_m: float
+    to_m: float
+    capacity_J_K: float
+    heated: float
+    loss_W_K: float
+
+
 class Lag(NamedTuple):
     """A sensor that follows the temperature below it with a first-order lag."""
 
@@ -123,9 +138,9 @@ class Fade(NamedTuple):
 Term = (
     Film | EndConductance | Heat
     | LawFactor | StrokeEnds | AmbientShift | SensorOffset | SpeedLoss
-    | StretchFilm | Radiation | Body | Lag | Fade
+    | StretchFilm | Radiation | Body | WarmedAir | Lag | Fade
 )  # fmt: skip
 INPUT_TERMS = (LawFactor, AmbientShift, SensorOffset, SpeedLoss)
 """The terms that change what drives the plant, but for where nuts are."""
-COUPLING_TERMS = (SpeedLoss, StretchFilm, Radiation, Body, Lag, Fade)
+COUPLING_TERMS = (SpeedLoss, StretchFilm, Radiation, Body, WarmedAir, Lag, Fade)
 """The terms that couple states, or a state to the moment."""

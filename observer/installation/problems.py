@@ -20,7 +20,7 @@ from drivers.protocol import UNION_TAGS
 from observer.effects.catalogue import KINDS
 from observer.errors import SeveralError
 from observer.installation.typical_ranges import hint, probable
-from observer.tables.outside import entry_names
+from observer.tables.outside import entry_names, is_outside, outside
 
 Path = tuple[int | str, ...]
 _PASSES = 4
@@ -136,8 +136,8 @@ def _words(detail: ErrorDetails, path: Path) -> str:
     elif kind.startswith("union_tag"):
         named = given.get("kind") if isinstance(given, dict) else None
         stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
-        kinds = KINDS if path[0] == "effect" else (*DRIVER_KINDS, *entry_names("drivers"), "module:Class")
-        message = f"{stated}; give one of {', '.join(kinds)}"
+        group, ours = ("effects", KINDS) if path[0] == "effect" else ("drivers", DRIVER_KINDS)
+        message = f"{stated}; give one of {', '.join((*ours, *entry_names(group), 'module:Class'))}"
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
         message = f"must be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"
     elif kind in {"too_short", "too_long"} and isinstance(given, list | tuple | dict):
@@ -233,9 +233,20 @@ def _keys_at(path: Sequence[int | str], table: Any, model: type[BaseModel]) -> l
         if fields:  # else an index of a list or a name in a table of tables, which has the same models
             models = [m for f in fields for m in _models_in(f.annotation)]
     kind = table.get("kind") if isinstance(table, dict) else None
+    if own := _model_outside(kind, "effects" if path[:1] == ["effect"] else "drivers"):
+        models = [own]
     kinds = [(m, m.model_fields["kind"]) for m in models if "kind" in m.model_fields]
     chosen = [m for m, field in kinds if kind in get_args(field.annotation)]
     return [f.alias or name for m in chosen or models for name, f in m.model_fields.items()]
+
+
+def _model_outside(kind: object, group: str) -> type[BaseModel] | None:
+    """The model from outside that a `kind` names, if it does."""
+    try:
+        own = outside(kind, group) if is_outside(kind, group) else None
+    except ValueError:  # reported where the table was validated
+        return None
+    return own if isinstance(own, type) and issubclass(own, BaseModel) else None
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

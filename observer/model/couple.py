@@ -72,6 +72,7 @@ def with_coupling(
             if source not in moving
         ),
         _strokes(plant, modes, machine, beside, moving),
+        _warmed_air(plant, modes, beside, own, gain, screw),
         lags,
     )
     links = _links(plant, beside, own, gain, screw, moving)
@@ -144,6 +145,24 @@ def _link(
         none.A + G_W_K * np.multiply.outer(passed, row - seen),
         none.E - G_W_K * np.multiply.outer(passed, seen_F),
     )
+
+
+def _warmed_air(
+    plant: Plant, modes: Modes, beside: Attached, own: NodeModes, gain: FloatArray, screw: int
+) -> Constant:
+    """What the base film exchanges with air of its own, along stretches; the dropped modes do not count."""
+    constant, rod = _nothing(plant), modes.rod
+    film_W_mK = rod.fin_1_m**2 * rod.conductance_W_m
+    for node, air in beside.air:
+        along = padded(modes.integral(air.from_m, air.to_m)[0], len(plant.decay_1_s))
+        row, passed = _passed(plant, own, gain, screw, node, plant.source_names.index(air.source))
+        passed[:screw] = 0.0  # no joule enters the screw under the source: the film takes them where it is
+        loses = along - (air.to_m - air.from_m) * row
+        constant.A[...] -= film_W_mK * np.multiply.outer(passed, loses)
+        into = along * film_W_mK / rod.conductance_W_m
+        constant.A[...] += np.multiply.outer(into, row)
+        constant.E[:, plant.known.ambient] -= into
+    return constant
 
 
 def _links(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.effects.terms import Body, Term
+from observer.effects.terms import Body, Term, WarmedAir
 from observer.frames import FloatArray
 from observer.model.coupling import Spreads
 from observer.model.prior import gathered_s
@@ -148,13 +148,15 @@ def node_modes(network: Network) -> NodeModes:
 
 class Attached(NamedTuple):
     """A network beside the screw: its `names` (n,), the `network` by itself, what each source's heat brings
-    into each node, `shares` (n, m), and the `ties` (node, source, W/K) to the screw where a source stands.
+    into each node, `shares` (n, m), the `ties` (node, source, W/K) to the screw where a source stands, and
+    which nodes are `air` along a stretch of it.
     """
 
     names: tuple[str, ...]
     network: Network
     shares: FloatArray
     ties: tuple[tuple[int, int, float], ...]
+    air: tuple[tuple[int, WarmedAir], ...]
 
     @property
     def held(self) -> Network:
@@ -167,8 +169,8 @@ class Attached(NamedTuple):
 
 
 def attached(machine: Description, terms: Sequence[Term]) -> Attached:
-    """Return the nodes of a machine, then one for each body of its effects."""
-    bodies = [t for t in terms if isinstance(t, Body)]
+    """Return the nodes of a machine, then one for each body and each warmed air of its effects."""
+    bodies = [t for t in terms if isinstance(t, Body | WarmedAir)]
     names = [n.name for n in machine.node]
     sources = [s.name for s in machine.source]
     links, to_ambient, ties = [], [], []
@@ -181,9 +183,10 @@ def attached(machine: Description, terms: Sequence[Term]) -> Attached:
             to_ambient.append((names.index(first), G))
         else:
             ties.append((names.index(first), sources.index(second), G))
-    for i, body in enumerate(bodies):
-        ties.append((len(names) + i, sources.index(body.source), body.conductance_W_K))
-        to_ambient.append((len(names) + i, body.loss_W_K))
+    for i, body in enumerate(bodies, start=len(names)):
+        if isinstance(body, Body):
+            ties.append((i, sources.index(body.source), body.conductance_W_K))
+        to_ambient.append((i, body.loss_W_K))
     capacity = [n.capacity_J_K for n in machine.node] + [b.capacity_J_K for b in bodies]
     shares = np.zeros((len(capacity), len(sources)))
     for j, source in enumerate(machine.source):
@@ -191,8 +194,9 @@ def attached(machine: Description, terms: Sequence[Term]) -> Attached:
             shares[names.index(name), j] = share
     for i, body in enumerate(bodies):
         shares[len(names) + i, sources.index(body.source)] = body.heated
+    air = [(i, b) for i, b in enumerate(bodies, start=len(names)) if isinstance(b, WarmedAir)]
     all_names = (*names, *(f"body at {b.source}" for b in bodies))
-    return Attached(all_names, assemble(capacity, links, to_ambient), shares, tuple(ties))
+    return Attached(all_names, assemble(capacity, links, to_ambient), shares, tuple(ties), tuple(air))
 
 
 def past_covariance(

@@ -10,7 +10,7 @@ from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery
 from observer.discovery.verdict import Verdict
 from observer.effects.base import FAMILIES
-from observer.effects.catalogue import BY_KIND
+from observer.effects.catalogue import effect_class
 from observer.report.style import duration_text
 
 PHASES = {
@@ -84,7 +84,7 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
 
 def lack_of(kind: str, *targets: str | None) -> str:
     """An effect, at one target or at several, as what a model without it lacks."""
-    effect = BY_KIND[kind]
+    effect = effect_class(kind)
     ends = ("left", "right") if effect.targets != "sensor" else ()
     return effect.missing_physics.format(
         target=joined([f"the {t} end" if t in ends else str(t) for t in targets])

@@ -1,4 +1,4 @@
-"""The page that shows how to add an effect, followed: its class and its line, in a package of their own."""
+"""The page that shows how to add an effect, followed: from outside, and in a copy of the library."""
 
 from __future__ import annotations
 
@@ -6,17 +6,38 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from observer import installation
+from observer.discovery.candidates import library
 from observer.effects.catalogue import KINDS
+from observer.errors import ConfigError
+from observer.estimate.machine import Machine
+from observer.files.logs import read_log
+from observer.fit.parameters import free_keys
+from observer.frames import Inputs
+from observer.installation.write_back import with_effects
+from observer.report.wording import lack_of
 from tests.docs.console import blocks
+from tests.reference.service_path import inputs_of
+from tests.reference.test_effects import changes, rms_K
+from tests.truth.machine import effects as truth
+from tests.truth.machine.effects import Ladder
+from tests.truth.machine.machine import Machine as Machine2D
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "how-to" / "add-an-effect.md"
+RIG = ROOT / "tests" / "data" / "rig"
+COVER = {"kind": "telescopic:Cover", "target": "nut", "heated": 0.4}
+OUTSIDE, IN_LIBRARY = (body for _, language, body in blocks(PAGE) if language == "python")
 FOLLOWED = '''
-"""A search over three logs of a bar whose bearing rubs more in one sense of rotation."""
+"""A search over three logs of a bar for an effect of one of its bearings."""
+import sys
+
 import numpy as np
 
 from observer.discovery.candidates import library
@@ -27,9 +48,12 @@ from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from tests.discovery.cases import frames, machine
 
-truth = machine(effect=[{"kind": "hanging_load", "target": "bearing.l", "fraction": 0.4}])
-config = machine()
-print([c.name for c in library(config, free_keys(config)) if c.kind == "hanging_load"])
+kind, key, strength = sys.argv[1:]
+also = {} if ":" not in kind else {"discover": {"also": [kind]}}
+truth = machine(effect=[{"kind": kind, "target": "bearing.l", key: float(strength)}])
+config = machine(**also)
+found = library(config, free_keys(config), (), config.discover.also)
+print([c.name for c in found if c.kind == kind])
 
 def log(seed):
     time_s = np.arange(0.0, 7200.0, 2.0)
@@ -47,13 +71,94 @@ def log(seed):
 
 found = discover(config, [[log(seed)] for seed in range(3)])
 [effect] = found.verdict.fit.config.effect
-print(found.verdict.kind, effect.kind, effect.target, round(effect.fraction, 2))
+print(found.verdict.kind, effect.kind, effect.target, round(getattr(effect, key), 2))
 '''
+
+
+@pytest.fixture
+def cover(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder on the path with the page's module in it."""
+    (tmp_path / "telescopic.py").write_text(OUTSIDE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "telescopic", raising=False)
+    return tmp_path
+
+
+def rig(*effects: dict[str, object], **more: object) -> installation.Installation:
+    """The rig's configuration with effects."""
+    table = tomllib.loads((RIG / "config.toml").read_text(encoding="utf-8"))
+    return installation.parse(table | {"effect": list(effects)} | more)
+
+
+def test_an_effect_from_outside_is_checked_like_ours(cover: Path) -> None:
+    effect = rig(COVER).effect[0]
+    assert (effect.kind, effect.model_dump()["loss_W_K"]) == ("telescopic:Cover", 20.0)
+    assert effect.named() == "telescopic:Cover"
+    assert 'kind = "telescopic:Cover"' in with_effects("", [effect])
+    assert rig(COVER).digest != rig(COVER | {"heated": 0.5}).digest
+    assert lack_of("telescopic:Cover", "nut") == "air under a cover that nut warms"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"heated": 11.0}, "effect[0].heated: input should be less than or equal to 10"),
+        ({"heatet": 1.0}, "effect[0].heatet: unknown key (did you mean heated?)"),
+        ({"target": "nuts"}, 'target "nuts" is no source'),
+        ({"kind": "telescopic:Hood"}, "telescopic has no class Hood"),
+        ({"kind": "telescopic:Fitted"}, "name a subclass of observer.effects.base.EffectTable"),
+        ({"kind": "nowhere:Cover"}, "put its folder on PYTHONPATH"),
+        ({"kind": "covers"}, "unknown kind 'covers'; give one of surface_convection"),
+    ],
+)
+def test_what_is_wrong_with_it_is_said(cover: Path, change: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        rig(COVER | change)
+    assert said in str(error.value)
+
+
+def test_it_estimates_a_log(cover: Path) -> None:
+    estimates = []
+    for config in (rig(), rig(COVER)):
+        machine = Machine.of(config, learns=True)
+        log = read_log(RIG / "run_c.csv.gz", config.channels)
+        inputs = Inputs.joined(inputs_of(config, machine.plant, log)).part(0, 1200)
+        estimator = machine.estimator()
+        estimates.append(estimator.run(estimator.initial(), inputs)[1])
+    bare, covered = estimates
+    assert np.isfinite(covered.heat_W).all()
+    assert np.abs(covered.heat_W - bare.heat_W).max() > 0.1
+
+
+def test_a_search_tries_it_where_it_is_asked_to(cover: Path) -> None:
+    config = rig(discover={"also": ["telescopic:Cover"]})
+    names = [c.name for c in library(config, free_keys(config), (), config.discover.also)]
+    assert "telescopic:Cover at nut" in names
+    with pytest.raises(ConfigError, match="also: telescopic has no class Hood"):
+        rig(discover={"also": ["telescopic:Hood"]})
+    with pytest.raises(ConfigError, match='without: "covers" is no effect; give one of surface_convection'):
+        rig(discover={"without": ["covers"]})
+
+
+@pytest.mark.parametrize("heated", [0.0, 1.0])
+def test_its_air_is_that_of_a_machine_in_two_dimensions(
+    cover: Path, heated: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def covered(machine: Machine2D, effect: truth.Effect) -> Machine2D:
+        own = {"cover_W_K": effect["loss_W_K"], "cover_J_K": effect["capacity_J_K"]}
+        return truth._physics(machine, **own, cover_share=effect["heated"])
+
+    monkeypatch.setitem(truth.LIBRARY, "telescopic:Cover", covered)
+    fixed = {"loss_W_K": 2.0, "capacity_J_K": 500.0}
+    true_K, model_K, _ = changes(
+        Ladder("nut", "heated", (heated,) * 5, fixed, kind="telescopic:Cover"), tmp_path
+    )
+    assert rms_K(true_K) > 5.0
+    assert rms_K(model_K - true_K) < 0.002 * rms_K(true_K)
 
 
 def extended(folder: Path) -> Path:
     """A package in which the page was followed: all the same files but for those of the effects."""
-    whole, line = (body for _, language, body in blocks(PAGE) if language == "python")
     for package in ("observer", "drivers", "tests"):
         (folder / package).mkdir(parents=True)
         for entry in (ROOT / package).iterdir():
@@ -61,27 +166,31 @@ def extended(folder: Path) -> Path:
                 (folder / package / entry.name).symlink_to(entry)
     effects = folder / "observer" / "effects"
     shutil.copytree(ROOT / "observer" / "effects", effects, ignore=shutil.ignore_patterns("__pycache__"))
-    heat, catalogue = effects / "heat.py", effects / "catalogue.py"
-    heat.write_text(f"{heat.read_text(encoding='utf-8')}\n\n{whole}\n", encoding="utf-8")
-    text, at = catalogue.read_text(encoding="utf-8"), "    | heat.Dwell\n"
-    assert at in text
-    catalogue.write_text(text.replace(at, f"{at}{line}\n"), encoding="utf-8")
+    heat = effects / "heat.py"
+    heat.write_text(f"{heat.read_text(encoding='utf-8')}\n\n{IN_LIBRARY}\n", encoding="utf-8")
     return folder
 
 
 @pytest.mark.slow
-def test_an_effect_added_as_the_page_says_is_found_by_a_search(tmp_path: Path) -> None:
-    assert "hanging_load" not in KINDS
-    folder = extended(tmp_path / "extended")
+@pytest.mark.parametrize(
+    ("kind", "key", "strength"), [("hanging_load", "fraction", "0.4"), ("telescopic:Cover", "heated", "5.0")]
+)
+def test_an_effect_added_as_the_page_says_is_found_by_a_search(
+    kind: str, key: str, strength: str, cover: Path
+) -> None:
+    assert kind not in KINDS
+    folder = extended(cover / "extended")
     done = subprocess.run(
-        [sys.executable, "-c", FOLLOWED],
+        [sys.executable, "-c", FOLLOWED, kind, key, strength],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(folder)},
+        env=os.environ | {"PYTHONPATH": f"{folder}:{cover}"},
         capture_output=True,
         text=True,
         timeout=500,
     )
     assert done.returncode == 0, done.stderr
     tried, found = done.stdout.splitlines()
-    assert tried == "['hanging_load at bearing.l']"
-    assert found == "named hanging_load bearing.l 0.4"
+    assert f"{kind} at bearing.l" in tried
+    named, *effect, value = found.split()
+    assert [named, *effect] == ["named", kind, "bearing.l"]
+    assert float(value) == pytest.approx(float(strength), rel=0.05)

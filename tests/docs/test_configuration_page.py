@@ -39,7 +39,8 @@ def test_every_section_of_a_configuration_has_its_table() -> None:
 
 
 def test_every_effect_is_in_the_library() -> None:
-    assert set(EffectTable.__subclasses__()) == set(LIBRARY)
+    ours = {e for e in EffectTable.__subclasses__() if e.__module__.startswith("observer.")}
+    assert ours == set(LIBRARY)
 
 
 def test_every_kind_of_driver_has_its_table() -> None:

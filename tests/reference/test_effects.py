@@ -23,8 +23,7 @@ from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from tests.truth.machine.catalogue import LADDER, Ladder
-from tests.truth.machine.effects import apply
+from tests.truth.machine.effects import LADDERS, Ladder, apply
 from tests.truth.machine.generate import Case, logged, trace
 from tests.truth.machine.logs import configuration, write_log
 from tests.truth.machine.machine import Machine, plain_machine
@@ -87,7 +86,7 @@ def rms_K(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-@pytest.mark.parametrize("ladder", LADDER, ids=lambda ladder: ladder.label)
+@pytest.mark.parametrize("ladder", LADDERS, ids=lambda ladder: ladder.label)
 def test_an_effect_does_in_the_model_what_it_does_in_the_machine(ladder: Ladder, tmp_path: Path) -> None:
     true_K, model_K, error_K = changes(ladder, tmp_path)
     missed_K = rms_K(model_K - true_K)

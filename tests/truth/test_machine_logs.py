@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.truth.machine.catalogue import LADDER, OUTSIDE, PAIRS
+from tests.truth.machine.catalogue import OUTSIDE, PAIRS
 from tests.truth.machine.cycles import PROGRAMMES, RUNS
-from tests.truth.machine.effects import LIBRARY, Effect
+from tests.truth.machine.effects import LADDERS, LIBRARY, Effect
 from tests.truth.machine.entries import FIRST_SEED, campaign, slice_entries
 from tests.truth.machine.generate import Case, runs_of, write_answer, write_case
 from tests.truth.machine.logs import CHANNELS
@@ -92,10 +92,10 @@ def test_the_catalogue_covers_what_was_asked() -> None:
     entries = campaign()
     assert len({e.name for e in entries}) == len(entries)
     assert min(e.case.seed for e in entries) == FIRST_SEED
-    assert {ladder.kind for ladder in LADDER} == set(LIBRARY)
+    assert {ladder.kind for ladder in LADDERS} == set(LIBRARY)
     rungs = [(e.case.effects[0].kind, e.rung, e.case.seed) for e in entries if e.group == "ladder"]
     assert len(set(rungs)) == len(rungs) == len(LIBRARY) * 5 * 8
-    for ladder in LADDER:
+    for ladder in LADDERS:
         neutral = 1.0 if ladder.key == "exponent" else 0.0
         assert np.all(np.diff(np.abs(np.array(ladder.strengths) - neutral)) > 0.0)
     assert all(a.kind != b.kind for a, b in PAIRS)

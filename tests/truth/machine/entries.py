@@ -11,14 +11,12 @@ from tests.truth.machine.catalogue import (
     ALIKE,
     AMBIGUOUS,
     FAULTY,
-    LADDER,
     OUTSIDE,
     PAIRS,
     POOR,
     Doubtful,
-    Ladder,
 )
-from tests.truth.machine.effects import Effect
+from tests.truth.machine.effects import LADDERS, Effect, Ladder
 from tests.truth.machine.generate import Case
 from tests.truth.machine.troubles import BETWEEN, TROUBLES
 
@@ -71,7 +69,7 @@ def ladder_entries(ladders: Sequence[Ladder], seeds: Sequence[int]) -> Iterator[
 
 def absent_entries(seeds: Sequence[int]) -> Iterator[Entry]:
     """A strong effect that the library does not know, nor anything that is the same physics."""
-    for entry in ladder_entries(LADDER, seeds):
+    for entry in ladder_entries(LADDERS, seeds):
         if entry.rung == 3:
             kind = entry.case.effects[0].kind
             case = replace(entry.case, name=f"absent.{kind}")
@@ -114,7 +112,7 @@ def campaign(first_seed: int = FIRST_SEED) -> list[Entry]:
     nulls = [Entry("null", "null", Case("null", (), seed)) for seed in range(first_seed, first_seed + NULLS)]
     every = [
         *nulls,
-        *ladder_entries(LADDER, seeds),
+        *ladder_entries(LADDERS, seeds),
         *plain_entries("outside", [(e,) for e in OUTSIDE], seeds),
         *plain_entries("pair", PAIRS, seeds),
         *doubtful_entries("ambiguous", AMBIGUOUS, seeds),
@@ -134,7 +132,7 @@ def typical_campaign(first_seed: int = TYPICAL_SEED) -> list[Entry]:
     for group, logs, nulls in (("typical", 3, 40), ("one log", 1, 20)):
         seeds = range(first_seed, first_seed + nulls)
         entries += [Entry(group, "null", Case(group, (), seed, typical=True, logs=logs)) for seed in seeds]
-        for ladder in LADDER:
+        for ladder in LADDERS:
             for rung in (3, 4) if logs == 3 else (4,):
                 hidden, name = (ladder.effect(rung),), f"{group}.{ladder.label}"
                 case = Case(name, hidden, first_seed, ladder.cycle, typical=True, logs=logs)
@@ -159,7 +157,7 @@ def suspect_campaign(first_seed: int = SUSPECT_SEED, made: int = 10) -> list[Ent
             for more in (0, 100):
                 case = Case(f"other.{typical}", (), seed + more, typical=typical, logs=few_logs)
                 entries.append(Entry("other", "typical" if typical else "null", case))
-        for j, ladder in enumerate(LADDER):
+        for j, ladder in enumerate(LADDERS):
             if j % made == i:
                 case = Case(f"other.{ladder.kind}", (ladder.effect(3 + j % 2),), seed, ladder.cycle)
                 entries.append(Entry("other", ladder.label, case, 3 + j % 2, ladder.strengths[3 + j % 2]))
@@ -220,7 +218,7 @@ def rough_slice(seed: int = 900) -> list[Entry]:
 
 def slice_entries(seed: int = 900) -> list[Entry]:
     """One case of each sort, and one of each class of effect: surface, end, heat, friction, sensor."""
-    strong = {(e.case.effects[0].kind, e.rung): e for e in ladder_entries(LADDER, [seed])}
+    strong = {(e.case.effects[0].kind, e.rung): e for e in ladder_entries(LADDERS, [seed])}
     kinds = ("speed_convection", "end_conduction", "local_heat", "friction_speed", "sensor_lag")
     return [
         Entry("null", "null", Case("null", (), seed)),

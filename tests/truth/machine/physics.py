@@ -58,6 +58,10 @@ class Physics(NamedTuple):
     body_W_K: FloatArray
     nut_body_share: float  # W of friction that heat the nut's body, of each W that enters the screw
     nut_body_air_W_K: float  # from that body to the air
+    # a cover over the whole screw, whose air the nut warms; no conductance: no cover
+    cover_W_K: float  # from its air to the air outside
+    cover_J_K: float
+    cover_share: float  # W of friction that heat its air, of each W that enters the screw
     # heats at places of the surface
     local_W: FloatArray  # constant, of each slice
     spot: FloatArray  # share of each slice of `spot_W`
@@ -127,6 +131,9 @@ def plain_physics(slices: int = 100, **changes: Any) -> Physics:
         body_W_K=np.zeros(3),
         nut_body_share=0.0,
         nut_body_air_W_K=0.0,
+        cover_W_K=0.0,
+        cover_J_K=1.0,
+        cover_share=0.0,
         local_W=none,
         spot=none,
     )

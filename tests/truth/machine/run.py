@@ -11,6 +11,7 @@ from tests.truth.machine import conduction, exchange, grid, motion, physics
 from tests.truth.machine.compiling import cached
 from tests.truth.machine.conduction import Factors, conduct, factorise
 from tests.truth.machine.exchange import (
+    FILM,
     FRICTION,
     STEADY_HEAT,
     cool_bore,
@@ -107,7 +108,7 @@ def _run(
     nut_m, book = np.full(steps + 1, schedule.start_m), np.zeros((steps, 7))
     body, last_body = np.full((steps + 1, 3), schedule.start_degC), np.full(3, schedule.start_degC)
     middle_body, into_body_W = np.empty(3), np.zeros(3)
-    face = np.full(2, schedule.start_degC)
+    face, cover = np.full(2, schedule.start_degC), np.full(2, schedule.start_degC)  # now, and a step before
     position_m, upward, turning_s = schedule.start_m, True, 0.0
     for k in range(steps):
         speed, air = schedule.speed_rpm[k], schedule.air_degC[k]
@@ -130,8 +131,9 @@ def _run(
             heat[i] += local_W
             book[k, STEADY_HEAT] += dt * local_W
         rotating = physics.rotation_gain * rotating_film_W_m2K(speed, physics.diameter_m)
+        felt = air if physics.cover_W_K == 0.0 else cover[0] + 0.5 * (cover[0] - cover[1])
         into_body_W[NUT] = cool_surface(
-            load_J, shell, heat, under, air, schedule.film_factor[k], rotating, middle_body[NUT], dt, grid,
+            load_J, shell, heat, under, felt, schedule.film_factor[k], rotating, middle_body[NUT], dt, grid,
             physics, book[k],
         )  # fmt: skip
         if physics.coolant_W_K > 0.0 and speed != 0.0:
@@ -146,6 +148,9 @@ def _run(
         conduct(field, load_J, change, factors)
         to_air_W = physics.nut_body_air_W_K * (middle_body[NUT] - air)
         into_body_W[NUT] += physics.nut_body_share * rubbed_W - to_air_W
+        into_cover_W = physics.cover_share * rubbed_W - book[k, FILM] / dt - physics.cover_W_K * (felt - air)
+        cover[1] = cover[0]
+        cover[0] += dt * into_cover_W / physics.cover_J_K
         last_body[:] = body[k]
         for b in range(RIGHT + 1):
             body[k + 1, b] = body[k, b] + dt * into_body_W[b] / physics.body_J_K[b]
