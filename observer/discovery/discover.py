@@ -29,7 +29,7 @@ from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
 from observer.fit.problem import Problem
-from observer.fit.runs import LEAST_S, prepare
+from observer.fit.runs import LEAST_S, prepare_all
 from observer.frames import FrameBlock
 
 MOST_ASKED = 5
@@ -70,7 +70,7 @@ def discover(
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
     keys = free_keys(config)
-    prepared = [prepare(config, blocks, f"log {i + 1}") for i, blocks in enumerate(runs)]
+    prepared = prepare_all(config, runs)
     if max(run.duration_s for run in prepared) < LEAST_S:
         raise LogError(f"the logs are shorter than {LEAST_S:.0f} s; record a longer one")
     forward = Forward(config, prepared)

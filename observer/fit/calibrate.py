@@ -22,7 +22,7 @@ from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, fit_null
 from observer.fit.parameters import FILM, free_keys, info_of, replaced
 from observer.fit.problem import Problem
-from observer.fit.runs import LEAST_S, Run, prepare
+from observer.fit.runs import LEAST_S, Run, prepare_all
 from observer.fit.tolerance import calibration_tolerances, remaining_tolerances
 from observer.frames import FloatArray, FrameBlock
 from observer.tables.sections import law_channels
@@ -169,7 +169,7 @@ def calibrate(
     does not exist, `LogError` where the logs are too short, or no parameter is identifiable.
     """
     keys = free_keys(config)
-    prepared = [prepare(config, blocks, f"log {i + 1}") for i, blocks in enumerate(runs)]
+    prepared = prepare_all(config, runs)
     _long_enough(prepared)
     evaluations = 0
 

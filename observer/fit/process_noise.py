@@ -18,7 +18,7 @@ import numpy as np
 from observer.config import Config
 from observer.estimators import packing
 from observer.estimators.steps import StepCache, chunks
-from observer.fit.runs import prepare
+from observer.fit.runs import prepare_all
 from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.kernels import record, run_kalman
 from observer.model.build import build_plant
@@ -41,7 +41,7 @@ def fit_noise(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> dict[str,
     """
     plant, unit_Q = build_plant(config), _unit_field_noise(config)
     drive = Drive(config, plant)
-    prepared = [prepare(config, blocks, f"log {i + 1}") for i, blocks in enumerate(runs)]
+    prepared = prepare_all(config, runs)
     each = MOST_ROWS // len(prepared)
     logs = [liveliest(drive.run(drive.initial(), run.frames)[1], each) for run in prepared]
 

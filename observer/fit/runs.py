@@ -66,14 +66,28 @@ def mean_over(rows: FloatArray, weight: FloatArray, first: NDArray[np.int64]) ->
     return np.asarray(total / np.where(over > 0, over, 1.0).reshape(column))
 
 
+def prepare_all(config: Config, logs: Sequence[Sequence[FrameBlock]]) -> list[Run]:
+    """Return the runs of several logs, "log 1" and so on in errors; raises `LogError` as `prepare`."""
+    drive = _drive(config)
+    return [_prepared(config, drive, blocks, f"log {i + 1}") for i, blocks in enumerate(logs)]
+
+
 def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     """Return a run from the frames of a log; `name` is named in errors.
 
     Raises `LogError` where an input or every sensor is without a value throughout.
     """
+    return _prepared(config, _drive(config), blocks, name)
+
+
+def _drive(config: Config) -> Drive:
+    """What reads the frames; nut positions are not needed here."""
+    return Drive(config, replace(build_plant(config, nut_places=2), moving=()))
+
+
+def _prepared(config: Config, drive: Drive, blocks: Sequence[FrameBlock], name: str) -> Run:
     frames = joined(blocks)
     _refuse_empty(config, frames, name)
-    drive = Drive(config, replace(build_plant(config), moving=()))  # nut positions are not needed here
     inputs = drive.run(drive.initial(), frames)[1]
     known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
     if len(known) == 0:

@@ -1,4 +1,4 @@
-"""From the full model of a screw to the plant of few modes: `reduce` keeps some, and says what that costs.
+"""From the full model of a screw to the plant of few modes.
 
 Modes that are dropped settle faster than those that are kept. Each heat has one lag for all of them, whose
 output column is their steady response in closed form: the field at rest is exact with any number of modes.
@@ -20,7 +20,7 @@ from observer.frames import FloatArray, Layout
 from observer.model.coupling import no_coupling
 from observer.model.plant import OFFSET, REFERENCE, MovingSource, OutputRows, Plant
 from observer.model.prior import past_heat_covariance, smooth_field_covariance
-from observer.model.rod.modes import Modes, contributions, modal_input, tail_left
+from observer.model.rod.modes import Modes, contributions, modal_input
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.static import Stretch, nut_stretch, quadrature, source_field
 from observer.model.rod.supports import Restraint, restrained_rows
@@ -167,27 +167,8 @@ class FullModel:
     static_correction: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Reduced:
-    """A plant, its modes, and what was left out until the dropped modes have settled, the slowest of them in
-    `settles_s`. With the static correction nothing is missing from then on.
-    """
-
-    plant: Plant
-    modes: Modes
-    stretches: tuple[Stretch, ...]
-    settles_s: float
-
-    @property
-    def left(self) -> FloatArray:
-        """1 − s_N/s_∞ of each heat, (m,): the part of its steady field, in the norm of Kim et al. (eq. 16),
-        that the modes leave out.
-        """
-        return np.array([tail_left(self.modes, len(self.modes), s) for s in self.stretches])
-
-
-def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS) -> Reduced:
-    """Return the plant with the modes `kept` (from 0) of a full model.
+def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS) -> tuple[Plant, Modes]:
+    """Return the plant with the modes `kept` (from 0) of a full model, and these modes.
 
     `nut_places` is how many places of a nut its lag's output column is tabulated for.
     """
@@ -242,7 +223,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         dropped_rate_1_s=lag_decay_1_s,
         coupling=no_coupling(N + m, m, len(known)),
     )
-    return Reduced(plant, modes, tuple(h.stretch for h in heats), 1.0 / lag_decay_1_s)
+    return plant, modes
 
 
 def _first_dropped(candidates: Modes, kept: Sequence[int]) -> float:

@@ -18,6 +18,6 @@ def unturned(config: Config) -> tuple[Plant, Constant, Modes]:
     """The plant, what lasts of its couplings, and the screw's modes."""
     machine = realise(config)
     full = full_model(machine.config, machine.terms)
-    reduced = reduce(full, keep_modes(machine.config, full.modes))
+    plant, modes = reduce(full, keep_modes(machine.config, full.modes))
     sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
-    return *with_coupling(reduced.plant, reduced.modes, machine.config, machine.terms, sigma_W), reduced.modes
+    return *with_coupling(plant, modes, machine.config, machine.terms, sigma_W), modes
