@@ -99,6 +99,16 @@ def test_an_effect_from_outside_is_checked_like_ours(cover: Path) -> None:
     assert lack_of("telescopic:Cover", "nut") == "air under a cover that nut warms"
 
 
+def test_an_installed_package_may_name_it(cover: Path) -> None:
+    about = cover / "telescopic-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: telescopic\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[ballscrew_observer.effects]\ncover = telescopic:Cover\n")
+    config = rig(COVER | {"kind": "cover"}, discover={"also": ["cover"], "without": ["radiation"]})
+    assert [(e.kind, e.named()) for e in config.effect] == [("cover", "telescopic:Cover")]
+    assert library(config, (), (), config.discover.also)[-1].kind == "telescopic:Cover"
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
