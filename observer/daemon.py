@@ -8,20 +8,19 @@ from functools import partial
 from pathlib import Path
 
 from observer.control.compensation import LATE_PERIODS, Compensator
-from observer.control.steering import Steering
+from observer.control.steering import NoControl, Steering
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
 from observer.estimate.machine import Machine
-from observer.estimators.protocol import Estimator
 from observer.files.folders import refuse_unwritable
 from observer.gateway.feed import Feed
 from observer.gateway.start import Start
 from observer.installation import Installation, load
 from observer.live.forecasting import Forecaster, is_wanted
-from observer.live.keeper import Keeper, carried, known_of_gap, stored
+from observer.live.keeper import Keeper, carried, stored
 from observer.live.lifecycle import run
-from observer.live.loop import Service, no_alarms
-from observer.live.observers import AlarmObserver, StepObserver
+from observer.live.loop import Service
+from observer.live.observers import AlarmObserver, CompensationObserver, StepObserver
 from observer.live.renewal import Renewal, Renewals, carried_over
 from observer.live.trial import AdoptionTrial
 from observer.process.clock import ServiceClock
@@ -31,7 +30,7 @@ from observer.publish.session import refuse_taken
 from observer.publish.zenoh import ZenohPublisher
 from observer.quality.alarms import AlarmDesk
 from observer.quality.gap import GapState
-from observer.record.recorder import Recorder
+from observer.record.recorder import NoRecorder, Recorder
 from observer.record.retention import Retention, refuse_shared
 
 _TRIAL_END_S = 0.2
@@ -55,15 +54,18 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         if renewal.new_time and snapshot is not None:
             snapshot = shifted(snapshot, clock.offset_s())
         clock = ServiceClock() if renewal.new_time else clock
-        carry = carried(snapshot, before.fit, ready.fit, lambda: _over(renewal, before, ready))
+        snapshot = carried(
+            snapshot, before.fit, ready.fit,
+            lambda: carried_over(renewal.snapshot, renewal.last, before.machine, ready.machine),
+        )  # fmt: skip
         if trial is not None:
             trial.in_force(ready.config)
-        return _service(ready, clock, renewals, trial, carry, alone=False, path=path)
+        return _service(ready, clock, renewals, trial, path, snapshot, alone=False)
 
-    file = ready.config.checkpoint_file
-    start = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s) if file is not None else None
-    known = known_of_gap(file, ready.fit) if file is not None and start is None else None
-    service = _service(ready, clock, renewals, trial, start, alone=True, known=known, path=path)
+    file, start, gap = config.checkpoint_file, None, None
+    if file is not None:
+        start, gap = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s)
+    service = _service(ready, clock, renewals, trial, path, start, gap, alone=True)
     if trial is None:
         run(service, seconds, anew)
         return
@@ -74,18 +76,12 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         trial.close(_TRIAL_END_S)
 
 
-def _over(renewal: Renewal[_Ready], before: _Ready, now: _Ready) -> Snapshot | None:
-    """Where the service stands, for another model."""
-    return carried_over(renewal.snapshot, renewal.last, before.machine, now.machine, now.estimator)
-
-
 @dataclass(frozen=True, slots=True)
 class _Ready:
     """A configuration for the daemon that has been checked, with what takes long to build."""
 
     config: Installation
     machine: Machine
-    estimator: Estimator
     fit: CheckpointFit
 
     @classmethod
@@ -96,10 +92,7 @@ class _Ready:
         if config.record.directory is not None:
             refuse_unwritable(config.record.directory, "record.directory")
         machine = Machine.of(config, learns=True)
-        estimator = machine.estimator()
-        return cls(
-            config, machine, estimator, CheckpointFit.of(config, machine.drive, estimator, machine.gap())
-        )
+        return cls(config, machine, CheckpointFit.of(machine))
 
 
 def _reread(path: Path, now: Installation) -> _Ready:
@@ -116,101 +109,96 @@ def _service(
     clock: ServiceClock,
     renewals: Renewals[_Ready],
     trial: AdoptionTrial | None,
+    path: Path | None,
     start: Snapshot | None,
+    gap: GapState | None = None,
     *,
     alone: bool,
-    known: GapState | None = None,
-    path: Path | None = None,
 ) -> Service:
-    """Put the parts of the daemon together; `start` is where the estimator goes on from, None if cold.
+    """Put the parts of the daemon together; `start` is where the pipeline goes on from, None if cold.
 
-    `alone` asks for nobody else to have the axis; `known` is what a cold start knows of the prediction's gap.
+    `alone` asks for nobody else to have the axis; `gap` is what a cold start knows of the prediction's gap.
     """
-    config, machine, estimator = ready.config, ready.machine, ready.estimator
-    name, record, instance = config.machine, config.record, secrets.token_hex(4)
-    held = None if start is None else start.compensation
-    compensator = (
-        Compensator(config, estimator.layout.position_m, instance, held)
-        if config.compensation.enabled
-        else None
-    )
-    file = ready.config.checkpoint_file
-    gap = machine.gap()
-    if gap is not None and known is not None:
-        gap.restore(known)
-    forecasts = is_wanted(machine)
-    compensates = compensator is not None
-    publisher = _publisher(ready, instance, path, compensates=compensates, forecasts=forecasts)
+    config, machine, pipeline = ready.config, ready.machine, ready.machine.pipeline()
+    instance = secrets.token_hex(4)
+    if pipeline.gap is not None and gap is not None:
+        pipeline.gap.restore(gap)
+    publisher = _publisher(ready, instance, path)
+    publish = {key: partial(publisher.document, key) for key in ("alarms", "compensation", "forecast")}
     observers: list[StepObserver] = []
-    if file is not None:
-        observers.append(Keeper(file, ready.fit, config.checkpoint.period_s))
+    if config.compensation.enabled:
+        held = None if start is None else start.compensation
+        compensator = Compensator(config, machine.plant.layout.position_m, instance, held)
+        observers.append(
+            CompensationObserver(
+                compensator, publish["compensation"], lambda: publisher.status.rival, _control(config)
+            )
+        )
+    if config.checkpoint_file is not None:
+        observers.append(Keeper(config.checkpoint_file, ready.fit, config.checkpoint.period_s))
     if trial is not None:
         observers.append(trial)
-    desk = None
     if config.alarms.enabled:
         desk = AlarmDesk(config, machine.plant.layout, config.alarms, config.alarms_file)
         air = machine.plant.known.ambient
-        observers.append(AlarmObserver(desk, partial(publisher.document, "alarms"), air, instance))
-    if forecasts:
-        observers.append(Forecaster(machine, instance, partial(publisher.document, "forecast")))
+        observers.append(AlarmObserver(desk, publish["alarms"], air, instance))
+    if is_wanted(machine):
+        observers.append(Forecaster(machine, instance, publish["forecast"]))
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
-        drive=machine.drive,
-        estimator=estimator,
+        pipeline=pipeline,
         publisher=publisher,
-        recorder=Recorder(
-            record.directory,
-            f"{name.name}-{name.axis}",
-            config.channels,
-            int(record.rotate_MB * 1e6),
-            record.sync_s,
-            Retention.of(record),
-            None if start is None else pack(start, ready.fit),
-        )
-        if record.directory
-        else None,
         clock=clock,
         notify=service_manager(),
-        compensator=compensator,
-        self_test=machine.self_test(),
+        recorder=_recorder(ready, start),
+        observers=tuple(observers),
         instance=instance,
         start=start,
         renewals=renewals,
         alone=alone,
-        gap=gap,
-        control=_steering(config),
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
-        observers=tuple(observers),
-        acknowledge=no_alarms if desk is None else desk.acknowledge,
     )
 
 
-def _publisher(
-    ready: _Ready, instance: str, path: Path | None, *, compensates: bool, forecasts: bool
-) -> ZenohPublisher:
+def _recorder(ready: _Ready, start: Snapshot | None) -> Recorder | NoRecorder:
+    """What records, from `start` on, where a folder is given."""
+    name, record = ready.config.machine, ready.config.record
+    if record.directory is None:
+        return NoRecorder()
+    return Recorder(
+        record.directory,
+        f"{name.name}-{name.axis}",
+        ready.config.channels,
+        int(record.rotate_MB * 1e6),
+        record.sync_s,
+        Retention.of(record),
+        None if start is None else pack(start, ready.fit),
+    )
+
+
+def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublisher:
     """Zenoh, with a gateway beside it where the configuration asks for one."""
-    config, name = ready.config, ready.config.machine
+    config, name, forecasts = ready.config, ready.config.machine, is_wanted(ready.machine)
     in_force, start = config_json(config, instance), Start.of(config, path, forecasts=forecasts)
     return ZenohPublisher(
         name.name,
         name.axis,
         config.publish,
         in_force,
-        ready.estimator.layout,
+        ready.machine.estimator().layout,
         instance,
-        compensates=compensates,
+        compensates=config.compensation.enabled,
         forecasts=forecasts,
         outlet=None if start is None else Feed(start, in_force.encode()),
     )
 
 
-def _steering(config: Installation) -> Steering | None:
-    """What writes the compensation to the control; None where no control is named."""
-    settings = config.compensation
-    if (at := settings.control) is None or not settings.enabled:
-        return None
+def _control(config: Installation) -> Steering | NoControl:
+    """What writes the compensation to the control, where one is named."""
+    if (at := config.compensation.control) is None:
+        return NoControl()
     from drivers.control_modbus import ModbusControlLink  # noqa: PLC0415  (the bus library only when it is used)
 
-    control = ModbusControlLink(at.host, at.port, at.unit_id, at.first_register, at.timeout_s)
-    return Steering(control, LATE_PERIODS * config.estimator.period_s)
+    link = ModbusControlLink(at.host, at.port, at.unit_id, at.first_register, at.timeout_s)
+    return Steering(link, LATE_PERIODS * config.estimator.period_s)

@@ -215,6 +215,16 @@ class Layout:
     has_error: bool
     learned: tuple[str, ...] = ()
 
+    def along(self, **tables: FloatArray) -> dict[str, FloatArray]:
+        """Return values (K, g) along the screw as columns, place by place: of `field__degC`, those called
+        `field_0_degC`, `field_50_degC` …, by the position in mm.
+        """
+        return {
+            name.replace("__", f"_{1000 * x_m:.10g}_"): values[:, j]
+            for j, x_m in enumerate(self.position_m)
+            for name, values in tables.items()
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class EstimateBlock(_Cut):
@@ -258,6 +268,12 @@ class EstimateBlock(_Cut):
         for name, like in bounds.items():
             if not getattr(self, name).size:
                 object.__setattr__(self, name, np.full(like.shape, np.nan))
+
+    @classmethod
+    def joined(cls, blocks: Sequence[EstimateBlock]) -> Self:
+        """Return consecutive blocks as one."""
+        names = cls.__dataclass_fields__
+        return cls(**{name: np.concatenate([getattr(block, name) for block in blocks]) for name in names})
 
     def __len__(self) -> int:
         return len(self.time_s)

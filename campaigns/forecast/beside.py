@@ -16,11 +16,13 @@ from unittest.mock import patch
 import numpy as np
 
 from observer.align.aligner import frames_of_log
+from observer.estimate.checkpoint import Snapshot
 from observer.estimate.machine import Machine
 from observer.forecast.document import forecast
-from observer.frames import FloatArray
+from observer.frames import EstimateBlock, FloatArray, FrameBlock
 from observer.live import forecasting
 from observer.live.forecasting import Forecaster
+from observer.live.observers import Step
 from observer.live.wires import take_short_turns
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
@@ -85,21 +87,28 @@ def ticks(seconds: float) -> Ticks:
     log = log_of(day(draw(1, 3, Rough()), 1, 3, "a"))
     first = next(iter(frames_of_log(log, machine.plan, LEARNT_ROWS)))
     block = pipeline.step(first)
-    forecaster.step(pipeline.inputs, block, pipeline.snapshot()[1])
+
+    def follow(frame: FrameBlock, block: EstimateBlock) -> None:
+        def snapshot() -> Snapshot:
+            return Snapshot(float(block.time_s[-1]), *pipeline.snapshot())
+
+        forecaster.follow(Step(frame, pipeline.inputs, block, now_s=time.monotonic(), snapshot=snapshot))
+
+    follow(first, block)
     frames = frames_of_log(log, machine.plan, 1)
     for _ in range(LEARNT_ROWS):
         next(frames)
     never, due_s, done_s, late_s = threading.Event(), time.monotonic(), [], []
     with _watched() as seen:
-        forecaster.start()
+        forecaster.begin()
         for _ in range(round(seconds / PERIOD_S)):
             due_s = max(due_s + PERIOD_S, time.monotonic() - PERIOD_S)
             never.wait(max(due_s - time.monotonic(), 0.0))
-            block = pipeline.step(next(frames))
-            forecaster.step(pipeline.inputs, block, pipeline.snapshot()[1])
+            frame = next(frames)
+            follow(frame, pipeline.step(frame))
             done_s.append(time.monotonic())
             late_s.append(done_s[-1] - due_s)
-        forecaster.end()
+        forecaster.finish(None)
     at, late = np.array(done_s)[SETTLE_TICKS:], np.array(late_s)[SETTLE_TICKS:]
     ends = [*seen.end_s, *[np.inf] * (len(seen.begin_s) - len(seen.end_s))]
     beside = np.any([(at >= b) & (at - late <= e) for b, e in zip(seen.begin_s, ends, strict=True)], axis=0)

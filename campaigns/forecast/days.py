@@ -9,10 +9,10 @@ import numpy as np
 
 from observer.align.aligner import frames_of_log
 from observer.estimate.machine import Machine
-from observer.forecast.ahead import Ahead, Runner, ahead, runner
+from observer.forecast.ahead import Runner, ahead, runner
 from observer.forecast.program import Bins, Program, binned, joined, learnt
 from observer.forecast.settling import WarmUp, when
-from observer.frames import FloatArray
+from observer.frames import EstimateBlock, FloatArray
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, EXPANSION_um_K_m, Rough, config_of, draw, work
 from tests.truth.machine.cycles import Phase, STEP_s, build_schedule, draw_air, steps_of
@@ -34,7 +34,7 @@ class Forecast(NamedTuple):
     """One forecast: from row `now` of the day, where it was at that moment `field_degC`, `error_um` (g,)."""
 
     now: int
-    said: Ahead
+    said: EstimateBlock
     after_s: float | None
     between_s: tuple[float, float] | None
     warm_up: WarmUp | None

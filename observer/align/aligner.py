@@ -10,7 +10,7 @@ it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from urllib.parse import unquote
 
@@ -22,7 +22,7 @@ from observer.align.walk import Expected, Rows, Walk
 from observer.config import Config
 from observer.errors import LogError
 from observer.files.logs import Log
-from observer.frames import FloatArray, FrameBlock, Reading, contiguous
+from observer.frames import FloatArray, FrameBlock, NutPath, Reading, contiguous
 
 BLOCK = 4096
 MISSING_FAULT = "missing"  # how a recording marks a reading without a value and without a fault
@@ -243,11 +243,11 @@ def faults_of(flags: str | None) -> dict[str, str]:
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}
 
 
-def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
+def doubts(log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config) -> list[str]:
     """Say which channels of a log are not what the configuration takes them for, with the likely unit, which
     words in them were read as missing values, and which sensors never have one.
 
-    `blocks` are the log's frames.
+    `paths` are the nuts' paths in the log's frames, block by block.
     """
     words = [each.text for each in log.words if each.column in config.channels]
     dead = [
@@ -259,7 +259,7 @@ def doubts(log: Log, blocks: Iterable[FrameBlock], config: Config) -> list[str]:
         *slow,
         *dead,
         *words,
-        *doubts_of_log(config, log.values, log.channels, [block.path for block in blocks]),
+        *doubts_of_log(config, log.values, log.channels, paths),
     ]
 
 

@@ -6,7 +6,7 @@ what such a machine can show, and in another one all of them are not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from observer.align.plausibility import (
 )
 from observer.config import Config
 from observer.files.logs import Log
-from observer.frames import FloatArray
+from observer.frames import FloatArray, NutPath
 
 MOSTLY, SOMETIMES, ALL = 0.5, 0.05, 0.99
 """Parts of a channel's values: beyond its limits (a speed is 0 at rest), and within them once converted."""
@@ -52,8 +52,13 @@ class Misread(NamedTuple):
         )
 
 
-def read_rightly(log: Log, config: Config) -> tuple[Log, tuple[Misread, ...]]:
-    """Return a log with every channel in the unit that its configuration names, and which were not."""
+def read_rightly(
+    log: Log, config: Config, paths: Sequence[Mapping[str, NutPath]] | None = None
+) -> tuple[Log, tuple[Misread, ...]]:
+    """Return a log with every channel in the unit that its configuration names, and which were not.
+
+    `paths` are the nuts' paths in the frames of the log as it is, if they are known.
+    """
     found = []
     limits = Limits.of(config)
     order = sorted(range(len(config.channels)), key=lambda j: j != limits.ambient)
@@ -66,7 +71,9 @@ def read_rightly(log: Log, config: Config) -> tuple[Log, tuple[Misread, ...]]:
         if likely is not None:
             log = _with(log, name, np.asarray(likely[1](column)))  # type: ignore[arg-type]
             found.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))
-    for channel, unit, factor in _by_the_way(log, config):
+    if found or paths is None:
+        paths = [block.path for block in frames_of_log(log, AlignPlan.of(config))]
+    for channel, unit, factor in _by_the_way(config, paths):
         log = _with(log, channel, log.values[:, log.channels.index(channel)] * factor)
         found.append(Misread(channel, unit, "rpm"))
     return log, tuple(found)
@@ -117,14 +124,12 @@ def _beyond(limits: Limits, j: int, values: FloatArray, air_degC: float) -> floa
     return float(np.mean(np.any(every, axis=0)))
 
 
-def _by_the_way(log: Log, config: Config) -> Iterator[tuple[str, str, float]]:
+def _by_the_way(config: Config, paths: Sequence[Mapping[str, NutPath]]) -> Iterator[tuple[str, str, float]]:
     """Speeds that the nut's way shows to be in another unit: channel, unit, and what to multiply by."""
-    moving = [s for s in config.source if s.position_channel and s.speed_channel]
-    if not moving:
-        return
-    paths = [block.path for block in frames_of_log(log, AlignPlan.of(config))]
     found = set[str]()
-    for source in moving:
+    for source in config.source:
+        if not (source.position_channel and source.speed_channel):
+            continue
         channel = str(source.speed_channel)
         ratio = way_ratio(
             [part[str(source.position_channel)] for part in paths], stroke_of_m(config, source.stroke_m)

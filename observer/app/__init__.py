@@ -1,10 +1,10 @@
 """The composition root: the one place that puts parts together, one function per command."""
 
-from observer.app.logs import Ready, forecast, identify, replay, simulate
+from observer.app.logs import forecast, identify, replay, simulate
 from observer.app.machines import init, service, wires
 from observer.app.models import adopt, adopted, calibrate, discover, learned, place
 
 __all__ = [
-    "Ready", "adopt", "adopted", "calibrate", "discover", "forecast", "identify", "init", "learned", "place",
+    "adopt", "adopted", "calibrate", "discover", "forecast", "identify", "init", "learned", "place",
     "replay", "service", "simulate", "wires",
 ]  # fmt: skip

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,28 +13,14 @@ from observer.align.aligner import doubts, frames_of_log, refuse_empty
 from observer.config import Output
 from observer.errors import LogError, UserError
 from observer.estimate.machine import Machine
-from observer.estimate.open_loop import open_loop_rms_K, predicted, read_program, simulated_columns
-from observer.estimators.protocol import Estimator
+from observer.estimate.open_loop import OpenLoop, OpenLoopGap, read_program, simulated_columns
 from observer.files.folders import results_in, write_json
 from observer.files.logs import Log, read_log, suffix_of
-from observer.frames import EstimateBlock, FloatArray
+from observer.frames import EstimateBlock, FloatArray, FrameBlock, NutPath
 from observer.history.history import MethodOptions
 from observer.installation import Installation
 
 Progress = Callable[[int, int], None]
-
-
-class Ready(NamedTuple):
-    """A machine with its estimator, built once for as many logs as there are."""
-
-    machine: Machine
-    estimator: Estimator
-
-    @classmethod
-    def of(cls, config: Installation) -> Ready:
-        """Build them. Raises `UserError` where no gain to be trusted exists."""
-        machine = Machine.of(config, learns=True)
-        return cls(machine, machine.estimator())
 
 
 def replay(
@@ -44,49 +30,48 @@ def replay(
     suffix: str,
     *,
     progress: Progress,
-    ready: Ready | None = None,
+    machine: Machine | None = None,
     picture: bool = True,
     **accept: bool,
 ) -> dict[str, Any]:
     """Run a log through the live path; write estimates, `summary.json` and `overview.png` into `output`.
 
-    `ready` is what was built of the same configuration before; `picture` says whether there is to be one.
+    `machine` is what was built of the same configuration before; `picture` says whether there is to be one.
     `accept` is handed to `read_log`. Returns the summary. Raises `LogError` or `ConfigError`.
     """
     from observer.estimate.checkpoint import CheckpointFit
-    from observer.estimate.replay import estimates_of, nut_paths, speeds, start_of, write_results
-    from observer.quality.reasons import NotGood
+    from observer.estimate.replay import nut_paths, speeds, start_of, write_estimates
     from observer.report.collect import ReplaySamples
     from observer.report.pictures import write_overview
 
     log = _recorded(log_path, config, **accept)
-    machine, estimator = ready or Ready.of(config)
-    pipeline = machine.pipeline(estimator)
-    fit = CheckpointFit.of(config, machine.drive, estimator, pipeline.gap)
-    start, kind_of_start = start_of(log, fit)
-    samples = ReplaySamples(config, estimator.layout)
-    reasons: dict[str, int] = {}
-    not_good = NotGood(machine.plan.channels)
+    machine = machine or Machine.of(config, learns=True)
+    pipeline = machine.pipeline()
+    start, kind_of_start = start_of(log, CheckpointFit.of(machine))
+    samples, open_loop = ReplaySamples(config, pipeline.layout), OpenLoopGap(machine.plant, machine.drive)
+    paths: list[Mapping[str, NutPath]] = []
 
-    def blocks() -> Iterator[EstimateBlock]:
-        for block in estimates_of(log, machine.plan, pipeline, progress, start, not_good):
-            if picture:
-                samples.take(pipeline.inputs, block)
-            yield block
-        not_good.note(pipeline.history)
-        reasons.update(not_good.reasons)
-        more["gap"] = None if pipeline.gap is None else pipeline.gap.history
+    def follow(frames: FrameBlock, block: EstimateBlock) -> None:
+        open_loop.take(frames)
+        paths.append(frames.path)
+        if picture:
+            samples.take(pipeline.inputs, block)
 
-    more: dict[str, Any] = {
-        "nut_path": nut_paths(config, log),
-        "speed_mean_rpm": speeds(config, log),
-        "open_loop_rms_K": open_loop_rms_K(machine.plant, machine.drive, frames_of_log(log, machine.plan)),
-        "doubts": doubts(log, frames_of_log(log, machine.plan), config),
-        "reasons": reasons,
-        "start": kind_of_start,
-    }
     with results_in(output) as part:
-        summary = write_results(part, suffix, estimator.layout, blocks(), log, config.digest, more)
+        numbers = write_estimates(
+            part / f"estimates{suffix}", log, machine.plan, pipeline, progress, start, follow
+        )
+        summary = {
+            "log": log.path.name,
+            "config": config.digest,
+            **numbers,
+            "nut_path": nut_paths(config, log),
+            "speed_mean_rpm": speeds(config, log),
+            "open_loop_rms_K": open_loop.rms_K,
+            "doubts": doubts(log, paths, config),
+            "start": kind_of_start,
+        }
+        write_json(part / "summary.json", summary)
         if picture:
             write_overview(part / "overview.png", config, samples, f"replay of {log_path.name}")
     return summary
@@ -134,11 +119,10 @@ def forecast(
 
     settings = config.forecast
     log, machine = _recorded(log_path, config, **accept), Machine.of(config, learns=True)
-    estimator = machine.estimator()
-    pipeline, learner = machine.pipeline(estimator), Learner(machine)
-    start, _ = start_of(log, CheckpointFit.of(config, machine.drive, estimator, pipeline.gap))
+    pipeline, learner = machine.pipeline(), Learner(machine)
+    start, _ = start_of(log, CheckpointFit.of(machine))
     last: EstimateBlock | None = None
-    for block in estimates_of(log, machine.plan, pipeline, progress, start):
+    for _, block in estimates_of(log, machine.plan, pipeline, progress, start):
         learner.take(pipeline.inputs, block)
         last = block
     if last is None:
@@ -192,7 +176,8 @@ def identify(
     ends_only = Output(positions_m=(0.0, config.screw.length_m))
     machine = Machine.of(config.model_copy(update={"output": ends_only}))
     frames = list(frames_of_log(log, machine.plan))
-    blocks, odd = inputs_of(frames, machine.drive), doubts(log, frames, config)
+    blocks = inputs_of(frames, machine.drive)
+    odd = doubts(log, [block.path for block in frames], config)
     progress(options.method)
     try:
         history = heat_history(
@@ -241,7 +226,11 @@ def simulate(
     samples = Decimator()
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     done = 0
-    for inputs, rows in predicted(machine.plant, machine.drive, frames_of_log(log, machine.plan), start_degC):
+    loop = OpenLoop(machine.plant, machine.drive, start_degC)
+    for frames in frames_of_log(log, machine.plan):
+        if (found := loop.run(frames)) is None:
+            continue
+        inputs, rows = found
         samples.add(simulated(inputs, rows, machine.plant.rows))
         parts.append((inputs.time_s, inputs.law_W, rows))
         done += len(inputs)

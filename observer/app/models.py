@@ -69,8 +69,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     if file is None:
         raise ConfigError(f"{config_path}: the service keeps no checkpoint; give [checkpoint] directory")
     try:
-        fit = CheckpointFit.of(config, machine.drive, machine.estimator(), machine.gap())
-        stood = load_checkpoint(file, fit).estimator
+        stood = load_checkpoint(file, CheckpointFit.of(machine)).estimator
     except UnfitError as error:
         raise ConfigError(f"{file}: {error}; run the service by {config_path.name} for some hours") from None
     first = len(stood.x_hat) - machine.plant.learnt
@@ -187,8 +186,9 @@ def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = Fa
     for path in log_paths:
         log = channels_of(path, config)
         frames = list(frames_of_log(log, plan))
-        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, frames, config)]
-        log, found = read_rightly(log, config) if rightly else (log, ())
+        paths = [block.path for block in frames]
+        odd += [f"{path.name}: {sentence}" for sentence in doubts(log, paths, config)]
+        log, found = read_rightly(log, config, paths) if rightly else (log, ())
         misread |= dict.fromkeys(found)
         runs.append(list(frames_of_log(log, plan)) if found else frames)
     return _Runs(runs, odd, tuple(misread))

@@ -138,6 +138,19 @@ class Steering:
         self._held = False
 
 
+class NoControl:
+    """Writes nowhere, where no control is named."""
+
+    failure: str | None = None
+
+    def take(self, document: Mapping[str, Any]) -> None:
+        """Leave a document out."""
+
+    def close(self, _timeout_s: float) -> bool:
+        """End at once."""
+        return True
+
+
 def correction_of(document: Mapping[str, Any]) -> AxisCorrection:
     """The document of an armed compensation in a control's whole numbers."""
     places_m = document["position_m"]

@@ -17,12 +17,11 @@ from typing import Any
 import cbor2
 import numpy as np
 
-from observer.config import Config
 from observer.control import compensation
 from observer.control.compensation import CompensationState
-from observer.estimate.pipeline import FrameDrive
-from observer.estimators.protocol import Estimator, EstimatorState
-from observer.quality.gap import GapState, GapWatch
+from observer.estimate.machine import Machine
+from observer.estimators.protocol import EstimatorState
+from observer.quality.gap import GapState
 
 SINCE_RESTART = "not armed since the restart; arm again"
 _FORMAT = b"ballscrew-observer checkpoint 1\n"
@@ -36,15 +35,15 @@ class UnfitError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Where a pipeline stood after the step at `tick_s`, what its compensation held, and what was known of
-    the prediction's gap, if there is one.
+    """Where a pipeline stood after the step at `tick_s`, what was known of the prediction's gap, if there is
+    one, and what its compensation held.
     """
 
     tick_s: float
     drive: Any
     estimator: EstimatorState
-    compensation: CompensationState | None = None
     gap: GapState | None = None
+    compensation: CompensationState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +58,13 @@ class CheckpointFit:
     gap: GapState | None = None
 
     @classmethod
-    def of(
-        cls, config: Config, drive: FrameDrive[Any], estimator: Estimator, gap: GapWatch | None = None
-    ) -> CheckpointFit:
-        """What fits these parts."""
-        settings = config.compensation
+    def of(cls, machine: Machine) -> CheckpointFit:
+        """What fits a machine with its estimator. Raises `UserError` where that cannot be designed."""
+        config, settings, gap = machine.config, machine.config.compensation, machine.gap()
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]
         held = compensation.initial(compensation.plan_of(config)) if settings.enabled else None
-        watched = None if gap is None else gap.initial()
-        return cls(config.plant_digest, drive.initial(), estimator.initial(), setup, held, watched)
+        begin = machine.drive.initial(), machine.estimator().initial()
+        return cls(config.plant_digest, *begin, setup, held, None if gap is None else gap.state)
 
 
 def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
@@ -104,8 +101,8 @@ def unpack(data: bytes, fit: CheckpointFit) -> Snapshot:
         tick_s,
         _filled(fit.drive, document.get("drive"), "drive"),
         estimator,
-        _compensation(document.get("compensation"), fit),
         _gap(document.get("gap"), fit),
+        _compensation(document.get("compensation"), fit),
     )
 
 

@@ -5,7 +5,6 @@ that a prediction becomes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,31 +49,31 @@ class OpenLoop:
         return start(plant, z[plant.known.ambient] if self._start_degC is None else self._start_degC, law_W)
 
 
-def predicted(
-    plant: Plant, drive: Drive, blocks: Iterable[FrameBlock], start_degC: float | None = None
-) -> Iterator[tuple[Inputs, FloatArray]]:
-    """Give the inputs and the output rows (K, R) of each block, as `OpenLoop` does."""
-    loop = OpenLoop(plant, drive, start_degC)
-    yield from (found for frames in blocks if (found := loop.run(frames)) is not None)
-
-
 def gap_K(plant: Plant, inputs: Inputs, rows: FloatArray) -> FloatArray:
     """How far each usable reading (K, s) is from its prediction, NaN where there is none."""
     return np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
 
 
-def open_loop_rms_K(plant: Plant, drive: Drive, blocks: Iterable[FrameBlock]) -> dict[str, float | None]:
-    """Return how far the prediction by the heat laws alone is from each sensor, K rms."""
-    squares = np.zeros(plant.rows.sensors)
-    count = np.zeros(plant.rows.sensors)
-    for inputs, rows in predicted(plant, drive, blocks):
-        gap = gap_K(plant, inputs, rows)
-        squares += np.nansum(gap**2, axis=0)
-        count += np.isfinite(gap).sum(axis=0)
-    return {
-        name: math.sqrt(s / n) if n else None
-        for name, s, n in zip(plant.layout.sensors, squares, count, strict=True)
-    }
+class OpenLoopGap:
+    """How far the prediction by the heat laws alone is from each sensor over a log."""
+
+    def __init__(self, plant: Plant, drive: Drive) -> None:
+        self._plant, self._loop = plant, OpenLoop(plant, drive)
+        self._squares_K2 = np.zeros(plant.rows.sensors)
+        self._count = np.zeros(plant.rows.sensors)
+
+    def take(self, frames: FrameBlock) -> None:
+        """Take the next frames."""
+        if (found := self._loop.run(frames)) is not None:
+            gap = gap_K(self._plant, *found)
+            self._squares_K2 += np.nansum(gap**2, axis=0)
+            self._count += np.isfinite(gap).sum(axis=0)
+
+    @property
+    def rms_K(self) -> dict[str, float | None]:
+        """The gap by sensor so far, None where there is none."""
+        sums = zip(self._plant.layout.sensors, self._squares_K2, self._count, strict=True)
+        return {name: math.sqrt(s / n) if n else None for name, s, n in sums}
 
 
 def read_program(path: Path, config: Config) -> Log:
@@ -102,9 +101,5 @@ def simulated_columns(
     at = np.searchsorted(log.time_s, time_s)
     columns |= {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
     columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(plant.source_names)}
-    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
-    columns |= {f"field_{mm}_degC": rows[:, meaning.sensors + i] for i, mm in enumerate(places)}
-    if layout.has_error:
-        error_um = meaning.error_um(rows)
-        columns |= {f"error_{mm}_um": error_um[:, i] for i, mm in enumerate(places)}
-    return columns
+    columns |= layout.along(field__degC=rows[:, meaning.field_slice])
+    return columns | (layout.along(error__um=meaning.error_um(rows)) if layout.has_error else {})

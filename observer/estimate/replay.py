@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -31,16 +30,10 @@ _LABELS = np.array([quality.label for quality in EstimateQuality])
 
 
 def estimates_of(
-    log: Log,
-    plan: AlignPlan,
-    pipeline: Pipeline[Any],
-    progress: Progress,
-    start: Snapshot | None = None,
-    not_good: NotGood | None = None,
-) -> Iterator[EstimateBlock]:
-    """The estimates of a log in blocks, by a pipeline that begins cold or, with `start`, there.
-
-    `progress` gets the rows done and their total, `not_good` every block with its frames.
+    log: Log, plan: AlignPlan, pipeline: Pipeline[Any], progress: Progress, start: Snapshot | None = None
+) -> Iterator[tuple[FrameBlock, EstimateBlock]]:
+    """The frames of a log in blocks, and their estimates, by a pipeline that begins cold or, with `start`,
+    there. `progress` gets the rows done and their total.
     """
     if start is not None:
         pipeline.restore(start.drive, start.estimator, start.gap)
@@ -49,13 +42,8 @@ def estimates_of(
     last_tick_s = math.nan if start is None else start.tick_s
     for frames, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s):
         if afresh:
-            if not_good is not None:
-                not_good.note(pipeline.history)
             pipeline.reset()
-        block = pipeline.step(frames)
-        if not_good is not None:
-            not_good.take(frames, block)
-        yield block
+        yield frames, pipeline.step(frames)
         done += len(frames)
         progress(done, total)
 
@@ -128,16 +116,15 @@ def heat_columns(layout: Layout, found: EstimateBlock | HeatHistory) -> dict[str
 def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
     """The columns of `estimates.csv` for a block."""
     columns = heat_columns(layout, block)
-    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
-    for j, mm in enumerate(places):
-        columns[f"field_{mm}_degC"] = block.field_degC[:, j]
-        columns[f"field_{mm}_sigma_K"] = block.field_sigma_K[:, j]
-        columns[f"field_{mm}_bound_K"] = block.field_bound_K[:, j]
+    columns |= layout.along(
+        field__degC=block.field_degC, field__sigma_K=block.field_sigma_K, field__bound_K=block.field_bound_K
+    )
     if layout.has_error:
-        for j, mm in enumerate(places):
-            columns[f"error_{mm}_um"] = block.error_um[:, j]
-            columns[f"error_{mm}_sigma_um"] = block.error_sigma_um[:, j]
-            columns[f"error_{mm}_bound_um"] = block.error_bound_um[:, j]
+        columns |= layout.along(
+            error__um=block.error_um,
+            error__sigma_um=block.error_sigma_um,
+            error__bound_um=block.error_bound_um,
+        )
     for j, name in enumerate(layout.sensors):
         columns[f"innovation_{name}_K"] = block.innovation_K[:, j]
         columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]
@@ -148,32 +135,37 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
     return columns
 
 
-def write_results(
-    output: Path,
-    suffix: str,
-    layout: Layout,
-    blocks: Iterator[EstimateBlock],
+def write_estimates(
+    path: Path,
     log: Log,
-    digest: str,
-    more: Mapping[str, Any] = MappingProxyType({}),
+    plan: AlignPlan,
+    pipeline: Pipeline[Any],
+    progress: Progress,
+    start: Snapshot | None = None,
+    follow: Callable[[FrameBlock, EstimateBlock], None] = lambda _frames, _block: None,
 ) -> dict[str, Any]:
-    """Write `estimates` + suffix and `summary.json` into `output`; both appear complete or not at all.
+    """Write the estimates of a log to a file, which appears complete or not at all; return them in numbers.
 
-    Returns the content of `summary.json`: the summary, and `more` that the caller knows of the log. Raises
-    `LogError` where they cannot be written, or when there is no estimate to write.
+    `follow` gets every block with its frames. Raises `LogError` where the file cannot be written, or when
+    there is no estimate to write.
     """
+    layout, not_good = pipeline.layout, NotGood(plan.channels)
     counts, times = [], []
-    with TableWriter(output / f"estimates{suffix}") as writer:
-        for block in blocks:
+    with TableWriter(path) as writer:
+        for frames, block in estimates_of(log, plan, pipeline, progress, start):
             writer.write(result_columns(layout, block))
             counts.append(_counts(block))
             times += block.time_s[[0, -1]].tolist()
+            not_good.take(frames, block)
+            follow(frames, block)
         if not counts:
             raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
-    numbers = _summary(layout, counts, times[-1] - times[0])
-    summary = {"log": log.path.name, "config": digest, **numbers, **more}
-    write_json(output / "summary.json", summary)
-    return summary
+    not_good.note(pipeline.history)
+    return {
+        **_summary(layout, counts, times[-1] - times[0]),
+        "reasons": not_good.reasons,
+        "gap": None if pipeline.gap is None else pipeline.gap.history,
+    }
 
 
 def nut_paths(config: Config, log: Log) -> Mapping[str, str]:

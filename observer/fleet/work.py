@@ -17,6 +17,7 @@ from typing import Any
 
 from observer import app
 from observer.errors import LogError, UserError
+from observer.estimate.machine import Machine
 from observer.fleet.jobs import Job, Verb
 from observer.fleet.journal import (
     WHY,
@@ -122,9 +123,9 @@ def _limited(job: Job, options: RunOptions, part: Path) -> Iterator[None]:
 
 
 def _replay(job: Job, options: RunOptions, part: Path) -> dict[str, Any]:
-    config, ready = _ready(job.config, job.config.read_bytes())
+    config, machine = _machine(job.config, job.config.read_bytes())
     summary = app.replay(
-        job.logs[0], config, part, f".{options.format}", progress=_silent, ready=ready, picture=False
+        job.logs[0], config, part, f".{options.format}", progress=_silent, machine=machine, picture=False
     )
     return _heats(config, summary) | {"good": summary["quality"]["good"] / max(1, summary["rows"])}
 
@@ -171,10 +172,10 @@ def _type_of(config: Installation) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=_KEPT)
-def _ready(config: Path, _text: bytes) -> tuple[Installation, app.Ready]:
+def _machine(config: Path, _text: bytes) -> tuple[Installation, Machine]:
     """What is built of a configuration, kept for the logs to come as long as its text is the same."""
     settings = load(config)
-    return settings, app.Ready.of(settings)
+    return settings, Machine.of(settings, learns=True)
 
 
 def _silent(*_args: object) -> None:

@@ -8,6 +8,7 @@ white heat of its spectral density at low frequency; what the air may wander goe
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ import numpy as np
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.forecast.program import BIN_S, Bins, Program
-from observer.frames import BoolArray, FloatArray, Inputs
+from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs
 from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
@@ -48,21 +49,8 @@ class MeanHeats(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Ahead:
-    """K moments: `time_s` (K,) from now on, field and thermal error (K, g) with σ; errors are (K, 0) without
-    an expansion coefficient.
-    """
-
-    time_s: FloatArray
-    field_degC: FloatArray
-    field_sigma_K: FloatArray
-    error_um: FloatArray
-    error_sigma_um: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class Runner:
-    """An estimator without a correction, from a state on."""
+    """An estimator without a correction, from a state on, `after_s` after the forecast's begin."""
 
     plant: Plant
     estimator: Estimator
@@ -70,6 +58,7 @@ class Runner:
     heats: MeanHeats
     z: FloatArray
     settings: EstimatorSettings
+    after_s: float = 0.0
 
     def of(self, plant: Plant, x: FloatArray, heats: MeanHeats) -> Runner:
         """Return the same of another plant, from another state, with other heats."""
@@ -78,19 +67,22 @@ class Runner:
             self, plant=plant, estimator=KalmanEstimator(plant, self.settings), state=state, heats=heats
         )
 
-    def run(self, bins: Bins, from_s: float) -> tuple[Runner, Ahead]:
-        """Take some bins; what is learnt of the machine stays as it was."""
-        u = self._inputs(bins)
+    def run(self, bins: Bins) -> tuple[Runner, EstimateBlock]:
+        """Take some bins; what is learnt of the machine stays as it was. Times count from the begin."""
+        u, time_s = self._inputs(bins), self.after_s + np.cumsum(bins.dt_s)
         state, block = self.estimator.run(self.state, u)
         if learnt := self.plant.learnt:
             x = state.x_hat.copy()
             x[-learnt:] = self.state.x_hat[-learnt:]
             state = replace(state, x_hat=x)
-        ahead = Ahead(
-            from_s + np.cumsum(bins.dt_s), block.field_degC, block.field_sigma_K, block.error_um,
-            block.error_sigma_um,
-        )  # fmt: skip
-        return replace(self, state=state), ahead
+        return replace(self, state=state, after_s=float(time_s[-1])), replace(block, time_s=time_s)
+
+    def follow(self, parts: Iterable[Bins]) -> Iterator[EstimateBlock]:
+        """Take one part after the other."""
+        at = self
+        for bins in parts:
+            at, block = at.run(bins)
+            yield block
 
     def _inputs(self, bins: Bins) -> Inputs:
         n, s, time_s = len(bins.dt_s), self.plant.rows.sensors, self.state.time_s
@@ -249,12 +241,8 @@ def repeated(bins: Bins, duration_s: float) -> Bins:
     return bins.at(np.arange(count) % len(bins.dt_s))
 
 
-def ahead(begin: Runner, program: Program, duration_s: float) -> Ahead:
-    """The next `duration_s`, from now on, in bins."""
-    bins, parts, at = repeated(program.bins, duration_s), [], begin
-    from_s = 0.0
-    for first in range(0, len(bins.dt_s), _PART):
-        at, part = at.run(bins.at(slice(first, first + _PART)), from_s)
-        from_s = float(part.time_s[-1])
-        parts.append(part)
-    return Ahead(*(np.concatenate([getattr(p, n) for p in parts]) for n in Ahead.__dataclass_fields__))
+def ahead(begin: Runner, program: Program, duration_s: float) -> EstimateBlock:
+    """The estimates of the next `duration_s`, in bins; times count from now on."""
+    bins = repeated(program.bins, duration_s)
+    parts = (bins.at(slice(first, first + _PART)) for first in range(0, len(bins.dt_s), _PART))
+    return EstimateBlock.joined(list(begin.follow(parts)))

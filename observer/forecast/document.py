@@ -9,10 +9,10 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators.protocol import EstimatorState
-from observer.forecast.ahead import Ahead, ahead, runner
+from observer.forecast.ahead import ahead, runner
 from observer.forecast.program import Program
 from observer.forecast.settling import Settled, WarmUp, when
-from observer.frames import BoolArray, EstimateQuality, FloatArray
+from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArray
 from observer.model.plant import Plant
 
 MOST_TIMES, MOST_PLACES = 61, 21
@@ -26,7 +26,7 @@ class Forecast:
 
     now_s: float
     program: Program
-    ahead: Ahead
+    ahead: EstimateBlock
     settled: Settled
     between_s: tuple[float, float] | None
     warm_up: WarmUp | None
@@ -69,11 +69,8 @@ def document(
         return np.round(values[np.ix_(times, places)], 4).tolist() if values.shape[1] else None
 
     after_s, between_s, sooner = found.settled.after_s, found.between_s, found.warm_up
-    return {
-        "time_s": found.now_s,
-        "instance": instance,
-        "quality": quality.label,
-        "reason": None if good else f"the estimate that it begins from is {quality.label}",
+    reason = None if good else f"the estimate that it begins from is {quality.label}"
+    return none(found.now_s, quality, instance, reason, within_um) | {
         "program": {
             "kind": found.program.kind, "period_s": found.program.period_s, "text": found.program.text
         },
@@ -85,13 +82,12 @@ def document(
         "error_sigma_um": table(found.ahead.error_sigma_um) if has_error else None,
         "settled_at_s": None if after_s is None else found.now_s + after_s,
         "settled_between_s": None if between_s is None else [round(found.now_s + s, 1) for s in between_s],
-        "settles_within_um": within_um,
         "warm_up": None if sooner is None else {**sooner._asdict(), "text": _warm_up(sooner)},
     }  # fmt: skip
 
 
 def none(
-    now_s: float, quality: EstimateQuality, instance: str, reason: str, within_um: float
+    now_s: float, quality: EstimateQuality, instance: str, reason: str | None, within_um: float
 ) -> dict[str, Any]:
     """The document where there is no forecast, and why."""
     return {

@@ -28,10 +28,7 @@ _ALIKE = 0.6  # an autocorrelation above this is a cycle
 _IDLE_W = 1e-3
 _LONG_REST = 45
 _BLOCK = 30
-_CHANGES_S, _PRIOR = (
-    250.0,
-    4.0,
-)  # for how long mixed work stays alike before it is known, and how firmly that is held
+_CHANGES_S, _PRIOR = 250.0, 4.0  # for how long mixed work stays alike, and how firmly that is believed
 
 ProgramKind = Literal["cycle", "mixed", "given", "standstill"]
 
@@ -125,26 +122,18 @@ def _bins_of(
     dt_s = total(weight)
 
     def mean(rows: FloatArray) -> FloatArray:
-        w = weight.reshape(-1, *(1,) * (rows.ndim - 1))
-        return np.asarray(total(rows[at] * w) / dt_s.reshape(-1, *(1,) * (rows.ndim - 1)))
+        by = (-1, *(1,) * (rows.ndim - 1))
+        return np.asarray(total(rows[at] * weight.reshape(by)) / dt_s.reshape(by))
 
     heated = np.abs(u.law_W[:, list(moving)])[:, :, None] + 1e-9  # at rest, where the nut is
     none = np.full((len(u), u.law_W.shape[1]), np.nan)
-    heat_W, sigma_W, own_W = (
-        (none, none, none)
-        if estimates is None
-        else (estimates.heat_W, estimates.heat_sigma_W, estimates.law_W)
-    )
+    own = (none,) * 3 if estimates is None else (estimates.heat_W, estimates.heat_sigma_W, estimates.law_W)
+    loss_1_s = mean(u.loss_1_s)
     return Bins(
-        dt_s, mean(u.law_W), mean(u.z_end), mean(u.loss_1_s), _drawn(mean, u),
-        mean(u.moving_B * heated) / mean(heated), mean(u.moving_C * heated) / mean(heated),
-        mean(heat_W), mean(sigma_W), mean(own_W),
+        dt_s, mean(u.law_W), mean(u.z_end), loss_1_s,
+        mean(u.loss_1_s * u.loss_degC) / np.where(loss_1_s > 0.0, loss_1_s, 1.0),
+        mean(u.moving_B * heated) / mean(heated), mean(u.moving_C * heated) / mean(heated), *map(mean, own),
     )  # fmt: skip
-
-
-def _drawn(mean, u: Inputs) -> FloatArray:  # type: ignore[no-untyped-def]
-    rate = mean(u.loss_1_s)
-    return np.asarray(mean(u.loss_1_s * u.loss_degC) / np.where(rate > 0.0, rate, 1.0))
 
 
 def joined(parts: Sequence[Bins]) -> Bins:
@@ -235,15 +224,9 @@ def period_bins(total_W: FloatArray) -> int | None:
 
 def _one_cycle(bins: Bins, period: int) -> Bins:
     """One cycle that goes on where the bins end, its bins the means over all whole cycles."""
-    n = len(bins.dt_s) // period * period
-    heat = bins.total_W[-n:, None, None] + 1e-9
-    nuts = [
-        (c[-n:] * heat).reshape(n // period, period, *c.shape[1:]).mean(0)
-        / heat.reshape(n // period, period, 1, 1).mean(0)
-        for c in bins[5:7]
-    ]
-    plain = [c[-n:].reshape(n // period, period, *c.shape[1:]).mean(0) for c in bins]
-    return Bins(*plain[:5], *nuts, *plain[7:])._replace(dt_s=np.full(period, BIN_S))
+    begin = len(bins.dt_s) % period
+    means = [averaged(bins.at(slice(begin + i, None, period))) for i in range(period)]
+    return joined(means)._replace(dt_s=np.full(period, BIN_S))
 
 
 def noise_W2_s(bins: Bins, period: int | None = None) -> float:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
 
-from observer.forecast.ahead import HOUR_S, Ahead, Runner
+from observer.forecast.ahead import HOUR_S, Runner
 from observer.forecast.program import Bins, Program
-from observer.frames import BoolArray, FloatArray
+from observer.frames import BoolArray, EstimateBlock, FloatArray
 
 STEP_S = 30.0
 MOST_S = 24.0 * HOUR_S
@@ -50,25 +52,23 @@ def _without_sigma(begin: Runner) -> Runner:
 
 def settling(begin: Runner, program: Program, travel: BoolArray, within_um: float) -> Settled:
     """Follow the mean program until nothing changes; `travel` (g,) are the places of the grid that count."""
-    one, at, time_s, parts = program.mean, _without_sigma(begin), 0.0, list[Ahead]()
-    while time_s < MOST_S:
-        at, part = at.run(_steps(one), time_s)
-        time_s = float(part.time_s[-1])
+    parts = list[EstimateBlock]()
+    for part in _without_sigma(begin).follow(repeat(_steps(program.mean))):
         parts.append(part)
-        if np.abs(part.field_degC[-1] - part.field_degC[0]).max() < _STILL_K:
+        still = np.abs(part.field_degC[-1] - part.field_degC[0]).max() < _STILL_K
+        if still or part.time_s[-1] >= MOST_S:
             break
-    field_degC, error_um = parts[-1].field_degC[-1], parts[-1].error_um[-1]
-    path = np.concatenate([p.error_um for p in parts])
-    times_s = np.concatenate([p.time_s for p in parts])
-    return Settled(field_degC, error_um, _there(times_s, path, error_um, travel, within_um))
+    error_um = parts[-1].error_um[-1]
+    return Settled(parts[-1].field_degC[-1], error_um, _there(parts, error_um, travel, within_um))
 
 
 def _there(
-    time_s: FloatArray, path_um: FloatArray, at_um: FloatArray, travel: BoolArray, within_um: float
+    parts: Sequence[EstimateBlock], at_um: FloatArray, travel: BoolArray, within_um: float
 ) -> float | None:
     """The first moment from which on every point is within the limit; 0 where it always is."""
     if not at_um.size:
         return None
+    time_s, path_um = (np.concatenate(c) for c in zip(*((p.time_s, p.error_um) for p in parts), strict=True))
     off = np.flatnonzero((np.abs(path_um - at_um)[:, travel] > within_um).any(axis=1))
     if not len(off):
         return 0.0
@@ -141,14 +141,11 @@ def _after_warm_up(
     within_um: float,
 ) -> float | None:
     """When it has settled after a warm-up, at the earliest at its end."""
-    at, _ = _without_sigma(begin).run(_steps(program.hardest, max(1, round(lasts_s / STEP_S))), 0.0)
-    path, times, time_s = [], [], lasts_s
-    while time_s < lasts_s + 2.0 * (settled.after_s or MOST_S / 2.0):
-        at, part = at.run(_steps(program.mean), time_s)
-        time_s = float(part.time_s[-1])
-        path.append(part.error_um)
-        times.append(part.time_s)
-    found = _there(np.concatenate(times), np.concatenate(path), settled.error_um, travel, within_um)
+    warm, _ = _without_sigma(begin).run(_steps(program.hardest, max(1, round(lasts_s / STEP_S))))
+    most_s = lasts_s + 2.0 * (settled.after_s or MOST_S / 2.0)
+    count = math.ceil((most_s - warm.after_s) / (_PART * STEP_S))
+    parts = list(warm.follow(repeat(_steps(program.mean), count)))
+    found = _there(parts, settled.error_um, travel, within_um)
     return None if found is None else max(found, lasts_s)
 
 
@@ -161,13 +158,10 @@ def warm_up(
     hardest, mean = program.hardest, program.mean
     if not settled.after_s or hardest.total_W[0] <= _MORE * mean.total_W[0]:
         return None
-    at, time_s, there_K = _without_sigma(begin), 0.0, float(settled.field_degC.mean())
-    while time_s < settled.after_s:
-        at, part = at.run(_steps(hardest, 2), time_s)
-        time_s = float(part.time_s[-1])
-        if part.field_degC[-1].mean() >= there_K:
-            break
-    else:
+    count, there_K = math.ceil(settled.after_s / (2.0 * STEP_S)), float(settled.field_degC.mean())
+    parts = _without_sigma(begin).follow(repeat(_steps(hardest, 2), count))
+    time_s = next((float(p.time_s[-1]) for p in parts if p.field_degC[-1].mean() >= there_K), None)
+    if time_s is None:
         return None
     found = _after_warm_up(begin, program, time_s, settled, travel, within_um)
     if found is None or settled.after_s - found < _WORTH_S:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import structlog
@@ -24,6 +25,7 @@ from observer.live.observers import Step, StepObserver
 
 _ESTIMATED = ("heat_W", "sigma_W", "own_law_W")
 _GATHER_S = 20.0
+_LOOK_S = 1.0
 _MOST_STEPS = 200_000
 log = structlog.get_logger()
 
@@ -48,11 +50,6 @@ class Learner:
         return self._parts
 
 
-class _Step(NamedTuple):
-    inputs: Inputs
-    block: EstimateBlock
-
-
 def is_wanted(machine: Machine) -> bool:
     """Whether a forecast is computed: as configured, else where every estimated heat has a law."""
     asked = machine.config.forecast.enabled
@@ -60,41 +57,31 @@ def is_wanted(machine: Machine) -> bool:
 
 
 class Forecaster(StepObserver):
-    """Computes a forecast now and then from the newest step; no method waits for it."""
+    """Computes a forecast now and then from the newest state; no method waits for it."""
 
     def __init__(self, machine: Machine, instance: str, publish: Callable[[Mapping[str, Any]], None]) -> None:
         """`publish` is called in the forecaster's own thread with each document."""
         self._machine, self._instance, self._publish = machine, instance, publish
         self._settings = machine.config.forecast
         self._learner = Learner(machine)
-        self._steps: deque[_Step] = deque(maxlen=_MOST_STEPS)
+        self._steps: deque[Step] = deque(maxlen=_MOST_STEPS)
         self._newest: EstimatorState | None = None
+        self._looked_s = -math.inf
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="forecast", daemon=True)
 
-    def start(self) -> None:
-        """Begin; returns at once."""
+    def begin(self) -> None:
+        """Start its thread; returns at once."""
         self._thread.start()
 
-    def step(self, inputs: Inputs, block: EstimateBlock, state: EstimatorState | None) -> None:
-        """Take a step of the loop and where the estimator stands after it; all of it is frozen."""
-        self._steps.append(_Step(inputs, block))
-        self._newest = state
-
-    def begin(self) -> None:
-        """Start its thread."""
-        self.start()
-
     def follow(self, step: Step) -> None:
-        """Take a step of the loop."""
-        snapshot = step.snapshot()
-        self.step(step.inputs, step.estimate, None if snapshot is None else snapshot.estimator)
+        """Take a step of the loop, all of which is frozen, and once a second where the estimator stands."""
+        if step.now_s - self._looked_s >= _LOOK_S:
+            self._looked_s, snapshot = step.now_s, step.snapshot()
+            self._newest = None if snapshot is None else snapshot.estimator
+        self._steps.append(step)
 
     def finish(self, _snapshot: Snapshot | None) -> None:
-        """Publish no more."""
-        self.end()
-
-    def end(self) -> None:
         """Publish no more; what is being computed is dropped with its thread."""
         self._closing.set()
 
@@ -117,9 +104,9 @@ class Forecaster(StepObserver):
         steps = [self._steps.popleft() for _ in range(len(self._steps))]
         if not steps:
             return None
-        blocks = [s.block for s in steps]
-        self._learner.take(Inputs.joined([s.inputs for s in steps]), _joined(blocks))
-        return blocks[-1]
+        inputs = Inputs.joined([step.inputs for step in steps])
+        self._learner.take(inputs, EstimateBlock.joined([step.estimate for step in steps]))
+        return steps[-1].estimate
 
     def _document(self, last: EstimateBlock) -> dict[str, Any]:
         state, quality = self._newest, EstimateQuality(int(last.quality[-1]))
@@ -133,11 +120,6 @@ class Forecaster(StepObserver):
             worse = max(quality, EstimateQuality.STARTING)
             return none(float(last.time_s[-1]), worse, self._instance, str(error), within_um)
         return document(found, plant, quality, self._instance, within_um)
-
-
-def _joined(blocks: list[EstimateBlock]) -> EstimateBlock:
-    names = EstimateBlock.__dataclass_fields__
-    return EstimateBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
 
 
 def program_bins(path: Path, machine: Machine) -> Bins:
@@ -160,14 +142,8 @@ def program_bins(path: Path, machine: Machine) -> Bins:
 
 def forecast_columns(layout: Layout, found: Forecast) -> dict[str, FloatArray]:
     """The columns of `forecast.csv`, named as those of `estimates.csv`."""
-    columns: dict[str, FloatArray] = {}
     a = found.ahead
-    places = [f"{1000 * x_m:.10g}" for x_m in layout.position_m]
-    for j, mm in enumerate(places):
-        columns[f"field_{mm}_degC"] = a.field_degC[:, j]
-        columns[f"field_{mm}_sigma_K"] = a.field_sigma_K[:, j]
+    columns = layout.along(field__degC=a.field_degC, field__sigma_K=a.field_sigma_K)
     if layout.has_error:
-        for j, mm in enumerate(places):
-            columns[f"error_{mm}_um"] = a.error_um[:, j]
-            columns[f"error_{mm}_sigma_um"] = a.error_sigma_um[:, j]
+        columns |= layout.along(error__um=a.error_um, error__sigma_um=a.error_sigma_um)
     return columns

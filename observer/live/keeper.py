@@ -20,24 +20,23 @@ _END_S = 0.1
 log = structlog.get_logger()
 
 
-def stored(path: Path, fit: CheckpointFit, now_s: float, oldest_s: float) -> Snapshot | None:
-    """Where the service stood when it ran last, None for a cold start; the log says which and why."""
+def stored(
+    path: Path, fit: CheckpointFit, now_s: float, oldest_s: float
+) -> tuple[Snapshot | None, GapState | None]:
+    """Where the service stood when it ran last, None for a cold start; the log says which and why.
+
+    Beside it what was known of the prediction's gap then, however long ago; None if nothing.
+    """
+    gap: GapState | None = None
     try:
-        snapshot = recent(load(path, fit), now_s, oldest_s)
+        snapshot = load(path, fit)
+        gap = None if snapshot.gap is None else replace(snapshot.gap, time_s=math.nan)
+        recent(snapshot, now_s, oldest_s)
     except UnfitError as error:
         log.warning("cold start", checkpoint=str(path), reason=str(error))
-        return None
+        return None, gap
     log.info("warm start", checkpoint=str(path), age_s=round(now_s - snapshot.tick_s, 3))
-    return snapshot
-
-
-def known_of_gap(path: Path, fit: CheckpointFit) -> GapState | None:
-    """What was known of the prediction's gap when the service ran last, however long ago; None if nothing."""
-    try:
-        gap = load(path, fit).gap
-    except UnfitError:
-        return None
-    return None if gap is None else replace(gap, time_s=math.nan)
+    return snapshot, snapshot.gap
 
 
 def carried(
@@ -66,85 +65,49 @@ def carried(
 
 
 class Keeper(StepObserver):
-    """Writes the newest snapshot to one file, at most every `period_s`, and the last one at the end."""
+    """Writes the newest snapshot to one file, at most every `period_s`, and the last one at the end.
+
+    Each is written in a thread of its own; a period in which the one before is not written yet is left out.
+    """
 
     def __init__(self, path: Path, fit: CheckpointFit, period_s: float) -> None:
-        self._path = path
-        self._fit = fit
-        self._period_s = period_s
+        self._path, self._fit, self._period_s = path, fit, period_s
         self._given_s = -math.inf
-        self._changed = threading.Condition()
-        self._newest: Snapshot | None = None
-        self._closing = False
-        self.reason: str | None = None
-        self._thread = threading.Thread(target=self._supervised, name="checkpoint", daemon=True)
-        self._thread.start()
-
-    @property
-    def alive(self) -> bool:  # type: ignore[override]
-        """Whether the thread that writes is there."""
-        return self._thread.is_alive()
+        self._writing = threading.Thread()
+        self._reason: str | None = None
 
     def follow(self, step: Step) -> None:
-        """Take where the service stands after a step, if it is time again."""
-        self.step(step.snapshot, step.now_s)
+        """Write where the service stands after a step, if it is time again."""
+        if step.now_s - self._given_s >= self._period_s and not self._writing.is_alive():
+            self._given_s = step.now_s
+            self.finish(step.snapshot())
 
     def notices(self) -> tuple[str, ...]:
         """Why the last checkpoint could not be written."""
-        return (f"checkpoint: {self.reason}",) if self.reason else ()
+        return (f"checkpoint: {self._reason}",) if self._reason else ()
 
     def finish(self, snapshot: Snapshot | None) -> None:
-        """Take the last snapshot."""
-        self.end(snapshot)
+        """Begin to write a snapshot."""
+        if snapshot is not None:
+            args = (snapshot, self._writing)
+            self._writing = threading.Thread(target=self._write, args=args, name="checkpoint", daemon=True)
+            self._writing.start()
 
     def finished(self) -> str | None:
-        """Wait until it is on the disk."""
-        return None if self.close(_END_S) else "the last checkpoint could not be written in time"
+        """Wait until the last snapshot is on the disk."""
+        if self._writing.is_alive():
+            self._writing.join(_END_S)
+        return "the last checkpoint could not be written in time" if self._writing.is_alive() else None
 
-    def step(self, snapshot: Callable[[], Snapshot | None], now_s: float) -> None:
-        """Take a snapshot if it is time again."""
-        if now_s - self._given_s >= self._period_s:
-            self._given_s = now_s
-            self._give(snapshot(), closing=False)
-
-    def end(self, snapshot: Snapshot | None) -> None:
-        """Take where the service stands at its end, which is written at once."""
-        self._give(snapshot, closing=True)
-
-    def close(self, timeout_s: float) -> bool:
-        """Wait until all is written after `end`; says whether it was in that time."""
-        self._give(None, closing=True)
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    def _give(self, snapshot: Snapshot | None, *, closing: bool) -> None:
-        with self._changed:
-            self._newest = snapshot or self._newest
-            self._closing |= closing
-            self._changed.notify()
-
-    def _supervised(self) -> None:
-        """Write until closed; a defect in here is reported and ends the thread, which `alive` shows."""
-        try:
-            self._run()
-        except Exception as error:  # whatever it is, health and watchdog are to know
-            self.reason = f"the thread that writes has ended ({error!r}); restart the service"
-            log.error("checkpoints ended", exc_info=True)
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._newest is not None or self._closing)
-                newest, self._newest, closing = self._newest, None, self._closing
-            if newest is not None:
-                self._write(newest)
-            elif closing:
-                return
-
-    def _write(self, snapshot: Snapshot) -> None:
+    def _write(self, snapshot: Snapshot, before: threading.Thread) -> None:
+        if before.is_alive():
+            before.join()
         try:
             make_folder(self._path.parent)
             write_whole(self._path, pack(snapshot, self._fit))
-            self.reason = None
+            self._reason = None
         except OSError as error:
-            self.reason = f"{self._path}: cannot be written ({error.strerror}); free space or repair it"
+            self._reason = f"{self._path}: cannot be written ({error.strerror}); free space or repair it"
+        except Exception as error:  # a defect: the service goes on, and health says that it cannot be resumed
+            self._reason = f"{self._path}: cannot be written ({error!r}); report this"
+            log.error("checkpoint failed", exc_info=True)

@@ -41,8 +41,7 @@ def run(
         return max(0.0, end_s - time.monotonic())
 
     def flush() -> None:
-        if service.recorder is not None:
-            service.recorder.close(0.1)
+        service.recorder.close(0.1)
 
     take_short_turns()
     with StopSignals(flush) as signals:
@@ -70,7 +69,7 @@ async def _until_ended(
             loop.call_later(seconds, stop)
 
     task = asyncio.ensure_future(serve(service, when_ready=when_ready))
-    if service.renewals is not None and service.renewals.can_reload:
+    if service.renewals.can_reload:
         signals.when_asked(service.renewals.reload)
     signals.when_heard(stop)
     with contextlib.suppress(asyncio.CancelledError):

@@ -4,29 +4,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import structlog
+
+from observer.control.compensation import Compensator
+from observer.control.steering import NoControl, Steering
 from observer.estimate.checkpoint import Snapshot
+from observer.exchange import Command
 from observer.frames import EstimateBlock, FrameBlock, Inputs
 from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Facts
 from observer.quality.health import HEALTH_PERIOD_S
 
 _END_S = 0.1
+_CONTROL_END_S = 0.3
+
+Publish = Callable[[Mapping[str, Any]], None]
+Answer = Callable[[], tuple[bool, str]]
+"""Whether a command was done, and what came of it in words; asked after the next step."""
+
+log = structlog.get_logger()
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
     """What the loop took in and gave out at a tick at `now_s` of its clock; blocks of one.
 
-    `snapshot` gives the state of the pipeline after it, None while the estimator knows nothing yet.
+    `sequence` is the estimate's number, `clock_offset_s` how far the computer's clock is ahead. `snapshot`
+    gives the state of the pipeline after the step, None while the estimator knows nothing yet; it is only to
+    be asked in `follow`.
     """
 
     frame: FrameBlock
     inputs: Inputs
     estimate: EstimateBlock
+    sequence: int = 0
     now_s: float = math.nan
+    clock_offset_s: float = 0.0
     snapshot: Callable[[], Snapshot | None] = lambda: None
 
 
@@ -45,6 +61,12 @@ class StepObserver:
     def follow(self, step: Step) -> None:
         """Take a step that succeeded, once its estimate is published."""
 
+    def miss(self, time_s: float, sequence: int, reason: str) -> None:
+        """Take that the step of a tick has failed."""
+
+    def obey(self, command: Command) -> Answer | None:
+        """Carry out a command; returns the answer, None where the command is not for this observer."""
+
     def report(self, facts: Facts) -> None:
         """Take the facts of a health report."""
 
@@ -56,6 +78,10 @@ class StepObserver:
         """Fields of the health document."""
         return {}
 
+    def remember(self, snapshot: Snapshot) -> Snapshot:
+        """Add what a restart is to continue from."""
+        return snapshot
+
     def finish(self, snapshot: Snapshot | None) -> None:
         """End; `snapshot` is where the pipeline stands."""
 
@@ -64,22 +90,87 @@ class StepObserver:
         return None
 
 
-class AlarmObserver(StepObserver):
-    """Publishes alarms on change and every five seconds; `air` is the column of the ambient in `z_end`."""
+class CompensationObserver(StepObserver):
+    """Publishes the compensation after each step, has it written to the control, and arms and disarms it.
+
+    `rival` returns who else publishes as this service, None without.
+    """
 
     def __init__(
         self,
-        desk: AlarmDesk,
-        publish: Callable[[Mapping[str, Any]], None],
-        air: int,
-        instance: str,
+        compensator: Compensator,
+        publish: Publish,
+        rival: Callable[[], str | None],
+        control: Steering | NoControl,
     ) -> None:
+        self._compensator, self._publish, self._rival, self._control = compensator, publish, rival, control
+
+    def follow(self, step: Step) -> None:
+        """Take an estimate."""
+        compensator = self._compensator
+        compensator.see_clock(step.clock_offset_s)
+        if (rival := self._rival()) is not None:
+            compensator.disarm(f"{rival}, then arm again")
+        if self._control.failure is not None and compensator.reason is None:
+            compensator.disarm(f"{self._control.failure}; arm again")
+        self._send(compensator.step(step.estimate, step.frame, step.sequence))
+
+    def miss(self, time_s: float, sequence: int, reason: str) -> None:
+        """Disarm."""
+        self._send(self._compensator.fail(time_s, sequence, reason))
+
+    def _send(self, document: Mapping[str, Any]) -> None:
+        self._publish(document)
+        self._control.take(document)
+
+    def obey(self, command: Command) -> Answer | None:
+        """Arm or disarm; a reset disarms too, and is answered by the estimator."""
+        before = self._compensator.reason
+        if command.kind == "arm":
+            self._compensator.arm()
+            return self._armed
+        if command.kind == "disarm":
+            self._compensator.disarm(f"disarmed by {command.by}; arm again")
+            return lambda: (True, "disarmed" if before is None else f"it was off already: {before}")
+        if command.kind == "reset":
+            self._compensator.disarm("the estimator was started afresh; arm again")
+        return None
+
+    def _armed(self) -> tuple[bool, str]:
+        reason = self._compensator.reason
+        return reason is None, "armed" if reason is None else f"not armed: {reason}"
+
+    def notices(self) -> tuple[str, ...]:
+        """Why the control does not follow."""
+        return () if self._control.failure is None else (f"compensation: {self._control.failure}",)
+
+    def remember(self, snapshot: Snapshot) -> Snapshot:
+        """Add what is in force."""
+        return replace(snapshot, compensation=self._compensator.held)
+
+    def finish(self, _snapshot: Snapshot | None) -> None:
+        """Release the control."""
+        if not self._control.close(_CONTROL_END_S):
+            log.warning("the control could not be released in time; its dead-man takes it to zero")
+
+
+class AlarmObserver(StepObserver):
+    """Publishes alarms on change and every five seconds; `air` is the column of the ambient in `z_end`."""
+
+    def __init__(self, desk: AlarmDesk, publish: Publish, air: int, instance: str) -> None:
         self._desk, self._publish, self._air, self._instance = desk, publish, air, instance
         self._sent_s = -math.inf
 
     def follow(self, step: Step) -> None:
         """Take an estimate."""
         self._desk.see(step.estimate, step.frame, float(step.inputs.z_end[0, self._air]))
+
+    def obey(self, command: Command) -> Answer | None:
+        """Mark an alarm, or all, as seen."""
+        if command.kind != "acknowledge":
+            return None
+        why_not = self._desk.acknowledge(command.about)
+        return lambda: (why_not is None, why_not or f"acknowledged: {command.about or 'all'}")
 
     def report(self, facts: Facts) -> None:
         """Judge and publish."""

@@ -15,7 +15,6 @@ from observer.errors import UserError
 from observer.estimate.checkpoint import Snapshot
 from observer.estimate.machine import Machine
 from observer.estimators.carry import carry_from, carry_into
-from observer.estimators.protocol import Estimator
 from observer.live.observers import Step
 from observer.model.drive import DriveState
 from observer.process.clock import stepped
@@ -53,7 +52,7 @@ class Renewals(Generic[Prepared]):
         """Take what reads and checks the configuration again; it raises `UserError` where it is refused."""
         self._reread = reread
         self._lock = threading.Lock()
-        self._reading = self._asked = False
+        self._asked = False
         self._ready: Prepared | None = None
         self._refused: tuple[float, str] | None = None
         self._since_s: float | None = None
@@ -66,32 +65,24 @@ class Renewals(Generic[Prepared]):
 
     def reload(self) -> None:
         """Read the configuration again, beside the running service; asked meanwhile, it is read once more."""
-        with self._lock:
+        if self._reread is not None and not self._asked:
             self._asked = True
-            if self._reading or self._reread is None:
-                return
-            self._reading = True
-        threading.Thread(target=self._read, args=(self._reread,), name="reload", daemon=True).start()
+            threading.Thread(target=self._read, args=(self._reread,), name="reload", daemon=True).start()
 
     def _read(self, reread: Callable[[], Prepared]) -> None:
-        while True:
-            with self._lock:
-                if not self._asked:
-                    self._reading = False
-                    return
-                self._asked = False
-            self._read_once(reread)
-
-    def _read_once(self, reread: Callable[[], Prepared]) -> None:
-        log.info("reading the configuration again")
-        try:
-            self._ready = reread()
-            self._refused = None
-        except UserError as error:
-            self._refuse(str(error))
-        except Exception as error:  # the service goes on with what it has, whatever is wrong with the new one
-            log.error("reading the configuration failed", exc_info=True)
-            self._refuse(repr(error))
+        with self._lock:
+            self._asked = False
+            log.info("reading the configuration again")
+            try:
+                self._ready = reread()
+                self._refused = None
+            except UserError as error:
+                self._refuse(str(error))
+            except (
+                Exception
+            ) as error:  # the service goes on with what it has, whatever is wrong with the new one
+                log.error("reading the configuration failed", exc_info=True)
+                self._refuse(repr(error))
 
     def _refuse(self, why: str) -> None:
         self._refused = (time.monotonic(), why)
@@ -120,13 +111,12 @@ class Renewals(Generic[Prepared]):
 
 
 def carried_over(
-    snapshot: Snapshot | None, last: Step | None, before: Machine, now: Machine, estimator: Estimator
+    snapshot: Snapshot | None, last: Step | None, before: Machine, now: Machine
 ) -> Snapshot | None:
     """A snapshot for another model of the same screw: its field and heats with their σ.
 
     What had been learnt of the old model begins anew, and so do the watch over its gap and all that counts
-    from a start. None where
-    nothing was known yet, or where the two have nothing to say to each other.
+    from a start. None where nothing was known yet, or where the two models have nothing in common.
     """
     if snapshot is None or last is None or not set(now.config.channels) <= set(last.frame.channels):
         return None
@@ -134,7 +124,7 @@ def carried_over(
     if known is None:
         return None
     drive_state, inputs = now.drive.run(now.drive.initial(), last.frame)
-    state = carry_into(now.plant, estimator, known, inputs)
+    state = carry_into(now.plant, now.estimator(), known, inputs)
     if state is None or not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
         return None
     return replace(snapshot, drive=_with_paths(drive_state, snapshot.drive), estimator=state, gap=None)

@@ -188,6 +188,25 @@ class Recorder:
             self._shortage = f"{self._directory}: cannot be cleaned up ({error.strerror}); repair it"
 
 
+class NoRecorder:
+    """Records nothing, for a service without recordings."""
+
+    alive, status = True, None
+
+    def reading(self, reading: Reading) -> None:
+        """Leave a reading out."""
+
+    def tick(self, time_s: float) -> None:
+        """Leave a tick out."""
+
+    def command(self, time_s: float, name: str, outcome: str) -> None:
+        """Leave a command out."""
+
+    def close(self, _timeout_s: float = 1.0) -> bool:
+        """End at once."""
+        return True
+
+
 def header(channels: Sequence[str]) -> bytes:
     """The first line of a recording."""
     line = io.StringIO()

@@ -31,7 +31,9 @@ from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
+from observer.live import keeper as keeper_module
 from observer.live.keeper import Keeper, carried, stored
+from observer.live.observers import Step
 from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, RecordSettings
 
 ROOT = Path(__file__).parents[2]
@@ -58,8 +60,8 @@ def rig(machine):
 
 
 @pytest.fixture(scope="module")
-def fit(machine, rig) -> CheckpointFit:
-    return CheckpointFit.of(machine.config, machine.drive, rig[0])
+def fit(machine) -> CheckpointFit:
+    return CheckpointFit.of(machine)
 
 
 def _assert_same(one, other) -> None:
@@ -86,7 +88,7 @@ def test_a_restored_pipeline_goes_on_to_the_last_bit(machine, rig, fit):
     estimator, snapshot, log, _, second = rig
     rest = replace(log, time_s=log.time_s[2000:], values=log.values[2000:])
     pipeline, begun = machine.pipeline(estimator), unpack(pack(snapshot, fit), fit)
-    again = list(estimates_of(rest, machine.plan, pipeline, lambda *_: None, begun))
+    again = [b for _, b in estimates_of(rest, machine.plan, pipeline, lambda *_: None, begun)]
     assert np.concatenate([b.heat_W for b in again]).tobytes() == second.heat_W.tobytes()
     assert np.concatenate([b.field_sigma_K for b in again]).tobytes() == second.field_sigma_K.tobytes()
 
@@ -104,7 +106,7 @@ def test_a_gap_of_ten_seconds_is_predicted_over(machine, minutes):
     later = slice(rows + 19, rows + 60)
     after = replace(log, time_s=log.time_s[later], values=log.values[later])
     again = machine.pipeline(estimator)
-    first = next(iter(estimates_of(after, machine.plan, again, lambda *_: None, snapshot)))
+    _, first = next(iter(estimates_of(after, machine.plan, again, lambda *_: None, snapshot)))
     assert first.time_s[0] - last.time_s[-1] == 10.0
     assert first.quality[0] == EstimateQuality.GOOD
     assert (np.abs(first.heat_W[0] - last.heat_W[-1]) < 0.6 * first.heat_sigma_W[0]).all()
@@ -159,17 +161,17 @@ def test_a_damaged_file_is_told_and_does_no_harm(tmp_path, rig, fit):
     path = tmp_path / "m-x.checkpoint"
     for cut in (0, 10, 40, 100, len(data) - 1):
         path.write_bytes(data[:cut])
-        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
+        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
     for place in range(0, len(data), 97):
         path.write_bytes(data[:place] + bytes([data[place] ^ 4]) + data[place + 1 :])
-        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
+        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
     for nothing_of_it in (b"no checkpoint at all", bytes(100_000)):
         path.write_bytes(nothing_of_it)
-        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
+        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
     path.unlink()
-    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
+    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
     path.mkdir()
-    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) is None
+    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
 
 
 _documents = st.recursive(
@@ -208,26 +210,27 @@ def test_a_compensation_keeps_its_values_and_is_off(rig, fit):
     assert unpack(data, replace(fit, setup="b")).compensation is None  # set up otherwise since
 
 
-def test_the_keeper_writes_the_newest_whole_and_for_its_owner_only(tmp_path, rig, fit):
+def test_the_keeper_writes_the_newest_whole_and_for_its_owner_only(tmp_path, rig, fit, monkeypatch):
+    monkeypatch.setattr(keeper_module, "_END_S", 10.0)
     path = tmp_path / "new" / "m-x.checkpoint"
     keeper = Keeper(path, fit, 10.0)
     standings = [replace(rig[1], tick_s=float(k)) for k in range(100)]
     for k, snapshot in enumerate(standings):
-        keeper.step(lambda snapshot=snapshot: snapshot, float(k))
-    keeper.end(replace(rig[1], tick_s=1234.0))
-    assert keeper.close(10.0)
-    assert not keeper.alive
+        keeper.follow(Step(None, None, None, now_s=float(k), snapshot=lambda snapshot=snapshot: snapshot))
+    keeper.finish(replace(rig[1], tick_s=1234.0))
+    assert keeper.finished() is None
     assert load(path, fit).tick_s == 1234.0
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert [p.name for p in path.parent.iterdir()] == ["m-x.checkpoint"]
 
 
-def test_the_keeper_says_when_it_cannot_write(tmp_path, rig, fit):
+def test_the_keeper_says_when_it_cannot_write(tmp_path, rig, fit, monkeypatch):
+    monkeypatch.setattr(keeper_module, "_END_S", 10.0)
     (tmp_path / "new").write_text("a file where the folder should be")
     keeper = Keeper(tmp_path / "new" / "m-x.checkpoint", fit, 10.0)
-    keeper.end(rig[1])
-    assert keeper.close(10.0)
-    assert "cannot be written" in keeper.reason
+    keeper.finish(rig[1])
+    assert keeper.finished() is None
+    assert "cannot be written" in keeper.notices()[0]
 
 
 def test_goes_from_parts_to_parts_where_it_fits(rig, fit):

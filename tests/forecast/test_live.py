@@ -13,11 +13,13 @@ import pytest
 from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
+from observer.estimate.checkpoint import Snapshot
 from observer.estimate.machine import Machine
 from observer.files.logs import Log
 from observer.files.writer import write_log
 from observer.installation import load
 from observer.live.forecasting import Forecaster, is_wanted
+from observer.live.observers import Step
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 
@@ -46,10 +48,11 @@ def published(rows: int) -> dict[str, Any]:
     forecaster, pipeline = Forecaster(machine, "abc", publish), machine.pipeline(machine.estimator())
     frames = next(iter(frames_of_log(morning(), machine.plan, rows)))
     block = pipeline.step(frames)
-    forecaster.step(pipeline.inputs, block, pipeline.snapshot()[1])
-    forecaster.start()
+    snapshot = Snapshot(float(block.time_s[-1]), *pipeline.snapshot())
+    forecaster.follow(Step(frames, pipeline.inputs, block, now_s=0.0, snapshot=lambda: snapshot))
+    forecaster.begin()
     assert came.wait(60.0)
-    forecaster.end()
+    forecaster.finish(None)
     found: dict[str, Any] = json.loads(json.dumps(told[0], allow_nan=False))
     return found
 

@@ -19,7 +19,7 @@ from observer.estimate.pipeline import Pipeline
 from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import load
-from observer.live.keeper import known_of_gap
+from observer.live.keeper import stored
 from observer.model.cycle import PHASES
 from observer.quality.conditions import of_departure
 from observer.quality.gap import BREAK_S, Departure, GapWatch
@@ -165,7 +165,7 @@ def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inp
     estimator = machine.estimator()
     watch = _watch(machine)
     watch.take(inputs[0])
-    fit = CheckpointFit.of(machine.config, machine.drive, estimator, watch)
+    fit = CheckpointFit.of(machine)
     snapshot = Snapshot(9.0, machine.drive.initial(), estimator.initial(), gap=watch.state)
     again = unpack(pack(snapshot, fit), fit).gap
     assert again.P.tobytes() == watch.state.P.tobytes()
@@ -175,10 +175,11 @@ def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inp
     other = replace(fit, gap=replace(fit.gap, theta=np.zeros(3)))
     assert unpack(pack(snapshot, fit), other).gap is None
     write_whole(tmp_path / "old", pack(snapshot, fit))
-    known = known_of_gap(tmp_path / "old", fit)
+    snapshot_again, known = stored(tmp_path / "old", fit, 9.0 + 1e6, 900.0)
+    assert snapshot_again is None  # it is too old to go on from, and the machine is the same
     assert math.isnan(known.time_s)
     assert (known.theta == watch.state.theta).all()
-    assert known_of_gap(tmp_path / "none", fit) is None
+    assert stored(tmp_path / "none", fit, 10.0, 900.0) == (None, None)
     assert shifted(snapshot, 5.0).gap.time_s == watch.state.time_s + 5.0
     later = _watch(machine)
     later.restore(again)

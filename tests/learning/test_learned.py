@@ -34,7 +34,7 @@ def run_for_an_hour(config_path: Path) -> dict[str, tuple[float, float]]:
     snapshot = Snapshot(float(block.time_s[-1]), *pipeline.snapshot())
     file = config.checkpoint_file
     assert file is not None
-    file.write_bytes(pack(snapshot, CheckpointFit.of(config, machine.drive, estimator)))
+    file.write_bytes(pack(snapshot, CheckpointFit.of(machine)))
     each = zip(block.learned[-1].tolist(), block.learned_sigma[-1].tolist(), strict=True)
     return dict(zip(machine.plant.layout.learned, each, strict=True))
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.protocol import DriverStatus
+from observer.estimate.pipeline import Pipeline
 from observer.estimators.protocol import EstimatorState
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Inputs, Layout, Quality, Reading
+from observer.live.loop import Service
 from tests.patience import eventually
 
 SENSORS = ("t1_degC", "t2_degC")
@@ -122,6 +124,24 @@ class FakePublisher:
     def close(self, timeout_s: float) -> bool:
         self.closed = True
         return True
+
+
+@dataclass(frozen=True)
+class FakeService(Service):
+    """A service whose estimator, and what it reported to the service manager, can be looked at."""
+
+    estimator: FakeEstimator = field(default_factory=FakeEstimator)
+    notes: list = field(default_factory=list)
+
+
+def fake_service(drivers, plan, clock, *, publisher=None, estimator=None, gap=None, **parts) -> FakeService:
+    """A service of fakes."""
+    estimator, notes = estimator or FakeEstimator(), []
+    pipeline = Pipeline(FakeDrive(), estimator, None, gap)
+    return FakeService(
+        tuple(drivers), plan, pipeline, publisher or FakePublisher(), clock, notes.append,
+        estimator=estimator, notes=notes, **parts,
+    )  # fmt: skip
 
 
 @dataclass

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+from observer.estimate.pipeline import Pipeline
 from observer.live.lifecycle import run
 from observer.live.loop import Service
 from observer.process.clock import ServiceClock
@@ -61,7 +62,8 @@ def main() -> None:
             print("ping", flush=True)
 
     aligned = plan(period_s=0.1)
-    run(Service((driver,), aligned, FakeDrive(), estimator, publisher, recorder, ServiceClock(), notify))
+    pipeline = Pipeline(FakeDrive(), estimator)
+    run(Service((driver,), aligned, pipeline, publisher, ServiceClock(), notify, recorder))
     print("ended", flush=True)
     leave(0)
 

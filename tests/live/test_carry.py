@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import blocks_of_log
-from observer.config import Config
 from observer.estimate.checkpoint import CheckpointFit, Snapshot
 from observer.estimate.machine import Machine
 from observer.estimators.protocol import Estimator
@@ -90,7 +89,7 @@ def test_the_next_estimate_goes_on_from_the_one_before(changes):
     """A cold start would know the heats to 30 W, and begin at their laws."""
     machine, snapshot, last, then = _stood()
     other, estimator = _parts(**changes)
-    there = carried_over(snapshot, last, machine, other, estimator)
+    there = carried_over(snapshot, last, machine, other)
     before, after = last.estimate, _next(other, estimator, there, then[:1])
     moved = np.abs(after.heat_W - before.heat_W) / before.heat_sigma_W
     assert moved.max() < 0.25
@@ -105,7 +104,7 @@ def test_into_the_same_model_it_is_nearly_the_same_estimate_fifty_seconds_on():
     """Not the same, since what had been learnt begins anew; a cold start would be off by 5 W, two σ."""
     machine, snapshot, last, then = _stood()
     other, estimator = _parts()
-    there = carried_over(snapshot, last, machine, other, estimator)
+    there = carried_over(snapshot, last, machine, other)
     stayed = _next(machine, estimator, snapshot, then)
     after = _next(other, estimator, there, then)
     assert (np.abs(after.heat_W - stayed.heat_W) / stayed.heat_sigma_W).max() < 1.0
@@ -115,7 +114,7 @@ def test_into_the_same_model_it_is_nearly_the_same_estimate_fifty_seconds_on():
 def test_what_had_been_learnt_of_the_old_model_begins_anew():
     machine, snapshot, last, then = _stood()
     other, estimator = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
-    there = carried_over(snapshot, last, machine, other, estimator)
+    there = carried_over(snapshot, last, machine, other)
     film = other.plant.layout.learned.index("surface.convection_W_m2K")
     cold = _next(other, estimator, replace(there, estimator=estimator.initial()), then[:1])
     after = _next(other, estimator, there, then[:1])
@@ -129,24 +128,19 @@ def test_without_anything_in_common_it_starts_cold():
     renamed = {"source": [source | {"name": f"new-{i}"} for i, source in enumerate(TABLE["source"])]}
     more = {"ambient": {"channel": "another_degC"}}
     for changes in (elsewhere, renamed, more):
-        assert carried_over(snapshot, last, machine, *_parts(**changes)) is None
-    other = _parts()
-    assert carried_over(None, last, machine, *other) is None
-    assert carried_over(snapshot, None, machine, *other) is None
+        assert carried_over(snapshot, last, machine, _parts(**changes)[0]) is None
+    other, _ = _parts()
+    assert carried_over(None, last, machine, other) is None
+    assert carried_over(snapshot, None, machine, other) is None
     unknown = replace(snapshot, estimator=replace(snapshot.estimator, started=False))
-    assert carried_over(unknown, last, machine, *other) is None
-
-
-def _fit(machine: Machine, estimator: Estimator, config: Config) -> CheckpointFit:
-    return CheckpointFit.of(config, machine.drive, estimator)
+    assert carried_over(unknown, last, machine, other) is None
 
 
 def test_a_service_built_anew_goes_on_with_what_is_carried_over():
     machine, snapshot, last, _ = _stood()
-    other, estimator = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
-    before = _fit(machine, machine.estimator(), machine.config)
-    now = _fit(other, estimator, other.config)
-    there = carried(snapshot, before, now, lambda: carried_over(snapshot, last, machine, other, estimator))
+    other, _ = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
+    before, now = CheckpointFit.of(machine), CheckpointFit.of(other)
+    there = carried(snapshot, before, now, lambda: carried_over(snapshot, last, machine, other))
     assert there.tick_s == snapshot.tick_s
     assert there.estimator.started
     assert carried(snapshot, before, now) is None

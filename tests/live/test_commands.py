@@ -11,6 +11,7 @@ import structlog
 
 from observer.align.aligner import blocks_of_log, faults_of, frames_of_log
 from observer.control.compensation import Compensator
+from observer.control.steering import NoControl
 from observer.errors import UserError
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
@@ -19,11 +20,20 @@ from observer.files.logs import Log, read_log
 from observer.frames import Reading
 from observer.live.commands import Commands
 from observer.live.loop import Service, serve
+from observer.live.observers import CompensationObserver, StepObserver
 from observer.process.clock import ServiceClock
-from observer.record.recorder import Recorder
+from observer.record.recorder import NoRecorder, Recorder
 from tests.align.streams import CHANNELS, plan
 from tests.control.test_compensate import GRID, at, estimate, machine
-from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
+from tests.live.fakes import (
+    FakeDrive,
+    FakeDriver,
+    FakeEstimator,
+    FakePublisher,
+    FakeService,
+    FastClock,
+    fake_service,
+)
 from tests.patience import eventually
 
 
@@ -39,15 +49,13 @@ async def _serve(service: Service, until) -> None:
         await task
 
 
-def _service(drivers=(), recorder=None, publisher=None, clock=None, expected_s=(0.1, 0.1, 0.02)) -> Service:
-    notes: list[str] = []
-    aligned = plan(expected_s=expected_s, period_s=0.1)
-    made = Service(
-        tuple(drivers), aligned, FakeDrive(), FakeEstimator(), publisher or FakePublisher(), recorder,
-        clock or ServiceClock(), notes.append, instance="0a0a0a0a",
+def _service(
+    drivers=(), recorder=None, publisher=None, clock=None, expected_s=(0.1, 0.1, 0.02), **parts
+) -> FakeService:
+    return fake_service(
+        drivers, plan(expected_s=expected_s, period_s=0.1), clock or ServiceClock(), publisher=publisher,
+        recorder=recorder or NoRecorder(), instance="0a0a0a0a", **parts,
     )  # fmt: skip
-    made.estimator.notes = notes
-    return made
 
 
 async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
@@ -76,7 +84,7 @@ async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
     def replay(log):
         pipeline = Pipeline(FakeDrive(), FakeEstimator())
         blocks = estimates_of(log, service.plan, pipeline, lambda done, total: None)
-        return np.concatenate([block.field_degC for block in blocks])
+        return np.concatenate([block.field_degC for _, block in blocks])
 
     replayed = replay(log)
     assert live.tobytes() == replayed.tobytes()
@@ -120,19 +128,16 @@ class _Loop:
         self.config = config or machine(rate_limit_um_s=1e3, gradient_limit_um_m=1e3)
         self.compensator = Compensator(self.config, GRID)
         self.resets = 0
-        self.seen: list = []
-        self.commands = Commands(
-            0.5, self.compensator, recorder, lambda reading: reading, self._reset, self._acknowledge
+        self.observer = CompensationObserver(
+            self.compensator, lambda _document: None, lambda: None, NoControl()
         )
+        record = NoRecorder().command if recorder is None else recorder.command
+        self.commands = Commands(0.5, self._reset, [self.observer], record)
         self.time_s = 10.0
         self.document: dict = {}
 
     def _reset(self) -> None:
         self.resets += 1
-
-    def _acknowledge(self, name: str | None) -> str | None:
-        self.seen.append(name)
-        return None if name != "unknown" else "there is no alarm unknown"
 
     def step(self, *commands: Command, error_um: float = 5.0, quality: int = 0) -> None:
         self.time_s += 0.5
@@ -164,8 +169,8 @@ def test_the_answer_says_what_was_really_done():
         (True, "armed"),
         (True, "disarmed"),
         (False, "not armed: the error of 300 µm is beyond limit_um = 200; arm again"),
-        (True, "it was off already: the error of 300 µm is beyond limit_um = 200; arm again"),
         (False, "not armed: disarmed by anna@desk; arm again"),
+        (True, "it was off already: the error of 300 µm is beyond limit_um = 200; arm again"),
         (True, "armed"),
         (True, "the estimator starts afresh"),
     ]
@@ -181,11 +186,12 @@ def test_a_command_that_waited_is_not_obeyed():
 
 def test_without_a_compensation_there_is_nothing_to_arm():
     told = []
-    commands = Commands(0.5, None, None, lambda reading: reading, lambda: None, lambda _: None)
-    commands.before_step([_command("arm", told), _command("disarm", told)], 1.0)
+    commands = Commands(0.5, lambda: None, [StepObserver()], NoRecorder().command)
+    commands.before_step([_command(kind, told) for kind in ("arm", "disarm", "acknowledge")], 1.0)
     commands.after_step(1.0)
-    assert [outcome.done for outcome in told] == [False, False]
+    assert [outcome.done for outcome in told] == [False, False, False]
     assert "set enabled = true in [compensation]" in told[0].text
+    assert "set enabled = true in [alarms]" in told[2].text
 
 
 def test_everything_asked_is_logged_and_recorded(tmp_path):
@@ -222,7 +228,7 @@ async def test_a_foreign_message_disarms_and_shows_in_health():
         def __init__(self) -> None:
             self.disarmed: list[str] = []
 
-        reason = None
+        reason = held = None
 
         def see_clock(self, offset_s):
             pass
@@ -233,17 +239,20 @@ async def test_a_foreign_message_disarms_and_shows_in_health():
         def step(self, *_):
             return b"{}"
 
-    publisher = Shared()
-    service = replace(_service(publisher=publisher, clock=FastClock()), compensator=Follower())
+    publisher, follower = Shared(), Follower()
+    observer = CompensationObserver(
+        follower, lambda _document: None, lambda: publisher.status.rival, NoControl()
+    )
+    service = _service(publisher=publisher, clock=FastClock(), observers=(observer,))
 
     def until():
         if len(publisher.estimates) >= 3:
-            assert publisher.rival or not service.compensator.disarmed
+            assert publisher.rival or not follower.disarmed
             publisher.rival = rival
         return any(rival in reason for h in publisher.healths for reason in h["reasons"])
 
     await _serve(service, until)
-    assert service.compensator.disarmed[0] == f"{rival}, then arm again"
+    assert follower.disarmed[0] == f"{rival}, then arm again"
     assert publisher.healths[-1]["instance"] == "0a0a0a0a"
 
 
@@ -257,7 +266,7 @@ async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
 
     publisher = Mortal()
     service = _service(publisher=publisher, clock=FastClock())
-    notes = service.estimator.notes
+    notes = service.notes
     pings = []
 
     def until():

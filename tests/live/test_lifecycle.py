@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 from observer.exchange import PublishStatus
 from observer.live.lifecycle import run
-from observer.live.loop import Service
 from observer.process.clock import ServiceClock
 from tests.align.streams import plan
-from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher
+from tests.live.fakes import FakeDriver, FakePublisher, fake_service
 
 LIVES_S, READY_S = 0.5, 1.0
 
@@ -29,16 +28,7 @@ def test_its_time_begins_with_its_first_tick():
     script = [(0.05 * k, {"t1_degC": 20.0 + k, "t2_degC": 20.0}, {}) for k in range(2000)]
     publisher, aligned = SlowToSettle(), plan(period_s=0.1)
     run(
-        Service(
-            (FakeDriver(script),),
-            aligned,
-            FakeDrive(),
-            FakeEstimator(),
-            publisher,
-            None,
-            ServiceClock(),
-            print,
-        ),
+        fake_service((FakeDriver(script),), aligned, ServiceClock(), publisher=publisher),
         LIVES_S,
     )
     assert publisher.closed

@@ -4,35 +4,40 @@ import asyncio
 import contextlib
 import math
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from drivers.protocol import DriverStatus
+from observer.control.steering import NoControl
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
 from observer.kernels.codes import CAUSE, EXCESS_K, EXCESS_SIGMA_K, GUARD, JUMPED
 from observer.live.loop import Service, serve
+from observer.live.observers import CompensationObserver
 from observer.live.renewal import Renewals
 from observer.process.clock import ServiceClock
 from observer.quality.gap import Departure
-from observer.record.recorder import Recorder
+from observer.record.recorder import NoRecorder, Recorder
 from tests.align.streams import CHANNELS, plan
-from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator, FakePublisher, FastClock
+from tests.live.fakes import (
+    FakeDrive,
+    FakeDriver,
+    FakeEstimator,
+    FakePublisher,
+    FakeService,
+    FastClock,
+    fake_service,
+)
 from tests.patience import PATIENCE_S, eventually
 
 
-def _service(drivers=(), *, clock=None, recorder=None, period_s=0.1) -> Service:
-    notes: list[str] = []
+def _service(drivers=(), *, clock=None, recorder=None, period_s=0.1, **parts) -> FakeService:
     aligned = plan(expected_s=(0.1, 0.1, 0.02), period_s=period_s)
-    clock = clock or ServiceClock()
-    service = Service(
-        tuple(drivers), aligned, FakeDrive(), FakeEstimator(), FakePublisher(), recorder, clock, notes.append
-    )
-    service.estimator.notes = notes
-    return service
+    return fake_service(drivers, aligned, clock or ServiceClock(), recorder=recorder or NoRecorder(), **parts)
 
 
 async def _serve(service: Service, until, timeout_s: float = PATIENCE_S) -> None:
@@ -70,9 +75,7 @@ async def test_every_part_is_started_and_ended():
     assert service.publisher.started
     assert service.publisher.closed
     assert driver.runs == 1
-    assert (
-        service.estimator.notes[:2] == ["READY=1\nWATCHDOG=1", "WATCHDOG=1"][: len(service.estimator.notes)]
-    )
+    assert service.notes[:2] == ["READY=1\nWATCHDOG=1", "WATCHDOG=1"][: len(service.notes)]
 
 
 async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
@@ -81,9 +84,9 @@ async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
     await eventually(lambda: service.publisher.estimates)
     service.estimator.fail = True
     await service.clock.go_on(10)
-    pings, before = len(service.estimator.notes), len(service.publisher.estimates)
+    pings, before = len(service.notes), len(service.publisher.estimates)
     await service.clock.go_on(10)
-    assert (len(service.estimator.notes), len(service.publisher.estimates)) == (pings, before)
+    assert (len(service.notes), len(service.publisher.estimates)) == (pings, before)
     health = service.publisher.healths[-1]
     assert health["state"] == "invalid"
     assert "made to fail" in health["reasons"][0]
@@ -94,9 +97,9 @@ async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
 
 
 class _Follower:
-    """Stands in for a compensator: says what it was told."""
+    """In the place of a compensator: returns what it was given."""
 
-    held = None
+    held = reason = None
 
     def see_clock(self, offset_s):
         assert offset_s == 0.0
@@ -109,8 +112,10 @@ class _Follower:
 
 
 async def test_a_compensator_follows_every_step_and_hears_of_those_that_fail():
-    service = replace(_service(clock=FastClock()), compensator=_Follower())
-    publisher = service.publisher
+    publisher = FakePublisher()
+    document = partial(publisher.document, "compensation")
+    follower = CompensationObserver(_Follower(), document, lambda: None, NoControl())
+    service = _service(clock=FastClock(), publisher=publisher, observers=(follower,))
 
     def failing() -> bool:
         service.estimator.fail |= len(publisher.compensations) >= 3
@@ -165,9 +170,8 @@ class _LeavesOut(FakeEstimator):
 
 async def test_a_sensor_that_is_left_out_stands_at_its_channel():
     driver = FakeDriver([(0.0, dict.fromkeys(CHANNELS, 20.0), {})] * 3)
-    estimator = _LeavesOut()
-    estimator.notes = []
-    service = replace(_service([driver]), estimator=estimator, sensors={"t1_degC": "t1", "t2_degC": "t2"})
+    names = {"t1_degC": "t1", "t2_degC": "t2"}
+    service = _service([driver], estimator=_LeavesOut(), sensors=names)
 
     def told():
         return {
@@ -226,7 +230,7 @@ async def test_the_replay_of_the_recording_is_the_live_run_to_the_last_bit(tmp_p
     (path,) = tmp_path.glob("m-x-*.csv")
     log = read_log(path, CHANNELS)
     pipeline = Pipeline(FakeDrive(), FakeEstimator())
-    replayed = list(estimates_of(log, service.plan, pipeline, lambda done, total: None))
+    replayed = [block for _, block in estimates_of(log, service.plan, pipeline, lambda done, total: None)]
     live = [block for _, block in service.publisher.estimates]
     assert sum(len(block) for block in replayed) == len(live) >= 20
     for name in ("time_s", "heat_W", "field_degC", "innovation_K", "sensor_quality", "quality"):
@@ -267,12 +271,12 @@ async def test_a_dead_recorder_is_told_and_the_watchdog_not_fed(tmp_path, monkey
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
     service = _service(recorder=recorder)
     task = asyncio.ensure_future(serve(service))
-    await eventually(lambda: service.estimator.notes)
+    await eventually(lambda: service.notes)
     monkeypatch.setattr(recorder, "_drain", defect)
     await eventually(lambda: not recorder.alive)
-    ticks, notes = len(service.publisher.estimates), len(service.estimator.notes)
+    ticks, notes = len(service.publisher.estimates), len(service.notes)
     await eventually(lambda: len(service.publisher.estimates) >= ticks + 10)
-    assert len(service.estimator.notes) <= notes + 1  # one may have been on its way
+    assert len(service.notes) <= notes + 1  # one may have been on its way
     await eventually(lambda: any("a defect" in r for r in service.publisher.healths[-1]["reasons"]))
     task.cancel()
     await asyncio.wait([task])
@@ -313,8 +317,8 @@ class _Departed:
 
 async def test_a_departed_prediction_is_a_reason_and_estimates_stay_as_good_as_they_are():
     readings = [(0.05 * k, dict.fromkeys(CHANNELS, 20.0 + 0.01 * k), {}) for k in range(400)]
-    service = _service([FakeDriver(readings)])
-    service = replace(service, gap=_Departed())
+    gap = _Departed()
+    service = _service([FakeDriver(readings)], gap=gap)
     told = "the model's prediction has departed from sensor t2"
     await _serve(
         service,
@@ -326,4 +330,4 @@ async def test_a_departed_prediction_is_a_reason_and_estimates_stay_as_good_as_t
     health = service.publisher.healths[-1]
     assert health["gap"] == {"hours": 2.0}
     assert health["state"] != "good"
-    assert service.gap.taken >= len(service.publisher.estimates)
+    assert gap.taken >= len(service.publisher.estimates)

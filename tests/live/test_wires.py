@@ -106,9 +106,9 @@ async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
     before = []
 
     def stopped_pinging():
-        if len(service.estimator.notes) >= 2:
+        if len(service.notes) >= 2:
             ready.set()
-        before.append((len(service.publisher.estimates), len(service.estimator.notes)))
+        before.append((len(service.publisher.estimates), len(service.notes)))
         estimates, notes = before[-1]
         return any(n == notes and estimates - e >= 5 for e, n in before)
 

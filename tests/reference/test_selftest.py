@@ -112,9 +112,10 @@ def test_a_log_is_told_its_likely_unit(name: str) -> None:
     time_s = np.array([at_s for at_s, _ in rows])
     log = Log(Path("log.csv"), time_s, channels, table, np.ones(len(rows), bool), (None,) * len(rows))
     machine = Machine.of(config)
-    odd = doubts(log, frames_of_log(log, machine.plan), config)
+    odd = doubts(log, [f.path for f in frames_of_log(log, machine.plan)], config)
     assert any(words in text for text in odd), odd
-    assert not doubts(replace(log, values=_as_sent(log, rows)), _frames(machine, log, rows), config)
+    paths = [f.path for f in _frames(machine, log, rows)]
+    assert not doubts(replace(log, values=_as_sent(log, rows)), paths, config)
 
 
 def _as_sent(log: Log, rows: Arrivals) -> np.ndarray:
