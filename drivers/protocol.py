@@ -35,7 +35,7 @@ Decoded = tuple[dict[str, float], dict[str, str]]  # values and faults by channe
 
 @dataclass(frozen=True, slots=True)
 class DriverStatus:
-    """A snapshot of how a driver fares.
+    """The state of a driver at one moment.
 
     `reconnects` counts connections after the first, `errors` polls or frames that failed, `drops` samples
     that arrived and could not be handed on.
@@ -51,9 +51,9 @@ class DriverStatus:
 class Driver(Protocol):
     """A source of readings.
 
-    `run` delivers readings stamped with `now()` until it is cancelled, reconnects for ever, and lets no
-    channel fall silent: what cannot be read is delivered as NaN with its fault, every `period_s`. It calls
-    `deliver` on the event loop's own thread.
+    `run` delivers readings stamped with `now()` until it is cancelled, reconnects for ever, and delivers
+    every channel each `period_s`: what cannot be read comes as NaN with its fault. It calls `deliver` on the
+    event loop's own thread.
     """
 
     name: str

@@ -36,7 +36,7 @@ class MachineName(Section):
 class Model(Section):
     """Which modes are kept."""
 
-    #: β: how much of every source's steady field the kept modes hold
+    #: β: the share of every source's steady field that the kept modes represent
     truncation: Annotated[quantities.Number, Field(gt=0, le=1 - 1e-9)] = 0.9995
     #: `"tail"`: compared with all modes. `"kim"`: the ratio of two sums, as printed in the paper
     criterion: Literal["tail", "kim"] = "tail"
@@ -90,8 +90,8 @@ class Output(Section):
 class Logs(Section):
     """How to read logs that others wrote."""
 
-    #: a [log](log.md#a-log) whose rows are mostly further apart is refused, for its times look like
-    #: milliseconds; recorders write a row a minute, some one in five
+    #: a [log](log.md#a-log) whose rows are mostly further apart is refused, because its times look like
+    #: milliseconds; recorders write a row a minute, some one in five minutes
     rows_apart_s: quantities.Positive = 600.0
     #: how often sensors have a value, where they are slower than the rows: of all, `4.0`, or by name, `{ t1
     #: = 4.0, t2 = 20.0 }`; learnt from the log where not given
@@ -101,13 +101,13 @@ class Logs(Section):
 class ChannelLimits(Section):
     """Limits of one channel, in its own unit; what is not given has a default by what it measures."""
 
-    #: smallest value that is believed; – is −40 °C on screw, node and end, −20 °C of the air, 5 % of the
-    #: screw before its left end, the fastest turn backwards
+    #: smallest accepted value; – is −40 °C on screw, node and end, −20 °C of the air, 5 % of the
+    #: screw before its left end, the highest speed backwards
     low: quantities.Finite | None = None
-    #: largest; – is 150 °C, 60 °C of the air, 5 % beyond the right end, and 250,000 rpm·mm over the screw's
-    #: diameter
+    #: largest accepted value; – is 150 °C, 60 °C of the air, 5 % beyond the right end, and 250,000 rpm·mm
+    #: over the screw's diameter
     high: quantities.Finite | None = None
-    #: fastest change, beyond ten times the noise; – is 5 K a second for thermocouples, none for others
+    #: largest rate of change, beyond ten times the noise; – is 5 K/s for thermocouples, none for others
     rate_per_s: quantities.Positive | None = None
     #: how far a thermocouple on the screw may be above the air; – is 45 K, none where a source has a
     #: `power_channel`

@@ -21,7 +21,7 @@ Relative = Annotated[NonNegative, Field(le=1)]
 
 
 class Tolerance(Section):
-    """One standard deviation of what is not known better; 0 takes the configuration's word for it.
+    """One standard deviation of each quantity known only roughly; 0 takes the configured value as exact.
 
     A law's scale has its own, the source's `law_uncertainty`.
     """
@@ -30,13 +30,12 @@ class Tolerance(Section):
     heat_capacity: Relative = 0.03  #: density times specific heat, relative
     convection: Relative = 0.30  #: of the base film, relative
     ambient_K: Annotated[NonNegative, Field(le=50)] = 0.5  #: of the ambient temperature, measured or stated
-    #: of the heat that each end loses to the air beyond what its boundary says
+    #: of the heat loss of each end to the air beyond that of its boundary
     end_W_K: Annotated[NonNegative, Field(le=1000)] = 0.05
-    position_m: Annotated[NonNegative, Field(le=1)] = 0.002  #: of where each sensor sits on the screw
-    offset_K: Annotated[NonNegative, Field(le=50)] = 0.3  #: of what each sensor reads too much
-    lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0  #: of how late each sensor is
-    #: of the part of its rise above the air by which each sensor reads too little or too much; in
-    #: `calibrate`, `discover` and `identify`
+    position_m: Annotated[NonNegative, Field(le=1)] = 0.002  #: of each sensor's position on the screw
+    offset_K: Annotated[NonNegative, Field(le=50)] = 0.3  #: of each sensor's offset
+    lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0  #: of each sensor's lag
+    #: of each sensor's gain error on its rise above the air; in `calibrate`, `discover` and `identify`
     gain: Relative = 0.02
     #: of each source's heat from one of several logs to the next, relative; in `discover`
     heat_per_log: Relative = 0.03
@@ -69,19 +68,19 @@ class EstimatorSettings(Section):
     # Kalman
     #: kalman: `"compiled"` or `"constant"` (steady-state gain)
     engine: Literal["compiled", "constant"] = "compiled"
-    #: a measurement further than this from its prediction is refused
+    #: a measurement further than this from its prediction is rejected
     gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
     initial_sigma_K: Rise = 2.0  #: standard deviation of the unknown field at the start
-    #: wandering of the field that no source explains: K after 1 s, growing with √t; 0 takes the model for
+    #: random walk of the field that no source explains: K after 1 s, growing with √t; 0 takes the model as
     #: exact
     field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
     #: compiled kalman and `identify`: what of `[tolerance]` is [learnt](../explanation/learning.md), the
-    #: rest is allowed for; `"law"` is each heat law's scale
+    #: rest is considered; `"law"` is the scale of each heat law
     learn: Annotated[tuple[Learnable, ...], Field(max_length=20)] = ("convection", "offset_K")
     # Luenberger
     #: luenberger: `"bandwidth"` moves the slow poles only; `"kim"` is the paper's rule
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
-    #: luenberger: how fast errors die out; – is where the heats' steady σ is smallest
+    #: luenberger: rate at which errors decay; – is the rate with the smallest steady σ of the heats
     bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
     @property
@@ -110,7 +109,7 @@ class ForecastSettings(Section):
 
     enabled: Flag | None = None  #: forecast in the service; by default where every estimated heat has a law
     hours: Annotated[Positive, Field(ge=0.05, le=24)] = 1.0  #: how far ahead, up to 24
-    #: how near every point of the travel must be to where it settles to count as settled
+    #: distance from the settled state within which every point of the travel counts as settled
     within_um: Annotated[Positive, Field(ge=0.01, le=1000)] = 2.0
     period_s: Annotated[Positive, Field(ge=5, le=3600)] = 60.0  #: how often, in seconds
 
@@ -122,14 +121,14 @@ class Integrity(Section):
     """
 
     enabled: Flag = True  #: whether readings are screened before they correct
-    #: how likely a sensor fails unnoticed in an hour, for the bounds: 0 to 0.1
+    #: probability that a sensor fails unnoticed in an hour, for the bounds: 0 to 0.1
     fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-4
-    #: how likely what all readings have in common fails in an hour: 0 to 0.1; beyond the default, bounds
-    #: hold by laws and air alone
+    #: probability that the common reference of all readings fails in an hour: 0 to 0.1; beyond the default,
+    #: bounds rest on laws and air alone
     common_fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-5
-    #: how far the offset of a reading, and what all have in common, may walk: K after 1 h, growing with √t
+    #: random walk of each reading's offset and of their common reference: K after 1 h, growing with √t
     drift_K_sqrt_h: Annotated[NonNegative, Field(le=100.0)] = 0.3
-    #: an estimate is good only where no bound of the field is beyond it; – is any
+    #: an estimate is good only if no bound of the field exceeds it; – is no limit
     limit_K: Positive | None = None
-    #: an estimate is good only where no bound of the thermal error is beyond it; – is any
+    #: an estimate is good only if no bound of the thermal error exceeds it; – is no limit
     limit_um: Positive | None = None

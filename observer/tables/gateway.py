@@ -57,9 +57,9 @@ Topic = Annotated[str, Field(pattern=r"^[^#+\s/][^#+\s]*$", max_length=200)]
 class Page(Section):
     """The page for people: where it listens, and the names and passwords of those who may look."""
 
-    #: where it is served, `host:port`; anything but this computer asks for `users_file`
+    #: where it is served, `host:port`; any address but this computer's requires `users_file`
     listen: Address = "127.0.0.1:8080"
-    users_file: File | None = None  #: a file of lines `name:password`: whoever looks must log in
+    users_file: File | None = None  #: a file of lines `name:password`; viewers must then log in
     certificate: File | None = None  #: PEM file; the page is then served by TLS
     key: File | None = None  #: its key
     reports: File | None = None  #: a folder of the folders that `observer discover` wrote
@@ -89,7 +89,7 @@ class Page(Section):
 class Metrics(Section):
     """Figures for Prometheus: where they can be scraped."""
 
-    #: where they are scraped, `host:port`; they can be read only, and whoever reaches the port reads them
+    #: where they are scraped, `host:port`; read-only, and open to whoever reaches the port
     listen: Address = "127.0.0.1:9187"
 
 
@@ -97,8 +97,8 @@ class Mqtt(Section):
     """A broker of MQTT; its topics are the Zenoh keys, below `prefix` if there is one."""
 
     broker: Address = "127.0.0.1:1883"  #: where the broker listens, `host:port`
-    prefix: Topic | None = None  #: stands before every topic
-    user: Name | None = None  #: who the service is there
+    prefix: Topic | None = None  #: prefix of every topic
+    user: Name | None = None  #: user name of the service
     password_file: File | None = None  #: a file whose first line is the password
     #: PEM file of the authority that signed the broker's certificate; the connection is then encrypted
     ca: File | None = None
@@ -113,7 +113,7 @@ class Mqtt(Section):
 class Opcua(Section):
     """A server of OPC UA: where it listens, who may look, and what the connection is encrypted with."""
 
-    #: where it is served; anything but this computer asks for `users_file`, `certificate` and `key`, or for
+    #: where it is served; any address but this computer's requires `users_file`, `certificate` and `key`, or
     #: `anonymous`
     listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"
     #: a file of lines `name:password`: whoever connects must log in, encrypted

@@ -21,14 +21,14 @@ class BearingFriction(Section):
     #: `"angular_contact"`, `"angular_contact_pair"` (or two rows) or `"deep_groove"`
     type: Literal["angular_contact", "angular_contact_pair", "deep_groove"]
     mean_diameter_m: quantities.Diameter  #: half of bore plus outer diameter
-    load_N: Load | None = None  #: the load that makes friction, or `axial_load_N`
+    load_N: Load | None = None  #: the load that causes friction; or give `axial_load_N`
     axial_load_N: Load | None = None  #: axial load, preload included
-    radial_load_N: Load | None = None  #: radial load beside it
-    #: lubricant's factor; – is the type's for grease: 2, pairs 4
+    radial_load_N: Load | None = None  #: radial load in addition
+    #: lubrication factor; – is the bearing type's for grease: 2, pairs 4
     f0: Annotated[quantities.Positive, Field(le=1e3)] | None = None
-    #: load's factor, or by `static_load_N` and `static_rating_N`
+    #: load factor; or give `static_load_N` and `static_rating_N`
     f1: Annotated[quantities.NonNegative, Field(le=1)] | None = None
-    static_load_N: Load | None = None  #: equivalent static load P₀ by the catalogue
+    static_load_N: Load | None = None  #: equivalent static load P₀ from the catalogue
     static_rating_N: Annotated[quantities.Positive, Field(ge=1e-3, le=1e9)] | None = None  #: static rating C₀
     #: viscosity of oil, or of the grease's base oil, as the bearing runs; or the three keys below
     viscosity_mm2_s: Viscosity | None = None
@@ -57,8 +57,8 @@ class NutFriction(Section):
 
     efficiency: Efficiency  #: η of the nut without preload, 0.5 to 1
     preload_N: Load = 0.0  #: preload
-    axial_load_N: Load = 0.0  #: axial load, in the mean
-    lead_m: quantities.Lead | None = None  #: lead of the screw, where the source does not say it
+    axial_load_N: Load = 0.0  #: mean axial load
+    lead_m: quantities.Lead | None = None  #: lead of the screw, unless the source gives it
 
     @model_validator(mode="after")
     def _some_load(self) -> NutFriction:
@@ -83,8 +83,8 @@ class HeatLaw(Section):
     bearing: BearingFriction | None = None
     #: law: the same, with a nut's torque by preload and efficiency: the table `[source.nut_friction]`
     nut_friction: NutFriction | None = None
-    #: torque and nut friction: the channel of the nut's own speed in rpm, where it is driven too; the
-    #: relative speed then counts
+    #: torque and nut friction: the channel of the nut's own speed in rpm, if it is driven too; the law then
+    #: uses the relative speed
     nut_speed_channel: quantities.Channel | None = None
     #: torque: the nut's drive has a torque of its own; heat = torque · ω of the screw + this · ω of the nut
     nut_torque_Nm: quantities.Torque | None = None
@@ -95,10 +95,10 @@ class HeatLaw(Section):
     #: law: heat = scale · the heat by the law of the source of this name / `heat_ratio`
     heat_of: quantities.Name | None = None
     heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None  #: for `heat_of`
-    share: quantities.Share = 1.0  #: part of the friction's heat that enters the screw, 0 to 1
-    #: part of the time that the drive runs, 0 to 1, where the speed channel holds a set speed only
+    share: quantities.Share = 1.0  #: share of the friction heat that enters the screw, 0 to 1
+    #: fraction of time the drive runs, 0 to 1, where the speed channel only holds a set speed
     duty: quantities.Share = 1.0
-    #: also multiply a nut's law by its stroke's part of the screw, as Kim et al. do
+    #: also multiply a nut's law by the share of the screw that its stroke covers, as Kim et al. do
     stroke_share: quantities.Flag = False
     scale: quantities.Factor = 1.0  #: multiplies the law, whichever it is
 
@@ -147,17 +147,17 @@ class Surface(Section):
 
     #: film coefficient of the whole surface; 0 means that no loss is modelled
     convection_W_m2K: quantities.Film = 0.0
-    law: FilmLaw | None = None  #: in place of a number, the film by geometry and air; see below
+    law: FilmLaw | None = None  #: in place of a number, computes the film from geometry and air; see below
     #: law: practice factor on convection; Yu et al. take 10 and call 3 to 10 usual
     factor: Annotated[quantities.Factor, Field(gt=0)] = 1.0
-    rise_K: quantities.Rise = 10.0  #: law: how much warmer than the air the surface is taken to be
+    rise_K: quantities.Rise = 10.0  #: law: how much warmer than the air the surface is assumed to be
     #: law: temperature of that air; its properties are taken halfway to the surface
     air_degC: quantities.Air = 20.0
     #: law: adds radiation, linearised at `rise_K`; 0.2 for bright steel, 0 leaves it out
     emissivity: quantities.Share = 0.0
-    #: law: adds what turning at this speed does; 0 is the film at standstill
+    #: law: adds the effect of rotation at this speed; 0 is the film at standstill
     speed_rpm: quantities.Speed = 0.0
-    #: law: the channel of the screw's speed in rpm; what turning adds then follows it, in place of
+    #: law: the channel of the screw's speed in rpm; the effect of rotation then follows it, in place of
     #: `speed_rpm`
     speed_channel: quantities.Channel | None = None
     #: wall: `"vertical"`, or horizontal and facing `"up"` or `"down"`
@@ -187,11 +187,11 @@ class Surface(Section):
         for key, law in (("facing", "wall"), ("height_m", "wall"), ("gap_m", "taylor-gap")):
             if (getattr(self, key) is not None) != (self.law == law):
                 raise ValueError(f'{key} belongs to law = "{law}", and is needed there')
-        self._turning_is_told_once()
+        self._turning_is_given_once()
         self._thread_is_complete()
         return self
 
-    def _turning_is_told_once(self) -> None:
+    def _turning_is_given_once(self) -> None:
         if self.turns and self.law in ("churchill-chu", "wall"):
             key = "speed_channel" if self.speed_channel else "speed_rpm"
             raise ValueError(

@@ -22,8 +22,8 @@ class Supports(Section):
     stiffness_first_N_m: Stiffness | None = None
     stiffness_second_N_m: Stiffness | None = None  #: L-III: that of the second
     preload_N: NonNegative = 0.0  #: L-III: pre-tension of the cold screw
-    #: L-III: once the pre-tension is lost, how far the screw grows before the second support pushes; more
-    #: than it ever grows for a support that only pulls
+    #: L-III: once the pre-tension is lost, how far the screw grows before the second support pushes; for a
+    #: support that only pulls, give more than the screw ever grows
     gap_m: Position = 0.0
     elastic_modulus_Pa: Annotated[Positive, Field(ge=1e6, le=1e13)] = 2.06e11  #: of the screw
 
@@ -67,12 +67,12 @@ class Compensation(Section):
     travel_m: tuple[Position, Position] | None = None
     reference_m: Position | None = None  #: the line's reference on the screw; – is the middle of the travel
     zero_m: Finite = 0.0  #: where on the screw the machine's zero is
-    reverse: Flag = False  #: the machine counts against the screw's direction
+    reverse: Flag = False  #: the machine counts opposite to the screw's direction
     points: Annotated[Count, Field(ge=2, le=200)] = 21  #: points of the table
-    rate_limit_um_s: Positive = 1.0  #: how fast the compensation changes at most, anywhere in the travel
-    gradient_limit_um_m: Positive = 100.0  #: how steep table and line are at most
-    #: an error beyond this anywhere in the travel is not believed, nor is one whose
-    #: [bound](../how-to/compensate.md#arm-it) is: the compensation disarms
+    rate_limit_um_s: Positive = 1.0  #: largest rate of change of the compensation, anywhere in the travel
+    gradient_limit_um_m: Positive = 100.0  #: largest slope of table and line
+    #: the compensation disarms if the error, or its [bound](../how-to/compensate.md#arm-it), exceeds this
+    #: anywhere in the travel
     limit_um: Positive = 200.0
     #: `[compensation.control]`: the control that it is written to while it is armed; – is none
     control: ModbusControl | None = None

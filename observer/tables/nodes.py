@@ -16,7 +16,7 @@ AMBIENT = "ambient"
 class Node(Section):
     """A body of one temperature: a bearing's ring, a housing, the nut, the table."""
 
-    name: quantities.Name  #: what sources, links and sensors call it
+    name: quantities.Name  #: the name that sources, links and sensors use
     capacity_J_K: quantities.Capacity  #: heat capacity: mass times specific heat
 
 
@@ -41,7 +41,7 @@ class Link(Section):
     """
 
     between: tuple[quantities.Name, quantities.Name]  #: the two places
-    conductance_W_K: quantities.Conductance | None = None  #: what passes per kelvin
+    conductance_W_K: quantities.Conductance | None = None  #: heat flow per kelvin
     resistance_K_W: Annotated[quantities.Positive, Field(ge=1e-7, le=1e9)] | None = None  #: its reciprocal
     film_W_m2K: quantities.EndFilm | None = None  #: film or contact coefficient
     area_m2: quantities.Area | None = None  #: area it acts on
@@ -49,18 +49,18 @@ class Link(Section):
     length_m: quantities.Length | None = None  #: length of a bar; width of a ring
     inner_diameter_m: quantities.Diameter | None = None  #: where the ring begins
     outer_diameter_m: quantities.Diameter | None = None  #: where it ends
-    gap_m: quantities.Length | None = None  #: height of the roughness of both faces together
-    #: part of the area that really touches
+    gap_m: quantities.Length | None = None  #: sum of the roughness heights of both faces
+    #: fraction of the area in real contact
     touching: Annotated[quantities.Positive, Field(le=1)] | None = None
     #: of both faces; of ball and ring
     conductivities_W_mK: tuple[quantities.Conductivity, quantities.Conductivity] | None = None
-    filling_W_mK: quantities.NonNegative = 0.0  #: conductivity of what fills the gap: air 0.026, grease 0.15
+    filling_W_mK: quantities.NonNegative = 0.0  #: conductivity in the gap: air 0.026, grease 0.15
     balls: Annotated[quantities.Count, Field(ge=1, le=1000)] | None = None  #: how many balls, in all rows
     #: both semi-axes of the contact ellipse of one ball
     semi_axes_m: tuple[quantities.Length, quantities.Length] | None = None
 
     @model_validator(mode="after")
-    def _told_in_one_way(self) -> Link:
+    def _described_in_one_way(self) -> Link:
         if self.between[0] == self.between[1]:
             raise ValueError(f'between names "{self.between[0]}" twice; a link needs two places')
         stated = self.model_fields_set - {"between", *OPTIONAL}

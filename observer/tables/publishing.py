@@ -29,8 +29,8 @@ _ENCRYPTED = ("tls/", "quic/")
 class Tls(Section):
     """Certificates, as PEM files: one's own with its key, and the authority that others are judged by."""
 
-    ca: File | None = None  #: the authority by which others are judged
-    certificate: File | None = None  #: one's own; needed to listen
+    ca: File | None = None  #: the authority whose certificates are accepted
+    certificate: File | None = None  #: the own certificate; needed to listen
     #: its key, without a password; nobody else on the computer may be able to read the file
     key: File | None = None
     client_certificates: Flag = False  #: whoever connects must show a certificate of `ca`
@@ -103,12 +103,12 @@ class Publish(Section):
     mode: Literal["client", "peer", "router"] = "peer"
     connect: Endpoints = ()  #: endpoints to connect to, as `"tcp/192.168.0.10:7447"`
     listen: Endpoints = ()  #: endpoints to listen on, as `"tcp/127.0.0.1:7447"`
-    #: the most often that field and error are sent as JSON
+    #: highest rate at which field and error are sent as JSON
     field_rate_Hz: Annotated[Number, Field(ge=1e-3, le=50)] = 2.0
     history: Annotated[Count, Field(ge=1, le=100_000)] = 1000  #: how many estimates the queryable remembers
     tls: Tls | None = None  #: `[publish.tls]`, below
     login: Login | None = None  #: `[publish.login]`, below
-    access: Access | None = None  #: `[publish.access]`, below; – is everybody who can connect
+    access: Access | None = None  #: `[publish.access]`, below; – allows everybody who can connect
 
     @property
     def listens(self) -> Endpoints:
@@ -134,7 +134,7 @@ class Publish(Section):
         return self
 
     @model_validator(mode="after")
-    def _who_is_named_can_be_told(self) -> Publish:
+    def _who_is_named_can_log_in(self) -> Publish:
         if self.access is None:
             return self
         if self.mode == "client":

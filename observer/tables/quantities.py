@@ -1,8 +1,8 @@
 """What every table of the configuration is made of: its base, and the kinds of names and numbers.
 
-A number is a number: neither `true` nor `"1.0"` passes for one. Every kind has hard bounds, orders of
-magnitude beyond what any machine has, so that nothing absurd reaches the mathematics; a value that is
-possible and still looks like a slip of the unit is reported by `report.doubts`.
+A number must be written as a number: `true` and `"1.0"` are rejected. Every kind has hard bounds, orders of
+magnitude beyond any machine, so that nothing absurd reaches the mathematics; a value that is possible but
+looks like a unit error is reported by `report.doubts`.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Section(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_what_goes_without_saying(cls, table: Any) -> Any:
+    def _without_defaults(cls, table: Any) -> Any:
         """Leave out keys that repeat their default: a configuration that was read back is the same."""
         if not isinstance(table, dict):
             return table

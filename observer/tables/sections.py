@@ -76,24 +76,24 @@ class Source(HeatLaw):
     shape: Literal["nut", "point", "band", "node"]
     # where
     length_m: quantities.Length | None = None  #: nut: its length
-    #: nut: where its middle travels, `[from, to]`; without `position_channel` its heat is uniform there
+    #: nut: range of its centre's travel, `[from, to]`; without `position_channel` its heat is uniform there
     stroke_m: tuple[quantities.Position, quantities.Position] | None = None
-    position_channel: quantities.Channel | None = None  #: nut: the channel of its middle's position in m
-    #: nut: lead of the screw; with the speed it says how well the samples show the path
+    position_channel: quantities.Channel | None = None  #: nut: the channel of its centre's position in m
+    #: nut: lead of the screw; with the speed it shows how well the samples resolve the path
     lead_m: quantities.Lead | None = None
-    position_m: quantities.Position | None = None  #: point: where
+    position_m: quantities.Position | None = None  #: point: its position
     from_m: quantities.Position | None = None  #: band: where it begins
     to_m: quantities.Position | None = None  #: band: where it ends
-    #: what part of the heat goes into which [nodes](#node), as `{ ring = 0.3, housing = 0.2 }`; the rest
+    #: the share of the heat that enters each [node](#node), as `{ ring = 0.3, housing = 0.2 }`; the rest
     #: enters the screw
     nodes: dict[quantities.Name, quantities.Share] = Field(default_factory=dict)
     # how it is estimated
     estimate: quantities.Flag = True  #: `false`: the law is the heat; at least one source must be estimated
-    #: how fast the heat may wander from its law: W after 1 s, growing with √t
+    #: random walk of the heat about its law: W after 1 s, growing with √t
     random_walk_W_sqrt_s: quantities.HeatSigma = 0.1
-    #: the deviation forgets itself in this time (first-order Markov); – is a pure random walk
+    #: time constant with which that deviation decays (first-order Markov); – is a pure random walk
     time_constant_s: quantities.Duration | None = None
-    #: when the law jumps, the heat is uncertain by this part of the jump
+    #: when the law jumps, this fraction of the jump is added to the uncertainty of the heat
     law_uncertainty: quantities.Factor = 0.2
     #: standard deviation of the heat at the start
     initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
@@ -165,10 +165,10 @@ class Sensor(Section):
 
     name: quantities.Name  #: names the columns of its innovation and quality
     channel: quantities.Channel  #: the channel that measures it
-    position_m: quantities.Position | None = None  #: where on the screw it sits
-    on: quantities.Name | None = None  #: which node it sits on
+    position_m: quantities.Position | None = None  #: its position on the screw
+    on: quantities.Name | None = None  #: the node it sits on
     noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
-    #: standard deviation of what it reads too much; – is `tolerance.offset_K`
+    #: standard deviation of its offset; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
 
     @model_validator(mode="after")
