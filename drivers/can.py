@@ -20,7 +20,7 @@ from drivers.places import (
 )
 from drivers.protocol import ChannelName, Driver, InputOr
 from observer.frames import Reading
-from observer.tables.quantities import File
+from observer.tables.quantities import File, exactly_one
 
 
 class CanSettings(CanTable):
@@ -31,10 +31,10 @@ class CanSettings(CanTable):
     device: Literal["css_canmod_temp", "peak_mu_thermocouple1"] | None = None
     channels: dict[ChannelName, InputOr[CanChannel]] = Field(min_length=1)
 
+    _one = exactly_one("dbc", "device")
+
     @model_validator(mode="after")
-    def _one_description(self) -> CanSettings:
-        if (self.dbc is None) == (self.device is None):
-            raise ValueError("give exactly one of dbc and device")
+    def _channels_are_there(self) -> CanSettings:
         check_channels(self.channels, self.device, CAN_INPUTS)
         return self
 

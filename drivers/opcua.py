@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from drivers.places import OpcUaChannel, OpcUaServer, check_channels
 from drivers.protocol import ChannelName, Driver, DriverTable, PollPeriod, Text, Timeout
-from observer.tables.quantities import File
+from observer.tables.quantities import File, together
 
 
 class OpcUaSettings(DriverTable):
@@ -33,15 +33,11 @@ class OpcUaSettings(DriverTable):
     password_file: File | None = None
     channels: dict[ChannelName, OpcUaChannel] = Field(min_length=1)
 
+    _files = together("certificate", "private_key", "server_certificate")
+    _login = together("user", "password_file")
+
     @model_validator(mode="after")
-    def _belongs_together(self) -> OpcUaSettings:
-        files = (self.certificate, self.private_key, self.server_certificate)
-        if any(files) and not all(files):
-            raise ValueError(
-                "certificate, private_key and server_certificate belong together; give all or none"
-            )
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file belong together; give both or neither")
+    def _sensible(self) -> OpcUaSettings:
         if self.user is not None and self.certificate is None:
             raise ValueError(
                 "a password goes over no wire in the clear; give certificate and private_key too"

@@ -4,8 +4,8 @@ Its friction is not what a nominal heat law says: every source is about a tenth 
 slowly, so an estimator has something to find. The screw conducts by finite volumes, implicit in time:
 
 C_i dT_i/dt = G (T_{i-1} − 2 T_i + T_{i+1}) + H (T_amb − T_i) + q_i, with insulated ends, C = ρ c A Δx,
-G = k A / Δx, H = h P Δx. Backward Euler gives a symmetric positive definite tridiagonal system, factored once
-for each step length (Patankar 1980, chapter 4).
+G = k A / Δx, H = h P Δx. Backward Euler gives a symmetric positive definite tridiagonal system (Patankar
+1980, chapter 4).
 """
 
 from __future__ import annotations
@@ -57,29 +57,17 @@ class FiniteVolumeScrew:
         self._capacity_J_K = rod.density_kg_m3 * rod.specific_heat_J_kgK * area_m2 * self._dx_m
         self._conductance_W_K = rod.conductivity_W_mK * area_m2 / self._dx_m
         self._film_W_K = rod.film_W_m2K * math.pi * rod.diameter_m * self._dx_m
-        self._factors: dict[float, tuple[FloatArray, FloatArray]] = {}
+        neighbours = np.full(rod.cells, 2.0)
+        neighbours[[0, -1]] = 1.0
+        self._steady_W_K = self._film_W_K + neighbours * self._conductance_W_K
+        self._off_W_K = np.full(rod.cells - 1, -self._conductance_W_K)
         self.temperature_degC = np.full(rod.cells, rod.ambient_degC)
 
     def step(self, dt_s: float, heat_W: FloatArray) -> None:
         """Advance by one implicit step under the heat of each cell (cells,)."""
-        diagonal, off_diagonal = self._factor(dt_s)
-        right = (
-            self._capacity_J_K / dt_s * self.temperature_degC
-            + self._film_W_K * self.rod.ambient_degC
-            + heat_W
-        )
-        self.temperature_degC, _ = lapack.dpttrs(diagonal, off_diagonal, right)
-
-    def _factor(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
-        """The L D Lᵀ factors of the step matrix."""
-        if dt_s not in self._factors:
-            neighbours = np.full(self.rod.cells, 2.0)
-            neighbours[[0, -1]] = 1.0
-            diagonal = self._capacity_J_K / dt_s + self._film_W_K + neighbours * self._conductance_W_K
-            off_diagonal = np.full(self.rod.cells - 1, -self._conductance_W_K)
-            d, e, _ = lapack.dpttrf(diagonal, off_diagonal)
-            self._factors[dt_s] = (d, e)
-        return self._factors[dt_s]
+        stored_W_K = self._capacity_J_K / dt_s
+        right = stored_W_K * self.temperature_degC + self._film_W_K * self.rod.ambient_degC + heat_W
+        _, _, self.temperature_degC, _ = lapack.dptsv(stored_W_K + self._steady_W_K, self._off_W_K, right)
 
     def spread(self, from_m: float, to_m: float) -> FloatArray:
         """The share of each cell (cells,) in a heat that is uniform over a stretch; it sums to 1."""

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.quantities import File, Name, Section
+from observer.tables.quantities import File, Name, Section, together
 
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
 _OPCUA = "opc.tcp://"
@@ -64,10 +64,10 @@ class Page(Section):
     key: File | None = None  #: its key
     reports: File | None = None  #: a folder of the folders that `observer discover` wrote
 
+    _pair = together("certificate", "key")
+
     @model_validator(mode="after")
     def _others_log_in(self) -> Page:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key go together; give both or neither")
         if not is_loopback(self.listen) and self.users_file is None:
             raise ValueError(
                 f"others reach {self.listen}, so they have to log in; name a file of user:password lines in "
@@ -103,11 +103,7 @@ class Mqtt(Section):
     #: PEM file of the authority that signed the broker's certificate; the connection is then encrypted
     ca: File | None = None
 
-    @model_validator(mode="after")
-    def _belong_together(self) -> Mqtt:
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together; give both or neither")
-        return self
+    _pair = together("user", "password_file")
 
 
 class Opcua(Section):
@@ -125,10 +121,10 @@ class Opcua(Section):
     key: File | None = None
     anonymous: bool = False  #: whoever reaches the port may read, from other computers too
 
+    _pair = together("certificate", "key")
+
     @model_validator(mode="after")
     def _others_log_in(self) -> Opcua:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key go together; give both or neither")
         if self.users_file is not None and self.anonymous:
             raise ValueError("users_file asks for names and anonymous asks for none; give one of them")
         if self.users_file is not None and self.certificate is None:

@@ -102,6 +102,8 @@ class HeatLaw(Section):
     stroke_share: quantities.Flag = False
     scale: quantities.Factor = 1.0  #: multiplies the law, whichever it is
 
+    _pair = quantities.together("heat_of", "heat_ratio")
+
     @model_validator(mode="after")
     def _one_law(self) -> HeatLaw:
         laws = [key for key in LAWS if getattr(self, key) is not None]
@@ -111,8 +113,6 @@ class HeatLaw(Section):
             raise ValueError(f"{laws[0]} needs speed_channel")
         if self.drive_channel is not None and self.heat_W is None:
             raise ValueError("drive_channel says when heat_W flows; give heat_W or remove it")
-        if (self.heat_of is None) != (self.heat_ratio is None):
-            raise ValueError("heat_of and heat_ratio belong together; give both or none")
         return self
 
     @model_validator(mode="after")

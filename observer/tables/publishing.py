@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.quantities import Count, File, Flag, Name, Number, Section
+from observer.tables.quantities import Count, File, Flag, Name, Number, Section, together
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/[^\s]+")
@@ -35,10 +35,10 @@ class Tls(Section):
     key: File | None = None
     client_certificates: Flag = False  #: whoever connects must show a certificate of `ca`
 
+    _pair = together("certificate", "key")
+
     @model_validator(mode="after")
-    def _belong_together(self) -> Tls:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key go together; give both or neither")
+    def _needs_an_authority(self) -> Tls:
         if self.client_certificates and self.ca is None:
             raise ValueError("client_certificates needs the authority that signed them; give ca")
         return self
@@ -62,11 +62,7 @@ class Login(Section):
             )
         return table
 
-    @model_validator(mode="after")
-    def _belong_together(self) -> Login:
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together; give both or neither")
-        return self
+    _pair = together("user", "password_file")
 
 
 class Access(Section):

@@ -97,6 +97,30 @@ Conductance = Annotated[Positive, AfterValidator(within(1e-9, 1e7, "conductance 
 Factor = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "factor", or_zero=True))]
 
 
+def together(*keys: str) -> Any:
+    """A validator of a table in which these keys are given all or none."""
+
+    def check(table: BaseModel) -> BaseModel:
+        if 0 < sum(getattr(table, key) is not None for key in keys) < len(keys):
+            names = f"{', '.join(keys[:-1])} and {keys[-1]}"
+            which = "both or neither" if len(keys) == 2 else "all or none"
+            raise ValueError(f"{names} belong together; give {which}")
+        return table
+
+    return model_validator(mode="after")(check)
+
+
+def exactly_one(one: str, other: str) -> Any:
+    """A validator of a table that needs one of two keys."""
+
+    def check(table: BaseModel) -> BaseModel:
+        if (getattr(table, one) is None) == (getattr(table, other) is None):
+            raise ValueError(f"give exactly one of {one} and {other}")
+        return table
+
+    return model_validator(mode="after")(check)
+
+
 def _same(value: Any, default: Any) -> bool:
     """Whether a value is its key's default, of its kind: true is not 1, but 1 is 1.0."""
     numbers = (int, float)

@@ -37,11 +37,7 @@ class Ambient(Section):
     temperature_degC: quantities.Air | None = None  #: a constant air temperature
     channel: quantities.Channel | None = None  #: the channel that measures it
 
-    @model_validator(mode="after")
-    def _exactly_one(self) -> Ambient:
-        if (self.temperature_degC is None) == (self.channel is None):
-            raise ValueError("give exactly one of temperature_degC and channel")
-        return self
+    _one = quantities.exactly_one("temperature_degC", "channel")
 
 
 class Boundary(Section):
@@ -171,11 +167,7 @@ class Sensor(Section):
     #: standard deviation of its offset; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
 
-    @model_validator(mode="after")
-    def _somewhere(self) -> Sensor:
-        if (self.position_m is None) == (self.on is None):
-            raise ValueError("give exactly one of position_m (on the screw) and on (a node)")
-        return self
+    _one = quantities.exactly_one("position_m", "on")
 
 
 class Description(Section):

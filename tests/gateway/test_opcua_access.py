@@ -224,7 +224,7 @@ async def test_nobody_makes_it_a_directory_of_others(served):
         ({"listen": "opc.tcp://[::]:4840", "certificate": "c", "key": "k"}, "have to log in"),
         ({"listen": "opc.tcp://lathe-7:4840", "users_file": "u"}, "in the clear"),
         ({"users_file": "u"}, "in the clear"),
-        ({"certificate": "c"}, "go together"),
+        ({"certificate": "c"}, "certificate and key belong together"),
         ({"users_file": "u", "certificate": "c", "key": "k", "anonymous": True}, "one of them"),
         ({"listen": "127.0.0.1:4840"}, "opc.tcp://127.0.0.1:4840"),
         ({"listen": "opc.tcp://127.0.0.1"}, "host:port"),
