@@ -255,7 +255,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One of `KINDS`, asked by somebody who says to be `by`.
+    """One of `KINDS`, sent by `by` (as they call themselves).
 
     `refused` is the reason where it was refused already and is only to be put on record. `asked_s` is the
     moment on the monotonic clock. `answer` takes the outcome from any thread and waits for nothing. `about`
@@ -277,7 +277,7 @@ def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PublishStatus:
-    """How publishing stands; `reason` says in one sentence what is wrong, None if nothing is.
+    """The state of publishing; `reason` is one sentence on what is wrong, None if nothing is.
 
     `settled` says that the first attempt at a session has ended. `taken` is a sentence where another service
     has the axis, `rival` one where another program publishes on its keys. Without `alive` nobody is answered

@@ -1,6 +1,6 @@
 """The heat that a source usually gives at its speed and temperature, and how far it is from that now.
 
-Over windows of running, the logarithm of the ratio of the estimated heat to its law is held against
+Over windows of running, the logarithm of the ratio of the estimated heat to its law is compared with
 
     θ₀ + θ₁ (law / its largest − 1) + θ₂ rise / 10 K,
 
@@ -23,7 +23,7 @@ from observer.frames import FloatArray
 WINDOW_S = 600.0
 """Running is gathered so long for one window."""
 LEAST_SHARE = 0.15
-"""A law that says less than this part of its largest heat says too little to be held against."""
+"""A law below this part of its largest heat is too small to compare with."""
 SURE = 0.3
 """The estimate's own σ, as a part of the heat, up to which a window counts."""
 SMOOTH_H = 6.0
@@ -47,16 +47,6 @@ _PRIOR_SIGMA = np.array([1.0, 0.2, 0.1])
 _FLOOR = 0.07
 """How alike seasons are, at best: the film outside is not known, and moves heats by some per cent."""
 _LEAST_RATIO = 0.02
-
-
-class Gathering(NamedTuple):
-    """A window in progress: ∫ heat, its σ, law and rise over `running_s` of it."""
-
-    running_s: float
-    heat_J: float
-    sigma_J: float
-    law_J: float
-    rise_Ks: float
 
 
 class Window(NamedTuple):
@@ -101,7 +91,7 @@ def nothing_known() -> Band:
 
 
 def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
-    """Return the band after a window; beyond `learn_h` hours of running it is only held against it.
+    """Return the band after a window; beyond `learn_h` hours of running it is only compared.
 
     `deadband` is how much more than usual, as a part of it, a heat has to be.
     """
@@ -139,7 +129,7 @@ def trend_per_day(band: Band) -> float | None:
 
 
 def _is_informative(window: Window, most_W: float) -> bool:
-    """Whether a window says something of the heat."""
+    """Whether a window is informative."""
     law_W = window.law_W
     return law_W > LEAST_SHARE * most_W > 0.0 and window.sigma_W < SURE * max(window.heat_W, law_W)
 
@@ -177,7 +167,7 @@ def _traced(band: Band, time_s: float, off: float) -> Band:
 
 
 def _judged(band: Band, phi: FloatArray, learn_h: float, deadband: float) -> Band:
-    """Say whether the heat is above or below its band, with hysteresis."""
+    """Set whether the heat is above or below its band, with hysteresis."""
     if band.running_h < learn_h:
         return band._replace(side=0)
     limit = max(math.log1p(deadband), SIGMAS * sigma_of(band, phi))

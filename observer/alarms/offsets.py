@@ -17,7 +17,7 @@ SMOOTH_H = 4.0
 CLEAR = 0.6
 """The part of the limit below which a sensor has not moved any more."""
 _SURE = 1 / 3
-"""The σ of an offset, as a part of the limit, up to which it says something."""
+"""An offset whose σ exceeds this part of the limit is not judged."""
 
 
 class KnownOffset(NamedTuple):
@@ -32,7 +32,7 @@ class KnownOffset(NamedTuple):
 def taken(
     known: KnownOffset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
 ) -> KnownOffset:
-    """Return what is known after `hours` more of an estimated offset; one that is unsure says nothing."""
+    """Return what is known after `hours` more of an estimated offset; an uncertain one is ignored."""
     if not sigma_K < _SURE * limit_K:
         return known
     total_h = known.hours + hours

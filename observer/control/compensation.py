@@ -1,10 +1,10 @@
-"""What a control may take the thermal error out with: a table over the travel and a straight line.
+"""What a control corrects the thermal error with: a table over the travel and a straight line.
 
 Pure: estimates go in, frozen states come out. Everything is the *error* in the machine's coordinates: where
 the nut stands minus where its encoder says it stands. The table and the line follow the estimate at a
 limited rate, with a limited gradient, and only while the compensation is armed. It is armed by hand, and the
 first estimate that is not good, that comes late, or that lies beyond the absolute limit, disarms it for good:
-nothing but a hand arms it again. So does the first whose bound, of how far a sensor's fault may have taken
+it is armed again by hand only. So does the first whose bound, of how far a sensor's fault may have taken
 it, is beyond that limit, or is not known though the estimator has bounds.
 """
 
@@ -195,8 +195,8 @@ def advance(
 
 
 def _why_beyond(plan: CompensationPlan, error_um: float, bound_um: FloatArray) -> str | None:
-    """Say why an error that is as large, with these bounds at the table's points, is not to be used; None
-    where it may be.
+    """Why an error of this size, with these bounds at the table's points, may not be used; None if it
+    may.
     """
     if error_um > plan.limit_um:
         return f"the error of {error_um:.0f} µm is beyond limit_um = {plan.limit_um:g}"

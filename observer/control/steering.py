@@ -1,4 +1,4 @@
-"""The compensation's way to a control: a thread that writes what the loop says, and lets go at every doubt.
+"""Write the compensation to a control, in a thread; release the control at every doubt.
 
 It decides nothing. What the loop's compensation publishes as armed is written; the first document that is not
 armed, a writing that fails and the end of the service release the control. A sign of life is only sent with a
@@ -89,7 +89,7 @@ class Steering:
     def _try(self, job: _Job, correction: AxisCorrection) -> None:
         try:
             self._write(job, correction)
-        except Exception as error:  # whatever it is, the loop must hear of it and the control be released
+        except Exception as error:  # whatever it is, it is reported and the control released
             if not isinstance(error, ControlError):
                 log.error("control failed", error=repr(error), exc_info=True)
             self._failure = f"control: {str(error) or type(error).__name__}"

@@ -1,4 +1,3 @@
-"""What people and plants look through: a process beside the service that serves the
-page, metrics, MQTT and OPC UA, fed with the very messages that go to Zenoh, so that none of them can delay
-a tick.
+"""A process beside the service that serves the page, metrics, MQTT and OPC UA. It gets the same messages as
+Zenoh, and none of its outlets can delay a tick.
 """

@@ -1,6 +1,6 @@
-"""The service's side of the gateway: starts its process, feeds it what goes to Zenoh, never waits for it.
+"""The service's side of the gateway: starts its process, passes it every message, never waits for it.
 
-A process that ends is started again and gets all that is known; its problems are reasons in health, no more.
+A process that ends is restarted and gets the retained messages; its problems are reasons in health only.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Feed:
                     child.stdin.close()
             if not self._closing.is_set():
                 self._reasons["gateway"] = (
-                    "gateway: the process of page and plant ended and begins again; look at the lines before"
+                    "gateway: the process of page and plant ended and is restarted; see the log lines before"
                 )
                 self._closing.wait(_RETRY_S)
 
@@ -112,13 +112,13 @@ class Feed:
                 _write(child, key, payload)
 
     def _listen(self, child: subprocess.Popen[bytes]) -> None:
-        """Take what the process says, a line of JSON at a time, until it ends or is ended."""
+        """Read the process's output, a line of JSON at a time, until it ends."""
         assert child.stdout is not None
         while line := _line_of(child.stdout):
             try:
                 self._take(json.loads(line))
             except (ValueError, KeyError, TypeError) as error:
-                log.warning("the gateway said something strange", line=line[:200], reason=str(error))
+                log.warning("unexpected output of the gateway", line=line[:200], reason=str(error))
 
     def _take(self, said: dict[str, Any]) -> None:
         if "acknowledge" in said:
@@ -137,7 +137,7 @@ class Feed:
 
 
 def _answered(outcome: Outcome) -> None:
-    """Nothing: what came of it shows in the next message of alarms."""
+    """Ignore the outcome: the next `alarms` document shows it."""
 
 
 def _line_of(stdout: IO[bytes]) -> bytes:

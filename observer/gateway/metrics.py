@@ -2,7 +2,7 @@
 
 Each value carries the `quality` of its estimate as a label, so one that is not good is never shown as good.
 Once the service is silent, or its estimate stale or invalid, the values are absent, which ends the series.
-What there is beside the figures of the registry says how the service fares, silent or not.
+`up`, `state`, `alarms` and counters describe the service itself and are always there.
 """
 
 from __future__ import annotations

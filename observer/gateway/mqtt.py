@@ -98,7 +98,7 @@ class _Broker:
         self._client.loop_stop()
 
     def _connected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _more: Any) -> None:
-        """On the library's thread: begin anew with all that is known, or say why the broker refuses."""
+        """On the library's thread: publish all retained messages, or report why the broker refuses."""
         if code.is_failure:
             broker = self._settings.broker
             self._report(f"the broker at {broker} refuses: {code}; look at mqtt.user and its password")
@@ -115,7 +115,7 @@ class _Broker:
         self._say({"reason": None, "address": self._settings.broker})
 
     def _disconnected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _more: Any) -> None:
-        if code.is_failure and self._let_in:  # else it has said why not
+        if code.is_failure and self._let_in:  # else the reason is known
             self._report(self._no_broker())
         self._let_in = False
 
@@ -123,7 +123,7 @@ class _Broker:
         return f"no broker answers at {self._settings.broker}; start it, or change mqtt.broker"
 
     def _why_not(self, error: BaseException | None) -> str:
-        """Why no connection came about, of the error that the library calls back under."""
+        """Why there is no connection, from the error being handled when the library calls back."""
         if isinstance(error, ssl.SSLError):
             why = getattr(error, "verify_message", None) or error.reason
             return f"the broker at {self._settings.broker} is not trusted ({why}); look at mqtt.ca"

@@ -45,7 +45,7 @@ STATUS = {
 
 
 class Value(NamedTuple):
-    """A variable: its place below the axis, its value, what that is worth, and of when it is (epoch)."""
+    """A variable: its path below the axis, value, quality, and time (epoch)."""
 
     path: tuple[str, ...]
     value: Any

@@ -1,4 +1,4 @@
-"""The OPC UA server beneath the variables: who is let in, how much a client may use, and which nodes exist.
+"""The OPC UA server beneath the variables: access, limits for clients, and which nodes exist.
 
 asyncua 2.1 resumes a session for anyone who names its token, which is a small number: a second connection
 reads as the first one's user, without a password, and unencrypted where the server requires encryption. Here
@@ -54,7 +54,7 @@ log = structlog.get_logger()
 
 
 async def guarded(settings: Opcua) -> Server:
-    """A server that lets in whom the settings name; raises `ConfigError` where a file cannot be used."""
+    """A server with the access of the settings; raises `ConfigError` if a file cannot be used."""
     users, name = None, None
     if settings.users_file is not None:
         users = Users(read_users(settings.users_file, "opcua.users_file"))
@@ -106,7 +106,7 @@ def _name_in(certificate: x509.Certificate) -> str | None:
 
 
 class _Readers(UserManager):
-    """Lets in those who may read, nobody who may write; `asking` is the address of whoever logs in."""
+    """Admits readers, nobody who may write; `asking` is the address of the client that logs in."""
 
     def __init__(self, users: Users | None, *, encrypted: bool) -> None:
         self._users, self._encrypted = users, encrypted

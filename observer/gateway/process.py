@@ -65,13 +65,13 @@ async def _serve(start: Start, incoming: Any) -> None:
 
 
 async def _supervised(name: str, start: Start, latest: Latest) -> None:
-    """Serve an outlet for ever; what it fails with is said, and it is tried again."""
+    """Serve an outlet for ever; report why it fails, and retry."""
     said = False
 
     def say(more: dict[str, Any]) -> None:
         nonlocal said
         _say(name, more)
-        if not said:  # what it is served with is loaded by now
+        if not said:  # its libraries are loaded by now
             leave_in_peace()
         said = True
 
@@ -93,6 +93,6 @@ async def _supervised(name: str, start: Start, latest: Latest) -> None:
 
 
 def _say(name: str, more: dict[str, Any]) -> None:
-    """Tell the service how an outlet fares: a `reason`, None with its `address` once it serves."""
+    """Report the state of an outlet to the service: a `reason`, None with its `address` once it serves."""
     sys.stdout.write(json.dumps({"outlet": name, **more}) + "\n")
     sys.stdout.flush()

@@ -50,7 +50,7 @@ async def served(
     )
     try:
         if certificate is not None:
-            # OpenSSL would ask for a passphrase, and take what the service says for it
+            # without a passphrase callback OpenSSL would read one from the standard input
             ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, lambda: "")
         config.load()
     except (OSError, ssl.SSLError) as error:

@@ -1,4 +1,4 @@
-"""Who may look: names, passwords, and how often somebody may be wrong."""
+"""Names and passwords, and a limit on wrong ones."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _MOST_ADDRESSES = 1000
 
 
 class Users:
-    """Judges names and passwords."""
+    """Checks names and passwords."""
 
     def __init__(self, users: Mapping[str, str], clock: Callable[[], float] = time.monotonic) -> None:
-        """Take who may look."""
+        """Take the passwords by name."""
         self._users = {name: password.encode() for name, password in users.items()}
         self._clock = clock
         self._key = secrets.token_bytes(32)

@@ -54,7 +54,7 @@ _IN_THE_CLEAR = (
 
 
 def application(start: Start, stream: Stream, login: Logins | None, acknowledge: Acknowledge) -> ASGIApp:
-    """The page of an axis, for those whom `login` lets in; `acknowledge(id, by)` reports a seen alarm."""
+    """The page of an axis, for users of `login`; `acknowledge(id, by)` reports an acknowledged alarm."""
     assert start.page is not None
     pages = _Pages(start, stream, login, acknowledge)
     app = Starlette(
@@ -104,9 +104,9 @@ class _Pages:
         return Response(data, media_type=kind, headers={"cache-control": "no-cache"})
 
     async def events(self, _: Request) -> Response:
-        """What happens, as server-sent events."""
+        """Messages as server-sent events."""
         if self._stream.is_full:
-            return PlainTextResponse("too many are looking; close a page elsewhere\n", 503)
+            return PlainTextResponse("too many viewers; close a page elsewhere\n", 503)
         return StreamingResponse(self._stream.viewer(), media_type="text/event-stream")
 
     async def recent(self, _: Request) -> Response:
@@ -114,7 +114,7 @@ class _Pages:
         return JSONResponse(self._stream.recent.document())
 
     async def recordings(self, _: Request) -> Response:
-        """Which recordings there are."""
+        """The list of recordings."""
         try:
             found = await run_in_threadpool(self._recordings)
         except LogError as error:
@@ -134,7 +134,7 @@ class _Pages:
             from_s, to_s = float(query["from"]), float(query["to"])
             points = int(query.get("points", str(_POINTS)))
             async with self._turn:
-                if await request.is_disconnected():  # who scrubs on does not want it any more
+                if await request.is_disconnected():  # the viewer has moved on
                     return Response(status_code=204)
                 found = await asyncio.get_running_loop().run_in_executor(
                     self._reader, lambda: history(self._recordings(), from_s, to_s, points, self._digests)
@@ -156,13 +156,13 @@ class _Pages:
         return recordings(folder, f"{self._start.machine}-{self._start.axis}")
 
     async def reports(self, _: Request) -> Response:
-        """What discover has found."""
+        """The reports of discover."""
         folder = self._page.reports
         found = [] if folder is None else await run_in_threadpool(reports, folder, self._start.config_file)
         return JSONResponse({"folder": None if folder is None else str(folder), "reports": found})
 
     async def report(self, request: Request) -> Response:
-        """The report of one of its folders, which may do nothing."""
+        """One report, sandboxed."""
         folder, name = self._page.reports, request.path_params["name"]
         html = None if folder is None else await run_in_threadpool(report_html, folder, name)
         if html is None:
@@ -170,7 +170,7 @@ class _Pages:
         return HTMLResponse(html, headers={"content-security-policy": REPORT_POLICY})
 
     async def acknowledge(self, request: Request) -> Response:
-        """Report to the service that somebody has seen an alarm."""
+        """Report to the service that somebody has acknowledged an alarm."""
         alarm = (await _form(request)).get("id", "")
         if not alarm or len(alarm) > _MOST_NAME or not alarm.isprintable():
             return PlainTextResponse("which alarm? give its id\n", 400)
@@ -178,7 +178,7 @@ class _Pages:
         return JSONResponse({"acknowledged": alarm})
 
     async def login(self, request: Request) -> Response:
-        """Ask for a name and a password, and take them."""
+        """The login form, and its evaluation."""
         if self._login is None:
             return RedirectResponse("/", 303)
         if request.method == "GET":
@@ -196,7 +196,7 @@ class _Pages:
         clear = "" if self._page.doubt is None else _IN_THE_CLEAR
         page = self._assets["login.html"].replace(b"{message}", message.encode())
         page = page.replace(b"{clear}", clear.encode())
-        # without this a browser does not say where the form came from
+        # without this a browser sends no Origin with the form
         return HTMLResponse(page, status, {"referrer-policy": "same-origin"})
 
     async def logout(self, request: Request) -> Response:
@@ -254,6 +254,6 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
 
 
 def acknowledge(alarm: str, by: str) -> None:
-    """Report to the service that somebody has seen an alarm, by its `id`."""
+    """Report to the service that somebody has acknowledged an alarm, by its `id`."""
     sys.stdout.write(json.dumps({"acknowledge": alarm, "by": by}) + "\n")
     sys.stdout.flush()

@@ -28,7 +28,7 @@ REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'self'; sandbox"
 )
-"""A report is a file that somebody may have got elsewhere: it may be looked at, and do nothing."""
+"""A report is a file that may come from elsewhere: it may be displayed but run nothing."""
 _HEADERS = {
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
@@ -40,10 +40,10 @@ _OPEN = ("/login", "/assets/page.css", "/assets/favicon.svg")
 
 
 class Guard:
-    """Lets through what was asked of this host, by its own pages, by somebody who may look."""
+    """Passes requests to this host, from its own pages, by users who may look."""
 
     def __init__(self, app: ASGIApp, host: str, login: Logins | None) -> None:
-        """Take the host that is listened on, and who may look, None for everybody."""
+        """Take the host listened on, and the logins, None without login."""
         self._app = app
         self._hosts = {
             host,
@@ -87,7 +87,7 @@ class Guard:
         return PlainTextResponse("log in first\n", 401)
 
     def _is_ours(self, asked: str) -> bool:
-        """Whether a Host header is an address or one of our names, so that no foreign name leads here."""
+        """Whether a Host header is an address or one of our names (against DNS rebinding)."""
         try:
             host = urlsplit(f"//{asked}").hostname or ""
         except ValueError:
@@ -142,7 +142,7 @@ class Logins(Users):
         return self._header("", 0)
 
     def end(self, cookie: str | None) -> None:
-        """Let a cookie be worth nothing any more, whoever still has it."""
+        """Invalidate a cookie, whoever still has it."""
         self._sessions.pop(cookie or "", None)
 
     def user_of(self, cookie: str | None) -> str | None:

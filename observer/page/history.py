@@ -1,8 +1,8 @@
-"""What has been recorded: which files there are, and the least and the most of each channel over a span.
+"""Recordings: the list of files, and minimum and maximum of each channel over a span.
 
 The files are long: only the rows asked for are read, a block at a time, so memory depends neither on the size
-of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps the least
-and the most of each channel in bins of seconds or minutes. It grows for as long as there is time, and
+of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps minimum
+and maximum of each channel in bins of seconds or minutes. It grows for as long as there is time, and
 continues when it is asked again, from the end of a file that has grown meanwhile too.
 """
 
@@ -84,7 +84,7 @@ def history(
     digests: Digests | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> dict[str, Any]:
-    """The least and the most of each channel in each of `points` equal parts of a span.
+    """Minimum and maximum of each channel in each of `points` equal parts of a span.
 
     `{"from_s", "to_s", "read", "time_s": [the middle of each part], "channels": {name: {"least", "most"}}}`;
     a part without a reading is None. Where the parts are long, they consist of bins that `digests` keeps, a
@@ -119,7 +119,7 @@ def history(
 
 
 class _Parts:
-    """The least and the most of each channel in each part."""
+    """Minimum and maximum of each channel in each part."""
 
     def __init__(self, points: int) -> None:
         self._points = points
@@ -157,7 +157,7 @@ def _known(values: NDArray[np.float64]) -> list[float | None]:
 def _grow(
     digests: Digests, files: list[Recorded], bin_s: float, until_s: float, clock: Callable[[], float]
 ) -> tuple[list[Digest], float]:
-    """Read on, the newest file first, until all is read or the time is over; says which share has been."""
+    """Continue reading, newest file first, until all is read or the time is over; returns the share read."""
     grown, sizes, read = [], 0, 0
     for file in reversed(files):
         try:
@@ -254,7 +254,7 @@ def ends(path: Path) -> tuple[float, float] | None:
 def extremes(
     keys: NDArray[np.int64], least: Values, most: Values
 ) -> tuple[NDArray[np.int64], Values, Values]:
-    """The least and the most (keys, channels) of the rows with the same key; NaN where none has a value."""
+    """Minimum and maximum (keys, channels) of the rows with the same key; NaN where none has a value."""
     if np.any(keys[1:] < keys[:-1]):
         order = np.argsort(keys, kind="stable")
         keys, least, most = keys[order], least[order], most[order]
@@ -271,7 +271,7 @@ def _time(line: bytes) -> float | None:
 
 
 class Digest:
-    """The least and the most of each channel of a file (n, channels) in bins, as far as it has been read."""
+    """Minimum and maximum of each channel of a file (n, channels) in bins, as far as it has been read."""
 
     def __init__(self, path: Path, bin_s: float) -> None:
         self._path, self._bin_s = path, bin_s
@@ -298,7 +298,7 @@ class Digest:
         self._parts = [extremes(keys, least, most)]
 
     def within(self, from_s: float, to_s: float) -> _Extremes:
-        """The middles (n) of the bins in a span, and the least and the most (n, channels) of each."""
+        """Centres (n) of the bins in a span, with minimum and maximum (n, channels) of each."""
         if not self._parts:
             return np.empty(0), np.empty((0, 0)), np.empty((0, 0))
         if len(self._parts) > 1:

@@ -20,8 +20,8 @@ from observer.publish.codec import decode_estimate
 
 _BEAT_S = 1.0
 _AGAIN = b"retry: 1000\n\n"
-"""A browser that has lost the page's process tries again each second; by itself it would each third."""
-_TOGETHER_S = 0.02  # what belongs to one step comes within
+"""A browser that has lost the connection retries each second; its default is three."""
+_TOGETHER_S = 0.02  # the messages of one step arrive within this
 _KEPT = ("time_s", "sequence", "instance", "quality", "sources", "law_W", "sensors", "sensor_quality")
 _DIGITS = 6
 _MOST_VIEWERS = 60
@@ -54,7 +54,7 @@ class Stream:
         return len(self._viewers) >= _MOST_VIEWERS
 
     async def run(self) -> None:
-        """Pass on the service's messages as they come, for ever, and each second a sign of life."""
+        """Pass on the service's messages as they arrive, for ever, and a heartbeat each second."""
         beating = asyncio.create_task(self._beat())
         try:
             async for key, payload in self._latest.messages():
@@ -63,7 +63,7 @@ class Stream:
             beating.cancel()
 
     def take(self, key: str, payload: bytes) -> None:
-        """Pass a message on, unless one of its kind went out just now."""
+        """Pass a message on, unless one of its kind was sent just now."""
         now_s = self._clock()
         try:
             estimate = decode_estimate(payload) if key == "estimate" else None
@@ -76,7 +76,7 @@ class Stream:
             self.recent.take(key, payload)
             data = payload if KEYS[key].panel else figures_of(KEYS[key], json.loads(payload))
         except ValueError:
-            return  # not of this version; what the page knows goes stale, and says so
+            return  # of another version; what the page shows goes stale
         self._sent_s[key] = now_s
         self._tell(key, event(key, data))
 
@@ -86,7 +86,7 @@ class Stream:
         self._tell("end", b"")
 
     async def viewer(self) -> AsyncIterator[bytes]:
-        """The events for one viewer: what is there, then what is new."""
+        """The events for one viewer: the newest of each kind, then new ones."""
         awake = asyncio.Event()
         pending = Pending(awake.set)
         for key, data in self._newest.items():
@@ -196,7 +196,7 @@ _LATE = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """What a sensor last said against the model, at which step, and how long after the one before."""
+    """The last residual of a sensor, at which step, and how long after the one before."""
 
     value_K: float
     sigma_K: float

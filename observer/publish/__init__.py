@@ -1,1 +1,1 @@
-"""Estimates to subscribers: what a message holds, and how it goes out and comes in."""
+"""Messages to subscribers over Zenoh: their content, the publisher, and the subscriber's side."""

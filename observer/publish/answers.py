@@ -1,7 +1,7 @@
-"""Answers to whoever asks: bounded in size and number, and nothing that is asked can end them.
+"""Answers to queries: bounded in size and number; no query can stop them.
 
-Queries wait in rings, from which a thread of the publisher takes them now and then. Reading a query and
-answering it never raises; a defect is logged, once in a while, and the next query is answered.
+Queries wait in rings, which a thread of the publisher empties periodically. A defect in answering one is
+logged, at most every ten seconds, and the next query is answered.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ log = structlog.get_logger()
 
 
 class Budget:
-    """Bytes that may go out: so many a second, and as many at once."""
+    """A limit on the bytes sent: so many a second, and as many at once."""
 
     def __init__(self, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._per_s = self._left = per_s
@@ -48,19 +48,19 @@ class Budget:
         self._at_s = clock()
 
     def is_spent(self) -> bool:
-        """Whether nothing more may go out now."""
+        """Whether nothing more may be sent now."""
         now_s = self._clock()
         self._left = min(self._per_s, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
         return self._left <= 0
 
     def spend(self, count: int) -> None:
-        """Count what has gone out; one answer may be larger than what was left."""
+        """Count what was sent; one answer may exceed what was left."""
         self._left -= count
 
 
 class Responder:
-    """What is known of one axis, for those who ask, and the commands of those who may give them."""
+    """Answers queries about one axis, and takes the commands of those who may give them."""
 
     def __init__(self, prefix: str, config_json: bytes, history: int, instance: str) -> None:
         """Take what stays; `config_json` has the `hash` that every command must name."""
@@ -103,7 +103,7 @@ class Responder:
     def _waiting(self, queryables: dict[str, Any]) -> Iterator[tuple[Any, Callable[[Any], None]]]:
         for _ in range(len(self._outcomes)):
             kind, query, outcome = self._outcomes.popleft()
-            yield query, partial(self._tell, kind, outcome)
+            yield query, partial(self._reply_outcome, kind, outcome)
         for key, channel in queryables.items():
             for _ in range(_RING):
                 query = channel.try_recv()
@@ -177,7 +177,7 @@ class Responder:
     def _answer_later(self, kind: str, query: Any, outcome: Outcome) -> None:
         self._outcomes.append((kind, query, outcome))
 
-    def _tell(self, kind: str, outcome: Outcome, query: Any) -> None:
+    def _reply_outcome(self, kind: str, outcome: Outcome, query: Any) -> None:
         document = {"command": kind, "done": outcome.done, "text": outcome.text, "time_s": outcome.time_s}
         with query:
             query.reply(

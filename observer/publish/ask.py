@@ -1,4 +1,4 @@
-"""The asker's side: one question to a running service, and a usable answer in every case."""
+"""The client's side: one query to a running service, and a usable reply in every case."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LONGEST = 300
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What came back: a JSON object, or in words why there is none; and the machine and axis it is from."""
+    """A JSON object, or in words why there is none; and the machine and axis it is from."""
 
     document: dict[str, Any] | None
     problem: str = ""
@@ -78,7 +78,7 @@ def command(
 
 
 def _myself() -> str:
-    """Who asks, as far as this computer knows; only for the record, nobody is let in by it."""
+    """User and computer, for the record only; they admit nobody."""
     try:
         user = getpass.getuser()
     except (KeyError, OSError):
@@ -87,7 +87,7 @@ def _myself() -> str:
 
 
 def ask(connect: str, machine: str, axis: str, wanted: str, timeout_s: float, client: Client | None) -> Reply:
-    """Ask an axis until it answers or the time is over; then say who else does."""
+    """Query an axis until it answers or the time is over; then name the axes that do answer."""
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
     selector = f"ballscrew/{machine}/{axis}/{wanted}"
@@ -138,7 +138,7 @@ _MOST = 8
 
 
 def absent(session: zenoh.Session, connect: str, machine: str, axis: str) -> str | None:
-    """Say which axes live there instead; None where that one does, or none at all.
+    """Name the axes that are there instead; None if this one is, or none at all.
 
     `machine` and `axis` may be `*`. Raises `zenoh.ZError` without a session.
     """
@@ -154,7 +154,7 @@ def absent(session: zenoh.Session, connect: str, machine: str, axis: str) -> str
 
 
 def _sentence(found: list[str], connect: str, wanted: str) -> str:
-    """The axes that live, the first of them by their names, and how to ask for one."""
+    """The axes that are there, the first of them by name, and how to select one."""
     if len(found) == 1:
         return f"at {connect} answers {found[0]}, not {wanted}; name it with --machine and --axis"
     more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""

@@ -86,8 +86,8 @@ def _array_head(count: int) -> bytes:
 class EstimateEncoder:
     """Encodes single estimates of one layout and one `instance`; `k` is the step in the block.
 
-    What is the same in every estimate is encoded once, and the numbers are written between it: one thread at
-    a time may encode.
+    The constant parts are encoded once, and the numbers are written between them: only one thread at a time
+    may encode.
     """
 
     def __init__(self, layout: Layout, instance: str) -> None:
@@ -185,7 +185,7 @@ class EstimateEncoder:
         return self._json(block, k, sequence, {"parameters": dict(zip(self._learned, learned, strict=True))})
 
     def readings(self, frame: FrameBlock, k: int, sequence: int) -> bytes:
-        """The `readings` document: of every channel its value, what that is worth, and how old it is."""
+        """The `readings` document: value, quality and age of every channel."""
         columns = _rounded(frame.values[k]), frame.quality[k].tolist(), _rounded(frame.age_s[k])
         channels = {
             name: {"value": value, "quality": _CHANNEL_QUALITY[quality], "age_s": age_s}

@@ -74,7 +74,7 @@ class Rivals:
                 self._heard = sentence, time.monotonic()
 
     def _listener(self) -> zenoh.Session | None:
-        """The session that hears the others; None where it cannot be opened yet."""
+        """The session that receives from the others; None if it cannot be opened yet."""
         if self._ear is None or self._own is not None:
             return self._own or self._session
         if time.monotonic() - self._opened_s >= _RETRY_S:
@@ -91,7 +91,7 @@ class Rivals:
 
     @property
     def reason(self) -> str | None:
-        """What another program does, in a sentence; None where none has been heard lately."""
+        """What another program publishes, in a sentence; None if nothing was received lately."""
         if self._heard is None or time.monotonic() - self._heard[1] > _MEMORY_S:
             return None
         return self._heard[0]

@@ -213,7 +213,7 @@ class Closable(Protocol):
 
 
 def close_within(session: Closable, timeout_s: float) -> bool:
-    """Close a session, giving up when a frozen peer does not answer; says whether it closed."""
+    """Close a session, giving up when a frozen peer does not answer; returns whether it closed."""
     thread = threading.Thread(target=close, args=(session,), name="zenoh-close", daemon=True)
     thread.start()
     thread.join(timeout_s)

@@ -1,6 +1,6 @@
-"""Estimates to Zenoh: nothing here waits for a network, and what did not go out is counted.
+"""Publish estimates on Zenoh: nothing here waits for a network, and what could not be sent is counted.
 
-The session opens in a thread of its own and tries for ever, so a router that is missing holds up nothing.
+The session opens in a thread of its own and tries for ever, so a missing router delays nothing.
 Publishers drop rather than wait (`CongestionControl.DROP`): a slow subscriber must not stall the estimator.
 """
 
@@ -218,7 +218,7 @@ class ZenohPublisher:
             self._reason = f"Zenoh: a message was refused ({error})"
 
     def _run(self) -> None:
-        """Open the session, however long it takes, then answer and watch who is at the other end."""
+        """Open the session, however long it takes, then answer queries and watch the connection."""
         while not self._closing.is_set() and self._link is None:
             try:
                 self._open()
@@ -247,7 +247,7 @@ class ZenohPublisher:
             close(session)
 
     def _has_axis_alone(self, session: zenoh.Session, rivals: Rivals) -> bool:
-        """Wait until no other service has this axis; says so, or False where this one is to close before."""
+        """Wait until no other service has this axis; returns False if this one is closed before."""
         end_s = time.monotonic() + _LINKED_S
         while self._settings.connect and not session.info.transports() and time.monotonic() < end_s:
             self._closing.wait(_LOOK_S)
@@ -266,7 +266,7 @@ class ZenohPublisher:
         return False
 
     def _look(self, link: _Link) -> None:
-        """See whether anybody is at the other end; a session that only listens needs nobody."""
+        """Note whether anybody is connected; a session that only listens needs nobody."""
         connected = not self._settings.connect or bool(link.session.info.transports())
         self._reconnects += connected and self._was_connected and not self._connected
         self._was_connected |= connected

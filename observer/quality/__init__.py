@@ -1,1 +1,1 @@
-"""How good the estimates are, in words: residual beyond the tolerances, health, alarms, remedies."""
+"""The state of a service: conditions, and health, alarms and sentences made of them; the open-loop gap."""

@@ -1,4 +1,4 @@
-"""Alarms of a running service: what holds now, from what the loop knows, and what is kept over a restart."""
+"""Alarms of a running service: raised by conditions, and kept over a restart."""
 
 from __future__ import annotations
 
@@ -14,19 +14,18 @@ import numpy as np
 import structlog
 
 from observer.alarms import bands, offsets
-from observer.alarms.bands import Band, Gathering, Window
+from observer.alarms.bands import Band, Window
 from observer.alarms.offsets import KnownOffset
 from observer.alarms.states import KINDS, Alarm, AlarmCause, acknowledged, advance, alarm_of
 from observer.config import Config
 from observer.estimators.selftest import Fault
 from observer.files.folders import make_folder, write_whole
-from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.quality.conditions import Condition, Facts, Trouble, conditions
 from observer.quality.reasons import sentence
 from observer.tables.keeping import AlarmSettings
 
 _KEPT_S = 60.0
-_NOTHING = Gathering(0.0, 0.0, 0.0, 0.0, 0.0)
 _MOST_STEP_S = 30.0
 _LOOK_S = 60.0
 """Learnt offsets are looked at after so much of good estimates."""
@@ -34,7 +33,7 @@ _BELIEVED = (EstimateQuality.GOOD, EstimateQuality.DEGRADED)
 _FORMAT = 1
 _STUCK, _DISCONNECTED = "stuck", "disconnected"
 _RESTLESS = 3.0
-"""Times as restless as configured, from which it is worth a way to the sensor."""
+"""A scatter so many times the configured noise raises an alarm."""
 
 _ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
     Trouble.STEP_FAILED: ("estimate", "estimator", None),
@@ -66,7 +65,7 @@ log = structlog.get_logger()
 
 
 class BandedSource(NamedTuple):
-    """A source with a law: its name, its place among the estimated ones, and what its band depends on."""
+    """A source with a law: name, index among the estimated ones, and its table of the configuration."""
 
     name: str
     column: int
@@ -74,7 +73,7 @@ class BandedSource(NamedTuple):
 
 
 class KnownSensor(NamedTuple):
-    """A sensor: its name, the place of its offset among what is learnt if it is, and what is said of it."""
+    """A sensor: name, index of its offset among the learnt parameters, table of the configuration."""
 
     name: str
     learned: int | None
@@ -82,7 +81,7 @@ class KnownSensor(NamedTuple):
 
 
 class AlarmDesk:
-    """Takes every estimate, looks at the facts now and then, and says which alarms are raised."""
+    """Learns usual heats and offsets from every estimate; raises alarms from the facts of a report."""
 
     def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
         """Begin from what `file` holds, if there is one; `layout` is that of the estimates."""
@@ -92,7 +91,7 @@ class AlarmDesk:
         self._sources = [
             BandedSource(s.name, i, s.model_dump_json()) for i, s in enumerate(estimated) if s.law is not None
         ]
-        self._gathering = {source.name: _NOTHING for source in self._sources}
+        self._gathered = np.zeros((len(self._sources), 5))
         self._bands = {source.name: bands.nothing_known() for source in self._sources}
         said = {s.name: s.model_dump_json() for s in config.sensor}
         learned = {name: i for i, name in enumerate(layout.learned)}
@@ -116,23 +115,23 @@ class AlarmDesk:
             return
         self._see_sensors(estimate, dt_s)
         rise_K = float(np.mean(estimate.field_degC[0])) - air_degC
-        for source in self._sources:
-            heat_W, law_W = float(estimate.heat_W[0, source.column]), float(estimate.law_W[0, source.column])
-            sigma_W = float(estimate.heat_sigma_W[0, source.column])
-            if not (math.isfinite(heat_W + sigma_W + law_W + rise_K) and law_W > 0.0):
+        for k, source in enumerate(self._sources):
+            heats = (estimate.heat_W, estimate.heat_sigma_W, estimate.law_W)
+            heat_W, sigma_W, law_W = (float(values[0, source.column]) for values in heats)
+            least_W = bands.LEAST_SHARE * self._bands[source.name].most_W
+            if not math.isfinite(heat_W + sigma_W + law_W + rise_K) or law_W <= max(0.0, least_W):
                 continue
-            band = self._bands[source.name]
-            if law_W <= bands.LEAST_SHARE * band.most_W:
-                continue
-            now = self._gathering[source.name]
-            now = Gathering(
-                now.running_s + dt_s, now.heat_J + heat_W * dt_s, now.sigma_J + sigma_W * dt_s,
-                now.law_J + law_W * dt_s, now.rise_Ks + rise_K * dt_s,
-            )  # fmt: skip
-            if now.running_s >= bands.WINDOW_S:
-                self._bands[source.name] = self._learnt(band, now, float(estimate.time_s[0]))
-                now = _NOTHING
-            self._gathering[source.name] = now
+            self._gathered[k] += dt_s * np.array([1.0, heat_W, sigma_W, law_W, rise_K])
+            if self._gathered[k, 0] >= bands.WINDOW_S:
+                self._learn(source.name, self._gathered[k] / self._gathered[k, 0], float(estimate.time_s[0]))
+                self._gathered[k] = 0.0
+
+    def _learn(self, source: str, means: FloatArray, time_s: float) -> None:
+        """Take a whole window: means of 1, heat, its σ, law and rise."""
+        heat_W, sigma_W, law_W, rise_K = means[1:].tolist()
+        window = Window(time_s, heat_W, sigma_W, law_W, rise_K, law_W)
+        settings = self._settings
+        self._bands[source] = bands.learnt(self._bands[source], window, settings.learn_h, settings.deadband)
 
     def _see_sensors(self, estimate: EstimateBlock, dt_s: float) -> None:
         """Take from time to time what the learnt offset of each sensor is."""
@@ -149,13 +148,8 @@ class AlarmDesk:
                     hours, self._settings.learn_h, self._settings.sensor_K,
                 )  # fmt: skip
 
-    def _learnt(self, band: Band, whole: Gathering, time_s: float) -> Band:
-        heat_W, sigma_W, law_W, rise_K = (total / whole.running_s for total in whole[1:])
-        window = Window(time_s, heat_W, sigma_W, law_W, rise_K, law_W)
-        return bands.learnt(band, window, self._settings.learn_h, self._settings.deadband)
-
     def look(self, facts: Facts) -> bool:
-        """Judge what holds now; says whether something changed that should be published at once."""
+        """Update the alarms; returns whether a change should be published at once."""
         found = (*conditions(facts), *self._disagreeing(), *self._heats())
         causes = map(self._cause, found)
         holding = [cause for cause in causes if cause is not None and cause.kind not in self._settings.off]
@@ -187,7 +181,7 @@ class AlarmDesk:
         }
 
     def close(self, timeout_s: float) -> bool:
-        """Keep what is known; says whether that was done in time."""
+        """Write the file; returns whether that was done in time."""
         self._keep(math.inf, now=True)
         if self._writing is not None:
             self._writing.join(timeout_s)
@@ -226,7 +220,7 @@ class AlarmDesk:
                 yield Condition(kind, name, learn_h, value=about["ratio"], expected=trend)
 
     def _cause(self, condition: Condition) -> AlarmCause | None:
-        """The alarm that a condition raises; None where it is not worth a way to the machine.
+        """The alarm that a condition raises; None if it does not call for somebody at the machine.
 
         The self-test judges what an estimate is good for, and a hundredth of a kelvin lowers that: means and
         correlations of innovations are reasons of the quality, and no alarms.

@@ -77,9 +77,9 @@ class Facts:
     """All that conditions and a health report are made of, gathered at one moment.
 
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
-    valid estimate has been there; `failure` is what the last cycle failed with; `findings` what the self-test
-    says; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction, `departure`
-    what is beyond its tolerances; `sensors` are the names of the channels that are sensors'.
+    valid estimate has been there; `failure` is the error of the last cycle; `findings` those of the self-test
+    and the screening; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction,
+    `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names.
     """
 
     time_s: float
@@ -145,7 +145,7 @@ def _found(facts: Facts) -> Iterator[Condition]:
 
 
 def _unexplained(facts: Facts) -> Iterator[Condition]:
-    """What is said of an estimate that is not good where nothing else says why."""
+    """The condition of an estimate that is not good although nothing else is found."""
     if facts.frame is None or facts.estimate is None:
         yield Condition(Trouble.NO_ESTIMATE)
     elif facts.estimate != EstimateQuality.GOOD:

@@ -1,4 +1,4 @@
-"""The gap between what the model predicts open-loop and what the sensors say, watched over hours.
+"""The open-loop gap: the residual of a prediction that is not corrected, monitored over hours.
 
 Beside the estimator, which corrects its heats until they agree with the sensors, a prediction runs whose
 heats follow the laws; it may only be off as far as `[tolerance]` and the laws' `law_uncertainty` allow (see
@@ -25,17 +25,17 @@ STEP_S = 60.0
 HOURS = 4.0
 """What is gathered fades in so many hours of the work that it is of."""
 LEAST_H = 1.0
-"""Nothing is said before so many hours …"""
+"""Nothing is reported before so many hours of work …"""
 LEAST_REST_H = 0.25
 """… or of a machine at rest, before so many."""
 LIMIT, LIMIT_OFF = 1.3, 1.0
 """How much more than allowed a sensor's gap must be to be reported, and how small for the report to end."""
 BREAK_S = 300.0
-"""After so long without an input the prediction begins again where the sensors say."""
+"""After so long without an input the prediction restarts from the sensors."""
 HARDLY_WARM_K = 1.0
 """A machine that does not work and is hardly warmer than the air is at rest: only sensors are judged."""
 WORKS = 0.02
-"""Part of the most heat of any law from which on the machine works."""
+"""The machine is at work if a law exceeds this part of the largest heat of any law."""
 FASTEST_FADES_S = 4 * 86_400.0
 """In what time the fastest warming that was seen is forgotten."""
 _COMPACT = 256  # blocks that are kept apart, whatever the period
@@ -71,7 +71,7 @@ class GapState:
 
 
 class Departure(NamedTuple):
-    """A gap beyond what is allowed: of which sensor, since when, most in which phase, and how large it is."""
+    """A gap beyond the allowed one: sensor, onset, the phase in which it is largest, and its size."""
 
     sensor: str
     since_s: float
@@ -107,7 +107,7 @@ class GapWatch:
         self.state, self._parts, self._minute = state, [], math.nan
 
     def reset(self) -> None:
-        """Begin the prediction again where the sensors say; what is known of the machine stays."""
+        """Restart the prediction from the sensors; what was learnt of the machine stays."""
         self.restore(replace(self.state, time_s=math.nan))
 
     def take(self, inputs: Inputs) -> None:
@@ -197,7 +197,7 @@ class GapWatch:
 
     @property
     def departure(self) -> Departure | None:
-        """What is beyond the tolerances now."""
+        """The departure reported now, None without."""
         state = self.state
         if math.isnan(state.last_s):
             return None

@@ -21,7 +21,7 @@ _LEFT_OUT = {Fault.EXCLUDED: "K", Fault.SWAPPED: "K", Fault.LEAPT: "m"}
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How the service fares.
+    """A health report.
 
     `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `quality` that of the estimates, which is
     `invalid` before the first; `conditions` say why, and `reasons` the same in sentences. Of each channel its

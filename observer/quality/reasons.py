@@ -18,7 +18,7 @@ _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 
 
 def sentence(condition: Condition) -> str:
-    """Say what is wrong, of a finding since when too, and what to look at."""
+    """The sentence of a condition: what is wrong, since when if found by a test, and what to look at."""
     kind, about, value = condition.kind, condition.about, condition.value
     if kind is Fault.MOTION:
         return f"{motion_sentence(about, 'the speed', value)}, since {clock(condition.since_s)}"
