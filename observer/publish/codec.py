@@ -160,23 +160,19 @@ class EstimateEncoder:
 
     def field(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `field` document."""
-        body = {
-            "position_m": self._position_m,
-            "temperature_degC": _rounded(block.field_degC[k]),
-            "sigma_K": _rounded(block.field_sigma_K[k]),
-            "bound_K": _rounded(block.field_bound_K[k]),
-        }
-        return self._json(block, k, sequence, body)
+        arrays = (block.field_degC, block.field_sigma_K, block.field_bound_K)
+        return self._curve(block, k, sequence, ("temperature_degC", "sigma_K", "bound_K"), arrays)
 
     def error(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `error` document."""
-        body = {
-            "position_m": self._position_m,
-            "error_um": _rounded(block.error_um[k]),
-            "sigma_um": _rounded(block.error_sigma_um[k]),
-            "bound_um": _rounded(block.error_bound_um[k]),
-        }
-        return self._json(block, k, sequence, body)
+        arrays = (block.error_um, block.error_sigma_um, block.error_bound_um)
+        return self._curve(block, k, sequence, ("error_um", "sigma_um", "bound_um"), arrays)
+
+    def _curve(
+        self, block: EstimateBlock, k: int, sequence: int, names: Sequence[str], arrays: Sequence[FloatArray]
+    ) -> bytes:
+        body = {name: _rounded(array[k]) for name, array in zip(names, arrays, strict=True)}
+        return self._json(block, k, sequence, {"position_m": self._position_m, **body})
 
     def learned(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `learned` document."""

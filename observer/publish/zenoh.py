@@ -184,9 +184,7 @@ class ZenohPublisher:
 
     def document(self, key: str, document: Mapping[str, Any]) -> None:
         """Publish a document, which also answers those who ask for it; from any thread."""
-        data = to_json(document)
-        self._answers.documents[key] = data
-        self._put(key, data)
+        self._put(key, to_json(document))
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """End the session, and the outlet; returns whether the session was closed in that time."""
@@ -203,6 +201,8 @@ class ZenohPublisher:
         return closed
 
     def _put(self, key: str, payload: bytes) -> None:
+        if key != "estimate" and KEYS[key].asked is not None:
+            self._answers.documents[key] = payload
         if self._outlet is not None:
             self._outlet.put(key, payload)
         link = self._link
