@@ -50,7 +50,7 @@ def even_inputs(plant: Plant, steps: int, seed: int = 1) -> Inputs:
     """Inputs of an even log: noise around 20 °C, a steady law, ambient at 20 °C."""
     sensors, sources, known = plant.rows.sensors, len(plant.source_names), len(plant.known_names)
     rng = np.random.default_rng(seed)
-    time_s = 0.5 * np.arange(steps)
+    time_s = 0.5 * np.arange(steps, dtype=float)
     return Inputs(
         time_s=time_s,
         dt_s=np.concatenate([[0.0], np.diff(time_s)]),

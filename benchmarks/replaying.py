@@ -99,7 +99,7 @@ def log_reading() -> list[Result]:
     columns |= {"nut_position_m": np.round(rng.random(DAY), 4), "screw_speed_rpm": np.full(DAY, 1500.0)}
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "day.csv"
-        write_log(path, 0.5 * np.arange(DAY), columns)
+        write_log(path, 0.5 * np.arange(DAY, dtype=float), columns)
         taken = medians_s({"ours": lambda: read_log(path), "pyarrow": lambda: csv.read_csv(path)})
     ratio = taken["ours"] / taken["pyarrow"]
     peer = f"pyarrow {shown(taken['pyarrow'])}"

@@ -37,7 +37,7 @@ def main(folder: Path) -> None:
     config = load(path)
     assert config.record.directory is not None
     begin_s, slow = 1.79e9, [i for i, name in enumerate(CHANNELS) if name.endswith("degC")]
-    generate.sample_times_s = lambda length_s, *_: STEP_S * np.arange(round(length_s / STEP_S))  # type: ignore[assignment]
+    generate.sample_times_s = lambda length_s, *_: STEP_S * np.arange(round(length_s / STEP_S))  # type: ignore[attr-defined]
     for run in generate.runs_of(CASE):
         values = run.values.copy()
         values[np.ix_(np.arange(len(values)) % SLOW != 0, slow)] = np.nan

@@ -11,10 +11,14 @@ import threading
 import time
 import urllib.request
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tests.page.browser import SIZES, chromium, service
 from tests.patience import until
 from tests.system.plant import children_of
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext
 
 MEASURED_S = 20.0
 VIEWERS = 5
@@ -71,11 +75,12 @@ def _look(url: str, read: list[int]) -> None:
             read[0] += len(line)
 
 
-def _window(browser, size: str):
-    return browser.new_context(viewport=dict(zip(("width", "height"), SIZES[size], strict=True)))
+def _window(browser: Browser, size: str) -> BrowserContext:
+    width, height = SIZES[size]
+    return browser.new_context(viewport={"width": width, "height": height})
 
 
-def _jumps(browser, url: str, size: str) -> tuple[float, float]:
+def _jumps(browser: Browser, url: str, size: str) -> tuple[float, float]:
     """How far what stands on the page moves, weighted by its part of the window, as browsers tell it."""
     with _window(browser, size) as context:
         page = context.new_page()
@@ -84,7 +89,7 @@ def _jumps(browser, url: str, size: str) -> tuple[float, float]:
     return first, later
 
 
-def _first_paint_ms(browser, url: str) -> float:
+def _first_paint_ms(browser: Browser, url: str) -> float:
     with _window(browser, "desktop") as context:
         page = context.new_page()
         page.goto(url)

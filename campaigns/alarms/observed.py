@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import structlog
@@ -26,7 +27,7 @@ from drivers.protocol import DriverStatus
 from observer.align.aligner import frames_of_log
 from observer.estimate.machine import Machine
 from observer.exchange import PublishStatus
-from observer.frames import EstimateQuality, FrameBlock
+from observer.frames import EstimateBlock, EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Facts
 from observer.tables.keeping import AlarmSettings
@@ -136,7 +137,7 @@ class Rig:
         gap = self.pipeline.gap
         facts = Facts(
             float(frame.time_s[0]), frame, {}, EstimateQuality.GOOD, True, None, 0, 0,
-            {"log": (DriverStatus(connected=True), 0)}, None, PublishStatus(0, 0, 0), 0.0,
+            {"log": (DriverStatus(connected=True), 0)}, None, PublishStatus(), 0.0,
             findings=self.pipeline.findings, departure=None if gap is None else gap.departure,
         )  # fmt: skip
         before = {alarm["id"] for alarm in seen.desk.document(0.0)["alarms"] if alarm["state"] != "returned"}
@@ -147,11 +148,15 @@ class Rig:
                 seen.first_h.setdefault(alarm["id"], seen.hours)
 
 
-def _row(block, k):
+Block = TypeVar("Block", FrameBlock, EstimateBlock)
+
+
+def _row(block: Block, k: int) -> Block:
     """One row of a block of frames or estimates."""
     part = slice(k, None) if k == -1 else slice(k, k + 1)
     names = (f.name for f in fields(block))
-    return replace(block, **{n: v[part] for n in names if isinstance(v := getattr(block, n), np.ndarray)})
+    rows: dict[str, Any] = {n: v[part] for n in names if isinstance(v := getattr(block, n), np.ndarray)}
+    return replace(block, **rows)
 
 
 def _day(one: Specimen, seed: int, number: int, i: int, story: Story | None, hours: float) -> Day:

@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -308,8 +308,9 @@ def _hung_pings(folder: Path) -> tuple[int, int]:
         "step",
     ]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        output: Iterable[str] = process.stdout or ()
         said: list[str] = []
-        reader = threading.Thread(target=lambda: said.extend(line.strip() for line in process.stdout))
+        reader = threading.Thread(target=lambda: said.extend(line.strip() for line in output))
         reader.start()
         until(lambda: "hanging" in said)
         begin_s = time.monotonic()

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from asyncua import ua
 from asyncua.sync import Client
+from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.uaerrors import UaError
 
 from campaigns.faults.table import Row
 from observer.gateway.opcua import NAMESPACE
@@ -55,9 +56,9 @@ NOTE_WHEN_SILENT = """() => new MutationObserver((_, observer) => {
 }).observe(document.body, { attributes: true })"""
 SILENT = "() => 'silent' in document.body.dataset"
 STATUS = {
-    ua.StatusCodes.Good: "good",
-    ua.StatusCodes.UncertainSubNormal: "degraded",
-    ua.StatusCodes.UncertainLastUsableValue: "stale",
+    StatusCodes.Good: "good",
+    StatusCodes.UncertainSubNormal: "degraded",
+    StatusCodes.UncertainLastUsableValue: "stale",
 }
 
 
@@ -242,7 +243,7 @@ def _status(url: str) -> str:
             path = [f"{index}:{part}" for part in (machine_name, axis, "Heat", "nut", "Heat_W")]
             node = client.nodes.objects.get_child(path)
             code = node.read_data_value(raise_on_bad_status=False).StatusCode.value
-    except (OSError, ua.UaError, TimeoutError):
+    except (OSError, UaError, TimeoutError):
         return "nothing"
     return STATUS.get(code, f"{code:#x}")
 

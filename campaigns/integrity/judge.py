@@ -84,6 +84,8 @@ def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
     worst = np.max(list(ratio.values()), axis=0)
     bounds = {name: _bound(block, column) for name, column in BOUNDS.items()}
     far = bounds["error"]
+    bad_s, again_s = _times(block, day.time_s, watched)
+    named_s, named, right = _named(block, day.time_s, fault)
     return Verdict(
         steps=int(watched.sum()),
         good=int(good.sum()),
@@ -94,8 +96,11 @@ def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
         beyond=_beyond(off, bounds, good),
         sigmas=float(worst[good].max(initial=0.0)),
         worst_um=float(np.abs(off["error"][0])[good].max(initial=0.0)),
-        **_times(block, day.time_s, watched),
-        **_named(block, day.time_s, fault),
+        bad_s=bad_s,
+        again_s=again_s,
+        named_s=named_s,
+        named=named,
+        right=right,
         out=int(_taken_out(block)[watched].sum()),
         half_um=_mean(TWO_SIDED_95 * block.error_sigma_um[good, -1]),
         bound_um=None if far is None else _mean(far[good, -1]),
@@ -133,13 +138,13 @@ def _first_s(time_s: FloatArray, which: BoolArray) -> float | None:
     return float(time_s[found[0]] - FAULT_S) if len(found) else None
 
 
-def _times(block: EstimateBlock, time_s: FloatArray, watched: BoolArray) -> dict[str, float | None]:
+def _times(block: EstimateBlock, time_s: FloatArray, watched: BoolArray) -> tuple[float | None, float | None]:
     """When the estimate was not good for the first time from the fault on, and when it was good again."""
     late = watched & (time_s >= FAULT_S)
     good = block.quality == EstimateQuality.GOOD
     bad_s = _first_s(time_s, late & ~good)
     again = None if bad_s is None else _first_s(time_s, (time_s >= FAULT_S + bad_s) & good)
-    return {"bad_s": bad_s, "again_s": again}
+    return bad_s, again
 
 
 def _taken_out(block: EstimateBlock) -> BoolArray:
@@ -148,13 +153,14 @@ def _taken_out(block: EstimateBlock) -> BoolArray:
     return np.asarray(out & ~np.vstack([np.zeros((1, out.shape[1]), bool), out[:-1]]))
 
 
-def _named(block: EstimateBlock, time_s: FloatArray, fault: Fault) -> dict[str, float | str | None]:
+def _named(block: EstimateBlock, time_s: FloatArray, fault: Fault) -> tuple[float | None, str, str]:
     """Which sensors were taken out first from the fault on, and whether they are those at fault."""
-    late = (time_s >= FAULT_S)[:, None] & _taken_out(block)
-    first_s = _first_s(time_s, late.any(axis=1))
+    late: BoolArray = _taken_out(block)
+    late[time_s < FAULT_S] = False
+    first_s = _first_s(time_s, np.any(late, axis=1))
     if first_s is None:
-        return {"named_s": None, "named": "", "right": "no" if fault.sensors else ""}
-    near = late & (time_s <= FAULT_S + first_s + NAMED_WITHIN_S)[:, None]
-    named = {name for name, out in zip(SENSORS, near.any(axis=0), strict=True) if out}
+        return None, "", "no" if fault.sensors else ""
+    near = late[time_s <= FAULT_S + first_s + NAMED_WITHIN_S]
+    named = {name for name, out in zip(SENSORS, np.any(near, axis=0), strict=True) if out}
     right = "yes" if named == set(fault.sensors) else "part" if named < set(fault.sensors) else "no"
-    return {"named_s": first_s, "named": " ".join(sorted(named)), "right": right}
+    return first_s, " ".join(sorted(named)), right

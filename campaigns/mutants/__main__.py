@@ -131,7 +131,11 @@ class Run:
     def _limit_s(self, module: str) -> float | None:
         """How long the tests of a mutant may take: some times as long as those of the code as it is."""
         trees = [self._trees.get() for _ in range(self._trees.qsize())]
-        taken = list(self._pool.map(lambda tree: tree.passes(NEAREST[module], FIRST_LIMIT_S), trees))
+
+        def untouched(tree: Tree) -> tuple[bool, float]:
+            return tree.passes(NEAREST[module], FIRST_LIMIT_S)
+
+        taken = list(self._pool.map(untouched, trees))
         for tree in trees:
             self._trees.put(tree)
         if not all(passed for passed, _ in taken):

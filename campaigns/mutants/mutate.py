@@ -69,7 +69,7 @@ def _says_nothing(node: Any) -> bool:
             case "decorator":
                 return True
             case "tfpdef" | "annassign" if node.children.index(child) in (1, 2):
-                return node.type == "tfpdef" or node.children.index(child) == 1
+                return bool(node.type == "tfpdef" or node.children.index(child) == 1)
             case "funcdef" if node.annotation is child:
                 return True
             case "argument" if node.children[0].get_code().strip() == "strict":

@@ -26,10 +26,16 @@ import zenoh
 from campaigns.soak.flat import Trend, trend
 from observer.publish.codec import decode_estimate
 from observer.publish.session import session_config
+from tests.patience import until
 from tests.publish.router import free_port
-from tests.system.plant import PREFIX, Daemon, Machine, machine, table_for, until
+from tests.system.plant import PREFIX, Daemon, Machine, machine, table_for
 
 PERIOD_S = 0.05
+FAULTS: list[dict[str, Any]] = [
+    {"open": "t3_degC"},
+    {"silence_can": True},
+    {"open": ["t1_degC", "t2_degC"]},
+]
 SAMPLE_S = 5.0
 SETTLE_S = 300.0
 """Until it keeps as many estimates as it ever will; in a short soak, half of the time."""
@@ -119,9 +125,7 @@ def _watch(
             events["clients"] += _ask(endpoint, rng.choice(["config", "health", "estimate?last=100"]))
         if k % 4 == 0:
             events["faults"] += 1
-            plant.fault(
-                **rng.choice([{"open": "t3_degC"}, {"silence_can": True}, {"open": ["t1_degC", "t2_degC"]}])
-            )
+            plant.fault(**rng.choice(FAULTS))
         elif k % 4 == 1:
             plant.fault()
         if k % 36 == 0:
