@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from campaigns.discovery.summary import Share
 from campaigns.resumable import Cells
 from observer.align.aligner import AlignPlan, frames_of_log
@@ -19,8 +17,6 @@ from observer.discovery.search import tried
 from observer.discovery.suspects import Suspect, suspects
 from observer.discovery.workers import IN_PROCESS
 from observer.files.logs import Log
-from observer.fit.evidence import gather
-from observer.fit.forward import Forward
 from observer.fit.hypothesis import fit_null
 from observer.fit.parameters import free_keys
 from observer.fit.problem import Problem
@@ -65,9 +61,7 @@ def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
         log, misread = read_rightly(Log(Path(f"log {i + 1}"), run.time_s, run.channels, run.values), config)
         corrected |= {Suspect("units", m.channel, m.unit, m.text): None for m in misread}
         prepared.append(prepare(config, list(frames_of_log(log, plan)), f"log {i + 1}"))
-    forward = Forward(config, prepared)
-    noise_K = np.array([s.noise_K for s in config.sensor])
-    problem = Problem(config, free_keys(config), forward, gather(forward.runs, noise_K))
+    problem = Problem.of(config, free_keys(config), prepared)
     null = fit_null(problem, config)
     found = suspects(null, ())
     if found:  # effects only take suspects back

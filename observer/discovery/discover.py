@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from observer.config import Config
 from observer.discovery.candidates import library
 from observer.discovery.experiment import SEPARATES, Experiment, propose
@@ -24,8 +22,6 @@ from observer.discovery.suspects import Suspect, about_the_air, suspects
 from observer.discovery.verdict import Partial, Verdict, decide, partial_of, under_suspicion
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.errors import LogError
-from observer.fit.evidence import gather
-from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
 from observer.fit.problem import Problem
@@ -73,15 +69,13 @@ def discover(
     prepared = prepare_all(config, runs)
     if max(run.duration_s for run in prepared) < LEAST_S:
         raise LogError(f"the logs are shorter than {LEAST_S:.0f} s; record a longer one")
-    forward = Forward(config, prepared)
-    evidence = gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
-    if not evidence.proof.any():
+    problem = Problem.of(config, keys, prepared)
+    if not problem.evidence.proof.any():
         raise LogError(
             "the last log, or the end of a single one, is kept as proof and holds no usable reading; "
             "make the last log one with readings within [limits]"
         )
-    problem = Problem(config, keys, forward, evidence)
-    coarse = any(run.coarse for run in forward.runs)
+    coarse = any(run.coarse for run in problem.forward.runs)
     known = library(config, keys, config.discover.without, config.discover.also, coarse=coarse)
     found = search(problem, known, progress, pool)
     progress("suspects among the logs", 0.91)
@@ -94,16 +88,16 @@ def discover(
     where = localised(found.null, problem.evidence.used)
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
     return Discovery(
-        problem,
-        found,
-        verdict,
-        proof,
-        where,
-        event(found.fit) if missing else None,
-        _experiment(found.null.problem, found, verdict, pool),
-        ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
-        partial_of(found) if missing else None,
-        (*corrected, *wrong),
+        problem=problem,
+        search=found,
+        verdict=verdict,
+        proof=proof,
+        where=where,
+        event=event(found.fit) if missing else None,
+        experiment=_experiment(found.null.problem, found, verdict, pool),
+        ties=ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
+        partial=partial_of(found) if missing else None,
+        suspects=(*corrected, *wrong),
     )
 
 

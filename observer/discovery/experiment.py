@@ -11,8 +11,6 @@ import numpy as np
 from observer.config import Config
 from observer.discovery.phases import courses_of
 from observer.discovery.workers import IN_PROCESS, WorkerPool
-from observer.fit.evidence import gather
-from observer.fit.forward import Forward
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock, NutPath
@@ -59,8 +57,9 @@ def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_P
 
     A shorter cycle that separates them by `SEPARATES` is preferred to one that separates them further.
     """
-    cycles = list(menu(habits_of(problem)))
-    sigmas = pool.each(separation, problem, [(answers, phases) for _, _, phases in cycles])
+    habits = habits_of(problem)
+    cycles = list(menu(habits))
+    sigmas = pool.each(separation, problem, [(answers, phases, habits) for _, _, phases in cycles])
     found = [
         Experiment(name, text, sum(p.duration_s for p in phases), sigma)
         for (name, text, phases), sigma in zip(cycles, sigmas, strict=True)
@@ -137,16 +136,14 @@ def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
     return float(np.quantile(moved_m[known] / turns[known], 0.9)) or LEAD_M
 
 
-def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Phase]) -> float:
+def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Phase], habits: Habits) -> float:
     """The distance in standard deviations of the two answers nearest each other, over a cycle.
 
     What the free parameters could absorb is projected out, and the tolerances are marginalised.
     """
     config = problem.config
-    run = prepare(config, [frames_of(config, phases, habits_of(problem))], "cycle")
-    forward = Forward(config, [run, run])
-    evidence = gather(forward.runs, np.array([s.noise_K for s in config.sensor]))
-    test = Problem(config, problem.keys, forward, evidence).with_nuisance(answers[0])
+    run = prepare(config, [frames_of(config, phases, habits)], "cycle")
+    test = Problem.of(config, problem.keys, [run, run]).with_nuisance(answers[0])
     rows = test.evidence.proof
     marginal = test.marginal(rows, modelled_lags(answers[0]))
     Q, _ = np.linalg.qr(marginal(test.derivatives(answers[0]).columns[rows]))

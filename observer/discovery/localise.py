@@ -44,7 +44,7 @@ class ErrorLocation:
 def localised(fit: Fit, rows: BoolArray) -> tuple[ErrorLocation, ...]:
     """Return where a fit is wrong on some rows (n,) of the evidence, the worst first."""
     problem, evidence = fit.problem, fit.problem.evidence
-    error_K = evidence.measured_degC - problem.predicted(fit.config)
+    error_K = problem.error_K(fit.config)
     courses = courses_of(problem)
     names = [s.name for s in problem.config.sensor]
     phase = np.array([courses[r].phase[m] for r, m in zip(evidence.run, evidence.mean, strict=True)])
@@ -144,7 +144,7 @@ class Event(NamedTuple):
 def event(fit: Fit) -> Event:
     """Return the event that a fit explains worst, over all runs."""
     problem = fit.problem
-    error_K = problem.evidence.measured_degC - problem.predicted(fit.config)
+    error_K = problem.error_K(fit.config)
     found = [_in_run(fit, i, error_K) for i in range(len(problem.forward.runs))]
     return max(found, key=lambda e: abs(e.heat_W) / e.sigma_W)
 

@@ -188,15 +188,12 @@ def exchanged(a: int, b: int) -> LogFault:
 def elsewhere(runs: int) -> Iterator[LogFault]:
     """Air warmer or colder than stated: by the same in all logs, or by an offset and a drift in each."""
 
-    def change(problem: Problem, config: Config, *term: AmbientShift) -> FloatArray:
-        return np.asarray(problem.predicted(_with(config, *term)) - problem.predicted(config))
-
     def alike(problem: Problem, config: Config) -> list[FloatArray]:
-        return [change(problem, config, AmbientShift(0.0, 1.0))]
+        return [changed(problem, config, AmbientShift(0.0, 1.0))]
 
     def each(problem: Problem, config: Config) -> list[FloatArray]:
         shifts = (AmbientShift(0.0, 1.0), AmbientShift(1.0, 0.0))
-        return [c for s in shifts for c in problem.by_run(change(problem, config, s))]
+        return [c for s in shifts for c in problem.by_run(changed(problem, config, s))]
 
     yield LogFault("ambient", 1, tuple(range(runs)), columns=alike)
     yield LogFault("ambient", 2 * runs, tuple(range(runs)), columns=each)
@@ -206,22 +203,24 @@ def offset(sensors: int) -> LogFault:
     """An offset of each sensor, beyond its tolerance."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
-        here = problem.predicted(config)
-        return [
-            problem.predicted(_with(config, SensorOffset(s.name, 1.0, 0.0))) - here for s in config.sensor
-        ]
+        return [changed(problem, config, SensorOffset(s.name, 1.0, 0.0)) for s in config.sensor]
 
     return LogFault("offsets", sensors, tuple(range(sensors)), columns=columns)
+
+
+def changed(problem: Problem, config: Config, term: AmbientShift | SensorOffset) -> FloatArray:
+    """The change (n,) of the prediction with one more term, K."""
+    more = config.model_copy(update={"effect": (*config.effect, Unnamed((term,)))})
+    return np.asarray(problem.predicted(more) - problem.predicted(config))
 
 
 def scaled(runs: int, sources: Sequence[int]) -> LogFault:
     """Another scale of some sources' heat in each log but the first."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
-        more = [
-            s.model_copy(update={"scale": s.scale * (1 + SCALED)}) if i in sources else s
-            for i, s in enumerate(config.source)
-        ]
+        more = list(config.source)
+        for i in sources:
+            more[i] = more[i].model_copy(update={"scale": more[i].scale * (1 + SCALED)})
         moved = problem.predicted(config.model_copy(update={"source": tuple(more)}))
         return problem.by_run((moved - problem.predicted(config)) / SCALED)[1:]
 
@@ -239,10 +238,6 @@ def follows(sensor: int, source: int, late: int = 0) -> LogFault:
         return [np.where(problem.evidence.sensor == sensor, problem.evidence.rows(m), 0.0) for m in each]
 
     return LogFault("sensor follows the heater", 1 + late, (sensor, source), columns=columns)
-
-
-def _with(config: Config, *terms: AmbientShift | SensorOffset) -> Config:
-    return config.model_copy(update={"effect": (*config.effect, Unnamed(terms))})
 
 
 def _beside(config: Config, sensor: int, source: int) -> bool:
@@ -279,9 +274,8 @@ def fit_faults(null: Fit) -> list[FaultFit]:
     best: dict[str, FaultFit] = {}
     for h in hypotheses(problem):
         one = first.fitted(h, without)
-        if h.what not in best or score(one) > score(best[h.what]):
-            best[h.what] = one
-    return sorted((_refined(problem, w, without) for w in best.values()), key=lambda w: -score(w))
+        best[h.what] = max(best.get(h.what, one), one, key=score)
+    return sorted((_refined(problem, w, without) for w in best.values()), key=score, reverse=True)
 
 
 def score(fitted: FaultFit) -> float:
@@ -295,14 +289,12 @@ def _refined(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:
     """
     if score(fitted) < WORTH:
         return fitted
-    given = replace(fitted, config=problem.config)
-    return max((_nearer(problem, w, null) for w in (fitted, given)), key=lambda w: w.drop)
-
-
-def _nearer(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:
-    """The hypothesis after a few more rounds."""
-    for finer_s in FINER_S:
-        look, h = Linearised.at(problem, fitted.config), fitted.hypothesis
-        near = [h] if not h.late_s else [late(problem, h.late_s + i * finer_s) for i in range(-2, 3)]
-        fitted = max((look.fitted(n, null) for n in near), key=lambda w: w.drop)
-    return fitted
+    ends = []
+    for start in (fitted, replace(fitted, config=problem.config)):
+        end = start
+        for finer_s in FINER_S:
+            look, h = Linearised.at(problem, end.config), end.hypothesis
+            near = [late(problem, h.late_s + i * finer_s) for i in range(-2, 3)] if h.late_s else [h]
+            end = max((look.fitted(n, null) for n in near), key=lambda w: w.drop)
+        ends.append(end)
+    return max(ends, key=lambda w: w.drop)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
 from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
 
@@ -99,7 +98,7 @@ class ProofError(NamedTuple):
     @classmethod
     def of(cls, fit: Fit) -> ProofError:
         """Predict all rows, the held-out ones as well."""
-        rows, error_K = fit.problem.evidence.proof, _error_K(fit, fit.config)
+        rows, error_K = fit.problem.evidence.proof, fit.problem.error_K(fit.config)
         whitened = fit.marginal(rows)(fit.problem.evidence.whitened(error_K)[rows])
         return cls(error_K, error_K - fit.within_tolerances_K, whitened)
 
@@ -131,7 +130,7 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
     return Proof(
         whole=whole,
         per_sensor={name: error(mine) for name, mine in sensors.items() if mine.any()},
-        as_given_rms_K=rms(_error_K(fit, problem.config)[rows]),
+        as_given_rms_K=rms(problem.error_K(problem.config)[rows]),
         expected=evidence.expected,
         unproved=tuple(name for name, others in less if _better(ProofError.of(others), rows, whole)),
     )
@@ -144,10 +143,6 @@ def _better(others: ProofError, rows: BoolArray, whole: SensorError) -> bool:
         whole.beyond_tolerances_K[1] - rms(others.beyond_K[rows]),
     )
     return min(more_K) > whole.form_K and float(np.mean(others.whitened**2)) < whole.after
-
-
-def _error_K(fit: Fit, config: Config) -> FloatArray:
-    return np.asarray(fit.problem.evidence.measured_degC - fit.problem.predicted(config))
 
 
 def rms(values: FloatArray) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,10 @@ LEAST = 30.0
 """Least score, over all logs, for a suspect to be reported."""
 LEAST_FOLLOWING = 100.0
 """The same for a sensor that follows a heat: the one-dimensional model is inexact beside a source."""
+TOLERANCES = {"ambient": "ambient_K", "heat differs between logs": "heat_per_log", "offsets": "offset_K"}
+"""The key of `[tolerance]` that corresponds to a kind of suspect."""
 BEYOND = {"ambient": 3.0, "offsets": 12.0}
-"""The same beyond the configured tolerances of the air and of offsets."""
+"""Least score beyond the configured tolerances of the air and of offsets."""
 SPARED = 12.0
 """The same where the tolerances alone explain the logs: one of them at 3.5 σ."""
 BEYOND_PER_LOG = 3.0
@@ -69,6 +71,10 @@ class Suspect(NamedTuple):
     text: str
 
 
+Description = tuple[str | None, float | str, str]
+"""Channel, how much, and text of a suspect."""
+
+
 def suspects(
     null: Fit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature] = ()
 ) -> tuple[Suspect, ...]:
@@ -81,7 +87,9 @@ def suspects(
         if alike(fitted):
             continue
         if beyond_tolerance(null.problem.config, fitted) and plain(null, fitted, rivals, marks):
-            return (_DESCRIBE[fitted.hypothesis.what](null.problem, fitted),)
+            what = fitted.hypothesis.what
+            channel, by, text = _DESCRIBE[what](null.problem, fitted)
+            return (Suspect(what, channel, by if isinstance(by, str) else float(f"{by:.3g}"), text),)
     return ()
 
 
@@ -121,29 +129,27 @@ def plain(
 def _alone(
     null: Fit, fitted: FaultFit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature]
 ) -> bool:
-    """Whether no single effect explains the logs as well as a hypothesis about them."""
-    as_well = any(_as_well(null, fitted, trial) for trial in rivals if not _the_same(fitted, trial))
-    return not as_well and not _promised(null, fitted, marks)
+    """Whether no single effect explains the logs as well as a hypothesis about them.
 
-
-def _the_same(fitted: FaultFit, rival: FittedCandidate) -> bool:
-    """Whether an effect and the suspected fault are the same: the air."""
-    return fitted.hypothesis.what == "ambient" and about_the_air(rival.fit)
-
-
-def _promised(null: Fit, fitted: FaultFit, marks: Sequence[Signature]) -> bool:
-    """Whether an effect within its bounds promises a smaller deviance over all logs than a hypothesis about
-    them. An effect visible on the proof alone is not among those fitted, but suspects use the proof as well.
+    Effects that were fitted are judged by their fit within the tolerances; the others, visible on the proof
+    alone, which suspects use as well, by what they promise within their bounds. Air is no rival of air.
     """
-    before = deviance(null)
+    before, own = deviance(null), fitted.hypothesis.parameters
+    is_air = fitted.hypothesis.what == "ambient"
+    for rival in rivals:
+        left, parameters = deviance(replace(rival.fit, problem=null.problem)), len(rival.candidate.fitted)
+        reach = max(WITHIN_REACH, WITHIN * (before - left - PER_PARAMETER * (parameters - 1)))
+        as_well = left + PER_PARAMETER * (parameters - own) < fitted.left + reach
+        if as_well and not (is_air and about_the_air(rival.fit)):
+            return False
     for promise in promises(null, marks, everywhere=True):
         candidate = promise.signature.candidate
-        effect = candidate.effect(candidate.shapes[promise.signature.shape])
-        more = PER_PARAMETER * (len(candidate.fitted) - fitted.hypothesis.parameters)
-        same = fitted.hypothesis.what == "ambient" and _is_air(effect, null.config)
-        if before - promise.drop + more < fitted.left and promise.kept >= BLIND and not same:
-            return True
-    return False
+        left = before - promise.drop + PER_PARAMETER * (len(candidate.fitted) - own)
+        if left < fitted.left and promise.kept >= BLIND:
+            effect = candidate.effect(candidate.shapes[promise.signature.shape])
+            if not (is_air and _is_air(effect, null.config)):
+                return False
+    return True
 
 
 def _is_air(effect: EffectTable, config: Config) -> bool:
@@ -156,116 +162,86 @@ def about_the_air(fit: Fit) -> bool:
     return any(_is_air(effect, fit.config) for effect in fit.config.effect[len(fit.problem.config.effect) :])
 
 
-def _as_well(null: Fit, fitted: FaultFit, rival: FittedCandidate) -> bool:
-    """Whether a single effect of the library, within the tolerances, explains the logs about as well as a
-    hypothesis about them.
-    """
-    left = deviance(replace(rival.fit, problem=null.problem))
-    drop = deviance(null) - left - PER_PARAMETER * (len(rival.candidate.fitted) - 1)
-    more = PER_PARAMETER * (len(rival.candidate.fitted) - fitted.hypothesis.parameters)
-    return left + more < fitted.left + max(WITHIN_REACH, WITHIN * drop)
-
-
 def intolerant(config: Config, what: What) -> Config:
     """The configuration without the tolerance that corresponds to a kind of suspect, if there is one."""
-    known = config.tolerance
-    if what == "ambient":
-        return config.model_copy(update={"tolerance": known.model_copy(update={"ambient_K": 0.0})})
-    if what == "heat differs between logs":
-        return config.model_copy(update={"tolerance": known.model_copy(update={"heat_per_log": 0.0})})
+    if what not in TOLERANCES:
+        return config
+    changes: dict[str, Any] = {"tolerance": config.tolerance.model_copy(update={TOLERANCES[what]: 0.0})}
     if what == "offsets":
-        sensors = tuple(s.model_copy(update={"offset_K": None}) for s in config.sensor)
-        tolerance = known.model_copy(update={"offset_K": 0.0})
-        return config.model_copy(update={"sensor": sensors, "tolerance": tolerance})
-    return config
+        changes["sensor"] = tuple(s.model_copy(update={"offset_K": None}) for s in config.sensor)
+    return config.model_copy(update=changes)
 
 
-def _late(_problem: Problem, w: FaultFit) -> Suspect:
+def _late(_problem: Problem, w: FaultFit) -> Description:
     late_s = w.hypothesis.late_s
     much, how = f"{abs(late_s):.0f} s", "later" if late_s > 0 else "earlier"
-    text = (
+    return None, late_s, (
         f"In the logs the heat starts {much} {how} than the temperatures indicate; synchronise the "
         f"recorders' clocks, or shift the columns of position, speed and power by {much}"
-    )
-    return Suspect("heat starts late", None, late_s, text)
+    )  # fmt: skip
 
 
-def _exchanged(problem: Problem, w: FaultFit) -> Suspect:
-    config = problem.config
-    a, b = (config.sensor[i] for i in w.hypothesis.about)
-    text = (
-        f"The columns {a.channel} and {b.channel} look exchanged: each fits the other's position; swap "
-        "the two channels in the configuration, or the wires"
-    )
-    return Suspect("sensors exchanged", f"{a.channel}, {b.channel}", "exchanged", text)
+def _exchanged(problem: Problem, w: FaultFit) -> Description:
+    a, b = (problem.config.sensor[i].channel for i in w.hypothesis.about)
+    return f"{a}, {b}", "exchanged", (
+        f"The columns {a} and {b} look exchanged: each fits the other's position; swap the two channels in "
+        "the configuration, or the wires"
+    )  # fmt: skip
 
 
-def _ambient(problem: Problem, w: FaultFit) -> Suspect:
-    config = problem.config
-    channel, runs = config.ambient.channel, len(w.hypothesis.about)
+def _ambient(problem: Problem, w: FaultFit) -> Description:
+    channel, runs = problem.config.ambient.channel, len(w.hypothesis.about)
     if len(w.values) == 1:
-        most_K, how = float(w.values[0]), f"by {w.values[0]:+.1f} K"
+        most_K, how = float(w.values[0]), f"{w.values[0]:+.1f} K"
     else:
         hours = [run.run.duration_s / 3600.0 for run in problem.forward.runs]
-        begin_K = w.values[:runs]
-        end_K = begin_K + w.values[runs:] * hours
-        most_K = float(max((*begin_K, *end_K), key=abs))
-        each = zip(begin_K.tolist(), end_K.tolist(), strict=True)
-        how = "by " + ", ".join(f"{a:+.1f} to {b:+.1f} K in log {i + 1}" for i, (a, b) in enumerate(each))
+        ends_K = np.column_stack([w.values[:runs], w.values[:runs] + w.values[runs:] * hours])
+        most_K = max(ends_K.T.ravel().tolist(), key=abs)
+        how = ", ".join(f"{a:+.1f} to {b:+.1f} K in log {i + 1}" for i, (a, b) in enumerate(ends_K.tolist()))
     said = "the configuration states" if channel is None else f"{channel} says"
-    text = (
-        f"The air near the screw differs from what {said} {how}; measure it beside the screw, "
+    return channel, most_K, (
+        f"The air near the screw differs from what {said} by {how}; measure it beside the screw, "
         "or raise tolerance.ambient_K"
-    )
-    return Suspect("ambient", channel, _short(most_K), text.replace("-", "−"))
+    ).replace("-", "−")  # fmt: skip
 
 
-def _differs(problem: Problem, w: FaultFit) -> Suspect:
+def _differs(problem: Problem, w: FaultFit) -> Description:
     config = problem.config
     ratios = 1.0 + np.concatenate([[0.0], w.values])
     low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
-    ratio = float(ratios[high] / ratios[low])
     sources = [config.source[i] for i in w.hypothesis.about]
     every = len(sources) == sum(s.law not in (None, "heat_of") for s in config.source)
     what = "every source" if every else sources[0].name
     channels = dict.fromkeys(c for s in sources for c in (s.power_channel, s.speed_channel) if c is not None)
-    text = (
+    ratio = float(ratios[high] / ratios[low])
+    return ", ".join(channels) or None, ratio, (
         f"The same law gives {ratio:.2f} times as much heat of {what} in log {high + 1} as in log {low + 1}; "
         "look for what changed between them (preload, grease, the torque's scale), or search each log alone"
-    )
-    return Suspect("heat differs between logs", ", ".join(channels) or None, _short(ratio), text)
+    )  # fmt: skip
 
 
-def _follows(problem: Problem, w: FaultFit) -> Suspect:
+def _follows(problem: Problem, w: FaultFit) -> Description:
     at, by = w.hypothesis.about
-    sensor, source = problem.config.sensor[at], problem.config.source[by]
+    channel = problem.config.sensor[at].channel
     slowly = Linearised.at(problem, w.config).fitted(follows(at, by, SLOWLY), w.left)
     per_W = float(np.sum(slowly.values))
-    text = (
-        f"{sensor.channel} responds to the heat of {source.name} at once, {per_W:.2g} K per watt on top of "
-        "the screw's temperature; mount the sensor on the screw, or leave it out of the configuration"
-    )
-    return Suspect("sensor follows the heater", sensor.channel, _short(per_W), text)
+    return channel, per_W, (
+        f"{channel} responds to the heat of {problem.config.source[by].name} at once, {per_W:.2g} K per watt "
+        "on top of the screw's temperature; mount the sensor on the screw, or leave it out of the "
+        "configuration"
+    )  # fmt: skip
 
 
-def _offsets(problem: Problem, w: FaultFit) -> Suspect:
-    config = problem.config
-    values = w.values.tolist()
-    off = [(s, v) for s, v in zip(config.sensor, values, strict=True)]
-    most_K = max(values, key=abs)
-    each = ", ".join(f"{s.channel} {v:+.1f} K" for s, v in off).replace("-", "−")
-    text = (
+def _offsets(problem: Problem, w: FaultFit) -> Description:
+    channels, values_K = [s.channel for s in problem.config.sensor], w.values.tolist()
+    each = ", ".join(f"{c} {v:+.1f} K" for c, v in zip(channels, values_K, strict=True)).replace("-", "−")
+    return ", ".join(channels), max(values_K, key=abs), (
         f"The sensors disagree by more than their tolerance: {each}; compare them after a night at "
         "standstill, then correct them or set each sensor's offset_K"
-    )
-    return Suspect("offsets", ", ".join(s.channel for s, _ in off), _short(most_K), text)
+    )  # fmt: skip
 
 
-def _short(value: float) -> float:
-    return float(f"{value:.3g}")
-
-
-_DESCRIBE: dict[str, Callable[[Problem, FaultFit], Suspect]] = {
+_DESCRIBE: dict[str, Callable[[Problem, FaultFit], Description]] = {
     "heat starts late": _late,
     "sensors exchanged": _exchanged,
     "ambient": _ambient,
@@ -278,27 +254,19 @@ _DESCRIBE: dict[str, Callable[[Problem, FaultFit], Suspect]] = {
 def misscaled(null: Fit) -> Iterator[Suspect]:
     """Yield the inputs all of whose heats fit only with the factor of another unit."""
     given = null.problem.config
-    ratio = Linearised.at(null.problem, given).heats()
-    for channel, ours in _inputs(given).items():
-        own = [r for key, r in ratio.items() if _input_of(given, key) == channel]
-        if not own or min(own) <= 0.0:
-            continue
-        for unit, factor in FACTORS[ours].items():
-            if all(abs(np.log(r / factor)) < LIKE for r in own):
+    factors = Linearised.at(null.problem, given).heats()
+    units, ratios = dict[str, str](), dict[str, list[float]]()
+    for source in given.source:
+        own = {source.speed_channel: "rpm", source.power_channel: "W"}
+        units |= {channel: unit for channel, unit in own.items() if channel is not None}
+        mine = [r for key, r in factors.items() if key.split(".", 1)[1].rpartition(".")[0] == source.name]
+        ratios.setdefault(source.power_channel or source.speed_channel or "", []).extend(mine)
+    for channel, ours in sorted(units.items(), key=lambda item: item[1], reverse=True):
+        own_ratios = ratios.get(channel, [])
+        for unit, factor in FACTORS[ours].items() if own_ratios and min(own_ratios) > 0.0 else ():
+            if all(abs(np.log(r / factor)) < LIKE for r in own_ratios):
                 text = (
                     f"{channel} looks like {unit} where {ours} is expected: the temperatures require "
                     f"{factor:.3g} times the heat that its laws give; log it in {ours}"
                 )
                 yield Suspect("units", channel, unit, text)
-
-
-def _inputs(config: Config) -> dict[str, str]:
-    """The channels from which heats come, and their units."""
-    speeds = {s.speed_channel: "rpm" for s in config.source if s.speed_channel is not None}
-    return speeds | {s.power_channel: "W" for s in config.source if s.power_channel is not None}
-
-
-def _input_of(config: Config, key: str) -> str | None:
-    """The channel of the source to which a free parameter belongs."""
-    source = next(s for s in config.source if s.name == key.partition(".")[2].rpartition(".")[0])
-    return source.power_channel or source.speed_channel

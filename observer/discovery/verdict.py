@@ -142,7 +142,7 @@ def partial_of(search: Search) -> Partial | None:
         return None
     best = max(trials, key=lambda t: t.drop)
     problem, used = best.fit.problem, best.fit.problem.evidence.used
-    left_K = problem.evidence.measured_degC - problem.predicted(best.fit.config)
+    left_K = problem.error_K(best.fit.config)
     of_sensor = {
         s.name: rms(left_K[used & (problem.evidence.sensor == i)])
         for i, s in enumerate(problem.config.sensor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import io
 import multiprocessing
 import os
@@ -11,7 +12,6 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from types import TracebackType
 from typing import Any, Self
 
 from observer.fit.problem import Problem
@@ -20,7 +20,7 @@ from observer.signals import blocked
 Work = Callable[..., Any]
 Task = tuple[Any, ...]
 _problems: list[Problem] = []
-"""In the worker: the problem that was sent last."""
+"""The problem that all tasks share: the worker gets it once, tasks and results only refer to it."""
 
 
 class WorkerPool:
@@ -37,48 +37,47 @@ class WorkerPool:
                 1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
             )
             with blocked(signal.SIGINT):  # this process ends it
-                self._other.submit(_awake)  # importing takes a second
+                self._other.submit(_take, pickle.dumps([]))  # importing takes a second
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:
         if self._other is not None:
-            if error is not None:  # nobody needs its results
+            if kind is not None:  # nobody needs its results
                 for process in multiprocessing.active_children():
                     process.kill()
-            self._other.shutdown(wait=error is not None, cancel_futures=True)
+            self._other.shutdown(wait=kind is not None, cancel_futures=True)
 
     def each(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
         """Return `work(problem, *task)` for every task; the work is a pure, module-level function."""
-        later = [self._submit(work, problem, task) for task in tasks[1:]]
-        done: list[Any] = [work(problem, *task) for task in tasks[:1]]
+        later = self._submitted(work, problem, tasks[1:])
+        here = tasks[: len(tasks) - len(later)]
+        done: list[Any] = [work(problem, *task) for task in here]
         # from the end, for the worker starts at the front
-        for future, task in zip(reversed(later), reversed(tasks[1:]), strict=True):
-            done.insert(1, None if future and not future.cancel() else work(problem, *task))
-        for i, future in enumerate(later, start=1):
-            if future is not None and not future.cancelled():
-                done[i] = self._result(future, work, problem, tasks[i])
-        return done
+        for future, task in zip(reversed(later), reversed(tasks[len(here) :]), strict=True):
+            done.insert(len(here), work(problem, *task) if future.cancel() else future)
+        return [self._result(work, problem, *pair) for pair in zip(done, tasks, strict=True)]
 
-    def _submit(self, work: Work, problem: Problem, task: Task) -> Future[bytes] | None:
-        if self._other is None:
-            return None
+    def _submitted(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Future[bytes]]:
+        """What the worker may do; nothing where there is none."""
+        if self._other is None or not tasks:
+            return []
         try:
             if self._sent is not problem:
-                self._other.submit(_take, pickle.dumps(problem))
-                self._sent = problem
-            return self._other.submit(_do, _packed((work, task), problem))
+                self._other.submit(_take, pickle.dumps([problem]))
+                self._sent, _problems[:] = problem, [problem]
+            return [self._other.submit(_do, _packed((work, task), problem)) for task in tasks]
         except BrokenProcessPool:
             self._other = None
-            return None
+            return []
 
-    def _result(self, future: Future[bytes], work: Work, problem: Problem, task: Task) -> Any:
+    def _result(self, work: Work, problem: Problem, done: Any, task: Task) -> Any:
         """The worker's result, computed here if the worker is gone."""
+        if not isinstance(done, Future):
+            return done
         try:
-            return _unpacked(future.result(), problem)
+            return pickle.loads(done.result())
         except BrokenProcessPool:
             self._other = None
             return work(problem, *task)
@@ -87,38 +86,21 @@ class WorkerPool:
 IN_PROCESS = WorkerPool(alone=True)
 
 
-class _Packer(pickle.Pickler):
-    """Pickles the problem that all tasks share as a reference."""
-
-    problem: Problem
-
-    def persistent_id(self, obj: Any) -> str | None:
-        """Replace the problem by a reference."""
-        return "problem" if obj is self.problem else None
-
-
-class _Unpacker(pickle.Unpickler):
-    """Resolves the reference to this process's own problem."""
-
-    problem: Problem
-
-    def persistent_load(self, pid: Any) -> Problem:  # noqa: ARG002 - there is only one reference
-        """Return the problem."""
-        return self.problem
-
-
 def _packed(value: object, problem: Problem) -> bytes:
+    """Pickle a value with the shared problem as a reference."""
+
+    def reduced(one: Problem) -> Any:
+        return (_shared, ()) if one is problem else one.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
+
     file = io.BytesIO()
-    packer = _Packer(file, pickle.HIGHEST_PROTOCOL)
-    packer.problem = problem
+    packer = pickle.Pickler(file, pickle.HIGHEST_PROTOCOL)
+    packer.dispatch_table = copyreg.dispatch_table | {Problem: reduced}
     packer.dump(value)
     return file.getvalue()
 
 
-def _unpacked(data: bytes, problem: Problem) -> Any:
-    unpacker = _Unpacker(io.BytesIO(data))
-    unpacker.problem = problem
-    return unpacker.load()
+def _shared() -> Problem:
+    return _problems[0]
 
 
 def _end_with_parent() -> None:
@@ -133,17 +115,12 @@ def _end_with_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def _awake() -> None:
-    """Do nothing; unpickling the call imports what a fit needs."""
-
-
 def _take(data: bytes) -> None:
     """In the worker: keep the problem of the tasks that follow."""
-    _problems[:] = [pickle.loads(data)]
+    _problems[:] = pickle.loads(data)
 
 
 def _do(data: bytes) -> bytes:
     """In the worker: run a task."""
-    [problem] = _problems
-    work, task = _unpacked(data, problem)
-    return _packed(work(problem, *task), problem)
+    work, task = pickle.loads(data)
+    return _packed(work(_shared(), *task), _shared())

@@ -12,9 +12,10 @@ import numpy as np
 from observer.config import Config
 from observer.effects.base import EffectTable
 from observer.effects.terms import Lag
-from observer.fit.evidence import Evidence
+from observer.fit.evidence import Evidence, gather
 from observer.fit.forward import Forward
 from observer.fit.parameters import bounds_of, get, put, scale_of
+from observer.fit.runs import Run
 from observer.fit.steps import Cache
 from observer.fit.tolerance import Scope, tolerances
 from observer.frames import BoolArray, FloatArray
@@ -70,6 +71,12 @@ class Problem:
     nuisance: NuisanceColumns | None = None
     within: Callable[[Config, int], Iterable[tuple[Config, Scope]]] = tolerances
 
+    @classmethod
+    def of(cls, config: Config, keys: tuple[str, ...], runs: Sequence[Run]) -> Problem:
+        """Return the problem of runs that were prepared with a configuration, and its free parameters."""
+        forward = Forward(config, runs)
+        return cls(config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor])))
+
     @cached_property
     def scale(self) -> FloatArray:
         """The free parameters' natural scales, (f,)."""
@@ -85,9 +92,13 @@ class Problem:
         """The prediction of every row, (n,), °C."""
         return self.evidence.rows(self.forward(config))
 
+    def error_K(self, config: Config) -> FloatArray:
+        """Measured minus predicted of every row, (n,), K."""
+        return np.asarray(self.evidence.measured_degC - self.predicted(config))
+
     def residual(self, config: Config) -> FloatArray:
-        """Measured minus predicted of every row, whitened, (n,)."""
-        return self.evidence.whitened(self.evidence.measured_degC - self.predicted(config))
+        """The error of every row, whitened, (n,)."""
+        return self.evidence.whitened(self.error_K(config))
 
     def free_values(self, config: Config) -> FloatArray:
         """The free parameters of a configuration."""

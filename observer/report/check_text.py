@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -32,7 +33,7 @@ def as_text(found: dict[str, Any]) -> RenderableType:
         text = "not determined" if gain is None else f"{gain:.3g} W of heat per K of sensor noise"
         table.add_row(f"noise gain {name}", text)
     for name, limit_rpm in found["path_told_up_to_rpm"].items():
-        table.add_row(f"path of {name}", f"told by the samples up to {limit_rpm:.0f} rpm, averaged above")
+        table.add_row(f"path of {name}", f"sampled often enough up to {limit_rpm:.0f} rpm, averaged above")
     if found["supports"] is not None:
         table.add_row("supports", _held(found["supports"]))
     for name, node in found["nodes"].items():
@@ -48,34 +49,36 @@ def as_text(found: dict[str, Any]) -> RenderableType:
     return Group(table, *costs, *least, *(warnings or [Text("no warnings", style="green")]))
 
 
+def _grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """A table of a name and numbers."""
+    table = Table(show_header=True, box=None, pad_edge=False, header_style="bold")
+    for i, head in enumerate(heads):
+        table.add_column(head, no_wrap=i == 0, justify="right" if i else "left")
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
+
+
 def _costs(rows: list[dict[str, Any]]) -> Table:
     """σ over the standard shift: as configured, with one tolerance at nothing, with all."""
-    table = Table(show_header=True, box=None, pad_edge=False, header_style="bold")
-    table.add_column("σ if known", no_wrap=True)
-    table.add_column("now", justify="right")
-    heats = [f"{name}, W" for name in rows[0]["heat_sigma_W"]]
     there = rows[0]["error_sigma_um"] is not None
-    for name in (*heats, "field, K", *(["error, µm"] if there else [])):
-        table.add_column(name, justify="right")
+    heats = [f"{name}, W" for name in rows[0]["heat_sigma_W"]]
+    lines = []
     for row in rows:
         values = [*row["heat_sigma_W"].values(), row["field_sigma_K"]]
         values += [row["error_sigma_um"]] if there else []
         given = "" if row["tolerance"] is None else f"{row['tolerance']:g}"
-        table.add_row(row["key"], given, *(f"{value:.3g}" for value in values))
-    return table
+        lines.append([row["key"], given, *(f"{value:.3g}" for value in values)])
+    return _grid(["σ if known", "now", *heats, "field, K", *["error, µm"] * there], lines)
 
 
 def _least(rows: dict[str, dict[str, Any]], further: dict[str, Any] | None) -> list[RenderableType]:
     """The smallest fault of each sensor that is noticed, and what a further sensor would buy."""
     if not rows:
         return []
-    table = Table(show_header=True, box=None, pad_edge=False, header_style="bold")
-    table.add_column("sensor", no_wrap=True)
-    for name in ("jump noticed, K", "within, s", "slow fault noticed, K"):
-        table.add_column(name, justify="right")
-    for name, row in rows.items():
-        slow = "–" if row["slow_K"] is None else f"{row['slow_K']:.3g}"
-        table.add_row(Text(name), f"{row['fault_K']:.3g}", f"{row['time_s']:.3g}", slow)
+    keys = ("fault_K", "time_s", "slow_K")
+    lines = [[n, *("–" if r[k] is None else f"{r[k]:.3g}" for k in keys)] for n, r in rows.items()]
+    table = _grid(["sensor", "jump noticed, K", "within, s", "slow fault noticed, K"], lines)
     said = buys(further)
     return [table, Text(said)] if said else [table]
 
@@ -107,17 +110,7 @@ def _spans(numbers: list[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-UNITS = {
-    "degC": "°C",
-    "m": "m",
-    "rpm": "rpm",
-    "W": "W",
-    "mm": "mm",
-    "um": "µm",
-    "K": "K",
-    "s": "s",
-    "Nm": "Nm",
-}
+UNITS = {"degC": "°C", "um": "µm"} | {unit: unit for unit in ("m", "mm", "rpm", "W", "K", "s", "Nm")}
 """How the unit that ends a channel's name is shown."""
 
 

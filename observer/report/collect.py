@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
@@ -35,14 +35,19 @@ class Decimator:
             return
         bucket = (self.rows + np.arange(length)) // self._stride
         first = np.flatnonzero(np.diff(bucket, prepend=-1))
-        last = np.append(first[1:], length) - 1
-        joins = self.rows % self._stride > 0
+        joins = self.rows % self._stride > 0  # the block begins within the last bucket
         for name, values in columns.items():
-            new = _extremes(values, values, values, first, last)
-            self._kept[name] = _appended(self._kept[name], new, joins) if self.rows else new
+            new = _extremes(np.stack([values] * 3), first)
+            if self.rows:
+                both = np.concatenate([self._kept[name], new], axis=1)
+                old = self._kept[name].shape[1]
+                new = _extremes(both, np.delete(np.arange(both.shape[1]), [old] if joins else []))
+            self._kept[name] = new
         self.rows += length
         while -(-self.rows // self._stride) > self._most:
-            self._kept = {name: _halved(kept) for name, kept in self._kept.items()}
+            self._kept = {
+                k: _extremes(kept, np.arange(0, kept.shape[1], 2)) for k, kept in self._kept.items()
+            }
             self._stride *= 2
 
     def last(self, name: str) -> FloatArray:
@@ -58,23 +63,11 @@ class Decimator:
         return np.asarray(self._kept[name][2])
 
 
-def _extremes(values: FloatArray, low: FloatArray, high: FloatArray, first: Any, last: Any) -> FloatArray:
-    """The last, the least and the largest value in each bucket, given where they begin and end."""
-    return np.stack([values[last], np.fmin.reduceat(low, first), np.fmax.reduceat(high, first)])
-
-
-def _appended(old: FloatArray, new: FloatArray, joins: bool) -> FloatArray:
-    """Old and new buckets in a row; if `joins`, the first new one continues the last old one."""
-    if joins:
-        new[1, 0] = np.fmin(old[1, -1], new[1, 0])
-        new[2, 0] = np.fmax(old[2, -1], new[2, 0])
-    return np.concatenate([old[:, : old.shape[1] - joins], new], axis=1)
-
-
-def _halved(kept: FloatArray) -> FloatArray:
-    """Neighbouring buckets merged; an odd one at the end stays, half full."""
-    first = np.arange(0, kept.shape[1], 2)
-    return _extremes(kept[0], kept[1], kept[2], first, np.minimum(first + 1, kept.shape[1] - 1))
+def _extremes(buckets: FloatArray, first: NDArray[np.int64]) -> FloatArray:
+    """The last, the least and the largest value of what begins at `first` among last, least and largest."""
+    ends = np.append(first[1:], buckets.shape[1]) - 1
+    low, high = np.fmin.reduceat(buckets[1], first), np.fmax.reduceat(buckets[2], first)
+    return np.stack([buckets[0][ends], low, high])
 
 
 class ReplaySamples(Decimator):

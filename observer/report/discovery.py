@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
 from observer.discovery.discover import Discovery
+from observer.discovery.proof import rms
 from observer.discovery.result import effects_of
 from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, FittedCandidate
 from observer.fit.evidence import UNUSED
@@ -34,9 +34,9 @@ LEAST_SIGMA = 5.0
 def tolerated(known: Tolerance) -> str:
     """Say what no model can be expected to explain, as the configuration describes it."""
     return (
-        "A model never comes down to the noise alone: conductivity is known to "
+        "No model reaches the noise alone: conductivity is known to "
         f"{100 * known.conductivity:g} %, heat capacity to {100 * known.heat_capacity:g} %, each sensor's "
-        f"offset to {known.offset_K:g} K, its place to {1000 * known.position_m:g} mm and its lag to "
+        f"offset to {known.offset_K:g} K, its position to {1000 * known.position_m:g} mm and its lag to "
         f"{known.lag_s:g} s, its part of the rise to {100 * known.gain:g} %, the air to {known.ambient_K:g} "
         f"K, heats from log to log to {100 * known.heat_per_log:g} %, and how even the film is to "
         f"{100 * UNEVEN:.0f} %. What these can explain is no effect and not written back."
@@ -78,14 +78,11 @@ def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any],
 def _shown(found: Discovery) -> Shown:
     problem, fit, null = found.problem, found.verdict.fit, found.search.null
     names = tuple(wording.name_of(effect) for effect in effects_of(fit))
-
-    def error_K(config: Config) -> FloatArray:
-        return np.asarray(problem.evidence.measured_degC - problem.predicted(config))
-
-    if names:
-        what = f"calibrated, with {wording.joined(names)}"
-        return Shown(names, "calibrated, no effect added", what, error_K(null.config), error_K(fit.config))
-    return Shown((), "as configured", "calibrated", error_K(problem.config), error_K(fit.config))
+    before, what = "calibrated, no effect added", f"calibrated, with {wording.joined(names)}"
+    given = null.config
+    if not names:
+        before, what, given = "as configured", "calibrated", problem.config
+    return Shown(names, before, what, problem.error_K(given), problem.error_K(fit.config))
 
 
 def _header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
@@ -117,7 +114,7 @@ def _suspects(result: dict[str, Any]) -> Html:
     rows = [
         [s["what"], code(s["channel"]) if s["channel"] else "–", f"{s['text']}."] for s in result["suspects"]
     ]
-    note = "What the logs show to be wrong with themselves; put it right and search again:"
+    note = "Faults of the logs themselves; correct them and search again:"
     heads = ["Suspect", "channel", "what is wrong, and what to do"]
     return section("Suspects", paragraph(note, "note"), table(heads, rows)) if rows else Html("")
 
@@ -128,14 +125,14 @@ def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
     proof = problem.evidence.proof
     rows = []
     for fit in fits if result["verdict"] == "ambiguous" else ():
-        error_K = (problem.evidence.measured_degC - problem.predicted(fit.config))[proof]
+        error_K = problem.error_K(fit.config)[proof]
         effects = effects_of(fit)
         lacks = wording.joined([wording.lack_of(e["kind"], e["target"]) for e in effects])
         names = Html(", ".join(code(wording.name_of(e)) for e in effects))
-        rows.append([lacks, names, _lines([_values(e) for e in effects]), wording.kelvin(_rms(error_K))])
+        rows.append([lacks, names, _lines([_values(e) for e in effects]), wording.kelvin(rms(error_K))])
     test = result["experiment"]
     return section(
-        "What would tell" if test is not None else "Answers that explain the logs equally well",
+        "The test that would decide" if test is not None else "Answers that explain the logs equally well",
         table(["The model may lack", "effect", "parameters (95 %)", "gap left"], rows, (3,)),
         paragraph(f"{wording.experiment_sentence(test)}.") if test is not None else Html(""),
     )
@@ -197,7 +194,7 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
         if not mine.any():
             titles.append(f"{name}: no data")
             continue
-        before_K, after_K = _rms(shown.before_K[mine]), _rms(shown.after_K[mine])
+        before_K, after_K = rms(shown.before_K[mine]), rms(shown.after_K[mine])
         gap = result["gap"]["per_sensor"][sensor.name]
         titles.append(f"{name}, °C: {_arrow(before_K, after_K)} rms")
         kelvins = map(wording.kelvin, (before_K, after_K))
@@ -303,7 +300,7 @@ def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
 
 
 def _limits(found: Discovery, logs: Sequence[str]) -> Html:
-    """What each log was used for, what was missing in it, and what the logs cannot show."""
+    """What each log was used for, what was missing in it, and what is not identifiable."""
     evidence = found.problem.evidence
     rows = []
     for i, (name, run) in enumerate(zip(logs, found.problem.forward.runs, strict=True)):
@@ -320,10 +317,10 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "
-        "that one tells nothing of the other."
+        "that the two are independent."
     )
     return section(
-        "What was not used for fitting, and what these logs cannot show",
+        "What was not used for fitting, and what is not identifiable from these logs",
         table(heads, rows, (1, 2, 3, 4, 5)),
         paragraph(note, "note"),
         paragraph(sentence),
@@ -355,7 +352,3 @@ def _beyond(gap: dict[str, Any]) -> str:
 
 def _signed(value_K: float) -> str:
     return ("+" if value_K > 0 else "−") + wording.kelvin(abs(value_K))
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

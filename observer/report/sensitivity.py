@@ -34,7 +34,7 @@ KEYS = {
     "heat_capacity": "take it from the maker's certificate of the screw's steel",
     "convection": "let `observer calibrate` fit the film to a log with a cooling",
     "ambient_K": "put a thermometer, compared with the sensors, into the air at the screw",
-    "end_W_K": "say in [boundary] what the ends lose, as a log of a cooling tells",
+    "end_W_K": "enter in [boundary] what the ends lose, from a log of a cooling",
     "position_m": "measure where the sensors sit",
     "offset_K": "compare the sensors in a bath, or on the machine after a night at rest",
     "lag_s": "set the sensors into the metal with paste, or measure how late they are",

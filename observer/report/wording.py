@@ -39,7 +39,7 @@ SURE_SIGMA, HOPELESS_SIGMA = 5.0, 1.0
 
 
 def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
-    """Yield what a discovery comes to, line by line: verdict, parameters or what would tell, gap, limits.
+    """Yield what a discovery comes to, line by line: verdict, parameters or the deciding test, residual.
 
     `result` is the content of its `result.json`.
     """
@@ -73,13 +73,13 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
     if verdict.kind == "ambiguous":
         answers = [joined([lack_of(c.kind, c.target) for c in each]) for each in verdict.sets]
         every, family = joined(answers, last="; or ", between="; "), result["family"]
-        lacks = "one of these, and" if family is None else f"{family_text(family)};"
-        return f"The model lacks {lacks} the logs cannot tell which: {every}"
+        lacks = "one of these effects" if family is None else family_text(family)
+        return f"The model lacks {lacks}; the logs cannot distinguish its possible causes: {every}"
     if verdict.suspected:
         return "The logs themselves are in doubt, so nothing is said to be missing"
     if verdict.kind == "unknown":
         return f"Something is missing that the library does not hold: an error remains {verdict.remains}"
-    return f"These logs cannot tell whether an effect is missing: {'; '.join(verdict.lacking)}"
+    return f"Whether an effect is missing is not identifiable from these logs: {'; '.join(verdict.lacking)}"
 
 
 def lack_of(kind: str, *targets: str | None) -> str:
@@ -149,12 +149,12 @@ def gap_sentence(result: dict[str, Any]) -> str:
 
 
 def not_told_sentence(blind: Sequence[Candidate]) -> str:
-    """What would not show in these logs even if it were there, without a full stop."""
+    """What is not identifiable from these logs, without a full stop."""
     targets: dict[str, list[str | None]] = {}
     for candidate in blind:
         targets.setdefault(candidate.kind, []).append(candidate.target)
     lacks = joined([lack_of(kind, *at) for kind, at in targets.items()], last=", nor ")
-    return f"These logs cannot show {lacks}: the calibrated parameters could make up all of it"
+    return f"These logs cannot identify {lacks}: the calibrated parameters could absorb it"
 
 
 def event_of(result: dict[str, Any]) -> dict[str, Any] | None:
@@ -177,15 +177,15 @@ def event_sentence(event: dict[str, Any], log: str) -> str:
 
 
 def experiment_sentence(experiment: dict[str, Any]) -> str:
-    """The test that would tell, and how surely, without a full stop."""
+    """The test that would decide, and how surely, without a full stop."""
     sigma = experiment["separation_sigma"]
     if sigma < HOPELESS_SIGMA:
-        return "None of the usual test cycles would tell; another sensor or a measured input is needed"
+        return "None of the usual test cycles would decide; another sensor or a measured input is needed"
     doubt = "" if sigma >= SURE_SIGMA else ", which may not be enough"
     apart = f"{sigma:.1f}" if sigma < 100 else "more than 100"
     return (
-        f"A test of {duration_text(experiment['duration_s'])} would tell: {experiment['description']}; "
-        f"it sets the answers {apart} standard deviations apart{doubt}"
+        f"A test of {duration_text(experiment['duration_s'])} would decide: {experiment['description']}; "
+        f"it separates the answers by {apart} standard deviations{doubt}"
     )
 
 

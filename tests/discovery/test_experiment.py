@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import pytest
 
 from observer.config import Config
-from observer.discovery.experiment import SEPARATES, Phase, habits_of, menu, propose, separation
+from observer.discovery import experiment
+from observer.discovery.experiment import SEPARATES, Phase, habits_of, menu, propose
 from observer.effects.base import EffectTable
 from observer.effects.heat import EndHeat, MotorHeat
 from observer.fit.problem import Problem
@@ -36,6 +38,10 @@ def motor(heat_W: float = HEAT_W) -> EffectTable:
 
 
 BEARING = EndHeat(kind="end_heat", target="right", heat_W_rpm=HEAT_W / SPEED_RPM)
+
+
+def separation(of: Problem, answers: Sequence[Config], phases: Sequence[Phase]) -> float:
+    return experiment.separation(of, answers, phases, habits_of(of))
 
 
 def test_habits_are_those_of_the_logs() -> None:

@@ -250,7 +250,7 @@ def proved(less_K: float | None = None) -> Proof:
     off_K = {"given": 3.0, "null": -2.0, "fit": 0.5, "less": less_K or 0.0}
     config = SimpleNamespace(name="given", sensor=[SimpleNamespace(name=n) for n in ("t1", "t2", "unseen")])
     problem = SimpleNamespace(
-        evidence=evidence, config=config, predicted=lambda c: MEASURED_K - off_K[c.name]
+        evidence=evidence, config=config, error_K=lambda c: np.full(len(SENSOR), off_K[c.name])
     )
 
     def of(name: str, factor: float) -> Any:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 from concurrent.futures import ProcessPoolExecutor
 
 from observer.discovery.discover import discover
 from observer.discovery.search import without
-from observer.discovery.workers import IN_PROCESS, WorkerPool, _packed, _unpacked
+from observer.discovery.workers import IN_PROCESS, WorkerPool, _packed, _problems
 from observer.fit.hypothesis import fit_null
 from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
@@ -29,7 +30,8 @@ def test_what_crosses_over_leaves_the_problem_behind() -> None:
     config = machine()
     null = fit_null(problem_of(config, [made_log(config, 0, minutes=20.0)]), config)
     data = _packed((without, null), null.problem)
-    work, fit = _unpacked(data, null.problem)
+    _problems[:] = [null.problem]
+    work, fit = pickle.loads(data)
     assert work is without
     assert fit.problem is null.problem
     assert fit.deviance == null.deviance

@@ -281,8 +281,8 @@ def test_the_sentences_of_none() -> None:
         in lines[1]
     )
     assert lines[2:] == [
-        "These logs cannot show heat at the left end and the right end that grows with speed, nor heat "
-        "radiated by the surface: the calibrated parameters could make up all of it."
+        "These logs cannot identify heat at the left end and the right end that grows with speed, nor heat "
+        "radiated by the surface: the calibrated parameters could absorb it."
     ]
 
 
@@ -327,7 +327,7 @@ def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
     assert "heat from the drive at the right end, the same at any speed; or heat radiated" in lines[0]
     assert lines[0].endswith("heat radiated by the surface and heat of nut that enters where it turns round.")
     assert lines[1].startswith(
-        "A test of 2 h 00 min would tell: stand still; it sets the answers 21.3 standard"
+        "A test of 2 h 00 min would decide: stand still; it separates the answers by 21.3"
     )
     assert "0.63 K to 0.16 K rms with the first of them" in lines[2]
 
@@ -337,8 +337,8 @@ def test_the_sentences_of_a_family_tell_its_figure() -> None:
     lines = _lines(verdict="ambiguous", said=said, family=SURFACE, gap=FELL)
     assert lines[0] == (
         "The model lacks a loss of heat from the surface of 4.53 (4.12 … 4.94) W/m²K in effect; the logs "
-        "cannot tell which: a loss of heat to the air over the whole surface; or heat radiated by the "
-        "surface."
+        "cannot distinguish its possible causes: a loss of heat to the air over the whole surface; or heat "
+        "radiated by the surface."
     )
 
 
@@ -351,7 +351,7 @@ def test_a_family_is_told_with_its_end_and_with_what_stands_beside_it() -> None:
     (first, *_) = _lines(verdict="ambiguous", said=said, family=family, gap=FELL)
     assert first.startswith(
         "The model lacks heat at the left end of 4.00 (3.50 … 4.50) W in effect and a constant error of "
-        "sensor t2; the logs cannot tell which: heat from the drive"
+        "sensor t2; the logs cannot distinguish its possible causes: heat from the drive"
     )
 
 
@@ -379,7 +379,9 @@ def test_a_test_is_not_praised_beyond_what_it_tells(sigma: float, said: str) -> 
         said={"lacking": ("the machine never rests",)},
         experiment=TEST | {"separation_sigma": sigma},
     )
-    assert lines[0] == "These logs cannot tell whether an effect is missing: the machine never rests."
+    assert lines[0] == (
+        "Whether an effect is missing is not identifiable from these logs: the machine never rests."
+    )
     assert said in lines[1]
 
 

@@ -142,7 +142,7 @@ def design_bandwidth(
         step = step_matrices(plant, step.dt_s)
     pair = slow_pair(plant, step, bandwidth_1_s)
     if not determinable(pair, present):
-        return refusal(plant, present, "they cannot tell the heats apart from each other and from the field")
+        return refusal(plant, present, "they cannot distinguish the heats from each other and from the field")
     poles = bandwidth_poles(len(pair.A), bandwidth_1_s, step.dt_s)
     try:
         K_slow = _place(pair, plant, present, np.exp(poles * step.dt_s))

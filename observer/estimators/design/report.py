@@ -175,7 +175,7 @@ def _sensor_warnings(
     single = [lost[0] for lost in undetermined if len(lost) == 1]
     if single:
         found.append(
-            f"without {' or without '.join(single)} the heats can no longer be told apart and are only "
+            f"without {' or without '.join(single)} the heats can no longer be distinguished and are only "
             "predicted; add a sensor"
         )
     return found

@@ -39,7 +39,7 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
     Q = Qd / np.multiply.outer(scale, scale)
     C = sensor_rows(plant)[present] * scale
     R = np.diag(plant.noise_R_K2[present])
-    undetermined = refusal(plant, present, "they cannot tell the heats apart, or a heat has no random walk")
+    undetermined = refusal(plant, present, "they cannot distinguish the heats, or a heat has no random walk")
     try:
         # The states are scaled already; scipy's own balancing was seen to spoil the solution of symmetric
         # plants.
