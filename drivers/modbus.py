@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from drivers.decode import spans
-from drivers.places import MODBUS_INPUTS, Device, ModbusChannel, check_channels, modbus_input
-from drivers.protocol import ChannelName, Driver, DriverTable, InputOr, PollPeriod, Text, Timeout
+from drivers.places import MODBUS_INPUTS, ModbusChannel, check_channels, modbus_input
+from drivers.polled import PolledTable
+from drivers.protocol import ChannelName, InputOr, PollPeriod, Text, Timeout
 from observer.tables.quantities import Count, Number
 
 
-class _Modbus(DriverTable):
+class ModbusTable(PolledTable):
     """What TCP and RTU share."""
+
+    session = "drivers.modbus_session"
 
     device: Literal["icpdas_m7018", "wago_750_458", "micro800_tc2"] | None = None
     first_register: Annotated[Count, Field(ge=0, le=0xFFF0)] = 0
@@ -24,7 +27,7 @@ class _Modbus(DriverTable):
     channels: dict[ChannelName, InputOr[ModbusChannel]] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _inputs_belong_to_a_device(self) -> _Modbus:
+    def _inputs_belong_to_a_device(self) -> ModbusTable:
         check_channels(self.channels, self.device, MODBUS_INPUTS)
         if self.device is None and self.first_register:
             raise ValueError(
@@ -34,16 +37,18 @@ class _Modbus(DriverTable):
 
     @property
     @abstractmethod
-    def at(self) -> Device:
-        """Where the device is."""
+    def address(self) -> str:
+        """The host, or the serial port."""
 
-    def open(self, name: str) -> Driver:
-        """Make the driver that polls the device."""
-        from drivers.modbus_session import connect  # noqa: PLC0415  (the bus library only when it is used)
-        from drivers.polled import Polled  # noqa: PLC0415
+    @property
+    @abstractmethod
+    def line(self) -> dict[str, Any]:
+        """pymodbus's own options of the connection."""
 
-        device, places = self.at, self.map()
-        return Polled(name, tuple(places), self.period_s, lambda now: connect(device, places, now))
+    @property
+    def silence_s(self) -> float | None:
+        """On a serial line, the silence kept after a reply that never came."""
+        return None
 
     def map(self) -> dict[str, ModbusChannel]:
         """Every channel's place, inputs of a ready device map resolved."""
@@ -57,7 +62,7 @@ class _Modbus(DriverTable):
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
         """The addresses that each channel reads, the register last."""
         found: dict[str, frozenset[tuple[object, ...]]] = {}
-        device = self.at.serial, self.at.address, self.at.options.get("port"), self.unit_id
+        device = self.address, self.line.get("port"), self.unit_id
         for channel, place in self.map().items():
             own = spans(place)[0]
             words = range(own.first, own.first + own.count)
@@ -69,7 +74,7 @@ class _Modbus(DriverTable):
         return {c: abs(place.scale) for c, place in self.map().items() if place.type != "float32"}
 
 
-class ModbusTcpSettings(_Modbus):
+class ModbusTcpSettings(ModbusTable):
     """A Modbus TCP device."""
 
     kind: Literal["modbus_tcp"]
@@ -77,12 +82,17 @@ class ModbusTcpSettings(_Modbus):
     port: Annotated[Count, Field(ge=1, le=65535)] = 502
 
     @property
-    def at(self) -> Device:
-        """Where the device is."""
-        return Device(self.host, {"port": self.port}, self.unit_id, self.timeout_s)
+    def address(self) -> str:
+        """The host."""
+        return self.host
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """The port."""
+        return {"port": self.port}
 
 
-class ModbusRtuSettings(_Modbus):
+class ModbusRtuSettings(ModbusTable):
     """A Modbus RTU device on a serial line; `quiet_s` is the silence kept after a reply that never came."""
 
     kind: Literal["modbus_rtu"]
@@ -93,7 +103,16 @@ class ModbusRtuSettings(_Modbus):
     quiet_s: Annotated[Number, Field(ge=0.05, le=60)] = 0.5
 
     @property
-    def at(self) -> Device:
-        """Where the device is."""
-        line = {"baudrate": self.baudrate, "parity": self.parity, "stopbits": self.stopbits}
-        return Device(self.port, line, self.unit_id, self.timeout_s, self.quiet_s)
+    def address(self) -> str:
+        """The serial port."""
+        return self.port
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """Speed and frame."""
+        return {"baudrate": self.baudrate, "parity": self.parity, "stopbits": self.stopbits}
+
+    @property
+    def silence_s(self) -> float:
+        """The silence kept after a reply that never came."""
+        return self.quiet_s

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping
 from math import nan
 
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
@@ -17,7 +16,8 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from drivers.decode import RegisterBlock, decode, read_plan, spans
-from drivers.places import Device, ModbusChannel
+from drivers.modbus import ModbusTable
+from drivers.places import ModbusChannel
 from drivers.polled import LostError
 from drivers.protocol import Clock
 from observer.frames import Reading
@@ -36,9 +36,9 @@ class _DeviceExceptionError(Exception):
         self.code = code
 
 
-async def connect(device: Device, places: Mapping[str, ModbusChannel], now: Clock) -> ModbusSession:
+async def connect(table: ModbusTable, now: Clock) -> ModbusSession:
     """Connect, once. Raises `LostError`."""
-    session = ModbusSession(device, places, now)
+    session = ModbusSession(table, now)
     try:
         await session.open()
     except BaseException:
@@ -50,22 +50,22 @@ async def connect(device: Device, places: Mapping[str, ModbusChannel], now: Cloc
 class ModbusSession:
     """One connection to a device whose registers are read; made anew for each connection."""
 
-    def __init__(self, device: Device, places: Mapping[str, ModbusChannel], now: Clock) -> None:
+    def __init__(self, table: ModbusTable, now: Clock) -> None:
         self.problem: str | None = None
         self._now = now
-        self._unit_id = device.unit_id
-        self._quiet_s = device.quiet_s
-        self._places = places
-        self._plan = read_plan(list(places.values()))
+        self._unit_id = table.unit_id
+        self._quiet_s = table.silence_s
+        self._places = table.map()
+        self._plan = read_plan(list(self._places.values()))
         self._unsettled = False  # a late reply may still come
         self._lost = asyncio.Event()  # set when the connection ends, whoever ended it
         self._heard_s = now()  # when the last bytes came, by the clock `now`
         self._last_byte_s = 0.0
-        client = AsyncModbusSerialClient if device.serial else AsyncModbusTcpClient
+        client = AsyncModbusSerialClient if table.silence_s is not None else AsyncModbusTcpClient
         self._client: AsyncModbusTcpClient | AsyncModbusSerialClient = client(
-            device.address,
-            **device.options,
-            timeout=device.timeout_s,
+            table.address,
+            **table.line,
+            timeout=table.timeout_s,
             retries=0,
             reconnect_delay=0,
             trace_connect=self._connection_changed,

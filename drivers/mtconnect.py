@@ -10,12 +10,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.places import MtConnectAgent, MtConnectChannel, check_channels
-from drivers.protocol import ChannelName, Driver, DriverTable, PollPeriod, Text, Timeout
+from drivers.places import MtConnectChannel, check_channels
+from drivers.polled import PolledTable
+from drivers.protocol import ChannelName, PollPeriod, Text, Timeout
 
 
-class MtConnectSettings(DriverTable):
+class MtConnectSettings(PolledTable):
     """An MTConnect agent; `device` is needed where it has several and an id is not unique."""
+
+    session = "drivers.mtconnect_session"
 
     kind: Literal["mtconnect"]
     url: Annotated[Text, Field(pattern=r"^https?://[^/@\s?#]+(/[^\s?#]*)?$")]
@@ -29,11 +32,7 @@ class MtConnectSettings(DriverTable):
         check_channels(self.channels)
         return self
 
-    def open(self, name: str) -> Driver:
-        """Make the driver that asks the agent."""
-        from drivers.mtconnect_session import connect  # noqa: PLC0415  (the libraries only when they are used)
-        from drivers.polled import Polled  # noqa: PLC0415
-
-        url = self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")
-        agent = MtConnectAgent(url, self.timeout_s, self.channels)
-        return Polled(name, tuple(self.channels), self.period_s, lambda now: connect(agent, now))
+    @property
+    def address(self) -> str:
+        """Where its documents are, the device included."""
+        return self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")

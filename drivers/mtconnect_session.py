@@ -19,7 +19,8 @@ import httpx
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from drivers.places import MtConnectAgent, MtConnectChannel
+from drivers.mtconnect import MtConnectSettings
+from drivers.places import MtConnectChannel
 from drivers.polled import LostError, PolledValue, SourceTimes
 from drivers.protocol import Clock
 from observer.frames import Reading
@@ -48,7 +49,7 @@ class _Item:
     equals: str | None
 
 
-async def connect(agent: MtConnectAgent, now: Clock) -> MtConnectSession:
+async def connect(agent: MtConnectSettings, now: Clock) -> MtConnectSession:
     """Ask the agent once what it has. Raises `LostError`."""
     client = httpx.AsyncClient(
         timeout=agent.timeout_s,
@@ -68,13 +69,13 @@ async def connect(agent: MtConnectAgent, now: Clock) -> MtConnectSession:
 class MtConnectSession:
     """An agent whose data items are known."""
 
-    def __init__(self, client: httpx.AsyncClient, agent: MtConnectAgent, now: Clock) -> None:
+    def __init__(self, client: httpx.AsyncClient, agent: MtConnectSettings, now: Clock) -> None:
         self.problem: str | None = None
         self._client = client
         self._agent = agent
         self._now = now
         self._times = SourceTimes()
-        self._url = agent.url
+        self._url = agent.address
         self._instance: str | None = None
         self._items: dict[str, _Item | str] = {}
         self._made_s = nan

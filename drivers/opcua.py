@@ -7,19 +7,21 @@ value at the limit of its sensor or one that somebody has overridden included, i
 from __future__ import annotations
 
 import os
-from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.places import OpcUaChannel, OpcUaServer, check_channels
-from drivers.protocol import ChannelName, Driver, DriverTable, PollPeriod, Text, Timeout
+from drivers.places import OpcUaChannel, check_channels
+from drivers.polled import PolledTable
+from drivers.protocol import ChannelName, PollPeriod, Text, Timeout
 from observer.tables.quantities import File, together
 
 
-class OpcUaSettings(DriverTable):
+class OpcUaSettings(PolledTable):
     """An OPC UA server; certificate and key, user and password file belong together."""
+
+    session = "drivers.opcua_session"
 
     kind: Literal["opcua"]
     url: Annotated[Text, Field(pattern=r"^opc\.tcp://[^/@\s]+(/\S*)?$")]
@@ -58,12 +60,3 @@ class OpcUaSettings(DriverTable):
             for key, file in self.files.items()
             if not os.path.isfile(file)  # one in a folder that this user may not look into is none either
         ]
-
-    def open(self, name: str) -> Driver:
-        """Make the driver that asks the server."""
-        from drivers.opcua_session import connect  # noqa: PLC0415  (the bus library only when it is used)
-        from drivers.polled import Polled  # noqa: PLC0415
-
-        keys = (f.name for f in fields(OpcUaServer))
-        server = OpcUaServer(**{key: getattr(self, key) for key in keys})
-        return Polled(name, tuple(self.channels), self.period_s, lambda now: connect(server, now))

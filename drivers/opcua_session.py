@@ -30,7 +30,8 @@ from asyncua.ua.uaerrors import (
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, RSAPublicKey
 
-from drivers.places import OpcUaChannel, OpcUaServer
+from drivers.opcua import OpcUaSettings
+from drivers.places import OpcUaChannel
 from drivers.polled import LostError, PolledValue, SourceTimes
 from drivers.protocol import Clock
 from observer.frames import Reading
@@ -52,7 +53,7 @@ _LIMITS = {0x0500: "under_range", 0x0600: "over_range"}  # bits 8 to 11: at its 
 _NEVER = datetime(1980, 1, 1, tzinfo=UTC)  # servers without a clock give 1601, 1970 or none
 
 
-async def connect(server: OpcUaServer, now: Clock) -> OpcUaSession:
+async def connect(server: OpcUaSettings, now: Clock) -> OpcUaSession:
     """Connect once. Raises `LostError`."""
     client = Client(server.url, timeout=server.timeout_s, watchdog_intervall=3600.0)
     try:
@@ -71,14 +72,14 @@ async def connect(server: OpcUaServer, now: Clock) -> OpcUaSession:
     return OpcUaSession(client, server, now)
 
 
-def _unless(server: OpcUaServer) -> str:
+def _unless(server: OpcUaSettings) -> str:
     """What else silence may mean: servers close or ignore a connection that they cannot decipher."""
     if server.certificate is None:
         return ""
     return f"; if it is there, look at server_certificate and whether it takes {server.policy}"
 
 
-def _why_not(error: Exception, server: OpcUaServer) -> str:
+def _why_not(error: Exception, server: OpcUaSettings) -> str:
     """Why a server does not let us in, as what follows its address."""
     if isinstance(error, _WHO):
         if server.user is None:
@@ -91,7 +92,7 @@ def _why_not(error: Exception, server: OpcUaServer) -> str:
     return f": {_reason(error)}"
 
 
-async def _secure(client: Client, server: OpcUaServer) -> None:
+async def _secure(client: Client, server: OpcUaSettings) -> None:
     """Give the client its files. Raises `OSError` or `ValueError` where they cannot be used."""
     files = (server.certificate, server.private_key, server.server_certificate)
     own, key, theirs = (None if file is None else _file(file) for file in files)
@@ -133,7 +134,7 @@ def _name_in(certificate: x509.Certificate) -> str | None:
 class OpcUaSession:
     """A session that is open."""
 
-    def __init__(self, client: Client, server: OpcUaServer, now: Clock) -> None:
+    def __init__(self, client: Client, server: OpcUaSettings, now: Clock) -> None:
         self.problem: str | None = None
         self._client = client
         self._server = server

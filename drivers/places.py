@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -130,30 +130,6 @@ class MtConnectChannel(Place):
         return self.item, self.equals
 
 
-@dataclass(frozen=True, slots=True)
-class OpcUaServer:
-    """Where an OPC UA server is, how its wire is secured, and what is read from it."""
-
-    url: str
-    timeout_s: float
-    policy: str
-    certificate: Path | None
-    private_key: Path | None
-    server_certificate: Path | None
-    user: str | None
-    password_file: Path | None
-    channels: Mapping[str, OpcUaChannel]
-
-
-@dataclass(frozen=True, slots=True)
-class MtConnectAgent:
-    """Where an MTConnect agent is, its device included, and what is read from it."""
-
-    url: str
-    timeout_s: float
-    channels: Mapping[str, MtConnectChannel]
-
-
 def check_channels(
     channels: Mapping[str, int | Place], device: str | None = None, inputs: Mapping[str, int] | None = None
 ) -> None:
@@ -213,25 +189,6 @@ class CanTable(DriverTable):
     def silence_s(self) -> float:
         """What says nothing for longer is faulty; without a time-out, two silent periods are none yet."""
         return self.timeout_s if self.timeout_s is not None else 2.0 * self.period_s
-
-
-@dataclass(frozen=True, slots=True)
-class Device:
-    """Where a Modbus device is: a host or a serial port, with pymodbus's own options for it.
-
-    On a serial line `quiet_s` is the silence kept after a reply that never came.
-    """
-
-    address: str
-    options: Mapping[str, Any]
-    unit_id: int
-    timeout_s: float
-    quiet_s: float | None = None
-
-    @property
-    def serial(self) -> bool:
-        """Whether it is on a serial line."""
-        return self.quiet_s is not None
 
 
 MODBUS_INPUTS = {"icpdas_m7018": 8, "wago_750_458": 8, "micro800_tc2": 2}

@@ -9,10 +9,11 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 from collections.abc import Awaitable, Callable, Mapping
+from importlib import import_module
 from math import isnan, nan
-from typing import Protocol
+from typing import ClassVar, Protocol
 
-from drivers.protocol import Clock, Deliver, DriverStatus, faulty
+from drivers.protocol import Clock, Deliver, DriverStatus, DriverTable, faulty
 from drivers.stamps import DeviceClock
 from observer.frames import Reading
 
@@ -89,6 +90,21 @@ class SourceTimes:
             return arrival_s
         time_s = self._clocks.setdefault(channel, DeviceClock()).time_s(stamp_s, arrival_s)
         return min(max(time_s, self._before_s + _AFTER_S), arrival_s)
+
+
+class PolledTable(DriverTable):
+    """A table of a device or server that is asked each period.
+
+    `session` is the module whose `connect(table, now)` makes a session; it is imported by `open`, and with
+    it the bus library.
+    """
+
+    session: ClassVar[str]
+
+    def open(self, name: str) -> Polled:
+        """Make the driver that asks."""
+        connect = import_module(self.session).connect
+        return Polled(name, self.delivered or (), self.sample_s or 1.0, lambda now: connect(self, now))
 
 
 class Polled:
