@@ -33,6 +33,7 @@ from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 from observer.tables.publishing import Publish
 from tests.docs.reference import keys
 from tests.gateway.test_mqtt import MOSQUITTO, Listener, broker
+from tests.page.browser import CHROMIUM, chromium
 from tests.patience import until
 from tests.publish.blocks import LAYOUT, block
 from tests.publish.router import free_port
@@ -87,6 +88,12 @@ def of_page():
             if line == b"event: beat\\n":
                 return None
 
+def of_browser():
+    with chromium() as browser:
+        tab = browser.new_page()
+        tab.goto(f"http://{page}/")
+        return got(lambda: tab.locator("#more tr[data-key=hottest]").all_inner_texts())
+
 async def of_opcua():
     async with Client(f"opc.tcp://{opcua}") as client:
         index = await client.get_namespace_index(NAMESPACE)
@@ -101,6 +108,8 @@ def of_mqtt():
 def main(folder):
     publisher.start()
     found = {"zenoh": got(of_zenoh), "metrics": got(of_metrics), "page": got(of_page)}
+    if CHROMIUM.exists():
+        found["browser"] = of_browser()
     found["opcua"] = got(lambda: asyncio.run(of_opcua()))
     found["reference"] = [line for line in keys().splitlines() if line.startswith("| `hottest` |")]
     if has_broker:
@@ -158,5 +167,7 @@ def test_a_key_added_as_the_page_says_arrives_at_every_outlet(tmp_path: Path) ->
     assert found["page"]["rows"][0] == ["Largest.", "", hottest_degC]
     assert found["opcua"] == [hottest_degC, "Good"]
     assert len(found["reference"]) == 1
+    if "browser" in found:
+        assert found["browser"][0].split("\t") == ["hottest", "Largest.", f"{hottest_degC:.5g}"]
     if "mqtt" in found:
         assert found["mqtt"]["temperature_degC"] == hottest_degC
