@@ -14,10 +14,9 @@ from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock, NutPath
+from observer.model.cycle import LEAD_M
 
 STEP_S = 1.0
-LEAD_M = 0.01
-"""Lead assumed where the logs do not show it."""
 SEPARATES = 5.0
 """Least separation, in standard deviations, for a test to be worth its time."""
 

@@ -32,7 +32,7 @@ TRANSIENT_S = (0.5, 10.0)
 MOST_DESIGNED = 200
 """A design costs the cube of the modes: seconds here, minutes at twice as many."""
 NEAR = 1e-3
-"""Places nearer than this part of the screw's length are the same place."""
+"""Positions closer than this part of the screw's length count as one."""
 _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
 
 
@@ -173,7 +173,7 @@ def _finite(value: float) -> float | None:
 
 
 def doubts(config: Installation) -> list[str]:
-    """What is possible and yet hardly meant, a sentence each."""
+    """What is possible but unlikely to be meant, a sentence each."""
     return [
         *_unusual(config.model_dump(exclude_unset=True)),
         *_same_places(config),
@@ -196,7 +196,7 @@ def _unusual(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _numbers(at: Any, path: tuple[int | str, ...]) -> Iterator[tuple[tuple[int | str, ...], float]]:
-    """Every number with its place."""
+    """Every number with its path."""
     if isinstance(at, Mapping):
         inner: Iterator[tuple[int | str, Any]] = iter(at.items())
     elif isinstance(at, list | tuple):

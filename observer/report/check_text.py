@@ -73,7 +73,7 @@ def _costs(rows: list[dict[str, Any]]) -> Table:
 
 
 def _least(rows: dict[str, dict[str, Any]], further: dict[str, Any] | None) -> list[RenderableType]:
-    """The smallest fault of each sensor that is noticed, and what a further sensor would buy."""
+    """The smallest fault of each sensor that is noticed, and what a further sensor would gain."""
     if not rows:
         return []
     keys = ("fault_K", "time_s", "slow_K")

@@ -24,15 +24,15 @@ from observer.tables.estimator import Tolerance
 from observer.tables.sections import Sensor
 
 PLACES = 5
-"""How many of the worst places are reported."""
+"""How many of the largest errors are reported."""
 PANELS = 6
 """How many sensors share a drawing, so that paper holds it."""
 LEAST_SIGMA = 5.0
-"""The scale of errors reaches this many times a sensor's noise at least, lest noise look like a gap."""
+"""The scale of errors spans at least this many times the noise, so that noise does not look like an error."""
 
 
 def tolerated(known: Tolerance) -> str:
-    """Say what no model can be expected to explain, as the configuration describes it."""
+    """Say which errors are tolerated, as the configuration states them."""
     return (
         "No model reaches the noise alone: conductivity is known to "
         f"{100 * known.conductivity:g} %, heat capacity to {100 * known.heat_capacity:g} %, each sensor's "
@@ -120,7 +120,7 @@ def _suspects(result: dict[str, Any]) -> Html:
 
 
 def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
-    """The answers between which these logs cannot decide, and the test that would."""
+    """The answers that these logs cannot distinguish, and the test that would decide."""
     problem, fits = found.problem, found.verdict.fits
     proof = problem.evidence.proof
     rows = []
@@ -165,7 +165,7 @@ def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence
         ]
         for p in places
     ]
-    heads = ["Sensor", "while", "mean error", "rms", "goes with (correlation, 95 %)"]
+    heads = ["Sensor", "while", "mean error", "rms", "correlates with (95 %)"]
     note = "Where the calibrated model without any added effect is most wrong, on the data used for fitting:"
     return section(
         "Where and when prediction and measurement disagree",

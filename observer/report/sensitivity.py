@@ -17,16 +17,16 @@ from observer.model.learning import Nuisance
 from observer.model.plant import Plant
 
 MOST_MODES = 40
-"""Modes faster than that have nothing in a σ, and much in the time that it takes."""
+"""Faster modes hardly change a σ, and cost most of the time."""
 AS_KNOWN = 1e-3
-"""What is left of a tolerance taken for known: not nothing, so that the filter starts the same way."""
+"""Factor on a tolerance that is taken as known; not zero, so that the filter starts the same way."""
 WORTH_A_WORD = 0.05
-"""The least fall of a σ for which a tolerance is named."""
+"""Least relative fall of a σ for which a tolerance is named."""
 CONFIGURED, ALL = "as configured", "all"
 PLACES = 11
-"""Where a further thermocouple is tried: every tenth of the screw."""
+"""Positions at which a further thermocouple is tried: every tenth of the screw."""
 NEAREST_M = 0.02
-"""No nearer than that to one that is there."""
+"""Least distance from an existing sensor."""
 _FURTHER = "a further one"  # no name that a configuration may have
 
 KEYS = {
@@ -39,7 +39,7 @@ KEYS = {
     "offset_K": "compare the sensors in a bath, or on the machine after a night at rest",
     "lag_s": "set the sensors into the metal with paste, or measure how late they are",
 }
-"""The keys of `[tolerance]`, and how each is made smaller."""
+"""The keys of `[tolerance]`, and how to reduce each."""
 SHIFT_SAID = f"σ below: means over two hours at {SPEED_RPM:g} rpm and an hour at rest, from ten minutes on"
 """The standard shift in words."""
 _SAID = {"heat": "heats", "field": "field", "error": "error"}
@@ -101,9 +101,9 @@ def _best(sigma: FloatArray) -> dict[str, Any] | None:
 
 
 def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
-    """Return a sentence of what to improve first, and how; no word where nothing was worked out."""
+    """Return a sentence on what to improve first, and how; or why nothing was computed."""
     if not improve_first:
-        return "not worked out: there is no gain, or there are too many states"
+        return "not computed: there is no gain, or there are too many states"
     named: dict[str, list[str]] = {}
     for quantity, best in improve_first.items():
         if best is not None:
@@ -114,16 +114,16 @@ def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
 
 
 def detectable(config: Config) -> dict[str, Any]:
-    """Return `minimal_detectable`, by sensor `fault_K`, the least jump that is noticed, `time_s`, within what
-    time, and `slow_K`, the least fault that comes slowly, None where nothing looks for it; `further_sensor`,
-    what one more would make of the largest of these; and `not_screened`, why there is nothing of the kind.
+    """Return `minimal_detectable`, by sensor `fault_K`, the smallest jump that is noticed, `time_s`, within
+    what time, and `slow_K`, the smallest slow fault, None where slow faults are not looked for;
+    `further_sensor`, how one more would reduce the largest of these; and `not_screened`, why none of it.
     """
     reason, found = _why_not(config), None
     if reason is None:
         config = few_modes(config)
         plant = build_plant(config, learns=True)
         found = noticed(plant, standard_shift(config, plant), _sample_s(config))
-        reason = "not worked out: there are too many states" if found is None else None
+        reason = "not computed: there are too many states" if found is None else None
     if found is None:
         return {"minimal_detectable": {}, "further_sensor": None, "not_screened": reason}
     rows = {
@@ -155,7 +155,7 @@ def _sample_s(config: Config) -> FloatArray:
 
 
 def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
-    """What a further thermocouple, where it helps most, does for the sensor that hides the largest fault."""
+    """What a further thermocouple at its best position does for the sensor that hides the largest fault."""
     worst = int(np.argmax(slow_K))
     there_m = [s.position_m for s in config.sensor if s.position_m is not None]
     left_K: dict[float, float] = {}
@@ -186,7 +186,7 @@ def _with_another(config: Config, x_m: float) -> Config:
 
 
 def buys(further: dict[str, Any] | None) -> str:
-    """Return a sentence of what a further sensor would buy; no word where nothing was worked out."""
+    """Return a sentence on what a further sensor would gain; empty where nothing was computed."""
     if further is None:
         return ""
     now_K, then_K, sensor = further["slow_K_now"], further["slow_K_then"], further["sensor"]

@@ -1,4 +1,4 @@
-"""What a discovery found, in sentences for people, made last: from records, never from other sentences."""
+"""What a discovery found, in sentences for people; made from records, never from other sentences."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ REGRESSORS = {
 }
 SUPERSCRIPT = str.maketrans("23", "²³")
 SURE_SIGMA, HOPELESS_SIGMA = 5.0, 1.0
-"""A test that sets two answers apart by less may leave the doubt as it is, or is sure to."""
+"""Separation below which a test may not decide, and below which it certainly does not."""
 
 
 def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
