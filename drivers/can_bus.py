@@ -87,7 +87,6 @@ class BusDriver:
         self._stamps = stamps_of(wire)
         self._pending = 0
         self._heard_s: dict[str, float] = {}
-        self._opened_before = False
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
         """Deliver a reading for every frame of interest, and faults for what is overdue, until cancelled."""
@@ -163,14 +162,10 @@ class BusDriver:
         deliver(Reading(time_s, values, faults))
 
     def _opened(self) -> None:
-        reconnects = self.status.reconnects + self._opened_before
-        self._opened_before = True
-        self.status = dataclasses.replace(self.status, connected=True, reconnects=reconnects)
+        self.status = self.status.opened()
 
     def _failed(self, error: str, connected: bool) -> None:
-        self.status = dataclasses.replace(
-            self.status, connected=connected, errors=self.status.errors + 1, last_error=error
-        )
+        self.status = self.status.failed(error, connected=connected)
 
     def _dropped(self) -> None:
         self.status = dataclasses.replace(self.status, drops=self.status.drops + 1)

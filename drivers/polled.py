@@ -125,7 +125,6 @@ class Polled:
         self._session: Session | None = None
         self._tried_s = 0.0
         self._why = "disconnected"
-        self._answered_before = False
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
         """Deliver what each channel is once a period until cancelled."""
@@ -165,9 +164,7 @@ class Polled:
             except LostError as error:
                 failed = error
             self._why = failed.fault
-            self.status = dataclasses.replace(
-                self.status, connected=False, errors=self.status.errors + 1, last_error=str(failed)
-            )
+            self.status = self.status.failed(str(failed))
             if not failed.lasts:
                 await self._close()
             if failed.readings:
@@ -176,14 +173,9 @@ class Polled:
                 await asyncio.sleep(RETRY_S)
 
     def _answered(self, session: Session) -> None:
-        status = self.status
-        if not status.connected:
-            again = status.reconnects + self._answered_before
-            status = dataclasses.replace(status, connected=True, reconnects=again)
-            self._answered_before = True
+        self.status = self.status.opened()
         if session.problem is not None:
-            status = dataclasses.replace(status, errors=status.errors + 1, last_error=session.problem)
-        self.status = status
+            self.status = self.status.failed(session.problem, connected=True)
 
     async def _close(self) -> None:
         session, self._session = self._session, None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path
 from typing import Annotated, Protocol, TypeVar
@@ -46,6 +46,16 @@ class DriverStatus:
     errors: int = 0
     drops: int = 0
     last_error: str | None = None
+    connected_before: bool = False
+
+    def opened(self) -> DriverStatus:
+        """The status of a driver that is connected, again or still."""
+        again = self.connected_before and not self.connected
+        return replace(self, connected=True, reconnects=self.reconnects + again, connected_before=True)
+
+    def failed(self, error: str, *, connected: bool = False) -> DriverStatus:
+        """The status after a poll or frame that failed; `connected` says whether the connection lasts."""
+        return replace(self, connected=connected, errors=self.errors + 1, last_error=error)
 
 
 class Driver(Protocol):
