@@ -34,7 +34,6 @@ from observer.model.rod.static import (
     ambient_field,
     end_field,
     mean_stretch,
-    quadrature,
     quadrature_within,
     source_field,
 )
@@ -64,17 +63,19 @@ def with_coupling(
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
     moving = [s.index for s in plant.moving]
     seen = wide(places, n_x)
-    constant = _sum(
-        _films(plant, modes, terms, surface_rate(machine.screw)),
-        *(
-            _link(plant, G, seen[source], under_F[source], *_passed(plant, own, gain, screw, node, source))
-            for node, source, G in beside.ties
-            if source not in moving
-        ),
-        _strokes(plant, modes, machine, beside, moving),
-        _warmed_air(plant, modes, beside, own, gain, screw),
-        lags,
-    )
+    constant = Constant(np.zeros((n_x, n_x)), np.zeros((n_x, p)), tuple(range(n_x - len(lags), n_x)))
+    _add_films(constant, plant, modes, terms, surface_rate(machine.screw))
+    for node, source, G in beside.ties:
+        if source not in moving:
+            row, passed = _passed(plant, own, gain, screw, node, source)
+            constant.A[...] += G * np.multiply.outer(passed, row - seen[source])
+            constant.E[...] -= G * np.multiply.outer(passed, under_F[source])
+    _add_strokes(constant, plant, modes, machine, beside, moving)
+    _add_warmed_air(constant, plant, modes, beside, own, screw)
+    for state, (time_s, C, F) in zip(constant.follow, lags, strict=True):
+        constant.A[state, : len(C)] += C / time_s
+        constant.A[state, state] -= 1.0 / time_s
+        constant.E[state] += F / time_s
     links = _links(plant, beside, own, gain, screw, moving)
     emissivity = sum(t.emissivity for t in terms if isinstance(t, Radiation))
     fades = _fades(plant, terms)
@@ -109,20 +110,6 @@ def _place_gain(machine: Description) -> FloatArray:
     return np.where(share > 0, 1.0 / np.where(share > 0, share, 1.0), 0.0)
 
 
-def _sum(*parts: Constant) -> Constant:
-    """All that lasts, together."""
-    return Constant(
-        np.sum([c.A for c in parts], axis=0),
-        np.sum([c.E for c in parts], axis=0),
-        tuple(state for c in parts for state in c.follow),
-    )
-
-
-def _nothing(plant: Plant) -> Constant:
-    n_x = len(plant.decay_1_s)
-    return Constant(np.zeros((n_x, n_x)), np.zeros((n_x, len(plant.known_names))))
-
-
 def _passed(
     plant: Plant, own: NodeModes, gain: FloatArray, screw: int, node: int, source: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -134,35 +121,22 @@ def _passed(
     return row, passed
 
 
-def _link(
-    plant: Plant, G_W_K: float, seen: FloatArray, seen_F: FloatArray, row: FloatArray, passed: FloatArray
-) -> Constant:
-    """A link at a fixed place, of which the temperature is `seen` (n_x,) of the states and `seen_F` (p,) of
-    the known inputs: the node gives G (T_node − T) to the screw.
-    """
-    none = _nothing(plant)
-    return Constant(
-        none.A + G_W_K * np.multiply.outer(passed, row - seen),
-        none.E - G_W_K * np.multiply.outer(passed, seen_F),
-    )
-
-
-def _warmed_air(
-    plant: Plant, modes: Modes, beside: Attached, own: NodeModes, gain: FloatArray, screw: int
-) -> Constant:
-    """What the base film exchanges with air of its own, along stretches; the dropped modes do not count."""
-    constant, rod = _nothing(plant), modes.rod
-    film_W_mK = rod.fin_1_m**2 * rod.conductance_W_m
+def _add_warmed_air(
+    constant: Constant, plant: Plant, modes: Modes, beside: Attached, own: NodeModes, screw: int
+) -> None:
+    """Add what the base film exchanges with air of its own, along stretches, without the dropped modes."""
+    n_x, rod = len(plant.decay_1_s), modes.rod
     for node, air in beside.air:
-        along = padded(modes.integral(air.from_m, air.to_m)[0], len(plant.decay_1_s))
-        row, passed = _passed(plant, own, gain, screw, node, plant.source_names.index(air.source))
-        passed[:screw] = 0.0  # no joule enters the screw under the source: the film takes them where it is
-        loses = along - (air.to_m - air.from_m) * row
-        constant.A[...] -= film_W_mK * np.multiply.outer(passed, loses)
-        into = along * film_W_mK / rod.conductance_W_m
+        into = rod.fin_1_m**2 * padded(modes.integral(air.from_m, air.to_m)[0], n_x)
+        row, heated = np.zeros((2, n_x))
+        row[screw : screw + len(own.shape)], heated[screw : screw + len(own.shape)] = (
+            own.shape[node],
+            own.input[:, node],
+        )
+        lost = into - rod.fin_1_m**2 * (air.to_m - air.from_m) * row
         constant.A[...] += np.multiply.outer(into, row)
+        constant.A[...] += rod.conductance_W_m * np.multiply.outer(heated, lost)
         constant.E[:, plant.known.ambient] -= into
-    return constant
 
 
 def _links(
@@ -182,31 +156,33 @@ def _links(
     )
 
 
-def _strokes(
-    plant: Plant, modes: Modes, machine: Description, beside: Attached, moving: Sequence[int]
-) -> Constant:
-    """What nuts of which nobody knows the place exchange with their nodes on top of the mean."""
-    none, N = _nothing(plant), plant.modes
+def _add_strokes(
+    constant: Constant,
+    plant: Plant,
+    modes: Modes,
+    machine: Description,
+    beside: Attached,
+    moving: Sequence[int],
+) -> None:
+    """Add what nuts of which nobody knows the place exchange with their nodes on top of the mean."""
+    N = plant.modes
     for shapes in shapes_of_strokes(modes, machine, beside):
         if shapes.source not in moving:
-            none.A[:N, :N] -= (shapes.shape.T * shapes.rate_1_s) @ shapes.shape
-    return none
+            constant.A[:N, :N] -= (shapes.shape.T * shapes.rate_1_s) @ shapes.shape
 
 
-def _with_lags(plant: Plant, terms: Sequence[Term]) -> tuple[Plant, Constant]:
-    """The plant with a state for each lagging sensor, and what these follow."""
+def _with_lags(
+    plant: Plant, terms: Sequence[Term]
+) -> tuple[Plant, list[tuple[float, FloatArray, FloatArray]]]:
+    """The plant with a state for each lagging sensor, and of each its time constant, s, and the rows of
+    states and of known inputs that it follows.
+    """
     lags = [t for t in terms if isinstance(t, Lag) and t.time_constant_s > 0]
     sensors = [plant.layout.sensors.index(t.sensor) for t in lags]
-    lag_C, lag_F = plant.rows.C[sensors], np.where(plant.known.offset, 0.0, plant.rows.F[sensors])
-    states = lag_states(lag_C, len(plant.source_names), len(plant.known_names))
-    plant = lagging(extended(plant, states), sensors)
-    n_x, constant = len(plant.decay_1_s), _nothing(plant)
-    follow = range(n_x - len(lags), n_x)
-    for state, lag, C, F in zip(follow, lags, lag_C, lag_F, strict=True):
-        constant.A[state, : len(C)] = C / lag.time_constant_s
-        constant.A[state, state] = -1.0 / lag.time_constant_s
-        constant.E[state] = F / lag.time_constant_s
-    return plant, constant._replace(follow=tuple(follow))
+    C, F = plant.rows.C[sensors], np.where(plant.known.offset, 0.0, plant.rows.F[sensors])
+    states = lag_states(C, len(plant.source_names), len(plant.known_names))
+    followed = zip((t.time_constant_s for t in lags), C, F, strict=True)
+    return lagging(extended(plant, states), sensors), list(followed)
 
 
 def _fades(plant: Plant, terms: Sequence[Term]) -> Fades:
@@ -266,15 +242,12 @@ def _inside(modes: Modes, own: Stretch, kinks: Sequence[Stretch]) -> tuple[Float
     return nodes, weights / own.width_m
 
 
-def _films(plant: Plant, modes: Modes, terms: Sequence[Term], rate: float) -> Constant:
-    """The films along stretches: Σ extra P/(ρcA) · (1/α) ∫ θ_i θ_j dx over the stretches."""
-    none, N, air = _nothing(plant), plant.modes, plant.known.ambient
+def _add_films(constant: Constant, plant: Plant, modes: Modes, terms: Sequence[Term], rate: float) -> None:
+    """Add the films along stretches: Σ extra P/(ρcA) · (1/α) ∫ θ_i θ_j dx over the stretches."""
+    N = plant.modes
     for film in (t for t in terms if isinstance(t, StretchFilm)):
-        nodes, weights = quadrature(modes.rod.length_m, [film.from_m, film.to_m])
-        inside = (nodes >= film.from_m) & (nodes <= film.to_m)
-        theta = modes.theta(nodes[inside])
-        scale = film.extra_W_m2K * rate / modes.rod.diffusivity_m2_s
-        weighed = theta * (scale * weights[inside])[:, None]
-        none.A[:N, :N] -= weighed.T @ theta
-        none.E[:N, air] += weighed.sum(axis=0)
-    return none
+        nodes, weights = quadrature_within(modes.rod.length_m, Stretch(film.from_m, film.to_m))
+        theta = modes.theta(nodes)
+        weighed = theta * (film.extra_W_m2K * rate / modes.rod.diffusivity_m2_s * weights)[:, None]
+        constant.A[:N, :N] -= weighed.T @ theta
+        constant.E[:N, plant.known.ambient] += weighed.sum(axis=0)
