@@ -1,4 +1,4 @@
-"""The frozen data that flows through the house: reading → frame → inputs → estimate.
+"""The frozen records that flow through the program: reading → frame → inputs → estimate.
 
 A reading is what a driver delivers, a frame is what the estimator's clock makes of all readings since
 its last tick, an estimate is what goes to subscribers. Frames and estimates come in blocks of K steps
@@ -35,7 +35,7 @@ class _Labelled(enum.IntEnum):
 
 
 class Quality(_Labelled):
-    """Quality of one channel's value; on its way through the house it only ever gets worse."""
+    """Quality of one channel's value; each part that passes it on can only lower it."""
 
     GOOD = 0
     MISSING = 1
@@ -259,7 +259,7 @@ class EstimateBlock(_Cut):
     error_bound_um: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Say of bounds that are not given that none is known."""
+        """Fill in NaN for bounds that are not given."""
         bounds = {
             "heat_bound_W": self.heat_W,
             "field_bound_K": self.field_degC,

@@ -244,8 +244,8 @@ def faults_of(flags: str | None) -> dict[str, str]:
 
 
 def doubts(log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config) -> list[str]:
-    """Say which channels of a log are not what the configuration takes them for, with the likely unit, which
-    words in them were read as missing values, and which sensors never have one.
+    """List what is doubtful about a log: channels that do not fit the configuration, with their likely unit,
+    words that were read as missing values, and sensors without any value.
 
     `paths` are the nuts' paths in the log's frames, block by block.
     """

@@ -1,4 +1,4 @@
-"""What the times of a log that others wrote say: how often each channel has a value, and in which unit.
+"""The times of a log from another recorder: how often each channel has a value, and in which unit they are.
 
 A recorder that asks slow or scanned sensors in turn writes a row for each question, most cells of which are
 empty. Such a cell is no missing value; one that stays empty beyond the sensor's own interval is.
@@ -75,8 +75,8 @@ def given_intervals_s(config: Config) -> FloatArray:
 
 
 def doubt_of_times(log: Log, config: Config) -> str | None:
-    """Say that the times of a log look like milliseconds, where its rows are far apart and its temperatures
-    nevertheless take days for what screws do within hours.
+    """Report times that look like milliseconds: rows that are far apart, and temperatures that nevertheless
+    take days for what screws do within hours.
     """
     apart_s = float(np.median(np.diff(log.time_s))) if len(log) > 1 else 0.0
     if log.step is not None or apart_s < ROWS_FROM_S:

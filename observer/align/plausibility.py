@@ -1,7 +1,7 @@
 """What values are believed: limits by kind of channel, and which unit it looks like where one is beyond them.
 
-A wrong unit or a device's code for a fault is a number like any other. Here stands what a ball screw beside a
-machine tool can show at all; `[limits]` says otherwise for single channels.
+A wrong unit or a device's code for a fault is a number like any other. These are the limits of what a ball
+screw beside a machine tool can show; `[limits]` overrides them for single channels.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Limits:
         )  # fmt: skip
 
     def sentence(self, channel: int, breach: Breach, value: float, ambient_degC: float) -> str:
-        """Say how a value is beyond its limits and, if that is recognisable, which unit it looks like."""
+        """Describe how a value is beyond its limits and, if recognisable, which unit it looks like."""
         air = f"the ambient {ambient_degC:.4g} °C"
         limit = {
             Breach.LOW: f"below {self.low[channel]:g}",
@@ -116,7 +116,7 @@ class Limits:
         yield Breach.BELOW_AMBIENT, ambient_degC - value > self.below_K[channel]
 
     def doubt(self, channel: int, value: float) -> str | None:
-        """Say of a single value how it is beyond its limits; None where it may be right."""
+        """Describe how a single value is beyond its limits; None where it may be right."""
         for breach, beyond in self.beyond(channel, value, self.ambient_degC):
             if beyond:
                 return self.sentence(channel, breach, value, self.ambient_degC)
@@ -188,7 +188,7 @@ _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 999
 
 
 def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
-    """Say which unit a value looks like that should lie in `low` … `high`, or that it is a code."""
+    """Name the unit that a value looks like which should be in `low` … `high`, or a fault code."""
     if kind in {ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT}:
         if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
             return "it looks like a device's code for a fault, which its driver should know (fault_codes)"
@@ -214,7 +214,7 @@ _RATIOS = (
 
 
 def motion_sentence(position: str, speed: str, ratio: float) -> str:
-    """Say that a nut makes `ratio` times the way that speed and lead allow, and what unit that looks like."""
+    """Describe a nut that moves `ratio` times as far as speed and lead allow, and the likely unit."""
     likely = next((text for factor, text in _RATIOS if abs(ratio / factor - 1.0) < 0.25), None)
     what = f"{position} moves {ratio:.2g} times as far as {speed} and lead_m say"
     return f"{what}; {likely or 'look at lead_m, a gear between them, and both units'}"
@@ -232,7 +232,7 @@ def ambient_of_log_degC(config: Config, values: FloatArray, channels: Sequence[s
 def doubts_of_log(
     config: Config, values: FloatArray, channels: Sequence[str], paths: Sequence[Mapping[str, NutPath]]
 ) -> Iterator[str]:
-    """Say of a whole log which channels are beyond their limits, and which unit that looks like.
+    """List the channels of a log that are beyond their limits, each with the unit it looks like.
 
     `values` (n, c) are the log's cells in the order of `channels`, `paths` the nuts' paths, part by part.
     """

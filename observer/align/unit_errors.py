@@ -1,4 +1,4 @@
-"""Logs in which a channel stands in another unit than the configuration takes it for, read in that unit.
+"""Logs in which a channel is in another unit than the configuration assumes, converted to that unit.
 
 Only where the values themselves leave no doubt: in the unit that the configuration names they are beyond
 what such a machine can show, and in another one all of them are not.

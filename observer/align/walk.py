@@ -1,7 +1,7 @@
 """The walk over rows of readings and ticks, compiled: what is remembered of each channel, and the frames.
 
 A value counts where it carries no fault, is a number, lies within its limits and comes from a channel that is
-not stuck. Everything it needs of the past stands in `Memory`, so a walk over parts gives the same bits.
+not stuck. All that it needs of the past is in `Memory`, so a walk over parts gives the same bits.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Rows(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Where the walk over the rows stands; arrays, updated in place.
+    """What the walk remembers of the rows so far; arrays, updated in place.
 
     (c,): last usable value, when that was true, usual gap between values, newest quality, whether one arrived
     since the last tick, whether stuck, the last breach of a limit and by what value; `noise` (c, 7) as in

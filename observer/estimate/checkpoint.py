@@ -1,4 +1,4 @@
-"""Where a service stands, as bytes: drive, estimator and compensation after a step, to the last bit.
+"""The state of a service as bytes: drive, estimator and compensation after a step, to the last bit.
 
 A checkpoint is a first line that names its format, the SHA-256 of what follows, and a CBOR document. It holds
 numbers, texts and arrays only, which are taken over field by field where they fit the parts that are there;
@@ -166,7 +166,7 @@ def _plain(value: Any) -> Any:
 
 
 def _filled(like: Any, plain: Any, name: str) -> Any:
-    """The value that `plain` stands for, of the kind and shape of `like`; raises `UnfitError` otherwise."""
+    """The value that `plain` encodes, of the type and shape of `like`; raises `UnfitError` otherwise."""
     if is_dataclass(like) and not isinstance(like, type):
         names = [field.name for field in fields(like)]
         if isinstance(plain, dict) and set(plain) == set(names):
@@ -198,7 +198,7 @@ def _same_kind(like: Any, plain: Any) -> bool:
 
 
 def _moved(value: Any, by_s: float) -> Any:
-    """Add to every field that holds a moment, wherever it stands."""
+    """Add to every field that holds a moment, at any depth."""
     if isinstance(value, tuple):
         return tuple(_moved(one, by_s) for one in value)
     if not is_dataclass(value) or isinstance(value, type):

@@ -261,7 +261,7 @@ def _integrated_W2_s(total_W: FloatArray) -> float:
         return 0.0
     pairs = alike[1 : n - (n - 1) % 2].reshape(-1, 2).sum(axis=1)[: n // 4]
     ends = np.flatnonzero(pairs <= 0.0)
-    told_s = BIN_S * (1.0 + 2.0 * pairs[: ends[0] if len(ends) else None].sum() / alike[0])
-    told_s /= 1.0 - min(told_s / (n * BIN_S), 0.5)
+    correlated_s = BIN_S * (1.0 + 2.0 * pairs[: ends[0] if len(ends) else None].sum() / alike[0])
+    correlated_s /= 1.0 - min(correlated_s / (n * BIN_S), 0.5)
     seen = n / _BLOCK / 1.5
-    return float(alike[0] * (_PRIOR * _CHANGES_S + seen * told_s) / (_PRIOR + seen))
+    return float(alike[0] * (_PRIOR * _CHANGES_S + seen * correlated_s) / (_PRIOR + seen))

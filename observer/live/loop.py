@@ -59,7 +59,7 @@ class Publisher(Protocol):
 
     @property
     def status(self) -> PublishStatus:
-        """How publishing stands."""
+        """The state of publishing."""
 
     def start(self) -> None:
         """Begin to open the session."""

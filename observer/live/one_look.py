@@ -73,7 +73,7 @@ async def _look(drivers: Sequence[Driver], implausible: Implausible, look_s: flo
     tasks = [asyncio.create_task(driver.run(seen[driver.name].take, now)) for driver in drivers]
     while time.monotonic() < end_s and not all(_enough(d, seen[d.name]) for d in drivers):
         await asyncio.sleep(_LOOK_AGAIN_S)
-    found = {driver.name: _told(driver, seen[driver.name], implausible) for driver in drivers}
+    found = {driver.name: _found(driver, seen[driver.name], implausible) for driver in drivers}
     for driver, task in zip(drivers, tasks, strict=True):
         if task.done() and not task.cancelled() and task.exception() is not None:
             found[driver.name]["last_error"] = str(task.exception())
@@ -88,7 +88,7 @@ def _enough(driver: Driver, seen: _Seen) -> bool:
     return seen.readings >= ENOUGH and seen.usable.issuperset(driver.channels)
 
 
-def _told(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, Any]:
+def _found(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, Any]:
     now_s, status = time.monotonic(), driver.status
     return {
         "connected": status.connected,

@@ -90,7 +90,7 @@ class Recorder:
 
     @property
     def status(self) -> RecordStatus:
-        """How the recording stands."""
+        """The state of the recording."""
         reason = self._refused or self._shortage
         return RecordStatus(self._file.path, self._written, self._dropped, reason)
 

@@ -86,7 +86,7 @@ def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool
 
 
 def shortage(folder: Path, keep: Retention) -> str | None:
-    """Say in a sentence that the disk is nearly full, None while it is not. Raises `OSError`."""
+    """Report a disk that is nearly full in a sentence, None while it is not. Raises `OSError`."""
     disk = shutil.disk_usage(folder)
     least = min(keep.free_bytes or _LEAST_FREE_GB * 1e9, disk.total / 10)
     if disk.free >= least:

@@ -8,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+from observer.daemon import run
 from observer.estimate.pipeline import Pipeline
-from observer.live.lifecycle import run
 from observer.live.loop import Service
 from observer.process.clock import ServiceClock
 from observer.process.shutdown import leave

@@ -3,8 +3,8 @@
 import time
 from dataclasses import dataclass, field
 
+from observer.daemon import run
 from observer.exchange import PublishStatus
-from observer.live.lifecycle import run
 from observer.process.clock import ServiceClock
 from tests.align.streams import plan
 from tests.live.fakes import FakeDriver, FakePublisher, fake_service
