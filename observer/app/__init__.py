@@ -1,10 +1,6 @@
-"""The composition root: the one place that puts parts together, one function per command."""
+"""The composition root of the commands for logs: one function for each."""
 
 from observer.app.logs import forecast, identify, replay, simulate
-from observer.app.machines import init, service, wires
-from observer.app.models import adopt, adopted, calibrate, discover, learned, place
+from observer.app.models import calibrate, discover, learned
 
-__all__ = [
-    "adopt", "adopted", "calibrate", "discover", "forecast", "identify", "init", "learned", "place",
-    "replay", "service", "simulate", "wires",
-]  # fmt: skip
+__all__ = ["calibrate", "discover", "forecast", "identify", "learned", "replay", "simulate"]

@@ -1,9 +1,8 @@
-"""What changes a model: calibration, what was learnt, the search for effects, adoption; and sensor sites."""
+"""What changes a model: calibration, what was learnt, and the search for effects."""
 
 from __future__ import annotations
 
 import hashlib
-import time
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -128,43 +127,6 @@ def discover(
             progress("writing the report", 0.97)
             write_discovery_report(part / "report.html", found, result, names)
     return found, result
-
-
-def adopt(folder: Path, config_path: Path, hours: float) -> str:
-    """Put a found configuration in the place of the one that was searched; returns a sentence."""
-    from observer.installation.adopt import adopt as put
-    from observer.installation.adopt import before_of
-
-    adoption = put(folder, config_path, hours, time.time())
-    return (
-        f"{config_path} is now the configuration of {folder}; the one before is in "
-        f"{before_of(config_path, adoption).name}.\nA running service puts it in force within seconds, "
-        f"watches the gap for {hours:g} h of running, and takes it back if that has not shrunk."
-    )
-
-
-def adopted(config_path: Path, *, undo: bool) -> str:
-    """Say how the last adoption stands; with `undo` take it back before."""
-    from observer.installation.adopt import adoption_of
-    from observer.installation.adopt import undo as put_back
-
-    found = put_back(config_path) if undo else adoption_of(config_path)
-    return f"{config_path}: " + ("nothing was adopted" if found is None else found.sentence())
-
-
-def place(config: Installation, count: int, spacing_m: float | None) -> list[dict[str, Any]]:
-    """Rank sensor sites: the best sets of 1 … `count` positions and how well they see."""
-    from observer.estimators.design.observability import best_places
-
-    return [
-        {
-            "sensors": len(found.sites),
-            "positions_m": places_m,
-            "score_K": found.score_K,
-            "condition": found.condition,
-        }
-        for places_m, found in best_places(config, count, spacing_m)
-    ]
 
 
 class _Runs(NamedTuple):

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from observer.cli.output import counting
+from observer.cli.options import with_parameters
+from observer.cli.output import counting, warn
 from observer.errors import UserError
+
+if TYPE_CHECKING:
+    from observer.fleet.jobs import Job
+    from observer.fleet.journal import RunOptions
 
 fleet = typer.Typer(
     help="Logs of many machines at once, on all cores or a Dask cluster; resumes where it was stopped.",
@@ -54,115 +59,103 @@ Verb = Literal["replay", "identify", "calibrate", "discover"]
 MOST_SHOWN = 20
 
 
-@fleet.command()
-def replay(
-    output: OutputOption,
-    logs: LogsArgument = None,
-    table: TableOption = None,
-    config: ConfigOption = None,
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    memory: MemoryOption = None,
-    limit_s: LimitOption = 600.0,
-    format: FormatOption = "parquet",
-) -> None:
-    """Replay every log: estimates and summary.json of each, and one report of all."""
-    _run("replay", **locals())
+_VERBS: dict[Verb, tuple[str, float, tuple[str, ...]]] = {
+    "replay": (
+        "Replay every log: estimates and summary.json of each, and one report of all.",
+        600.0,
+        ("method",),
+    ),
+    "identify": (
+        "Find the heats over every log at once: heats and summary.json of each, and one report of all.",
+        3600.0,
+        (),
+    ),
+    "calibrate": (
+        "Fit every machine to all of its logs: config.toml and calibration.json of each, one report of all.",
+        3600.0,
+        ("format", "method"),
+    ),
+    "discover": (
+        "Find the physics that every machine's model lacks, by all of its logs; one report of all.",
+        7200.0,
+        ("format", "method"),
+    ),
+}
+"""What each verb does, its time limit in s, and the options that it does not have."""
 
 
-@fleet.command()
-def identify(
-    output: OutputOption,
-    logs: LogsArgument = None,
-    table: TableOption = None,
-    config: ConfigOption = None,
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    memory: MemoryOption = None,
-    limit_s: LimitOption = 3600.0,
-    format: FormatOption = "parquet",
-    method: MethodOption = "smoother",
-) -> None:
-    """Find the heats over every log at once: heats and summary.json of each, and one report of all."""
-    _run("identify", **locals())
+def _command(verb: Verb, longest_s: float, without: Sequence[str]) -> Callable[..., None]:
+    """The command of a verb."""
+
+    def command(
+        output: OutputOption,
+        logs: LogsArgument = None,
+        table: TableOption = None,
+        config: ConfigOption = None,
+        scheduler: SchedulerOption = None,
+        workers: WorkersOption = None,
+        memory: MemoryOption = None,
+        limit_s: LimitOption = longest_s,
+        format: FormatOption = "parquet",
+        method: MethodOption = "smoother",
+    ) -> None:
+        if (table is None) == (not logs) or (config is None) == (table is None):
+            raise UserError(
+                f"fleet {verb}: name either logs with --config for all of them, or a --table alone"
+            )
+        with _ended_by_signals(verb):
+            from observer.fleet.jobs import given, jobs_of, read_table
+            from observer.fleet.journal import RunOptions
+
+            rows = read_table(table) if table is not None else given(logs or [], config or Path())
+            options = RunOptions(verb, Path(os.path.abspath(output)), format, method, limit_s)
+            _run(jobs_of(rows, verb), options, output, scheduler, workers, memory)
+
+    return with_parameters(command, without=without)
 
 
-@fleet.command()
-def calibrate(
-    output: OutputOption,
-    logs: LogsArgument = None,
-    table: TableOption = None,
-    config: ConfigOption = None,
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    memory: MemoryOption = None,
-    limit_s: LimitOption = 3600.0,
-) -> None:
-    """Fit every machine to all of its logs: config.toml and calibration.json of each, one report of all."""
-    _run("calibrate", **locals())
-
-
-@fleet.command()
-def discover(
-    output: OutputOption,
-    logs: LogsArgument = None,
-    table: TableOption = None,
-    config: ConfigOption = None,
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    memory: MemoryOption = None,
-    limit_s: LimitOption = 7200.0,
-) -> None:
-    """Find the physics that every machine's model lacks, by all of its logs; one report of all."""
-    _run("discover", **locals())
+for _verb, (_help, _longest_s, _without) in _VERBS.items():
+    fleet.command(_verb, help=_help)(_command(_verb, _longest_s, _without))
 
 
 def _run(
-    verb: Verb,
+    jobs: list[Job],
+    options: RunOptions,
     output: Path,
-    logs: list[Path] | None,
-    table: Path | None,
-    config: Path | None,
     scheduler: str | None,
     workers: int | None,
-    memory: float | None,
-    **options: Any,
+    memory_GB: float | None,
 ) -> None:
-    """Do the work of a verb; `options` are those of `RunOptions`."""
-    if (table is None) == (not logs) or (config is None) == (table is None):
-        raise UserError(f"fleet {verb}: name either logs with --config for all of them, or a --table alone")
-    with _ended_by_signals(verb):
-        from observer.fleet.jobs import OF_SEVERAL, given, jobs_of, read_table
-        from observer.fleet.journal import RunOptions
-        from observer.fleet.report import conclude
-        from observer.fleet.run import InterruptedRunError, run
+    """Do the work, and print what came of it; `output` is the folder as it was given."""
+    from observer.fleet.jobs import OF_SEVERAL
+    from observer.fleet.journal import done
+    from observer.fleet.report import conclude
+    from observer.fleet.run import run
 
-        jobs = jobs_of(read_table(table) if table is not None else given(logs or [], config or Path()), verb)
-        chosen = RunOptions(verb, Path(os.path.abspath(output)), **options)
-        try:
-            with counting(f"fleet {verb}") as progress:
-                rows, before = run(
-                    jobs,
-                    chosen,
-                    progress,
-                    workers=workers or os.cpu_count() or 1,
-                    memory_GB=memory,
-                    address=scheduler,
-                )
-        except InterruptedRunError as ended:
-            done = len(ended.rows) - len(conclude(chosen.output, ended.rows))
-            raise KeyboardInterrupt(f"ended with {done} of {len(jobs)} done") from None
-        failures = conclude(chosen.output, rows)
-        earlier = f", {before} of them before" if before else ""
-        typer.echo(f"{len(rows) - len(failures)} done{earlier}, {len(failures)} could not be done")
-        for row in failures[:MOST_SHOWN]:
-            typer.echo(f"warning: {row['problem']}", err=True)
-        if len(failures) > MOST_SHOWN:
-            typer.echo(f"warning: … and {len(failures) - MOST_SHOWN} more, in results.parquet", err=True)
-        each = "each machine" if verb in OF_SEVERAL else "each log"
-        typer.echo(f"written to {output}: {each} in its folder, results.parquet, report.html")
-        if failures:
-            raise typer.Exit(2 if len(failures) == len(rows) else 1)
+    try:
+        with counting(f"fleet {options.verb}") as progress:
+            rows, before = run(
+                jobs,
+                options,
+                progress,
+                workers=workers or os.cpu_count() or 1,
+                memory_GB=memory_GB,
+                address=scheduler,
+            )
+    except KeyboardInterrupt:
+        rows = [row for job in jobs if (row := done(job, options)) is not None]
+        conclude(options.output, rows)
+        raise KeyboardInterrupt(f"ended with {len(rows)} of {len(jobs)} done") from None
+    failures = conclude(options.output, rows)
+    earlier = f", {before} of them before" if before else ""
+    typer.echo(f"{len(rows) - len(failures)} done{earlier}, {len(failures)} could not be done")
+    warn([row["problem"] for row in failures[:MOST_SHOWN]])
+    if len(failures) > MOST_SHOWN:
+        warn([f"… and {len(failures) - MOST_SHOWN} more, in results.parquet"])
+    each = "each machine" if options.verb in OF_SEVERAL else "each log"
+    typer.echo(f"written to {output}: {each} in its folder, results.parquet, report.html")
+    if failures:
+        raise typer.Exit(2 if len(failures) == len(rows) else 1)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -249,9 +250,15 @@ def adopt(
     """Put a found configuration in force, watch the gap, and take it back if that has not shrunk."""
     if [folder is not None, status, undo].count(True) != 1:
         raise UserError("adopt: name either the folder of results, or --status, or --undo")
-    from observer import app as parts
+    from observer.installation import adopt as adoptions
 
-    if folder is not None:
-        typer.echo(parts.adopt(folder, config, hours))
-    else:
-        typer.echo(parts.adopted(config, undo=undo))
+    if folder is None:
+        found = adoptions.undo(config) if undo else adoptions.adoption_of(config)
+        typer.echo(f"{config}: " + ("nothing was adopted" if found is None else found.sentence()))
+        return
+    adoption = adoptions.adopt(folder, config, hours, time.time())
+    typer.echo(
+        f"{config} is now the configuration of {folder}; the one before is in {adoption.before}.\n"
+        f"A running service puts it in force within seconds, watches the gap for {hours:g} h of running, "
+        "and takes it back if that has not shrunk."
+    )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -15,10 +16,16 @@ from observer.cli.options import (
     JsonOption,
     SecondsOption,
     endpoint,
+    with_parameters,
 )
 from observer.cli.output import say, show
 from observer.errors import UserError
 from observer.process import shutdown
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from observer.installation import Installation
 
 verbs = typer.Typer()
 
@@ -78,52 +85,61 @@ def run(
     shutdown.leave(0)
 
 
-def _answer(words: str) -> Any:
-    return typer.Option(help=words, show_default=False)
+_QUESTIONS = {
+    "machine": "Name of the machine",
+    "axis": "Its axis",
+    "screw": "Screw, diameter x lead in mm, as 40x10",
+    "steel": "Its steel: bearing, case, carbon, stainless",
+    "length_m": "Length between the bearings, m",
+    "stroke_m": "Stroke of the nut's middle from the left bearing, m, as 0.15,0.80",
+    "sensors_m": "Positions of the thermocouples from there, m, as 0.05,0.5,0.95",
+    "module": "Module that reads them: wago_750_458, icpdas_m7018, micro800_tc2, css_canmod_temp, "
+    "peak_mu_thermocouple1",
+    "module_at": "Its address: 192.168.0.20, /dev/ttyUSB0 or can0",
+    "ambient": "Air in °C, or input: the module's next input",
+    "control": "Where the position comes from: canopen, modbus, can, opcua, mtconnect, or none yet",
+    "control_at": "Its address: 192.168.0.21, can0, /dev/ttyACM0, opc.tcp://192.168.0.21:4840, "
+    "http://192.168.0.21:5000",
+    "node_id": "canopen: the drive's node",
+    "counts_per_m": "canopen, modbus: counts per metre of nut travel, negative the other way",
+    "position_register": "modbus: first register of the position, from 0 (40001 is 0)",
+    "speed_register": "modbus: register of the speed in rpm, if there is one",
+    "dbc": "can: the DBC file",
+    "position_signal": "Position: can: AxisStatus.NutPosition; opcua: ns=2;s=X.Position; mtconnect: Xpos",
+    "speed_signal": "The screw's speed in rpm likewise, if there is one",
+}
+"""Each is an option of `init`, and is asked where that is not given."""
 
 
-@verbs.command()
 def init(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="File to write; one that is there is not overwritten.")
     ] = Path("observer.toml"),
-    machine: Annotated[str | None, _answer("Name of the machine.")] = None,
-    axis: Annotated[str | None, _answer("Its axis.")] = None,
-    screw: Annotated[str | None, _answer("Screw of the catalogue, as 40x10.")] = None,
-    steel: Annotated[str | None, _answer("bearing, case, carbon or stainless.")] = None,
-    length_m: Annotated[str | None, _answer("Length between the bearings.")] = None,
-    stroke_m: Annotated[str | None, _answer("Where the nut's middle travels, as 0.15,0.80.")] = None,
-    sensors_m: Annotated[str | None, _answer("Places of the thermocouples, as 0.05,0.5,0.95.")] = None,
-    module: Annotated[str | None, _answer("Thermocouple module, as wago_750_458.")] = None,
-    module_at: Annotated[str | None, _answer("Its address, serial line or CAN interface.")] = None,
-    ambient: Annotated[str | None, _answer("Air in °C, or input: the module's next input.")] = None,
-    control: Annotated[
-        str | None, _answer("Position by canopen, modbus, can, opcua, mtconnect or none.")
-    ] = None,
-    control_at: Annotated[str | None, _answer("Its address, CAN interface or URL.")] = None,
-    node_id: Annotated[str | None, _answer("canopen: the drive's node.")] = None,
-    counts_per_m: Annotated[str | None, _answer("canopen, modbus: counts per metre.")] = None,
-    position_register: Annotated[str | None, _answer("modbus: first of the pair, from 0.")] = None,
-    speed_register: Annotated[str | None, _answer("modbus: register of the speed in rpm.")] = None,
-    dbc: Annotated[str | None, _answer("can: the DBC file.")] = None,
-    position_signal: Annotated[
-        str | None, _answer("can: as AxisStatus.NutPosition; opcua: node; mtconnect: item.")
-    ] = None,
-    speed_signal: Annotated[
-        str | None, _answer("can: as AxisStatus.ScrewSpeed; opcua: node; mtconnect: item.")
-    ] = None,
+    **given: str | None,
 ) -> None:
     """Write a first configuration: asks for what is not given as an option."""
-    given = dict(locals())
-    from observer import app as parts
+    from observer.installation.first_configuration import write_new
 
-    ask: Any = None
-    if sys.stdin.isatty():
+    def ask(name: str, usual: str | None, trouble: str) -> str:
+        if trouble:
+            typer.echo(trouble)
+        return str(typer.prompt(_QUESTIONS[name], default=usual))
 
-        def ask(words: str, usual: str | None) -> str:
-            return str(typer.prompt(words, default=usual))
+    write_new(output, given, ask if sys.stdin.isatty() else None)
+    typer.echo(
+        f'written: {output}. What is marked "look" in it is a usual value. Next:\n'
+        f"  observer check --config {output}           what it means\n"
+        f"  observer check --config {output} --wires   what each device delivers\n"
+        f"  observer run --config {output}             the service"
+    )
 
-    typer.echo(parts.init(given.pop("output"), given, ask))
+
+def _option(name: str) -> Parameter:
+    kind = Annotated[str | None, typer.Option(help=_QUESTIONS[name])]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+
+
+verbs.command()(with_parameters(init, map(_option, _QUESTIONS)))
 
 
 @verbs.command()
@@ -140,14 +156,25 @@ def check(
 
     settings = examine(config)
     if wires:
-        from observer import app as parts
-
-        found = parts.wires(settings)
+        found = _wires(settings)
         show(found, as_json, wires_as_text)
         shutdown.leave(0 if found["good"] else 1)
     from observer.report.check import findings
 
     show(findings(settings), as_json, as_text)
+
+
+def _wires(config: Installation) -> dict[str, Any]:
+    """What every device delivers in a few seconds. Raises `UserError` for a file that it cannot use."""
+    from observer.align.plausibility import Limits
+    from observer.live.one_look import look
+
+    limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
+
+    def doubt(channel: str, value: float) -> str | None:
+        return limits.doubt(column[channel], value) if channel in column else None
+
+    return look([settings.open(key) for key, settings in config.drivers.items()], doubt)
 
 
 @verbs.command()
@@ -158,21 +185,32 @@ def place(
     as_json: JsonOption = False,
 ) -> None:
     """Rank sensor positions by how well they determine field and heats (conditioning, not rank)."""
-    from observer import app as parts
+    from observer.estimators.design.observability import best_places
     from observer.installation import load
 
-    sets = parts.place(load(config), sensors, spacing_m)
+    sets = [
+        {
+            "sensors": len(found.sites),
+            "positions_m": places_m,
+            "score_K": found.score_K,
+            "condition": found.condition,
+        }
+        for places_m, found in best_places(load(config), sensors, spacing_m)
+    ]
     if as_json:
         typer.echo(json.dumps(sets, indent=2))
-        return
-    from rich.console import Console
+    else:
+        show(sets, as_json, _sites_as_table)
+
+
+def _sites_as_table(sets: list[dict[str, Any]]) -> RenderableType:
     from rich.table import Table
 
     table = Table("sensors", "at, mm", "worst direction seen, K", "condition")
     for found in sets:
         places = "  ".join(f"{1000 * x:g}" for x in found["positions_m"])
         table.add_row(str(found["sensors"]), places, f"{found['score_K']:.3g}", f"{found['condition']:.3g}")
-    Console(highlight=False).print(table)
+    return table
 
 
 @verbs.command()
@@ -190,7 +228,7 @@ def service(
     """Install the service with systemd (unit, user, folders), or remove it; configuration and data stay."""
     if (action == "install") != bool(config):
         raise UserError("service: install needs --config, and remove takes none")
-    from observer import app as parts
+    from observer.installation.unit import service as installed
 
-    for line in parts.service(config or [], root, dry_run=dry_run):
+    for line in installed(config or [], root, dry_run=dry_run):
         typer.echo(line)

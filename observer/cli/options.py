@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Collection, Iterable
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from observer.errors import UserError
+
+
+def with_parameters(
+    verb: Callable[..., None], more: Iterable[Parameter] = (), without: Collection[str] = ("given",)
+) -> Callable[..., None]:
+    """Return a verb that shows further options, and not those that it is without."""
+    own = signature(verb, eval_str=True)
+    kept = [option for name, option in own.parameters.items() if name not in without]
+    verb.__signature__ = own.replace(parameters=[*kept, *more])  # type: ignore[attr-defined]
+    return verb
+
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import os
 import re
@@ -11,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from observer.errors import ConfigError, UserError
 from observer.files.logs import SUFFIXES
@@ -174,62 +173,33 @@ def _below(folder: Path, cell: str) -> Path:
     return Path(os.path.abspath(folder / Path(cell).expanduser()))
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    return _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
-
-
-def _csv_rows(path: Path) -> list[dict[str, str]]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, delimiter=_delimiter(file.readline()), strict=True)
-            file.seek(0)
-            rows = list(reader)
-    except (UnicodeDecodeError, csv.Error):
-        raise UserError(f"{path}: not CSV in UTF-8; save the table so, or as .parquet") from None
-    except OSError as error:
-        raise _unreadable(path, error) from None
-    names = [name.strip() for name in rows[0]] if rows else []
-    _check_columns(path, names)
-    for number, cells in enumerate(filled := [cells for cells in rows[1:] if cells], 1):
-        if len(cells) > len(names):
-            raise UserError(
-                f"{path}: row {number}: {len(cells)} cells under {len(names)} columns; put a cell with "
-                "a comma in it into quotes"
-            )
-    return [dict(zip(names, cells, strict=False)) for cells in filled]
-
-
-def _delimiter(first: str) -> str:
-    """What separates the columns: spreadsheets write semicolons in some countries, or tabs."""
-    return max(",;\t", key=first.count)
-
-
-def _parquet_rows(path: Path) -> list[dict[str, str]]:
+def _rows(path: Path) -> list[dict[str, Any]]:
+    """The rows of a table with the columns of a fleet's, as they stand."""
     import pyarrow as pa
-    from pyarrow import parquet
+    from pyarrow import csv, parquet
 
     try:
-        table = parquet.read_table(path)
-    except OSError as error:
-        raise _unreadable(path, error) from None
-    except pa.ArrowException:
-        raise UserError(f"{path}: damaged or not Parquet; write it again") from None
-    _check_columns(path, table.column_names)
-    rows: list[dict[str, str]] = table.select(COLUMNS).to_pylist()
-    return rows
-
-
-def _unreadable(path: Path, error: OSError) -> UserError:
-    return UserError(f"{path}: cannot be read ({error.strerror or 'damaged'}); give the table of the fleet")
-
-
-def _check_columns(path: Path, names: Sequence[str]) -> None:
+        if path.suffix == ".parquet":
+            table = parquet.read_table(path)
+        else:
+            with path.open(encoding="utf-8-sig") as file:
+                delimiter = max(",;\t", key=file.readline().count)  # as spreadsheets write in some countries
+            as_text = csv.ConvertOptions(column_types=dict.fromkeys(COLUMNS, pa.string()))
+            one_by_one = csv.ReadOptions(use_threads=False)  # an error then says in which row
+            table = csv.read_csv(path, one_by_one, csv.ParseOptions(delimiter=delimiter), as_text)
+    except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
+        said = getattr(error, "strerror", None) or str(error)
+        raise UserError(
+            f"{path}: cannot be read ({said}); give the table as .parquet or as CSV in UTF-8, a cell with a "
+            "comma in quotes"
+        ) from None
+    table = table.rename_columns([name.strip() for name in table.column_names])
     for column in COLUMNS:
-        count = list(names).count(column)
-        if count != 1:
-            there = ", ".join(name[:40] for name in names[:8]) or "nothing"
-            wrong = "there twice" if count else "missing"
+        if (count := table.column_names.count(column)) != 1:
+            there = ", ".join(name[:40] for name in table.column_names[:8]) or "nothing"
             raise UserError(
-                f"{path}: column {column} is {wrong}; a fleet's table has the columns {', '.join(COLUMNS)}, "
-                f"and its first line says {there}"
+                f"{path}: column {column} is {'there twice' if count else 'missing'}; a fleet's table has "
+                f"the columns {', '.join(COLUMNS)}, and its first line says {there}"
             )
+    rows: list[dict[str, Any]] = table.select(COLUMNS).to_pylist()
+    return rows

@@ -1,6 +1,6 @@
 """The end of a run: `results.parquet` and `report.html` of everything in the folder.
 
-The page shows which machines lack what, whose bearings run hot, and which could share their parameters.
+The page shows which machines lack what, and whose bearings run hot.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from observer.fleet.compare import LEAST_GOOD, Beside, Calibrated, MeanHeat, Shared, beside_fleet, groups
+from observer.files.folders import results_in
+from observer.fleet.compare import LEAST_GOOD, Beside, MeanHeat, beside_fleet
 from observer.fleet.journal import Row, rows_in
-from observer.report.page import Html, code, document, paragraph, safe, section, table, tiles
+from observer.report.page import Html, document, paragraph, safe, section, table, tiles
 
-MOST_FAILED = 200
+MOST_LINES = 200
 _DASH = "–"
 _NOTHING = "nothing"
 _DOUBTS = {
@@ -41,8 +42,9 @@ def conclude(output: Path, rows: Sequence[Row]) -> list[Row]:
         for row in rows_in(output)
         if row["folder"] not in lost and folders.get(_identity(row), row["folder"]) == row["folder"]
     ]
-    write_table(output / "results.parquet", [*there, *failures])
-    write_report(output / "report.html", there, failures)
+    with results_in(output) as part:
+        write_table(part / "results.parquet", [*there, *failures])
+        (part / "report.html").write_text(page(there, failures), encoding="utf-8")
     return failures
 
 
@@ -52,7 +54,7 @@ def _identity(row: Row) -> tuple[str, ...]:
 
 
 def write_table(path: Path, rows: Sequence[Row]) -> None:
-    """Write the rows of a fleet, one for every job; the file is there whole or not at all.
+    """Write the rows of a fleet, one for every job.
 
     Numbers of several things get a column each, as `heat_mean_nut_W`; lists are JSON.
     """
@@ -63,12 +65,7 @@ def write_table(path: Path, rows: Sequence[Row]) -> None:
     names = dict.fromkeys(_FIRST) | dict.fromkeys(name for row in flat for name in row)
     columns = {name: [row.get(name) for row in flat] for name in names}
     table = pa.table({name: pa.array(cells, _type(name, cells)) for name, cells in columns.items()})
-    part = path.with_name(f".{path.name}.part")
-    try:
-        parquet.write_table(table, part)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    parquet.write_table(table, path)
 
 
 def _type(name: str, cells: Sequence[Any]) -> Any:
@@ -98,23 +95,9 @@ def flattened(row: Row) -> dict[str, Any]:
     return {key: None if isinstance(c, float) and not math.isfinite(c) else c for key, c in cells.items()}
 
 
-def write_report(path: Path, rows: Sequence[Row], failures: Sequence[Row]) -> None:
-    """Write the page of everything that is done in a folder; `failures` of this run are listed beneath.
-
-    The file is there whole or not at all.
-    """
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_text(page(rows, failures), encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
     """Return the page."""
     beside = beside_fleet(heats_of(rows))
-    shared = groups(calibrated_of(rows))
     hot = [b for b in beside if b.hot]
     found = [row for row in rows if row["verb"] == "discover"]
     machines = sorted({row["machine"] for row in [*rows, *failures]}, key=_counting)
@@ -135,10 +118,9 @@ def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
         head,
         _effects(found),
         _hot(beside),
-        _groups(shared),
         _failures(failures),
         _doubted(rows),
-        _machines(machines, rows, beside, shared),
+        _machines(machines, rows, beside),
     ]
     return document("Fleet", [part for part in parts if part])
 
@@ -172,30 +154,10 @@ def heats_of(rows: Sequence[Row]) -> list[MeanHeat]:
     ]
 
 
-def calibrated_of(rows: Sequence[Row]) -> list[Calibrated]:
-    """What was calibrated of each machine; by `calibrate` where that was done, else within `discover`."""
-    best: dict[str, Row] = {}
-    for row in rows:
-        calibrated = row["found"].get("calibrated")
-        if calibrated and (row["machine"] not in best or row["verb"] == "calibrate"):
-            best[row["machine"]] = row
-    return [
-        Calibrated(
-            machine,
-            row["found"]["type"],
-            {key: (fit["value"], *fit["ci95"]) for key, fit in row["found"]["calibrated"].items()},
-        )
-        for machine, row in best.items()
-    ]
-
-
-def _machines(
-    machines: Sequence[str], rows: Sequence[Row], beside: Sequence[Beside], shared: Sequence[Shared]
-) -> Html:
+def _machines(machines: Sequence[str], rows: Sequence[Row], beside: Sequence[Beside]) -> Html:
     types = {row["machine"]: row["found"]["type"] for row in rows}
     logs = Counter(machine for machine, _ in {(row["machine"], log) for row in rows for log in row["logs"]})
     lacks = {row["machine"]: _lacks(row) for row in rows if row["verb"] == "discover"}
-    group = {machine: i for i, each in enumerate(shared, 1) for machine in each.machines}
     heats: dict[str, list[Html]] = {}
     for b in beside:
         heats.setdefault(b.machine, []).append(_heat(b))
@@ -206,11 +168,10 @@ def _machines(
             str(logs[machine]),
             lacks.get(machine, _DASH),
             Html("<br>".join(heats.get(machine, [_DASH]))),
-            str(group.get(machine, _DASH)),
         ]
         for machine in machines
     ]
-    heads = ("machine", "screw", "logs", "lacks", "heat, beside the usual at its speed", "group")
+    heads = ("machine", "screw", "logs", "lacks", "heat, beside the usual at its speed")
     return section("Each machine", table(heads, lines, (2,), stacked=True))
 
 
@@ -307,46 +268,20 @@ def _hot(beside: Sequence[Beside]) -> Html:
     )
 
 
-def _groups(shared: Sequence[Shared]) -> Html:
-    lines = [
-        [
-            str(number),
-            _unbroken(each.type),
-            str(len(each.machines)),
-            _names(each.machines),
-            Html("<br>".join(_value(key, *ends) for key, ends in each.values.items())),
-        ]
-        for number, each in enumerate(shared, 1)
-    ]
-    note = (
-        "The machines of a group have calibrated values that agree, each with each, within their 95 % "
-        "intervals: one configuration with the values beside could serve them all."
-    )
-    heads = ("group", "screw", "machines", "which", "values to share")
-    return (
-        section("What they could share", paragraph(note, "note"), table(heads, lines, (2,), stacked=True))
-        if lines
-        else Html("")
-    )
-
-
-def _value(key: str, value: float, low: float, high: float) -> str:
-    return f'<span class="whole">{code(key)} = {value:.4g} ({low:.4g} … {high:.4g})</span>'
-
-
 def _failures(failures: Sequence[Row]) -> Html:
-    lines = [
-        [row["machine"], _names([row["name"]]), row["problem"], row["verb"]] for row in failures[:MOST_FAILED]
-    ]
-    more = len(failures) - MOST_FAILED
-    rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
-    return section("Could not be done", table(("machine", "log", "why", "verb"), lines, stacked=True), rest)
+    lines = [[row["machine"], _names([row["name"]]), row["problem"], row["verb"]] for row in failures]
+    return _bounded("Could not be done", ("machine", "log", "why", "verb"), lines)
 
 
 def _doubted(rows: Sequence[Row]) -> Html:
     """What the commands doubt about logs that they could use."""
     said = dict.fromkeys((row["machine"], doubt) for row in rows for doubt in row["found"].get("doubts", ()))
     lines = [[machine, doubt] for machine, doubt in sorted(said, key=lambda each: _counting(each[0]))]
-    more = len(lines) - MOST_FAILED
+    return _bounded("Doubted", ("machine", "what"), lines)
+
+
+def _bounded(title: str, heads: Sequence[str], lines: Sequence[Sequence[str]]) -> Html:
+    """A section with the first of many lines."""
+    more = len(lines) - MOST_LINES
     rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
-    return section("Doubted", table(("machine", "what"), lines[:MOST_FAILED], stacked=True), rest)
+    return section(title, table(heads, lines[:MOST_LINES], stacked=True), rest)

@@ -1,4 +1,4 @@
-"""Jobs given to the processes of a Dask cluster, a bounded number at a time, and their rows gathered."""
+"""Jobs given to the processes of a Dask cluster, and their rows gathered."""
 
 # Dask has no type annotations.
 # mypy: disable-error-code="no-untyped-call"
@@ -9,14 +9,12 @@ import logging
 import math
 import os
 import signal
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from importlib.metadata import version
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
 
 import dask
 from distributed import Client, LocalCluster, Status, as_completed
@@ -24,28 +22,15 @@ from distributed.utils import LoopRunner
 
 from observer.errors import UserError
 from observer.fleet.jobs import Job
-from observer.fleet.journal import Row, RunOptions, done, exclusive
+from observer.fleet.journal import TRIES, Row, RunOptions, done, exclusive
 from observer.fleet.work import failed, work
 from observer.signals import blocked
 
 WAIT_S = 30.0
-AHEAD = 2
-"""Batches given out per thread: one that is worked on and one that waits for it."""
-MOST_JOBS = 32
-MOST_BYTES = 16_000_000
-"""Of the logs in a batch: so much takes seconds, which is long compared to the cost of sending it."""
+MOST_JOBS = 8
 BATCHES_PER_WORKER = 4
 """At least, so that the last one to end keeps the others waiting for a quarter of their time at most."""
 Progress = Callable[[int, int], None]
-
-
-class InterruptedRunError(Exception):
-    """Ctrl-C, or what counts as that, while work was done: `rows` of what is done."""
-
-    def __init__(self, rows: list[Row]) -> None:
-        """Take what is done."""
-        super().__init__(f"{len(rows)} done")
-        self.rows = rows
 
 
 def run(
@@ -61,7 +46,7 @@ def run(
 
     The workers are `workers` processes of this computer, each with at most `memory_GB`, or those of the
     cluster at `address`, which see logs and output under the same paths. Raises `UserError` where there is no
-    cluster, and `InterruptedRunError` in place of `KeyboardInterrupt`.
+    cluster.
     """
     with exclusive(options.output) as folder:
         options = replace(options, run=folder.name)
@@ -70,59 +55,38 @@ def run(
         before, left = len(rows), [job for job, row in found.items() if row is None]
         progress(before, len(jobs))
         if left:
-            try:
-                with _client(workers, memory_GB, address, folder) as client:
-                    for some in _results(client, left, options):
-                        rows += some
-                        progress(len(rows), len(jobs))
-            except KeyboardInterrupt:  # some jobs may be done in batches that have not come back
-                known = {row["folder"] for row in rows}
-                unknown = (done(job, options) for job in left if str(job.folder) not in known)
-                raise InterruptedRunError(rows + [row for row in unknown if row is not None]) from None
+            with _client(workers, memory_GB, address, folder) as client:
+                for some in _results(client, left, options):
+                    rows += some
+                    progress(len(rows), len(jobs))
     return rows, before
 
 
 def batches(jobs: Sequence[Job], workers: int) -> list[tuple[Job, ...]]:
-    """Put jobs of the same configuration together: what is built for one log then serves the next.
+    """Put a few jobs of the same configuration together: what is built for one log then serves the next.
 
-    A job on all logs of a machine is a batch of its own. The largest batches come first.
+    A job on all logs of a machine is a batch of its own.
     """
+    most = min(MOST_JOBS, max(1, math.ceil(len(jobs) / (BATCHES_PER_WORKER * workers))))
     by_config: dict[Path, list[Job]] = {}
     for job in jobs:
         by_config.setdefault(job.config, []).append(job)
-    most = min(MOST_JOBS, max(1, math.ceil(len(jobs) / (BATCHES_PER_WORKER * workers))))
-    found: list[tuple[int, tuple[Job, ...]]] = []
+    found: list[tuple[Job, ...]] = []
     for own in by_config.values():
-        batch: list[Job] = []
-        total = 0
-        for job in own:
-            size = sum(log.stat().st_size for log in job.logs if log.is_file())
-            if batch and (len(batch) >= most or total + size > MOST_BYTES or len(job.logs) > 1):
-                found.append((total, tuple(batch)))
-                batch, total = [], 0
-            batch.append(job)
-            total += size
-        found.append((total, tuple(batch)))
-    found.sort(key=lambda entry: -entry[0])
-    return [batch for _, batch in found]
+        size = 1 if len(own[0].logs) > 1 else most
+        found += [tuple(own[start : start + size]) for start in range(0, len(own), size)]
+    return found
 
 
 def _results(client: Client, jobs: Sequence[Job], options: RunOptions) -> Iterator[list[Row]]:
-    """Yield the rows of batches as they end; as many are given out as the workers need to stay busy."""
+    """Yield the rows of batches as they end.
+
+    Dask gives a batch whose worker has died to another, in which the jobs that were done count as done, and
+    one that has ended its worker twice is given up (`journal.begin`).
+    """
     threads = sum(client.nthreads().values())
-    waiting = deque(batches(jobs, threads))
-    given: dict[Any, tuple[Job, ...]] = {}
-    ending: Any = as_completed(raise_errors=False)
-
-    def give() -> None:
-        while waiting and len(given) < AHEAD * threads:
-            batch = waiting.popleft()
-            future = client.submit(work, batch, options, pure=False)
-            given[future] = batch
-            ending.add(future)
-
-    give()
-    for future in ending:
+    given = {client.submit(work, batch, options, pure=False): batch for batch in batches(jobs, threads)}
+    for future in as_completed(list(given), raise_errors=False):
         batch = given.pop(future)
         if future.status == "finished":
             yield future.result()
@@ -130,14 +94,11 @@ def _results(client: Client, jobs: Sequence[Job], options: RunOptions) -> Iterat
             raise UserError(
                 "fleet: the cluster has gone; start it and give the same command again, which goes on here"
             )
-        elif len(batch) > 1:  # perhaps one of them has ended the worker; then each for itself
-            waiting.extendleft((job,) for job in batch)
         else:
             cause = type(future.exception()).__name__
-            problem = f"{batch[0].logs[0]}: its worker did not come back ({cause}); try it alone"
-            yield [failed(batch[0], options, problem)]
+            problem = f"its worker did not come back ({cause}); try it alone"
+            yield [done(job, options) or failed(job, options, f"{job.logs[0]}: {problem}") for job in batch]
         future.release()
-        give()
 
 
 @contextmanager
@@ -149,6 +110,7 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
         return
     settings = {
         "distributed.worker.daemon": True,
+        "distributed.scheduler.allowed-failures": TRIES * MOST_JOBS,
         "temporary-directory": str(folder),
         # Dask holds nothing but rows here: a worker that waits until memory is free would wait for ever
         **{f"distributed.worker.memory.{what}": False for what in ("target", "spill", "pause")},

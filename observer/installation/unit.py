@@ -17,7 +17,7 @@ from pathlib import Path
 
 from observer.errors import UserError
 from observer.installation import Installation
-from observer.installation.examine import paths_in
+from observer.installation.examine import examine, paths_in
 
 NAME = "ballscrew-observer"
 CONFIG = Path("/etc") / NAME / "observer.toml"
@@ -32,6 +32,33 @@ _START = re.compile(r"^TimeoutStartSec=(\d+)$", re.M)
 _COMMAND_S = 120.0
 _PACKAGES = Path(__file__).parents[2]
 Command = tuple[str, ...]
+
+
+def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Iterator[str]:
+    """Install the service of one axis or several, without any remove it; yields what is done, in words."""
+    here = root == Path("/")
+    if not config_paths:
+        plan = to_remove(root)
+    else:
+        program = this_program()
+        if here and not dry_run:
+            refuse_unseen(program)
+        axes = [
+            ServiceAxis(examine(path, runs_here=here), path, path.read_text(encoding="utf-8"))
+            for path in config_paths
+        ]
+        plan = to_install(axes, program, root)
+    if dry_run:
+        yield from plan.lines()
+        return
+    carry_out(plan, root)
+    yield from plan.lines() if here else (f"written below {root}; nothing was run",)
+    if not config_paths:
+        yield f"kept: {CONFIG.parent} and {STATE}"
+        return
+    yield f"from now on edit {', '.join(str(path) for path in plan.configurations)}"
+    if here:
+        yield f"it starts: journalctl -fu {NAME}, then observer health"
 
 
 @dataclass(frozen=True, slots=True)

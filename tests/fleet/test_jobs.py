@@ -8,7 +8,7 @@ from pyarrow import parquet
 
 from observer.errors import UserError
 from observer.fleet.jobs import Job, TableRow, given, jobs_of, read_table
-from observer.fleet.run import MOST_BYTES, MOST_JOBS, batches
+from observer.fleet.run import MOST_JOBS, batches
 from tests.fleet.machines import RIG
 
 
@@ -69,13 +69,16 @@ HEAD = "log,machine,config\n"
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "column log is missing; .* first line says nothing"),
+        ("", "Empty CSV file"),
         ("log,machine\na.csv,m\n", "column config is missing"),
         ("file,machine,config\na.csv,m,c.toml\n", "column log is missing; .* says file, machine, config"),
         ("log,log,machine,config\na.csv,b.csv,m,c.toml\n", "column log is there twice"),
         (f"{HEAD}a.csv,,c.toml\n", "row 1: machine is empty"),
-        (f"{HEAD}a.csv,m\n", "row 1: config is empty"),
-        (f"{HEAD}a.csv,m,c.toml\nx, y.csv,m,c.toml\n", "row 2: 4 cells under 3 columns; put"),
+        (f"{HEAD}a.csv,m\n", "Expected 3 columns, got 2"),
+        (
+            f"{HEAD}a.csv,m,c.toml\nx, y.csv,m,c.toml\n",
+            "Row #3: Expected 3 columns, got 4: .* a cell with a comma in quotes",
+        ),
         (f"{HEAD}a.csv,m,c.toml\na.csv,../m,c.toml\n", r"row 2: '\.\./m' is no machine's name"),
         (f"{HEAD}a.csv,..,c.toml\n", r"'\.\.' is no machine's name"),
         (f"{HEAD}a.csv,report.html,c.toml\n", r"'report\.html' is no machine's name"),
@@ -88,7 +91,7 @@ HEAD = "log,machine,config\n"
         (f"{HEAD}day/*.txt,m,c.toml\n", r"row 1: log: no file matches /.*day/\*\.txt"),
         (f"{HEAD}x.csv,m,c.toml\ny.csv,m,c.toml\n", r"none of its 2 logs is there, /.*/x\.csv for one"),
         (HEAD, "names no log"),
-        (f'{HEAD}"a.csv,m,c.toml\n', "not CSV in UTF-8"),
+        (f'{HEAD}"a.csv,m,c.toml\n', "give the table as .parquet or as CSV in UTF-8"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_with_its_row(folder, text, said):
@@ -141,33 +144,20 @@ def test_a_replay_is_one_order_a_log_and_a_calibration_one_a_machine():
         jobs_of([lines[0], lines[1]._replace(config=Path("/d.toml"))], "discover")
 
 
-def _orders(folder: Path, count: int, config: str, size: int = 10) -> list[Job]:
-    found = []
-    for i in range(count):
-        log = folder / f"{config}-{i}.csv"
-        log.write_bytes(b"x" * size)
-        found.append(Job("m", log.stem, (log,), Path(config), Path("m", "replay", log.stem)))
-    return found
-
-
-def test_a_portion_is_of_one_configuration_and_every_order_is_in_one(tmp_path):
+def test_a_portion_is_of_one_configuration_and_every_order_is_in_one():
     orders = [
-        o for pair in zip(_orders(tmp_path, 60, "a"), _orders(tmp_path, 60, "b"), strict=True) for o in pair
+        Job("m", f"{config}{i}", (Path(f"{config}-{i}.csv"),), Path(config), Path(f"m/replay/{config}{i}"))
+        for i in range(60)
+        for config in "ab"
     ]
-    portions = batches(orders, 2)
+    portions = batches(orders, 4)
     assert all(len({order.config for order in portion}) == 1 for portion in portions)
     assert sorted((o for portion in portions for o in portion), key=str) == sorted(orders, key=str)
-    assert max(map(len, portions)) == 15, "120 orders, 2 workers: four portions for each, at least"
+    assert max(map(len, portions)) == 8, "120 orders, 4 workers: four portions for each, at least"
 
 
-def test_a_portion_is_bounded_in_orders_and_bytes(tmp_path):
-    assert max(map(len, batches(_orders(tmp_path, 200, "a"), 1))) == MOST_JOBS
-    large = _orders(tmp_path, 3, "b", MOST_BYTES // 2 + 1)
-    small = _orders(tmp_path, 1, "c")
-    assert [len(portion) for portion in batches([*small, *large], 1)] == [1, 1, 1, 1]
-    assert batches([*small, *large], 1)[-1] == tuple(small), "the largest come first"
-
-
-def test_a_log_that_is_not_there_is_an_order_like_others(tmp_path):
-    gone = Job("m", "gone", (tmp_path / "gone.csv",), Path("c"), Path("m/replay/gone"))
-    assert batches([gone], 4) == [(gone,)]
+def test_a_portion_is_bounded_in_orders():
+    of_log = [Job("m", f"r{i}", (Path(f"{i}.csv"),), Path("a"), Path(f"m/replay/r{i}")) for i in range(200)]
+    assert max(map(len, batches(of_log, 1))) == MOST_JOBS
+    of_machine = Job("m", "calibrate", (Path("1.csv"), Path("2.csv")), Path("a"), Path("m/calibrate"))
+    assert batches([of_machine, of_machine], 1) == [(of_machine,), (of_machine,)]

@@ -78,12 +78,5 @@ MODULES = {
     "peak_mu_thermocouple1": Module("PEAK MU-Thermocouple1", CAN_INPUTS["peak_mu_thermocouple1"], 0.3, 0.1),
 }
 
-CONTROLS = {
-    "canopen": "CANopen DS-402 drive",
-    "modbus": "Modbus registers of the control",
-    "can": "CAN messages by a DBC file",
-    "opcua": "OPC UA server of the control",
-    "mtconnect": "MTConnect agent of the control",
-    "none": "no position yet: the nut's heat is spread over its stroke",
-}
+CONTROLS = ("canopen", "modbus", "can", "opcua", "mtconnect", "none")
 """Where the nut's position comes from."""
