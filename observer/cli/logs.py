@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from observer.cli.options import (
     ConfigOption,
-    DamagedOption,
     LogArgument,
     OutputOption,
-    TruncatedOption,
+    accepting,
 )
 from observer.cli.output import advancing, counting, warn, warn_of_paths
 from observer.errors import UserError
@@ -22,13 +21,13 @@ verbs = typer.Typer()
 
 
 @verbs.command()
+@accepting
 def replay(
     log: LogArgument,
     config: ConfigOption,
     output: OutputOption,
     format: Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")] = "csv",
-    accept_truncated: TruncatedOption = False,
-    accept_damaged: DamagedOption = False,
+    **accept: Any,
 ) -> None:
     """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
     from observer import app as parts
@@ -40,9 +39,8 @@ def replay(
             load(config),
             output,
             f".{format}",
-            accept_truncated=accept_truncated,
-            accept_damaged=accept_damaged,
             progress=progress,
+            **accept,
         )
     if summary["start"] != "cold":
         typer.echo(f"start: {summary['start']}")
@@ -58,6 +56,7 @@ def replay(
 
 
 @verbs.command()
+@accepting
 def forecast(
     log: LogArgument,
     config: ConfigOption,
@@ -67,8 +66,7 @@ def forecast(
         typer.Option(help="What runs next, a log of the input channels, repeated; else as the log ends."),
     ] = None,
     hours: Annotated[float | None, typer.Option(min=0.05, max=24.0, help="How far ahead.")] = None,
-    accept_truncated: TruncatedOption = False,
-    accept_damaged: DamagedOption = False,
+    **accept: Any,
 ) -> None:
     """Say what comes after a log: temperatures and thermal error with sigma, and when it has settled."""
     from observer import app as parts
@@ -81,9 +79,8 @@ def forecast(
             output,
             program=program,
             hours=hours,
-            accept_truncated=accept_truncated,
-            accept_damaged=accept_damaged,
             progress=progress,
+            **accept,
         )
     for line in lines:
         typer.echo(line)
@@ -91,6 +88,7 @@ def forecast(
 
 
 @verbs.command()
+@accepting
 def identify(
     log: LogArgument,
     config: ConfigOption,
@@ -115,8 +113,7 @@ def identify(
         typer.Option(help="Of the conjugate gradients; adjoint by default."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
-    accept_truncated: TruncatedOption = False,
-    accept_damaged: DamagedOption = False,
+    **accept: Any,
 ) -> None:
     """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
     from observer import app as parts
@@ -130,9 +127,8 @@ def identify(
             load(config),
             output,
             options,
-            accept_truncated=accept_truncated,
-            accept_damaged=accept_damaged,
             progress=progress,
+            **accept,
         )
     typer.echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")
     for name, mean_W in summary["heat_mean_W"].items():

@@ -66,9 +66,22 @@ ClientOption = Annotated[
 LogArgument = Annotated[
     Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
 ]
-TruncatedOption = Annotated[bool, typer.Option(help="Drop a last row that was cut off.")]
-DamagedOption = Annotated[bool, typer.Option(help="Drop rows whose checksum is wrong.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="For programs.")]
 HashOption = Annotated[
     str | None, typer.Option(help="Hash of the configuration that is meant; else the one in force.")
 ]
+
+
+def accepting(verb: Callable[..., None]) -> Callable[..., None]:
+    """Let a verb that hands `**accept` to the reader of logs show what that may accept."""
+    options = {
+        "accept_truncated": "Drop a last row that was cut off.",
+        "accept_damaged": "Drop rows whose checksum is wrong.",
+    }
+    more = [
+        Parameter(
+            name, Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, typer.Option(help=words)]
+        )
+        for name, words in options.items()
+    ]
+    return with_parameters(verb, more, without=("accept",))

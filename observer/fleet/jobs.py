@@ -95,21 +95,17 @@ def _lines_of(where: str, folder: Path, log: str, machine: str, config: str) -> 
 
 def _check_once(path: Path, numbered: Sequence[tuple[int, TableRow]]) -> None:
     """Refuse a log that its machine has already, or another machine by the same configuration."""
-    of_machine: dict[tuple[str, str], int] = {}
-    by_config: dict[tuple[str, Path], tuple[int, str]] = {}
+    seen: dict[tuple[str, str | Path], tuple[int, str]] = {}
     for number, line in numbered:
-        log = os.path.realpath(line.log)
-        if (log, line.machine) in of_machine:
+        log, machine, where = os.path.realpath(line.log), line.machine, f"{path}: row {number}: {line.log}"
+        this = (number, machine)
+        if (before := seen.setdefault((log, machine), this)) is not this:
+            raise UserError(f"{where} of {machine} is there twice, in row {before[0]} already; remove one")
+        before = seen.setdefault((log, line.config), this)
+        if before[1] != machine:
             raise UserError(
-                f"{path}: row {number}: {line.log} of {line.machine} is there twice, in row "
-                f"{of_machine[log, line.machine]} already; remove one"
-            )
-        of_machine[log, line.machine] = number
-        before, machine = by_config.setdefault((log, line.config), (number, line.machine))
-        if machine != line.machine:
-            raise UserError(
-                f"{path}: row {number}: {line.log} is of {line.machine}, and by the same configuration of "
-                f"{machine} in row {before}; remove one"
+                f"{where} is of {machine}, and by the same configuration of {before[1]} in row {before[0]}; "
+                "remove one"
             )
 
 
