@@ -33,17 +33,17 @@ def order(tmp_path: Path) -> Job:
 
 
 def test_a_portion_builds_a_machine_once_and_anew_for_another_text(tmp_path, order):
-    workers._ready.cache_clear()
+    workers._machine.cache_clear()
     how = RunOptions("replay", tmp_path / "out")
     others = [Job("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(3)]
     rows = workers.work([order, *others], how)
     assert [row["problem"] for row in rows] == [None] * 4
-    assert workers._ready.cache_info().misses == 1
+    assert workers._machine.cache_info().misses == 1
     text = order.config.read_text(encoding="utf-8")
     order.config.write_text(text.replace("= 50.0", "= 45.0"), encoding="utf-8")
     (row,) = workers.work([others[0]], how)
     assert row["problem"] is None
-    assert workers._ready.cache_info().misses == 2
+    assert workers._machine.cache_info().misses == 2
 
 
 def test_a_fleet_s_replay_gives_the_bits_of_a_single_one(tmp_path, order):
