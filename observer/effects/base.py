@@ -1,4 +1,4 @@
-"""What all effects share: everything that is known of one stands in its class, and nowhere else.
+"""What all effects share: the class of an effect holds everything that is known of it.
 
 A family is a set of effects that are the same to a log in all but their name, and the one figure that they
 share. A film, radiation and a film that turning adds all take heat from the surface: where a log cannot

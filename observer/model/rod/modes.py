@@ -135,7 +135,7 @@ def keep_by_ratio(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
 def keep_by_tail(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
     """The smallest N with s_N/s_∞ ≥ β."""
     s2 = np.cumsum(contributions(modes, stretch) ** 2)
-    # the quadrature's own rounding stands in for the last digits of the tail
+    # the quadrature rounds off the last digits of the tail
     enough = np.flatnonzero(s2 >= (beta**2 - 1e-13) * _whole_square(modes, stretch))
     return list(range(int(enough[0]) + 1 if len(enough) else len(modes)))
 
