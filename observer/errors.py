@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 EXTRAS = {
-    "analysis": ("control", "matplotlib", "pyarrow"),
+    "analysis": ("control", "filterpy", "matplotlib", "pyarrow"),
     "page": ("starlette", "uvicorn"),
     "plant": ("prometheus_client", "paho", "asyncua", "httpx", "defusedxml"),
     "fleet": ("distributed",),

@@ -28,6 +28,10 @@ def build_estimator(
         from observer.estimators.fixed_gain import ConstantGainEstimator  # noqa: PLC0415
 
         return ConstantGainEstimator(plant, settings)
+    if settings.engine == "filterpy":
+        from observer.estimators.filterpy_engine import FilterpyEstimator  # noqa: PLC0415
+
+        return FilterpyEstimator(plant, settings)
     from observer.estimators.kalman import KalmanEstimator  # noqa: PLC0415
 
     return KalmanEstimator(plant, settings, integrity)

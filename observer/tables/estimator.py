@@ -66,8 +66,8 @@ class EstimatorSettings(Section):
     #: step of the live estimator; a replay steps with the rows of its log
     period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
     # Kalman
-    #: kalman: `"compiled"` or `"constant"` (steady-state gain)
-    engine: Literal["compiled", "constant"] = "compiled"
+    #: kalman: `"compiled"`, `"filterpy"` (slow, for comparison) or `"constant"` (steady-state gain)
+    engine: Literal["compiled", "filterpy", "constant"] = "compiled"
     #: a measurement further than this from its prediction is rejected
     gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
     initial_sigma_K: Rise = 2.0  #: standard deviation of the unknown field at the start
@@ -86,7 +86,7 @@ class EstimatorSettings(Section):
     @property
     def allows(self) -> bool:
         """Whether the estimator is one whose σ hold what tolerances cost."""
-        return self.kind in ("luenberger", "kalman")
+        return self.kind == "luenberger" or (self.kind == "kalman" and self.engine != "filterpy")
 
     @property
     def learnt(self) -> tuple[str, ...]:

@@ -203,6 +203,7 @@ def test_where_bounds_are_to_be_had_one_that_is_not_known_switches_it_off(nowher
         {"integrity": {"enabled": False}},
         {"estimator": {"kind": "luenberger"}},
         {"estimator": {"engine": "constant"}},
+        {"estimator": {"engine": "filterpy"}},
     ],
     ids=str,
 )

@@ -66,6 +66,7 @@ TABLES = {
     "supports with a gap": {"supports": GAP},
     "constant gain": {"estimator": {"engine": "constant"}},
     "luenberger": {"estimator": {"kind": "luenberger"}},
+    "filterpy": {"estimator": {"engine": "filterpy"}},
 }
 
 
@@ -105,7 +106,7 @@ def of_channels(machine: Machine, ticks: int) -> list[Reading | float]:
 @pytest.mark.parametrize("name", TABLES)
 def test_ticks_give_the_bits_of_whole_blocks(name, tmp_path):
     machine = machine_of(name)
-    channels, ticks = machine.plan.channels, 70
+    channels, ticks = machine.plan.channels, 12 if name == "filterpy" else 70
     frames, recording = play(of_channels(machine, ticks), Aligner(machine.plan), channels)
     built = machine.estimator()
     live, blocks = machine.pipeline(built), machine.pipeline(built)

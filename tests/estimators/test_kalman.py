@@ -15,7 +15,6 @@ from observer.frames import EstimateQuality, Inputs, Quality
 from observer.model.discretise import augmented, step_matrices
 from observer.model.plant import OutputRows
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.filterpy_engine import FilterpyEstimator
 from tests.estimators.plants import inputs, rod
 
 FIELDS = ("heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "innovation_K")
@@ -71,8 +70,7 @@ def test_equals_filterpy(moving, estimated):
     u = inputs(plant, steps=300, nut_m=nut_path(300), uneven=True)
     u.y_degC[100, 0] += 60.0  # refused by both
     state, ours = run(plant, u)
-    plain = FilterpyEstimator(plant, EstimatorSettings())
-    other, theirs = plain.run(plain.initial(), u)
+    other, theirs = run(plant, u, engine="filterpy")
     for name in FIELDS:
         a, b = getattr(ours, name), getattr(theirs, name)
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9, err_msg=name)

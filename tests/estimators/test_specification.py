@@ -20,7 +20,6 @@ from observer.model.learning import Nuisance
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.made import described, driven
 from tests.bits.shared import COUPLINGS, EVERY, coupled, learning
-from tests.estimators.filterpy_engine import FilterpyEstimator
 
 WIDE = EstimatorSettings(gate_sigma=1e9)
 STEPS = 12
@@ -85,10 +84,10 @@ def test_an_observer_corrects_by_its_gain():
     assert_same(plant, u, estimator, gain=estimator._bank.gains.K[0])
 
 
-@pytest.mark.parametrize("kind", [KalmanEstimator, FilterpyEstimator])
-def test_what_is_considered_keeps_value_and_variance(kind):
+@pytest.mark.parametrize("engine", ["compiled", "filterpy"])
+def test_what_is_considered_keeps_value_and_variance(engine):
     _, plant, u = learning(EVERY[:3], steps=STEPS)
-    estimator = kind(plant, EstimatorSettings(gate_sigma=1e9, period_s=2.0))
+    estimator = build_estimator(plant, EstimatorSettings(engine=engine, gate_sigma=1e9, period_s=2.0))
     state, _ = estimator.run(estimator.initial(), u)
     own = len(state.x_hat) - plant.learnt
     held = own + plant.learning.arrays.held
@@ -105,8 +104,8 @@ def test_filterpy_learns_the_same(resting):
     _, plant, u = learning(EVERY, resting=resting, steps=40)
     assert set(Nuisance) == set(plant.learning.arrays.kind.tolist())
     runs = []
-    for kind in (KalmanEstimator, FilterpyEstimator):
-        estimator = kind(plant, EstimatorSettings(gate_sigma=6.0, period_s=2.0))
+    for engine in ("compiled", "filterpy"):
+        estimator = build_estimator(plant, EstimatorSettings(engine=engine, gate_sigma=6.0, period_s=2.0))
         runs.append(estimator.run(estimator.initial(), u))
     (state, ours), (other, theirs) = runs
     for name in ("heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "learned", "learned_sigma"):

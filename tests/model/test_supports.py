@@ -240,7 +240,7 @@ def rows_of(engine: str, **supports: Any) -> tuple[FloatArray, FloatArray, Float
     return block.error_um, block.error_sigma_um, block.field_degC
 
 
-@pytest.mark.parametrize("engine", ["compiled", "constant"])
+@pytest.mark.parametrize("engine", ["compiled", "filterpy", "constant"])
 def test_the_estimators_carry_the_sigma_through_linear_supports(engine: str) -> None:
     free, _, field = rows_of(engine)
     held, sigma, same = rows_of(engine, **LIII)
@@ -252,7 +252,7 @@ def test_the_estimators_carry_the_sigma_through_linear_supports(engine: str) -> 
     assert (sigma[1:, 10] > 1e-3).all()
 
 
-@pytest.mark.parametrize("engine", ["compiled", "constant"])
+@pytest.mark.parametrize("engine", ["compiled", "filterpy", "constant"])
 def test_the_estimators_follow_a_gap_as_it_closes(engine: str) -> None:
     """Free while the gap is open, held by the same law afterwards, with the σ of each."""
     free, free_sigma, _ = rows_of(engine)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from observer import app
+from observer.estimators.filterpy_engine import FilterpyEstimator
 from observer.estimators.kalman import KalmanEstimator
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.installation import load, parse
 from observer.model.build import build_plant
 from tests.discovery.cases import table
-from tests.estimators.filterpy_engine import FilterpyEstimator
 from tests.reference.node_cases import (
     AMBIENT_DEGC,
     CAPACITY_J_K,

@@ -158,6 +158,7 @@ def test_a_model_without_tolerances_is_held_against_no_slow_fault() -> None:
         ({"integrity": {"enabled": False}}, "[integrity] enabled = false"),
         ({"estimator": {"kind": "luenberger"}}, 'kind = "luenberger"'),
         ({"estimator": {"engine": "constant"}}, 'engine = "constant"'),
+        ({"estimator": {"engine": "filterpy"}}, 'engine = "filterpy"'),
     ],
 )
 def test_where_nothing_is_screened_nothing_is_promised_and_the_reason_is_said(

@@ -1,4 +1,4 @@
-"""The Kalman filter on filterpy's dense matrices, a check of the compiled one.
+"""The Kalman filter on filterpy's dense matrices: slow, to compare the compiled one with.
 
 The matrices are those of the `specification`, prediction and correction are filterpy's; what surrounds them,
 the start, the gate, what is learnt, the qualities, are the kernels run as Python.
