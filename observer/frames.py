@@ -186,6 +186,13 @@ class Inputs(_InputColumns):
         """Return consecutive blocks as one."""
         return cls._make(np.concatenate(column) for column in zip(*blocks, strict=True))
 
+    @classmethod
+    def empty(cls, sources: int, known: int, sensors: int, moving: int, states: int, rows: int) -> Self:
+        """Return one step for a plant of these sizes, nothing in it."""
+        one, laws, z = (1,), (1, sources), (1, known)
+        y, B, C = (1, sensors), (1, moving, states), (1, moving, rows)
+        return cls._make(map(np.zeros, (one, one, y, y, y, laws, laws, z, z, B, C, one, one, one), _KINDS))
+
     def part(self, begin: int, end: int | None = None) -> Self:
         """Return the steps from `begin` up to `end`, as views."""
         return self._make(column[begin:end] for column in self)

@@ -64,7 +64,7 @@ NEAREST: dict[str, Nearest] = {
     "observer/discovery/search.py": _at("tests/discovery/test_search.py", compiled=True),
     "observer/discovery/verdict.py": _at("tests/discovery/test_verdict.py"),
     "observer/estimators/design/gains.py": GAINS,
-    "observer/estimators/design/riccati.py": GAINS,
+    "observer/estimators/design/steady.py": GAINS,
     "observer/estimators/selftest.py": _at("tests/estimators/test_selftest.py", compiled=True),
     "observer/estimators/specification.py": _at(SPECIFIED, "tests/estimators/test_steps.py", compiled=True),
     "observer/estimators/tolerant.py": _at(

@@ -4,7 +4,7 @@ Each filter takes all sensors but some: none of them left out, each alone, each 
 them all, and their offsets walk, each and in common, as those of thermocouples and of a reference junction
 drift. If sensor i is at fault, the filter without it is clean, whatever the fault: by how much the estimate
 is off is then no more than how far the two are apart and what the clean one is uncertain by. The largest of
-these over all faults that are to be reckoned with is the bound. Where tolerances are allowed for, the
+these over all faults that are to be reckoned with is the bound. Where tolerances are considered, the
 estimate is more uncertain by what drifts make, and never less than some part of how far a clean one is away.
 Source: solution separation, Blanch et al. (2012), as satellite navigation has it; here the filters are those
 of the screw. Which sensor is at fault is found in `fault_search`.
@@ -157,7 +157,8 @@ class Bank:
         self._results = packing.empty_results(plant, F)
         self._result_records = tuple(record(packing.cut(self._results, slice(f, f + 1))) for f in range(F))
         self._work = record(packing.scratch(packing.pack_plant(plant)))
-        self._inputs = _one_step(plant)
+        m, p, M = len(plant.B.T), len(plant.E.T), len(plant.moving)
+        self._inputs = Inputs.empty(m, p, s, M, len(plant.decay_1_s), len(plant.rows.C))
         self._inputs_record = record(self._inputs)
         self._first = np.zeros(1, np.int64)
         self._trace = Trace._make(self._own[name] for name in Trace._fields)
@@ -319,16 +320,3 @@ def _between(plant: Plant) -> dict[str, Any]:
         "heat_drift_W2": np.zeros(m_e), "field_drift2": np.zeros(R - s),
     }  # fmt: skip
     return gathered._asdict() | unknown | Trace.of(s)._asdict()
-
-
-def _one_step(plant: Plant) -> Inputs:
-    """Inputs of one step, to be filled."""
-    m, p, M = len(plant.B.T), len(plant.E.T), len(plant.moving)
-    n_x, s, R = len(plant.decay_1_s), plant.rows.sensors, len(plant.rows.C)
-    return Inputs._make(
-        (
-            np.zeros(1), np.zeros(1), np.zeros((1, s)), np.zeros((1, s), bool), np.zeros((1, s), np.int8),
-            np.zeros((1, m)), np.zeros((1, m)), np.zeros((1, p)), np.zeros((1, p)), np.zeros((1, M, n_x)),
-            np.zeros((1, M, R)), np.zeros(1, np.int8), np.zeros(1), np.zeros(1),
-        )
-    )  # fmt: skip

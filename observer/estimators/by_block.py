@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from observer.estimators import packing
 from observer.estimators.protocol import EstimatorState
@@ -16,37 +16,48 @@ from observer.kernels.layout import Bundle
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
+if TYPE_CHECKING:  # only the Kalman filter has one
+    from observer.estimators.bank import Bank
+
 
 class Scratch:
-    """What kernels change on the way, as records that live as long as the estimator."""
+    """What kernels change on the way, as records that live as long as the estimator; a `bank` beside it."""
 
-    bank: Any = None
-
-    def __init__(self, arrays: packing.PlantArrays, initial: EstimatorState) -> None:
+    def __init__(
+        self, arrays: packing.PlantArrays, initial: EstimatorState, bank: Bank | None = None
+    ) -> None:
         """Allocate it for a plant."""
         self.bundle = Bundle.of(packing.thaw(initial)._asdict())
         self.running = packing.Running._make(self.bundle[name] for name in packing.Running._fields)
         self.work = packing.scratch(arrays)
         self.work_record, self.running_record = record(self.work), record(self.running)
+        self.bank = bank
 
     def take(self, state: EstimatorState) -> None:
         """Stand at a state."""
         packing.thaw_into(self.running, state)
+        if self.bank is not None:
+            self.bank.take(state.bank)
 
     def state(self, time_s: float) -> EstimatorState:
         """Where it stands."""
-        return packing.freeze(self.running, time_s)
+        state = packing.freeze(self.running, time_s)
+        return state if self.bank is None else replace(state, bank=self.bank.octets)
 
     def step_bank(self, results: packing.Results, k: int, time_s: float) -> None:
-        """Step the bank after step k of the estimate; there is none."""
+        """Step the bank after step k of the estimate."""
+        if self.bank is not None:
+            self.bank.step(self.running, self.running_record, results, k, time_s)
 
     def keep(self) -> Any:
         """Return where it stands, to be put back."""
-        return self.bundle.octets.tobytes()
+        return self.bundle.octets.tobytes(), None if self.bank is None else self.bank.keep()
 
     def put_back(self, kept: Any) -> None:
         """Stand where it stood."""
-        self.bundle.put_back(kept)
+        self.bundle.put_back(kept[0])
+        if self.bank is not None:
+            self.bank.put_back(kept[1])
 
 
 class BlockEstimator(ABC):

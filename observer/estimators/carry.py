@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators.protocol import Estimator, EstimatorState
+from observer.estimators.specification import columns_in_place
 from observer.frames import EstimateBlock, FloatArray, Inputs
 from observer.model.learning import Nuisance
 from observer.model.plant import Plant
@@ -91,7 +92,7 @@ def _rows(
     """What field, heats beyond their laws and lagged heats are of the states (n,) of an estimator."""
     n_x, sources = len(plant.decay_1_s), plant.layout.sources
     own = n_x + len(sources)
-    C = _in_place(plant, inputs)[plant.rows.field_slice]
+    C = columns_in_place(plant, inputs, -1)[1][plant.rows.field_slice]
     H = np.zeros((len(C) + len(heats) + len(lags), own + plant.learnt))
     H[: len(C), :n_x] = C
     for row, name in enumerate(heats, len(C)):
@@ -103,14 +104,6 @@ def _rows(
     for row, name in enumerate(lags, len(C) + len(heats)):
         H[row, :n_x] = plant.lag_rows[plant.source_names.index(name)]
     return H
-
-
-def _in_place(plant: Plant, inputs: Inputs) -> FloatArray:
-    """The output rows (R, n_x) with the nuts where they were over the last step."""
-    C = plant.rows.C.copy()
-    for i, source in enumerate(plant.moving):
-        C[:, plant.modes + source.index] = inputs.moving_C[-1, i]
-    return C
 
 
 def _places(known: Carried, heats: tuple[str, ...], lags: tuple[str, ...]) -> list[int]:
@@ -145,5 +138,6 @@ def _around(plant: Plant, inputs: Inputs, x: FloatArray, around: FloatArray) -> 
         return around
     n_x, n = len(plant.decay_1_s), len(plant.decay_1_s) + len(plant.layout.sources)
     sensors = plant.rows.sensor_slice
-    read_degC = _in_place(plant, inputs)[sensors] @ x[:n_x] + plant.rows.F[sensors] @ inputs.z_end[-1]
+    C = columns_in_place(plant, inputs, -1)[1][sensors]
+    read_degC = C @ x[:n_x] + plant.rows.F[sensors] @ inputs.z_end[-1]
     return np.concatenate([x[:n], read_degC, read_degC])

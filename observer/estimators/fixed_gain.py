@@ -15,9 +15,8 @@ import numpy as np
 from observer.errors import UserError
 from observer.estimators import packing
 from observer.estimators.by_block import BlockEstimator, Scratch
-from observer.estimators.design.bandwidth import bandwidth, design
 from observer.estimators.design.gains import Refusal, everything, sensor_rows
-from observer.estimators.design.riccati import steady_covariance, steady_kalman
+from observer.estimators.design.steady import bandwidth, design, steady_covariance, steady_kalman
 from observer.estimators.fixed_gain_records import FixedGainWork, GainTable, StepBins, considered, steady_step
 from observer.estimators.packing import PlantArrays, Results
 from observer.estimators.protocol import EstimatorState

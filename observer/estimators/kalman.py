@@ -57,9 +57,7 @@ class KalmanEstimator(BlockEstimator):
 
     def scratch(self) -> Scratch:
         """Allocate what kernels change on the way; each thread has its own."""
-        if self._integrity is None:
-            return super().scratch()
-        return Screening(self._arrays, self.initial(), self._bank())
+        return Scratch(self._arrays, self.initial(), None if self._integrity is None else self._bank())
 
     def _bank(self) -> Bank:
         assert self._integrity is not None
@@ -67,49 +65,18 @@ class KalmanEstimator(BlockEstimator):
 
     def take(self, chunk: Chunk, inputs: Any, scratch: Scratch, out: Results, results: Any) -> None:
         """Take a chunk's steps by the compiled filter."""
-        if not isinstance(scratch, Screening):
+        bank, k = scratch.bank, 0
+        if bank is None:
             run_kalman(
                 self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
                 results, scratch.work_record,
             )  # fmt: skip
             return
-        bank, k = scratch.bank, 0
         while k < len(chunk.step):
             k = run_until_due(
                 self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
                 results, scratch.work_record, bank.gathered_record, bank.held_record, bank.design.sigmas, k,
             )  # fmt: skip
             if bank.is_due:
-                scratch.step_bank(out, k - 1, chunk.inputs.time_s[k - 1])
+                scratch.step_bank(out, k - 1, float(chunk.inputs.time_s[k - 1]))
                 put_bounds(results, k - 1, bank.held_record, bank.design.sigmas)
-
-
-class Screening(Scratch):
-    """What kernels change on the way, with a bank beside it."""
-
-    def __init__(self, arrays: packing.PlantArrays, initial: EstimatorState, bank: Bank) -> None:
-        """Allocate it for a plant."""
-        super().__init__(arrays, initial)
-        self.bank: Bank = bank
-
-    def step_bank(self, results: Results, k: int, time_s: float) -> None:
-        """Step the bank after step k of the estimate."""
-        self.bank.step(self.running, self.running_record, results, k, float(time_s))
-
-    def take(self, state: EstimatorState) -> None:
-        """Stand at a state."""
-        super().take(state)
-        self.bank.take(state.bank)
-
-    def state(self, time_s: float) -> EstimatorState:
-        """Where it stands."""
-        return replace(super().state(time_s), bank=self.bank.octets)
-
-    def keep(self) -> Any:
-        """Return where it stands, to be put back."""
-        return super().keep(), self.bank.keep()
-
-    def put_back(self, kept: Any) -> None:
-        """Stand where it stood."""
-        super().put_back(kept[0])
-        self.bank.put_back(kept[1])

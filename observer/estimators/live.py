@@ -65,7 +65,7 @@ class LiveEstimator:
 
     def _step_bank(self) -> None:
         """Step the bank, which is due."""
-        self._scratch.step_bank(self.results, 0, self._inputs.time_s[0])
+        self._scratch.step_bank(self.results, 0, float(self._inputs.time_s[0]))
 
     def _take(self) -> None:
         """Take the step whose inputs are there, where the kernel does not know how."""

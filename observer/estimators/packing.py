@@ -226,49 +226,28 @@ def thaw_into(running: Running, state: EstimatorState) -> None:
 
 def scratch(arrays: PlantArrays) -> Work:
     """Allocate the kernels' scratch."""
-    n_x, m_e, s = arrays.B.shape[1], len(arrays.source), len(arrays.R_K2)
+    (m, n_x), m_e, s = arrays.B.shape, len(arrays.source), len(arrays.R_K2)
     n, learn = n_x + m_e + len(arrays.learn.kind), arrays.learn
     width, columns = padded_width(n), layout.padded_width(max(m_e + learn.machine, 1), _TOGETHER)
-    sensors = layout.padded_width(s, _TOGETHER)
+    sensors, shown = layout.padded_width(s, _TOGETHER), arrays.rows.shape[1]
+    shapes: dict[str, tuple[int, ...]] = {
+        "value": (shown,), "shared": (shown,), "law": (m,), "driven": (n_x,), "couple": (n_x, n_x),
+        "shift": (n_x,), "was": (n, width), "before": (2, n_x), "none": (n_x, 0), "link": (2, n_x),
+        "sweep": (0, 0, 0, 0), "G": (columns, width), "H": (columns, width), "M": (m_e, width), "L": (s, s),
+        "W": (s, width), "e": (s,), "K": (width,), "row": (width,), "half": (width,), "g": (s, width),
+        "nu": (s,), "S_nu": (s,), "suspect": (s,), "A": (n, width), "before_around": (n_x + m_e,),
+        "plain": (n_x + m_e,), "plain_B": (m, n_x), "kept": (len(learn.held), len(learn.held) + 1),
+        "S": (s, sensors), "read": (sensors,),
+    }  # fmt: skip
     return Work(
         B=arrays.B.copy(),
         C=pad_rows(arrays.C, n) if len(learn.kind) else arrays.C.copy(),
         rows=arrays.rows.copy(),
-        value=np.zeros(arrays.rows.shape[1]),
-        shared=np.zeros(arrays.rows.shape[1]),
-        law=np.zeros(len(arrays.B)),
-        driven=np.zeros(n_x),
-        couple=np.zeros((n_x, n_x)),
-        shift=np.zeros(n_x),
-        was=np.zeros((n, width)),
-        before=np.zeros((2, n_x)),
-        none=np.zeros((n_x, 0)),
-        link=np.zeros((2, n_x)),
-        sweep=np.zeros((0, 0, 0, 0)),
-        G=layout.zeros((columns, width)),
-        H=layout.zeros((columns, width)),
-        M=np.zeros((m_e, width)),
-        L=np.zeros((s, s)),
-        W=layout.zeros((s, width)),
-        e=np.zeros(s),
         order=np.zeros(s, dtype=np.int64),
-        K=np.zeros(width),
-        row=np.zeros(width),
-        half=np.zeros(width),
-        g=layout.zeros((s, width)),
-        nu=np.zeros(s),
-        S_nu=np.zeros(s),
         usable=np.zeros(s, dtype=np.bool_),
         accepted=np.zeros(s, dtype=np.bool_),
-        suspect=np.zeros(s),
-        A=np.zeros((n, width)),
-        before_around=np.zeros(n_x + m_e),
-        plain=np.zeros(n_x + m_e),
-        plain_B=np.zeros_like(arrays.B),
-        kept=np.zeros((len(learn.held), len(learn.held) + 1)),
         CT=pad_rows(arrays.C.T, sensors),
-        S=np.zeros((s, sensors)),
-        read=np.zeros(sensors),
+        **{name: layout.zeros(shape) for name, shape in shapes.items()},
     )
 
 

@@ -17,7 +17,7 @@ class EstimatorState:
     """Where an estimator stands after a step.
 
     Shapes, with n = n_x + m_e + L (plant states, then the estimated heats' deviations from their laws, then
-    what is learnt or allowed for): `x_hat` (n,), `P` (n, n). `started` is false until the first usable
+    what is learnt or considered): `x_hat` (n,), `P` (n, n). `started` is false until the first usable
     measurement. `suspect` (s,) counts the steps for which each sensor has been refused in a row, `refused_s`
     (s,) for how long, and `opened_K` (s,) how far off it was when the state was last opened for it; `silent`
     counts the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.

@@ -100,7 +100,7 @@ class SelfTestState(NamedTuple):
 
 class Trust(NamedTuple):
     """What heats are held against, (m_e,): σ at the start, and what laws are trusted for (NaN: no law); and
-    the noise (s,) of sensors, infinite where no tolerance is allowed for: nothing of an innovation lasts.
+    the noise (s,) of sensors, infinite where no tolerance is considered: nothing of an innovation lasts.
     Where some is, heats may be `law_slack` times as far from their laws.
     """
 

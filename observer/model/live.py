@@ -85,7 +85,11 @@ class LiveDrive:
         state = drive.initial()
         self._turns = state.turns
         self._bundle = Bundle.of(_arrays(state))
-        self._inputs = Bundle.of(_inputs_of(plant, len(state.law_W), len(state.z)))
+        empty = Inputs.empty(
+            len(state.law_W), len(state.z), plant.rows.sensors, len(plant.moving), len(plant.decay_1_s),
+            len(plant.rows.C),
+        )  # fmt: skip
+        self._inputs = Bundle.of(empty._asdict())
         self.inputs = Inputs._make(self._inputs[name] for name in Inputs._fields)
         self.inputs_record = record(self.inputs)
         self._law, own, given, u = np.empty((1, len(state.law_W))), self._bundle, frame.bundle, self.inputs
@@ -175,15 +179,3 @@ def _arrays(state: DriveState) -> dict[str, FloatArray]:
     for i, nut in enumerate(state.nuts):
         own |= {f"{name}{i}": array for name, array in moving.arrays_of(nut).items()}
     return own
-
-
-def _inputs_of(plant: Plant, m: int, p: int) -> dict[str, Any]:
-    """The inputs of one step, nothing in them."""
-    s, moving_ = plant.rows.sensors, len(plant.moving)
-    one, laws, known = np.zeros(1), np.zeros((1, m)), np.zeros((1, p))
-    columns = (
-        one, one, np.zeros((1, s)), np.zeros((1, s), np.bool_), np.zeros((1, s), np.int8), laws, laws, known,
-        known, np.zeros((1, moving_, len(plant.decay_1_s))), np.zeros((1, moving_, len(plant.rows.C))),
-        np.zeros(1, np.int8), one, one,
-    )  # fmt: skip
-    return dict(zip(Inputs._fields, columns, strict=True))

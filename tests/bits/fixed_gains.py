@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer.estimators.design.gains import everything
-from observer.estimators.design.riccati import steady_covariance
+from observer.estimators.design.steady import steady_covariance
 from observer.estimators.fixed_gain import ConstantGainEstimator, LuenbergerEstimator
 from observer.model.discretise import step_matrices
 from observer.tables.estimator import EstimatorSettings

@@ -17,7 +17,7 @@ from observer.estimators.design.gains import (
     pole_error,
     poles_of,
 )
-from observer.estimators.design.riccati import steady_covariance, steady_kalman
+from observer.estimators.design.steady import steady_covariance, steady_kalman
 from observer.estimators.fixed_gain import LuenbergerEstimator
 from observer.frames import EstimateQuality
 from observer.model.discretise import augmented, step_matrices

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from observer.estimate.machine import Machine
-from observer.estimators.design.bandwidth import bandwidth, design, standing_growth_1_s
 from observer.estimators.design.gains import LuenbergerGain, Refusal, design_bandwidth, everything
+from observer.estimators.design.steady import bandwidth, design, standing_growth_1_s
 from observer.model.discretise import augmented, step_matrices
 from observer.model.rod.moving import columns_at
 from tests.learning.machines import config_of

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from observer.config import Config
-from observer.estimators.design.riccati import steady_kalman
+from observer.estimators.design.steady import steady_kalman
 from observer.frames import FloatArray, Inputs
 from observer.installation import parse
 from observer.kernels.coupling import see_under

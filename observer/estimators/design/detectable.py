@@ -77,9 +77,9 @@ def _of_readings(
     n = len(plant.decay_1_s) + int(plant.estimated.sum()) + len(a.kind)
     if n**3 * len(uses) * sum(stage.duration_s for stage in shift) / step_s > MOST_WORK:
         return None
-    told_1_K = uses * np.sqrt(step_s / (every_s * plant.noise_R_K2))
+    weight_1_K = uses * np.sqrt(step_s / (every_s * plant.noise_R_K2))
     found, sigma = [], np.tile(a.sigma, (len(uses), 1))
-    for now in moments(plant, a, shift, sigma, None, step_s, told_1_K):
+    for now in moments(plant, a, shift, sigma, None, step_s, weight_1_K):
         rows = now.H.reshape(-1, now.H.shape[-1])
         variance_K2 = ((rows @ now.P) * rows).sum(axis=-1).reshape(len(uses), *now.H.shape[:2])
         found.append(np.sqrt(variance_K2.mean(axis=1) + plant.noise_R_K2))

@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.estimators.design import gains
-from observer.estimators.design.bandwidth import bandwidth, design
 from observer.estimators.design.gains import LuenbergerGain, Refusal
 from observer.estimators.design.observability import plant_responses, smallest_singular_value, weakest_mode
-from observer.estimators.design.riccati import steady_kalman
-from observer.frames import BoolArray, FloatArray
+from observer.estimators.design.steady import bandwidth, gain_for
+from observer.frames import FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import generator, settled_rows
 from observer.model.plant import Plant
@@ -54,17 +53,15 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
     Raises `UserError` where no bandwidth serves; a design that is refused is reported, with no poles reached.
     """
     step = step_matrices(plant, settings.period_s)
-    omega = None
-    if settings.kind == "luenberger" and settings.pole_rule == "bandwidth":
-        omega = bandwidth(plant, settings)
-    whole = _design(plant, step, settings, gains.everything(plant), omega)
+    omega = bandwidth(plant, settings) if settings.kind == "luenberger" else np.inf
+    whole = gain_for(plant, step, gains.everything(plant), settings, omega)
     requested, reached, noise = _outcome(plant, step, whole)
     mode, sensor, share = weakest_mode(plant)
     names = plant.layout.sensors
     undetermined = _undetermined(plant, step, settings, omega)
     return DesignReport(
         kind=settings.kind,
-        bandwidth_1_s=omega,
+        bandwidth_1_s=omega if np.isfinite(omega) else None,
         eigenvalues_1_s=np.sort(np.concatenate([_rates(plant), -plant.heat_decay_1_s]))[::-1],
         poles_requested_1_s=requested,
         poles_reached_1_s=reached,
@@ -90,14 +87,6 @@ def _rates(plant: Plant) -> FloatArray:
     return np.asarray(np.linalg.eigvals(generator(plant)).real)
 
 
-def _design(
-    plant: Plant, step: StepMatrices, settings: EstimatorSettings, present: BoolArray, omega: float | None
-) -> LuenbergerGain | FloatArray | Refusal:
-    if settings.kind == "luenberger":
-        return design(plant, step, present, settings.pole_rule, omega or np.inf)
-    return steady_kalman(plant, step, present)
-
-
 def _outcome(
     plant: Plant, step: StepMatrices, whole: LuenbergerGain | FloatArray | Refusal
 ) -> tuple[FloatArray, gains.ComplexArray, FloatArray]:
@@ -112,7 +101,7 @@ def _outcome(
 
 
 def _undetermined(
-    plant: Plant, step: StepMatrices, settings: EstimatorSettings, omega: float | None
+    plant: Plant, step: StepMatrices, settings: EstimatorSettings, omega: float
 ) -> tuple[tuple[str, ...], ...]:
     """Smallest sets of sensors whose loss leaves no gain; supersets of one found are not listed again."""
     s = plant.rows.sensors
@@ -126,7 +115,7 @@ def _undetermined(
             continue
         present = gains.everything(plant)
         present[list(lost)] = False
-        if isinstance(_design(plant, step, settings, present, omega), Refusal):
+        if isinstance(gain_for(plant, step, present, settings, omega), Refusal):
             found.append(frozenset(lost))
     return tuple(tuple(plant.layout.sensors[i] for i in sorted(lost)) for lost in found)
 

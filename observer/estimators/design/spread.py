@@ -16,10 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from observer.estimators.design import gains
-from observer.estimators.design.bandwidth import bandwidth, design, standing
-from observer.estimators.design.gains import Refusal
-from observer.estimators.design.riccati import steady_kalman
+from observer.estimators.design.gains import LuenbergerGain, Refusal, everything
+from observer.estimators.design.steady import gain_for, standing
 from observer.frames import FloatArray
 from observer.kernels.codes import STILL
 from observer.model.cycle import SWEEP_PHASES, Stage, ripple
@@ -104,11 +102,10 @@ def _step_s(plant: Plant, duration_s: float, cases: int) -> float | None:
 
 def _fixed_gain(plant: Plant, settings: EstimatorSettings, dt_s: float) -> FloatArray | Refusal | None:
     """The gain (n, s) of an observer that has one for all steps, None for a Kalman filter."""
-    step, present = step_matrices(plant, dt_s), gains.everything(plant)
-    if settings.kind == "luenberger":
-        gain = design(plant, step, present, settings.pole_rule, bandwidth(plant, settings))
-        return gain if isinstance(gain, Refusal) else gain.K
-    return steady_kalman(plant, step, present) if settings.engine == "constant" else None
+    if settings.kind != "luenberger" and settings.engine != "constant":
+        return None
+    gain = gain_for(plant, step_matrices(plant, dt_s), everything(plant), settings)
+    return gain.K if isinstance(gain, LuenbergerGain) else gain
 
 
 def _over(
@@ -133,12 +130,12 @@ def moments(
     sigma: FloatArray,
     K: FloatArray | None,
     dt_s: float,
-    told_1_K: FloatArray | None = None,
+    weight_1_K: FloatArray | None = None,
 ) -> Iterator[Moment]:
     """Yield moments of a shift from `FROM_S` on, each `EVERY` steps `dt_s`, with tolerances `sigma` (v, L).
 
-    The gain is `K`, or the Kalman filter's. With `told_1_K` (v, s) each case has a noise of its own, of which
-    that is one over the standard deviation: 0 for a reading that is not used.
+    The gain is `K`, or the Kalman filter's. `weight_1_K` (v, s) is one over each reading's own σ in
+    each case, 0 for a reading that is not used.
     """
     n_x, m_e, L, s = len(plant.decay_1_s), int(plant.estimated.sum()), len(a.kind), plant.rows.sensors
     first = n_x + m_e
@@ -166,10 +163,10 @@ def moments(
             last = _see(plant, a, stage, x, last, dt_s, H)
             seen = H + passing
             before = F @ P @ F.T + Q
-            if told_1_K is None:
+            if weight_1_K is None:
                 P = _corrected(before, seen.reshape(-1, first + L), noise_R, K, a, first)
             else:  # rows in standard deviations: a reading that is not used is a row of nothing
-                rows = told_1_K[:, None, :, None] * seen / np.sqrt(len(seen))
+                rows = weight_1_K[:, None, :, None] * seen / np.sqrt(len(seen))
                 rows = rows.reshape(len(sigma), -1, first + L)
                 P = _corrected(before, rows, np.ones(rows.shape[1]), None, a, first)
             t_s, count = t_s + dt_s, count + 1
