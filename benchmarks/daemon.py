@@ -20,11 +20,11 @@ from queue import Queue
 import numpy as np
 import zenoh
 
-from benchmarks.plants import SCREW
 from benchmarks.table import Result
 from benchmarks.transport import free_port
 from drivers.simulated.wires import ThermocoupleServer
 from observer.publish.session import session_config
+from tests.logs.machines import SCREW
 
 SENSORS, MODES, POINTS, PERIOD_S = 12, 40, 200, 0.1
 RAW_PER_K, RAW_PER_M = 100, 10_000

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.plants import config_of, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.align.aligner import frames_of_log
@@ -31,6 +30,8 @@ from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.simulate import simulate, start
 from observer.tables.estimator import EstimatorSettings
+from tests.logs.inputs import even_inputs
+from tests.logs.machines import config_of
 
 STEPS, ROUGH_STEPS, DAY = 1_000, 15_000, 172_800
 DEMO = Path(__file__).parents[1] / "config" / "demo.toml"

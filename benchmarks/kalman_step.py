@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from statsmodels.tsa.statespace.kalman_filter import KalmanFilter as StatsmodelsFilter
 
 from benchmarks import bare
-from benchmarks.plants import config_of, dense, even_inputs
+from benchmarks.plants import dense
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.estimators.bank import Design
@@ -22,6 +22,8 @@ from observer.model.build import build_plant
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant
 from observer.tables.estimator import Integrity
+from tests.logs.inputs import even_inputs
+from tests.logs.machines import config_of
 
 DT_S = 0.5
 PERIOD_S, MOST_OF_A_CORE = 0.1, 0.03

@@ -12,7 +12,7 @@ from filterpy.kalman import KalmanFilter
 from pyarrow import csv
 
 from benchmarks.kalman_step import filterpy_loop
-from benchmarks.plants import config_of, dense, even_inputs
+from benchmarks.plants import dense
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.estimators.fixed_gain import ConstantGainEstimator
@@ -22,6 +22,8 @@ from observer.files.writer import write_log
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
+from tests.logs.inputs import even_inputs
+from tests.logs.machines import config_of
 
 DAY = 172_800
 PEER_STEPS = 5_000

@@ -7,12 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import solve_banded
 
-from benchmarks.plants import config_of, even_inputs
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.simulate import simulate, start
+from tests.logs.inputs import even_inputs
+from tests.logs.machines import config_of
 from tests.truth.bar import Bar
 from tests.truth.closed_forms import insulated_fin
 

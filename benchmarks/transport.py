@@ -15,7 +15,6 @@ from collections.abc import Callable
 import numpy as np
 import zenoh
 
-from benchmarks.plants import config_of
 from benchmarks.table import Result, judged
 from benchmarks.timing import shown
 from observer.align.aligner import Aligner, AlignPlan
@@ -27,6 +26,7 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.publish.codec import EstimateEncoder
 from observer.publish.session import session_config
+from tests.logs.machines import config_of
 
 PREFIX = "ballscrew/benchmark/x"
 PERIOD_S = 0.01

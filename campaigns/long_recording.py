@@ -17,7 +17,7 @@ import numpy as np
 from observer.align.aligner import AlignPlan
 from observer.installation import load
 from observer.record.recent import stretches
-from tests.record.recorded import recorded
+from tests.logs.recordings import recorded
 from tests.truth.machine import generate
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.logs import CHANNELS, configuration

@@ -25,7 +25,8 @@ import tomlkit
 import zenoh
 
 from observer.publish.session import session_config
-from tests.fleet.machines import configuration, simulated
+from tests.logs.machines import configuration
+from tests.logs.simulated import written_log
 from tests.patience import PATIENCE_S, computed_s, until
 from tests.publish.router import Router
 
@@ -36,7 +37,7 @@ def axes_of(folder: Path, count: int, endpoint: str, rows: int = 4000) -> list[P
     """Configurations of axes that play a simulated log and are clients of a router."""
     found = []
     whole = configuration(folder, 0, "whole")
-    log = simulated(whole, folder / "log" / "run.parquet", rows, PERIOD_S)
+    log = written_log(whole, folder / "log" / "run.parquet", rows, PERIOD_S)
     for number in range(count):
         path = configuration(folder, 0, f"m{number:02}")
         table = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -23,7 +23,8 @@ import pyarrow.parquet as pq
 
 from observer.files.logs import Log, read_log
 from observer.files.writer import write_log
-from tests.fleet.machines import configuration, simulated
+from tests.logs.machines import configuration
+from tests.logs.simulated import written_log
 
 DRIVE = 48
 BYTES_PER_ROW = 500
@@ -100,7 +101,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         config = configuration(folder, 0, "m")
-        whole = read_log(simulated(config, folder / "whole" / "run.parquet", 20_000))
+        whole = read_log(written_log(config, folder / "whole" / "run.parquet", 20_000))
         first = large(whole, folder / "run-000.csv", asked.megabytes)
         logs = [first, *(folder / f"run-{i:03}.csv" for i in range(1, asked.logs))]
         for log in logs[1:]:

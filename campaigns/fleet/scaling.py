@@ -27,7 +27,8 @@ from observer.fleet.journal import RunOptions, done
 from observer.fleet.report import conclude
 from observer.fleet.run import batches
 from observer.fleet.work import work
-from tests.fleet.machines import LENGTHS_M, a_fleet
+from tests.logs.machines import LENGTHS_M
+from tests.logs.simulated import a_fleet
 
 
 class Took(NamedTuple):

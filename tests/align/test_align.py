@@ -13,7 +13,7 @@ from observer.align.aligner import Aligner, AlignPlan, blocks_of_log, faults_of,
 from observer.files.logs import Log, read_log
 from observer.frames import Quality, Reading
 from observer.kernels.walk import _LAST, _SEEN, is_stuck
-from tests.align.streams import CHANNELS, joined, plan, play, same_bits, streams, write
+from tests.logs.recordings import CHANNELS, joined, plan, play, same_bits, streams, write
 
 GOOD, MISSING, STALE, REJECTED = Quality.GOOD, Quality.MISSING, Quality.STALE, Quality.REJECTED
 

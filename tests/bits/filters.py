@@ -9,7 +9,6 @@ import numpy as np
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import Quality
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.made import described, driven, firm
 from tests.bits.shared import (
     COUPLINGS,
     EVERY,
@@ -22,7 +21,9 @@ from tests.bits.shared import (
     lose,
     off_for_long,
 )
-from tests.estimators.plants import rod, small
+from tests.logs.inputs import driven
+from tests.logs.plants import described, rod, small
+from tests.logs.rounding import firm
 
 CASES = Cases()
 case, cases_of = CASES.case, CASES.cases_of

@@ -12,7 +12,7 @@ from observer.estimators.design.steady import steady_covariance
 from observer.estimators.fixed_gain import ConstantGainEstimator, LuenbergerEstimator
 from observer.model.discretise import step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.made import described, driven, firm, given, told
+from tests.bits.digests import given, told
 from tests.bits.shared import (
     COUPLINGS,
     Arrays,
@@ -21,7 +21,9 @@ from tests.bits.shared import (
     lose,
     off_for_long,
 )
-from tests.estimators.plants import rod, small
+from tests.logs.inputs import driven
+from tests.logs.plants import described, rod, small
+from tests.logs.rounding import firm
 
 CASES = Cases()
 case, cases_of = CASES.case, CASES.cases_of

@@ -15,7 +15,7 @@ from observer.history.smoother import smooth_heats
 from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.made import described, driven, firm, given, noise, state_of, told
+from tests.bits.digests import given, state_of, told
 from tests.bits.shared import (
     COUPLINGS,
     LOADED,
@@ -25,7 +25,9 @@ from tests.bits.shared import (
     coupled,
     lose,
 )
-from tests.estimators.plants import rod, small
+from tests.logs.inputs import driven, noise
+from tests.logs.plants import described, rod, small
+from tests.logs.rounding import firm
 
 CASES = Cases()
 case, cases_of = CASES.case, CASES.cases_of

@@ -15,13 +15,15 @@ from observer.frames import EstimateBlock, FrameBlock, Inputs, NutPath, Reading
 from observer.model.drive import Drive
 from observer.model.rod import moving
 from observer.model.rod.moving import PathState, reversals
-from tests.bits.made import described, driven, firm, given, noise, to_and_fro, told, words
+from tests.bits.digests import given, told, words
 from tests.bits.shared import (
     Arrays,
     Cases,
     frames_of,
 )
-from tests.estimators.plants import rod
+from tests.logs.inputs import driven, noise, to_and_fro
+from tests.logs.plants import described, rod
+from tests.logs.rounding import firm
 
 CASES = Cases()
 case, cases_of = CASES.case, CASES.cases_of

@@ -14,8 +14,10 @@ import numpy as np
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import FrameBlock, Inputs, NutPath, Quality
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.made import described, driven, firm, given, noise, to_and_fro, told
-from tests.estimators.plants import small
+from tests.bits.digests import given, told
+from tests.logs.inputs import driven, noise, to_and_fro
+from tests.logs.plants import described, small
+from tests.logs.rounding import firm
 
 Arrays = dict[str, np.ndarray]
 WIDE = EstimatorSettings(gate_sigma=1e9)

@@ -17,7 +17,8 @@ from observer.control.compensation import CompensationPlan, CompensationState, C
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Layout
 from observer.installation import parse
-from tests.discovery.cases import frames, table
+from tests.logs.machines import table
+from tests.logs.simulated import frames
 from tests.publish.blocks import block
 
 ON = {"enabled": True, "controller_compensates": False, "position_feedback": "motor"}

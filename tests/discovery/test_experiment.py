@@ -13,8 +13,9 @@ from observer.discovery.experiment import SEPARATES, Phase, habits_of, menu, pro
 from observer.effects.base import EffectTable
 from observer.effects.heat import EndHeat, MotorHeat
 from observer.fit.problem import Problem
-from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 
 CONFIG = machine()
 SPEED_RPM, HEAT_W = 1000.0, 2.0

@@ -13,8 +13,9 @@ from observer.app import discover
 from observer.discovery.candidates import Candidate, library
 from observer.discovery.family import Member, tie_of, ties
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
-from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.exchange import RADIATION
 from tests.truth.machine.generate import Case, machine_of, trace

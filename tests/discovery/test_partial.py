@@ -9,8 +9,9 @@ from observer.discovery.candidates import library
 from observer.discovery.search import FittedCandidate, Search
 from observer.discovery.verdict import partial_of
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
-from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 
 
 @cache

@@ -16,7 +16,8 @@ from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.cycle import PHASES
-from tests.discovery.cases import frames, machine
+from tests.logs.machines import machine
+from tests.logs.simulated import frames
 
 # Minutes: at rest, at work, a short rest, at work again, a long rest.
 ENDS_MIN = (10.0, 50.0, 60.0, 80.0, 140.0)

@@ -17,7 +17,7 @@ import pytest
 
 from observer.cli import main
 from observer.installation import load
-from tests.discovery.cases import RIG
+from tests.logs.machines import RIG
 from tests.truth.machine.logs import KNOWN
 
 CONFIG = RIG / "config.toml"

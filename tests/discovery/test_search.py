@@ -20,8 +20,9 @@ from observer.errors import LogError
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
-from tests.discovery.cases import machine, made_log
 from tests.learning.machines import config_of
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 
 BIAS = {"kind": "sensor_bias", "target": "b", "offset_K": 0.8}
 

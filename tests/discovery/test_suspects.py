@@ -20,8 +20,9 @@ from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
 from observer.fit.hypothesis import fit_effects, fit_null
 from observer.installation import parse
-from tests.discovery.cases import machine, made_log, table
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine, table
+from tests.logs.simulated import made_log
 from tests.truth.machine.cycles import RUNS
 from tests.truth.machine.entries import Entry, suspect_campaign, typical_campaign
 from tests.truth.machine.generate import Case, Run, logged, machine_of, runs_of, trace

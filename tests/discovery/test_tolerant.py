@@ -18,8 +18,9 @@ from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.evidence import resolution
 from observer.fit.hypothesis import fit_null
 from observer.fit.parameters import free_keys
-from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.generate import Case, write_case
 

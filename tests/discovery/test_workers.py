@@ -10,8 +10,9 @@ from observer.discovery.discover import discover
 from observer.discovery.search import without
 from observer.discovery.workers import IN_PROCESS, WorkerPool, _packed, _problems
 from observer.fit.hypothesis import fit_null
-from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 
 
 def test_a_second_process_does_not_change_the_answer() -> None:

@@ -46,7 +46,8 @@ from observer.fit.parameters import free_keys
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from tests.discovery.cases import frames, machine
+from tests.logs.machines import machine
+from tests.logs.simulated import frames
 
 kind, key, strength = sys.argv[1:]
 also = {} if ":" not in kind else {"discover": {"also": [kind]}}

@@ -18,7 +18,8 @@ from observer.fit.runs import prepare
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from tests.discovery.cases import frames, machine
+from tests.logs.machines import machine
+from tests.logs.simulated import frames
 
 BODY = {"kind": "attached_mass", "target": "nut", "capacity_J_K": 400.0, "conductance_W_K": 3.0}
 AT_REST = [{"kind": "attached_mass", "target": "left", "capacity_J_K": 400.0, "conductance_W_K": 3.0}]

@@ -16,8 +16,8 @@ from observer.files.logs import read_log
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
 from observer.installation import parse
 from observer.model.drive import Drive
-from tests.align.streams import play, write
 from tests.estimate.test_handed_out import arrays_in
+from tests.logs.recordings import play, write
 
 SCREW = {"length_m": 1.0, "diameter_m": 0.036, "conductivity_W_mK": 50.0, "density_kg_m3": 7800.0,
          "specific_heat_J_kgK": 460.0, "expansion_1_K": 11.8e-6}  # fmt: skip

@@ -14,7 +14,7 @@ from observer.frames import EstimateBlock, Reading
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from tests.align.streams import play, write
+from tests.logs.recordings import play, write
 
 POSITIONS_M = (0.05, 0.28, 0.5, 0.72, 0.95)
 TABLE = {

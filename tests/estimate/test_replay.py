@@ -13,8 +13,8 @@ from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of, result_columns, write_estimates
 from observer.files.logs import Log, read_log
 from observer.frames import Reading
-from tests.align.streams import CHANNELS, plan, play, write
 from tests.live.fakes import FakeDrive, FakeEstimator
+from tests.logs.recordings import CHANNELS, plan, play, write
 
 
 def _log(rows: int = 10_000) -> Log:

@@ -13,8 +13,9 @@ from observer.kernels.codes import STILL
 from observer.kernels.learning import FOLLOWS_S
 from observer.model.discretise import quantise, step_matrices
 from observer.model.learning import Nuisance
-from tests.bits.made import described, driven
 from tests.bits.shared import COUPLINGS, EVERY, learning
+from tests.logs.inputs import driven
+from tests.logs.plants import described
 
 LINEAR = [
     e

@@ -22,8 +22,8 @@ from observer.estimators.fixed_gain import LuenbergerEstimator
 from observer.frames import EstimateQuality
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import inputs, rod
-from tests.estimators.simulate import temperatures
+from tests.logs.inputs import inputs, temperatures
+from tests.logs.plants import rod
 
 SUBSETS = [np.array(bits, dtype=bool) for bits in itertools.product([True, False], repeat=4)]
 

@@ -6,7 +6,8 @@ import pytest
 from observer.estimators import build_estimator
 from observer.frames import EstimateQuality, Quality
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
+from tests.logs.inputs import inputs
+from tests.logs.plants import AMBIENT_DEGC, rod
 
 ENGINES = [("kalman", "compiled"), ("kalman", "constant"), ("luenberger", "compiled")]
 
@@ -71,7 +72,7 @@ def test_release_forgets_enough_to_follow_a_step_of_heat():
     """300 W come from nowhere at one end: the estimate must reach them, whatever was refused on the way."""
     plant = rod(walk_W_sqrt_s=0.05)
     u = quiet(plant, steps=2400)
-    from tests.estimators.simulate import temperatures
+    from tests.logs.inputs import temperatures
 
     u.y_degC[:] = temperatures(plant, u, lambda t: np.array([0.0, 0.0, 300.0 * (t > 100)]), seed=1)
     _, block = run(plant, u)

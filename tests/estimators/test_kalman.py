@@ -15,7 +15,8 @@ from observer.frames import EstimateQuality, Inputs, Quality
 from observer.model.discretise import augmented, step_matrices
 from observer.model.plant import OutputRows
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import inputs, rod
+from tests.logs.inputs import inputs
+from tests.logs.plants import rod
 
 FIELDS = ("heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "innovation_K")
 

@@ -20,8 +20,8 @@ from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import LENGTH_M, inputs, rod, theta
-from tests.estimators.simulate import temperatures
+from tests.logs.inputs import inputs, temperatures
+from tests.logs.plants import LENGTH_M, rod, theta
 
 KIM = Path("config/kim-screw.toml")
 

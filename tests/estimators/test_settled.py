@@ -13,7 +13,8 @@ from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateQuality, Quality
 from observer.model.discretise import augmented, quantise, step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import AMBIENT_DEGC, LENGTH_M, at, inputs, lively, rod, small
+from tests.logs.inputs import inputs, lively
+from tests.logs.plants import AMBIENT_DEGC, LENGTH_M, at, rod, small
 
 KINDS = [("kalman", "constant"), ("luenberger", "compiled")]
 WIDE = 1e9

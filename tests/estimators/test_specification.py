@@ -18,8 +18,9 @@ from observer.estimators.specification import (
 )
 from observer.model.learning import Nuisance
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.made import described, driven
 from tests.bits.shared import COUPLINGS, EVERY, coupled, learning
+from tests.logs.inputs import driven
+from tests.logs.plants import described
 
 WIDE = EstimatorSettings(gate_sigma=1e9)
 STEPS = 12

@@ -12,7 +12,7 @@ from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
 from observer.report.sensitivity import KEYS, advice, tolerances
-from tests.estimators.shift import simulated
+from tests.logs.simulated import shift_log
 
 CONFIG = Path(__file__).parents[2] / "config"
 
@@ -37,7 +37,7 @@ def by_covariance(config):
 
 def by_estimator(config):
     """Mean σ from ten minutes on of the estimator over a simulated log of the shift."""
-    machine, u = simulated(config)
+    machine, u = shift_log(config)
     estimator = build_estimator(machine.plant, config.estimator)  # a bank adds what drifts make
     _, block = estimator.run(estimator.initial(), u)
     late = block.time_s >= 600.0

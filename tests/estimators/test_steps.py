@@ -10,7 +10,8 @@ from observer.estimators.specification import Belief, Columns, correct, predict,
 from observer.fit.process_noise import innovations_log_likelihood
 from observer.frames import EstimateQuality, Quality
 from observer.tables.estimator import EstimatorSettings
-from tests.estimators.plants import at, lively, small
+from tests.logs.inputs import lively
+from tests.logs.plants import at, small
 
 WIDE = 1e9
 STEPS = 16

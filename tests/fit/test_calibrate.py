@@ -9,9 +9,10 @@ from observer.errors import LogError
 from observer.fit.calibrate import Calibration, calibrate, describe
 from observer.fit.parameters import FILM, replaced
 from observer.fit.tolerance import tolerances
-from tests.discovery.cases import machine, made_log, rig
 from tests.learning.cover import log_of
 from tests.learning.machines import Rough, config_of, day, draw
+from tests.logs.machines import machine, rig
+from tests.logs.simulated import made_log
 
 LEARNING_SEED = 4000
 TRUE = {FILM: 26.0, "source.heater.scale": 0.8, "source.bearing.l.scale": 1.3}

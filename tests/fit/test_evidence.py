@@ -27,8 +27,9 @@ from observer.fit.forward import Forward
 from observer.fit.hypothesis import fit_null
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock
-from tests.discovery.cases import machine, made_log
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 
 CONFIG = machine()
 TRUTH = machine(surface={"convection_W_m2K": 14.0})

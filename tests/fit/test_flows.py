@@ -10,7 +10,7 @@ import pytest
 from observer.config import Config
 from observer.discovery.family import ScrewHistory, loss_W
 from observer.effects.catalogue import BY_KIND
-from tests.discovery.cases import machine
+from tests.logs.machines import machine
 
 STEPS, LENGTH_M, DIAMETER_M = 60, 0.4, 0.02
 AIR_DEGC, SPEED_RPM = 20.0, 1000.0

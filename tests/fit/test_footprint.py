@@ -21,7 +21,7 @@ from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.rod import moving
 from observer.model.simulate import simulate, simulate_means, start_from_sensors
-from tests.discovery.cases import RIG, rig
+from tests.logs.machines import RIG, rig
 
 MODES = 20
 

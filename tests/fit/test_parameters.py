@@ -20,7 +20,7 @@ from observer.fit.parameters import (
     scale_of,
 )
 from observer.installation import Installation
-from tests.discovery.cases import machine, table
+from tests.logs.machines import machine, table
 
 FRICTION = {"name": "nut", "shape": "point", "position_m": 0.2, "speed_channel": "n_rpm", "torque_Nm": 0.4}
 CONVECTIVE = {"right": {"kind": "convective", "coefficient_W_m2K": 50.0}}

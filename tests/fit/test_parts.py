@@ -24,7 +24,7 @@ from observer.fit.parameters import FILM, get, put
 from observer.fit.problem import Marginal, Problem, modelled_lags
 from observer.fit.tolerance import tolerances
 from observer.frames import FloatArray
-from tests.discovery.cases import machine
+from tests.logs.machines import machine
 
 NOISE_K = np.array([0.05, 0.02])
 

@@ -13,7 +13,8 @@ from observer.frames import EstimateQuality
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from tests.discovery.cases import machine, made_log, rig
+from tests.logs.machines import machine, rig
+from tests.logs.simulated import made_log
 
 
 @cache

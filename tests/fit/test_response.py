@@ -12,7 +12,8 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start_from_sensors
 from observer.tables.nodes import Node
-from tests.discovery.cases import machine, made_log, rig
+from tests.logs.machines import machine, rig
+from tests.logs.simulated import made_log
 
 CHANGED = {
     "surface.convection_W_m2K": 12.0,

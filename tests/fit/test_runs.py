@@ -9,7 +9,8 @@ import pytest
 
 from observer.errors import LogError
 from observer.fit.runs import prepare
-from tests.discovery.cases import machine, made_log
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 
 
 @pytest.mark.parametrize("channel", ["heater_W", "n_rpm"])

@@ -8,7 +8,7 @@ import pytest
 from observer.config import Config
 from observer.fit.runs import filled
 from observer.frames import FrameBlock, NutPath
-from tests.discovery.cases import machine
+from tests.logs.machines import machine
 
 NUT = {
     "name": "nut", "shape": "nut", "length_m": 0.02, "position_channel": "x_m", "speed_channel": "n_rpm",

@@ -7,7 +7,7 @@ import pytest
 
 from observer.model.build import build_plant
 from observer.model.simulate import start_from_sensors
-from tests.discovery.cases import machine
+from tests.logs.machines import machine
 
 PRESCRIBED = {"left": {"kind": "prescribed", "channel": "left_degC"}}
 

@@ -22,8 +22,9 @@ from observer.frames import FrameBlock
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
-from tests.discovery.cases import machine, made_log, table
 from tests.discovery.small import problem_of
+from tests.logs.machines import machine, table
+from tests.logs.simulated import made_log
 
 
 @given(st.integers(0, 10**6), st.integers(1, 12), st.integers(0, 4))

@@ -19,7 +19,8 @@ from observer.errors import UserError
 from observer.fleet import run as running
 from observer.fleet.jobs import given, jobs_of, read_table
 from observer.fleet.journal import DONE, RunOptions
-from tests.fleet.machines import a_fleet, configuration, simulated
+from tests.logs.machines import configuration
+from tests.logs.simulated import a_fleet, written_log
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
 
@@ -125,8 +126,8 @@ def long_and_short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list
     """A configuration with a long log and a short one, which nobody here changes."""
     folder = tmp_path_factory.mktemp("long")
     config = configuration(folder, 0, "m")
-    short = simulated(config, folder / "short" / "short.parquet", 200)
-    return config, [simulated(config, folder / "long" / "long.parquet", LONG_ROWS), short]
+    short = written_log(config, folder / "short" / "short.parquet", 200)
+    return config, [written_log(config, folder / "long" / "long.parquet", LONG_ROWS), short]
 
 
 def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_path, long_and_short):

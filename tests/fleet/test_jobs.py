@@ -9,7 +9,9 @@ from pyarrow import parquet
 from observer.errors import UserError
 from observer.fleet.jobs import Job, TableRow, given, jobs_of, read_table
 from observer.fleet.run import MOST_JOBS, batches
-from tests.fleet.machines import RIG
+from tests.logs.machines import RIG as RIG_FOLDER
+
+RIG = RIG_FOLDER / "config.toml"
 
 
 def _table(folder: Path, text: str) -> Path:

@@ -10,7 +10,8 @@ import pytest
 from observer.fleet import work as workers
 from observer.fleet.jobs import Job
 from observer.fleet.journal import WHY, WORK, RunOptions, done, exclusive
-from tests.fleet.machines import configuration, simulated
+from tests.logs.machines import configuration
+from tests.logs.simulated import written_log
 from tests.patience import PATIENCE_S
 
 HANGING = """
@@ -28,7 +29,7 @@ work.work([Job("m", "run", (log,), config, Path("m/replay/run"))], RunOptions("r
 @pytest.fixture
 def order(tmp_path: Path) -> Job:
     config = configuration(tmp_path, 0, "m")
-    log = simulated(config, tmp_path / "run.parquet", 200)
+    log = written_log(config, tmp_path / "run.parquet", 200)
     return Job("m", "run", (log,), config, Path("m/replay/run"))
 
 

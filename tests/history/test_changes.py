@@ -13,8 +13,9 @@ from observer.model.discretise import quantise, step_matrices
 from observer.model.learning import Nuisance
 from observer.model.simulate import start_from_sensors
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.made import described, driven
 from tests.bits.shared import COUPLINGS
+from tests.logs.inputs import driven
+from tests.logs.plants import described
 
 OPEN_GATE = EstimatorSettings(gate_sigma=1e9)
 LINEAR = [effect for name in ("speed_loss", "films", "body_at_the_nut", "lags") for effect in COUPLINGS[name]]

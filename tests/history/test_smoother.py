@@ -14,10 +14,10 @@ from observer.kernels.codes import NUT_LOST, REJECTED
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.made import described, driven
 from tests.bits.shared import COUPLINGS
 from tests.estimators.dense import posterior_heats
-from tests.estimators.plants import inputs, rod
+from tests.logs.inputs import driven, inputs
+from tests.logs.plants import described, rod
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar
 

@@ -23,8 +23,8 @@ from observer.history.tikhonov import (
 )
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS, coupled
-from tests.estimators.plants import AMBIENT_DEGC, inputs, rod
-from tests.estimators.simulate import temperatures
+from tests.logs.inputs import inputs, temperatures
+from tests.logs.plants import AMBIENT_DEGC, rod
 
 DT_S = 6.0
 

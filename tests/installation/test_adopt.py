@@ -13,7 +13,7 @@ from observer.errors import UserError
 from observer.files import folders
 from observer.installation import adopt as adopting
 from observer.installation.adopt import adopt, adoption_of, before_of, sha256, take_back, undo
-from tests.discovery.cases import table
+from tests.logs.machines import table
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from observer.errors import ConfigError
 from observer.fit.parameters import get, rounded
 from observer.installation import parse
 from observer.installation.write_back import with_effects, write_back
-from tests.discovery.cases import RIG
+from tests.logs.machines import RIG
 
 TEXT = """\
 # bench 3, after the rebuild

@@ -16,8 +16,8 @@ from observer.process.shutdown import leave
 from observer.publish.zenoh import ZenohPublisher
 from observer.record.recorder import Recorder
 from observer.tables.publishing import Publish
-from tests.align.streams import CHANNELS, plan
 from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator
+from tests.logs.recordings import CHANNELS, plan
 
 
 class HangingEstimator(FakeEstimator):

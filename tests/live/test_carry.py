@@ -20,7 +20,7 @@ from observer.installation import parse
 from observer.live.keeper import carried
 from observer.live.observers import Step
 from observer.live.renewal import carried_over
-from tests.discovery.cases import RIG
+from tests.logs.machines import RIG
 
 TABLE = read_toml(RIG / "config.toml")
 AFTER = 5000

@@ -23,7 +23,6 @@ from observer.live.loop import Service, serve
 from observer.live.observers import CompensationObserver, StepObserver
 from observer.process.clock import ServiceClock
 from observer.record.recorder import NoRecorder, Recorder
-from tests.align.streams import CHANNELS, plan
 from tests.control.test_compensate import GRID, at, estimate, machine
 from tests.live.fakes import (
     FakeDrive,
@@ -34,6 +33,7 @@ from tests.live.fakes import (
     FastClock,
     fake_service,
 )
+from tests.logs.recordings import CHANNELS, plan
 from tests.patience import eventually
 
 

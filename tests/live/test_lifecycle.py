@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from observer.daemon import run
 from observer.exchange import PublishStatus
 from observer.process.clock import ServiceClock
-from tests.align.streams import plan
 from tests.live.fakes import FakeDriver, FakePublisher, fake_service
+from tests.logs.recordings import plan
 
 LIVES_S, READY_S = 0.5, 1.0
 

@@ -22,7 +22,6 @@ from observer.live.renewal import Renewals
 from observer.process.clock import ServiceClock
 from observer.quality.gap import Departure
 from observer.record.recorder import NoRecorder, Recorder
-from tests.align.streams import CHANNELS, plan
 from tests.live.fakes import (
     FakeDrive,
     FakeDriver,
@@ -32,6 +31,7 @@ from tests.live.fakes import (
     FastClock,
     fake_service,
 )
+from tests.logs.recordings import CHANNELS, plan
 from tests.patience import PATIENCE_S, eventually
 
 

@@ -18,7 +18,8 @@ from observer.installation import adopt as adopting
 from observer.installation import load
 from observer.installation.adopt import Adoption, adopt, adoption_of, sha256, undo
 from observer.live.trial import AdoptionTrial
-from tests.discovery.cases import machine, made_log, table
+from tests.logs.machines import machine, table
+from tests.logs.simulated import made_log
 
 EFFECT = {"kind": "end_conduction", "target": "left", "conductance_W_K": 0.4}
 WORSE = {"kind": "end_conduction", "target": "right", "conductance_W_K": 0.9}

@@ -12,8 +12,8 @@ from observer.model.extend import with_learning
 from observer.model.generator import APART, diagonalised, frozen, generator, on_the_screw
 from observer.model.rod.moving import columns_at
 from observer.model.simulate import start
-from tests.bits.made import described
 from tests.bits.shared import COUPLINGS, EVERY
+from tests.logs.plants import described
 from tests.model.unturned import unturned
 
 LASTING = ["films", "body_at_an_end", "lags", "everything"]

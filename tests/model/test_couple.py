@@ -9,8 +9,8 @@ from observer.kernels.coupling import see_under
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.rod.screw import surface_rate
-from tests.bits.made import described
 from tests.bits.shared import COUPLINGS
+from tests.logs.plants import described
 from tests.model.unturned import unturned
 
 FADING = [{"kind": "friction_fade", "target": name, "per_K": 0.01} for name in ("nut", "left")]

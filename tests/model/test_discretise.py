@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from observer.model.discretise import augmented, quantise, step_matrices
-from tests.estimators.plants import rod
+from tests.logs.plants import rod
 
 
 def van_loan(plant, dt_s):

@@ -8,9 +8,10 @@ from observer.frames import FrameBlock, Inputs, Quality
 from observer.kernels.codes import INPUT_LOST, NUT_LOST
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from tests.bits.made import described
 from tests.bits.shared import frames_of
-from tests.discovery.cases import frames, machine
+from tests.logs.machines import machine
+from tests.logs.plants import described
+from tests.logs.simulated import frames
 
 ROWS = ("time_s", "dt_s", "values", "fresh", "quality", "age_s")
 AIR_K_H, SENSOR_K_H, BIAS_K = 3.0, 2.0, 0.3

@@ -18,7 +18,7 @@ from observer.model.discretise import augmented, step_matrices
 from observer.model.generator import augmented_step, design_step, generator
 from observer.model.plant import Plant
 from observer.model.simulate import simulate
-from tests.discovery.cases import table
+from tests.logs.machines import table
 from tests.reference.cases import known
 from tests.reference.node_cases import by_speed, config, on_nodes
 

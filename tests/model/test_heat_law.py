@@ -24,7 +24,8 @@ from observer.model.law import heat_law
 from observer.model.rod.screw import rod_of
 from observer.model.simulate import simulate, start
 from observer.physics import friction
-from tests.discovery.cases import frames, table
+from tests.logs.machines import table
+from tests.logs.simulated import frames
 
 BEARING = {
     "type": "angular_contact_pair", "mean_diameter_m": 0.0435, "axial_load_N": 1500.0, "f1": 0.0004,

@@ -28,7 +28,7 @@ from observer.model.network import (
 )
 from observer.model.simulate import start
 from observer.tables.nodes import Link
-from tests.discovery.cases import table
+from tests.logs.machines import table
 from tests.reference.cases import config_of, known, play, point
 from tests.reference.printed import crank_nicolson, steady
 from tests.truth import yu

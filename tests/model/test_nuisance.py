@@ -16,7 +16,8 @@ from observer.model.learning import Change, Nuisance, Parameter, no_change
 from observer.model.plant import Plant
 from observer.model.rod.modes import held_s
 from observer.tables.estimator import EstimatorSettings
-from tests.discovery.cases import made_log, table
+from tests.logs.machines import table
+from tests.logs.simulated import made_log
 from tests.model.unturned import unturned
 
 LINK_W_K, CAPACITY_J_K = 2.0, 300.0

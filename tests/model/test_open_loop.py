@@ -7,7 +7,8 @@ import pytest
 
 from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start
-from tests.estimators.plants import lively, small
+from tests.logs.inputs import lively
+from tests.logs.plants import small
 
 
 @pytest.mark.parametrize("moving", [(), (1,)])

@@ -8,7 +8,7 @@ import pytest
 
 from observer.installation import parse
 from observer.model.realise import realise
-from tests.discovery.cases import table
+from tests.logs.machines import table
 
 
 def end_with(conductance_W_K: float) -> tuple[str, float | None]:

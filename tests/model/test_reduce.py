@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.plants import config_of
 from observer.model.build import build_plant, full_model, keep_modes
 from observer.model.realise import realise
 from observer.model.reduce import reduce
 from observer.model.rod.modes import tail_left
 from observer.model.rod.static import quadrature, source_field
+from tests.logs.machines import config_of
 
 
 @pytest.fixture

@@ -26,7 +26,8 @@ from observer.model.drive import Drive
 from observer.model.rod.supports import Restraint, error_at, fold, force_N, held_back_um, restraint_of
 from observer.report.check import findings
 from observer.tables.mounting import Supports
-from tests.discovery.cases import frames, table
+from tests.logs.machines import table
+from tests.logs.simulated import frames
 
 LENGTH_M, DIAMETER_M, MODULUS_PA = 0.8, 0.03, 2.06e11
 AREA_M2 = math.pi * DIAMETER_M**2 / 4

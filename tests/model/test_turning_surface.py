@@ -20,7 +20,8 @@ from observer.model.rod.screw import surface_film_W_m2K, turning_film
 from observer.model.simulate import simulate, start
 from observer.physics import film
 from observer.physics.film import YU_AIR
-from tests.discovery.cases import frames, table
+from tests.logs.machines import table
+from tests.logs.simulated import frames
 
 SPEED_RPM = np.array([0.0, 100.0, -800.0, 3000.0])
 

@@ -17,7 +17,7 @@ from observer.quality.conditions import Condition, Facts, Trouble, of_finding
 from observer.quality.health import assess
 from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
-from tests.align.streams import CHANNELS, plan
+from tests.logs.recordings import CHANNELS, plan
 
 
 def _facts(**changes) -> Facts:

@@ -11,8 +11,7 @@ from observer.errors import ConfigError, LogError
 from observer.record.recent import duration_s, stretches
 from observer.record.retention import START_SUFFIX
 from observer.tables.keeping import RecordSettings
-from tests.align.streams import CHANNELS, joined, plan, same_bits
-from tests.record.recorded import recorded, tick_row
+from tests.logs.recordings import CHANNELS, joined, plan, recorded, same_bits, tick_row
 
 BEGIN_S = 1.79e9
 PLAN = plan(period_s=1.0)

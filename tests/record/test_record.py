@@ -18,7 +18,7 @@ from observer.files.logs import read_log
 from observer.frames import Reading
 from observer.record.recorder import Recorder, header, row_of_reading
 from observer.record.retention import Retention
-from tests.align.streams import CHANNELS, joined, plan, play, same_bits, streams
+from tests.logs.recordings import CHANNELS, joined, plan, play, same_bits, streams
 from tests.patience import PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
 

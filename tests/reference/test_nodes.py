@@ -15,7 +15,7 @@ from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.installation import load, parse
 from observer.model.build import build_plant
-from tests.discovery.cases import table
+from tests.logs.machines import table
 from tests.reference.node_cases import (
     AMBIENT_DEGC,
     CAPACITY_J_K,

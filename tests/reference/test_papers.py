@@ -14,7 +14,7 @@ from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from tests.discovery.cases import frames
+from tests.logs.simulated import frames
 from tests.reference.cases import config_of, known, play, point
 from tests.truth import kuznetsov, yu
 from tests.truth.bar import Bar, End

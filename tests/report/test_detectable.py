@@ -19,7 +19,7 @@ from observer.model.build import build_plant
 from observer.report.check import findings
 from observer.report.check_text import as_text
 from observer.report.sensitivity import buys, detectable
-from tests.estimators.shift import simulated
+from tests.logs.simulated import shift_log
 
 ROOT = Path(__file__).parents[2]
 NAMES = [f"t{i}" for i in range(1, 6)]
@@ -63,7 +63,7 @@ def test_the_least_faults_are_by_the_sigma_that_estimate_and_bank_have_over_the_
         return plain(seen, *args)
 
     monkeypatch.setattr(bank, "search", watched)
-    machine, u = simulated(demo(estimator={"period_s": 1.0}))
+    machine, u = shift_log(demo(estimator={"period_s": 1.0}))
     estimator = machine.estimator()
     _, block = estimator.run(estimator.initial(), u)
     innovation_K = block.innovation_sigma_K[block.time_s >= 600.0].mean(axis=0)

@@ -25,7 +25,8 @@ from observer.report.discovery import _suspects, site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
 from observer.report.wording import as_sentences, headline, interval, kelvin, partial_sentence
 from observer.tables.sections import Sensor
-from tests.discovery.cases import machine, made_log
+from tests.logs.machines import machine
+from tests.logs.simulated import made_log
 
 HOSTILE = '<b>"$x_1$ & -->'
 VOID = {"meta", "br", "link", "img", "hr", "input"}

@@ -15,7 +15,8 @@ from observer.model.simulate import simulate, start
 from observer.report.collect import Decimator, ReplaySamples, simulated
 from observer.report.pictures import write_overview, write_simulation_overview
 from observer.report.style import duration_text, elapsed
-from tests.discovery.cases import machine, made_log, rig
+from tests.logs.machines import machine, rig
+from tests.logs.simulated import made_log
 
 # Tops and bottoms of the four panels, as shares of the height; loose enough for a legend that moves them.
 BANDS = ((0.08, 0.24), (0.31, 0.48), (0.56, 0.70), (0.76, 0.90))

@@ -19,7 +19,7 @@ from observer.frames import FrameBlock
 from observer.installation import Installation, load
 from observer.installation.adopt import adoption_of
 from observer.live.trial import AdoptionTrial
-from tests.record.recorded import recorded, thinned
+from tests.logs.recordings import recorded, thinned
 from tests.system.plant import ROOT
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.generate import Case, Run, logged, machine_of, trace

@@ -1,4 +1,4 @@
-"""Small plants made by hand for the estimators' tests; the truth of their physics is tested elsewhere."""
+"""Small plants made by hand or from a configuration; the truth of their physics is tested elsewhere."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.frames import Inputs, Layout
+from observer.frames import Layout
+from observer.model.build import build_plant
 from observer.model.coupling import no_coupling
 from observer.model.plant import MovingSource, OutputRows, Plant
-from observer.model.rod.moving import NutTable
+from observer.model.rod.moving import NutTable, columns_at
+from tests.logs.machines import config_of
+from tests.logs.rounding import firm
 
 LENGTH_M, DIAMETER_M, CONDUCTIVITY_W_MK, RHO_C_J_M3K = 0.6, 0.03, 50.0, 7800.0 * 460.0
 ALPHA_M2_S = CONDUCTIVITY_W_MK / RHO_C_J_M3K
@@ -126,53 +129,6 @@ def rod(
     )
 
 
-def sensors_of(plant):
-    """Where the sensors are, read back from their rows (the first two modes give x)."""
-    c = plant.rows.C[: plant.rows.sensors]
-    return np.arccos(np.clip(c[:, 1] / c[:, 0] / np.sqrt(2), -1, 1)) * LENGTH_M / np.pi
-
-
-def inputs(plant, steps=200, seed=0, dt_s=0.5, missing=0.1, nut_m=None, uneven=False, law_steps=True):
-    """Plausible inputs: smooth noisy temperatures, laws with steps, a ramping ambient, some missing."""
-    rng = np.random.default_rng(seed)
-    s, m = plant.rows.sensors, plant.B.shape[1]
-    dt = np.full(steps, dt_s) if not uneven else rng.choice([0.1, 0.5, 0.7, 3.0], steps)
-    dt[0] = 0.0
-    time_s = 1000.0 + np.cumsum(dt)
-    y = (
-        AMBIENT_DEGC
-        + 0.5
-        + 0.01 * (time_s - 1000.0)[:, None] * (1 + np.arange(s)) / s
-        + rng.normal(0, 0.05, (steps, s))
-    )
-    usable = rng.random((steps, s)) >= missing
-    law = np.where((np.arange(steps) // 40 % 2 == 1)[:, None] & law_steps, 20.0 + np.arange(m), 0.0)
-    jump = np.diff(law, axis=0, prepend=law[:1])
-    z = (AMBIENT_DEGC + 0.001 * (time_s - 1000.0))[:, None]
-    nut_m = np.full(steps, 0.3) if nut_m is None else nut_m
-    n_x, R = len(plant.decay_1_s), len(plant.rows.C)
-    columns = []
-    for nut in plant.moving:
-        places_m = np.concatenate([sensors_of(plant), plant.layout.position_m])
-        columns.append(source_columns(nut.index, nut_m, plant.modes, m, plant.decay_1_s[-1], places_m))
-    return Inputs(
-        time_s=time_s,
-        dt_s=dt,
-        y_degC=np.where(usable, y, np.nan),
-        usable=usable,
-        quality=np.where(usable, 0, 1).astype(np.int8),
-        law_W=law,
-        law_jump_W=jump,
-        z_start=np.vstack([z[:1], z[:-1]]),
-        z_end=z,
-        moving_B=np.stack([c[0] for c in columns], axis=1) if columns else np.zeros((steps, 0, n_x)),
-        moving_C=np.stack([c[1] for c in columns], axis=1) if columns else np.zeros((steps, 0, R)),
-        degraded=np.zeros(steps, dtype=bool),
-        loss_1_s=np.zeros(steps),
-        loss_degC=np.zeros(steps),
-    )
-
-
 def small(moving=(), grid=3, **changes):
     """Two of three heats estimated, and two known inputs that the rows see directly as well."""
     estimated, sensors_m = (True, False, True), (0.05, 0.3, 0.55)
@@ -188,15 +144,10 @@ def small(moving=(), grid=3, **changes):
     )
 
 
-def lively(plant, steps=24, nut_m=None):
-    """Known inputs that ramp, laws that are never 0, no jumps that are told; every step of full length."""
-    u = inputs(plant, steps=steps, missing=0.0, nut_m=nut_m)
-    z = np.column_stack([AMBIENT_DEGC + 0.5 * np.arange(steps), 30.0 - 0.2 * np.arange(steps)])
-    u = u._replace(degraded=np.zeros(steps, dtype=np.int8), z_start=z, z_end=z + np.array([0.4, -0.1]))
-    u.dt_s[:] = 0.5
-    u.law_W[:] = 15.0 + 5.0 * np.sin(np.arange(steps)[:, None] + np.arange(u.law_W.shape[1]))
-    u.law_jump_W[:] = 0.0
-    return u
+def sensors_of(plant):
+    """Where the sensors are, read back from their rows (the first two modes give x)."""
+    c = plant.rows.C[: plant.rows.sensors]
+    return np.arccos(np.clip(c[:, 1] / c[:, 0] / np.sqrt(2), -1, 1)) * LENGTH_M / np.pi
 
 
 def at(plant, u, k):
@@ -206,3 +157,26 @@ def at(plant, u, k):
         B[:, source.index] = u.moving_B[k, i]
         C[:, plant.modes + source.index] = u.moving_C[k, i]
     return replace(plant, B=B, rows=OutputRows(C, plant.rows.F, plant.rows.sensors, plant.rows.grid))
+
+
+def described(modes=4, sensors=3, grid=3, *, moving=False, learns=False, period_s=0.5, **tables):
+    """The configuration and the plant of a screw with a nut and two bearings."""
+    estimator = {"period_s": period_s} | tables.pop("estimator", {})
+    config = config_of(modes, sensors, grid, moving=moving, estimator=estimator, **tables)
+    return config, firm(build_plant(config, nut_places=9, learns=learns))
+
+
+def moving_columns(plant, places_m):
+    """The columns (K, M, n_x), (K, M, R) of moving nuts that stand at these places, (K,)."""
+    n_x, R, K = len(plant.decay_1_s), len(plant.rows.C), len(places_m)
+    B, C = np.zeros((K, len(plant.moving), n_x)), np.zeros((K, len(plant.moving), R))
+    for i, nut in enumerate(plant.moving):
+        if len(nut.table.mu_1_m):
+            for k, place_m in enumerate(places_m):
+                B[k, i], C[k, i] = columns_at(nut.table, [float(place_m)])
+                B[k, i, nut.table.lag] = nut.table.lag_decay_1_s
+        else:
+            at_m = np.concatenate([sensors_of(plant), plant.layout.position_m])
+            m = plant.B.shape[1]
+            B[:, i], C[:, i] = source_columns(nut.index, places_m, plant.modes, m, plant.decay_1_s[-1], at_m)
+    return B, C

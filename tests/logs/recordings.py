@@ -1,6 +1,10 @@
-"""Streams of readings and ticks as a plant might deliver them, for the tests of alignment and recording."""
+"""Readings and ticks as a plant might deliver them, and the recordings that a service makes of them."""
+
+from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +12,7 @@ from hypothesis import strategies as st
 
 from observer.align.aligner import Aligner, AlignPlan, Position
 from observer.align.plausibility import ChannelKind, Limits
-from observer.frames import FrameBlock, Reading
+from observer.frames import FloatArray, FrameBlock, Reading
 from observer.record.recorder import header, row_of_reading
 
 CHANNELS = ("t1_degC", "t2_degC", "nut_position_m")
@@ -46,6 +50,11 @@ _reading = st.builds(
 streams = st.lists(st.one_of(_reading, st.floats(-0.1, 2.0)), max_size=60)
 
 
+def tick_row(time_s: float, channels: Sequence[str]) -> bytes:
+    """A tick as a row of a recording."""
+    return f"{time_s!r},{',' * len(channels)}1,,\n".encode()
+
+
 def play(events, aligner: Aligner, channels=CHANNELS) -> tuple[list[FrameBlock], bytes]:
     """Run events through an aligner as the service does; returns its frames and the recording."""
     time_s, frames, recording = 1.8e9, [], header(channels)
@@ -57,7 +66,7 @@ def play(events, aligner: Aligner, channels=CHANNELS) -> tuple[list[FrameBlock],
         else:
             time_s += event
             frames.append(aligner.tick(time_s))
-            recording += f"{frames[-1].time_s[0].item()!r},{',' * len(channels)}1,,\n".encode()
+            recording += tick_row(frames[-1].time_s[0].item(), channels)
     return frames, recording
 
 
@@ -85,3 +94,51 @@ def write(folder: Path, data: bytes, name: str = "recording.csv") -> Path:
     path = folder / name
     path.write_bytes(data)
     return path
+
+
+def recorded(
+    folder: Path,
+    plan: AlignPlan,
+    begin_s: float,
+    time_s: FloatArray,
+    channels: Sequence[str],
+    values: FloatArray,
+    *,
+    rotate_rows: float = math.inf,
+    name: str = "rig-x",
+) -> list[FrameBlock]:
+    """Record rows (n, c) at times (n,) since `begin_s`, each read just before the tick; return what was seen.
+
+    A new file begins after so many rows, as where a file is full.
+    """
+    aligner, seen, rows, count = Aligner(plan), [], [header(plan.channels)], 0
+    first_s = begin_s = float(begin_s)
+    for since_s, cells in zip(time_s.tolist(), values.tolist(), strict=True):
+        found = {
+            c: v for c, v in zip(channels, cells, strict=True) if c in plan.channels and not math.isnan(v)
+        }
+        used = aligner.ingest(Reading(begin_s + since_s - 0.01, found))
+        frame = aligner.tick(begin_s + since_s)
+        seen.append(frame)
+        rows += [row_of_reading(used, plan.channels), tick_row(float(frame.time_s[0]), plan.channels)]
+        count += 1
+        if count >= rotate_rows:
+            write_file(folder, name, first_s, b"".join(rows))
+            rows, count, first_s = [header(plan.channels)], 0, begin_s + since_s
+    if count:
+        write_file(folder, name, first_s, b"".join(rows))
+    return seen
+
+
+def write_file(folder: Path, name: str, begin_s: float, data: bytes) -> Path:
+    """Write a recording that began at a time."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}-{datetime.fromtimestamp(begin_s, UTC):%Y%m%dT%H%M%SZ}.csv"
+    path.write_bytes(data)
+    return path
+
+
+def thinned(time_s: FloatArray, values: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """Rows no closer than a step."""
+    keep = np.flatnonzero(np.diff(np.floor(time_s / step_s), prepend=-1.0) > 0)
+    return time_s[keep], values[keep]
