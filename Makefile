@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system slow coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -62,8 +62,11 @@ unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes t
 system: $(READY)  ## tests with real processes, servers and routers, four at a time; ARGS goes to pytest
 	$(BIN)/python -m pytest -m "system and not slow" -n 4 --dist loadscope --no-loadscope-reorder -p no:benchmark $(ARGS)
 
-slow: $(READY) dist  ## the tests that take long, ten minutes: whole searches, images, services under load; CI runs them too
-	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
+slow: $(READY) dist  ## the tests that take long: four whole searches, images, services under load; CI runs them too
+	$(BIN)/python -m pytest -m "slow and not nightly" -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)
+
+nightly: $(READY)  ## the other whole searches; a release runs them too
+	$(BIN)/python -m pytest -m nightly -n 2 --dist worksteal -p no:benchmark $(ARGS)
 
 coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to pytest, "tests/model" is a part
 	$(BIN)/python -m pytest -m "not system" -n 2 --dist worksteal -p no:benchmark --cov --cov-report= $(ARGS)

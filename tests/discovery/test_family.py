@@ -55,6 +55,7 @@ def radiated_W_m2K(case: Case) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("hidden", [WEAK, GREY])
 def test_a_weak_loss_of_the_surface_is_told_in_effect(tmp_path: Path, hidden: Effect) -> None:
     """Film or radiation: so weak, nothing tells; how much heat goes does not depend on the name."""
@@ -71,6 +72,7 @@ def test_a_weak_loss_of_the_surface_is_told_in_effect(tmp_path: Path, hidden: Ef
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_a_strong_loss_that_ties_with_none_has_its_own_name(tmp_path: Path) -> None:
     result = found(tmp_path, Case("family.surface", (STRONG,), 8))
     assert [e["kind"] for e in result["effects"]] == ["surface_convection"]

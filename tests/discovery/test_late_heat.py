@@ -19,6 +19,7 @@ LATE_S = 180.0
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_a_search_tries_a_plain_body_at_an_end_beside_one_that_takes_of_the_nuts_heat() -> None:
     """It ended in `KeyError: 'heat_share'`."""
     case = Case("late2", (), 5, typical=True, logs=1)

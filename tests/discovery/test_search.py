@@ -59,6 +59,7 @@ def test_a_proof_without_a_reading_is_refused() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_what_is_left_out_is_neither_tried_nor_named() -> None:
     found = found_in(machine(discover={"without": ["sensor_bias"]}), effect=[BIAS])
     tried = [found.search.ranking, *found.search.rivals, found.search.chosen]

@@ -20,6 +20,7 @@ FAR = 0.2
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("entry", [*slice_entries(), *rough_slice()], ids=lambda entry: entry.name)
 def test_a_hidden_effect_is_found_or_left_open_rightly(entry: Entry, tmp_path: Path) -> None:
     row = try_entry(entry, tmp_path / "answers")
@@ -38,6 +39,7 @@ def test_a_hidden_effect_is_found_or_left_open_rightly(entry: Entry, tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_the_campaign_runs_as_a_program_and_goes_on_where_it_was(tmp_path: Path) -> None:
     case = ["--slice", "typical", "--only", "typical.null.10000", "--answers", str(tmp_path / "answers")]
     options = [*case, "--folder", str(tmp_path), "--workers", "1"]

@@ -35,7 +35,12 @@ def entry_of(trouble: str | None, seed: int, logs: int = 1) -> Entry:
 
 @pytest.mark.parametrize(
     "trouble",
-    [pytest.param("heat starts late", marks=pytest.mark.slow), "sensors exchanged", "ambient", "offsets"],
+    [
+        pytest.param("heat starts late", marks=[pytest.mark.slow, pytest.mark.nightly]),
+        "sensors exchanged",
+        "ambient",
+        "offsets",
+    ],
 )
 def test_what_is_wrong_with_one_log_is_told(trouble: str) -> None:
     entry = entry_of(trouble, 5)
@@ -49,6 +54,7 @@ def test_what_is_wrong_with_one_log_is_told(trouble: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("trouble", TROUBLES)
 def test_what_is_wrong_with_logs_is_told(trouble: str, tmp_path: Path) -> None:
     row = try_suspect(entry_of(trouble, 6, logs=2), tmp_path)
@@ -69,6 +75,7 @@ def run_with_torque(case: Case, name: str, factor: float) -> Run:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("factors", "ratio"), [((1.05, 1.02, 0.92), 1.14), ((1.0, 1.03, 1.0), None)], ids=["differs", "tolerated"]
 )
@@ -103,6 +110,7 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_air_far_off_what_is_tolerated_is_told_though_tolerances_explain_the_logs() -> None:
     """Those of the air and of offsets take all of it; the air alone is dearer than it may be."""
     (entry,) = (e for e in suspect_campaign(9100) if e.name == "suspect.ambient.9104")
@@ -144,6 +152,7 @@ def test_of_logs_in_doubt_nothing_is_told_to_be_missing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_an_effect_beside_offsets_as_they_are_tolerated_is_no_fault_of_the_logs() -> None:
     """Offsets beyond all tolerance would explain heat at an end too: as a profile that stays."""
     (entry,) = (e for e in typical_campaign(6000) if e.name == "typical.motor_heat.left.4.6000")

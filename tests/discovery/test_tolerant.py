@@ -36,6 +36,7 @@ def found(tmp_path: Path, case: Case) -> dict[str, Any]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("logs", [3, 1])
 def test_offsets_and_places_of_a_typical_user_are_no_effect(tmp_path: Path, logs: int) -> None:
     result = found(tmp_path, Case("typical", (), 1, typical=True, logs=logs))
@@ -44,6 +45,7 @@ def test_offsets_and_places_of_a_typical_user_are_no_effect(tmp_path: Path, logs
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_and_a_loss_is_found_among_them(tmp_path: Path) -> None:
     result = found(tmp_path, Case("typical", (LOSS,), 1, typical=True))
     (effect,) = result["effects"]
@@ -53,6 +55,7 @@ def test_and_a_loss_is_found_among_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_an_unknown_tells_what_explains_most_of_it(tmp_path: Path) -> None:
     result = found(tmp_path, Case("partial", (GREASE,), 3))
     assert result["verdict"] == "unknown"

@@ -49,6 +49,7 @@ def test_an_answer_is_judged_by_what_was_hidden(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_the_capacity_of_a_heaters_block_is_named() -> None:
     (row,) = tried(("block", 3))
     assert row["outcome"] == "right"
