@@ -74,35 +74,33 @@ def gate(S, gate_sigma, state, work):
     everything is accepted, the counts start afresh, and the caller must inflate P before it corrects. A
     single sensor among several stays refused for as long as it disagrees.
     """
-    nu, usable, accepted, suspect = work.nu, work.usable, work.accepted, state.suspect
     present, long_refused = 0, 0
-    for i in range(len(nu)):
-        accepted[i] = usable[i]
-        if usable[i]:
+    for i in range(len(work.nu)):
+        work.accepted[i] = work.usable[i]
+        if work.usable[i]:
             present += 1
-            if nu[i] * nu[i] > gate_sigma * gate_sigma * S[i]:
-                accepted[i] = False
-                suspect[i] += 1.0
-                if suspect[i] >= RELEASE_AFTER_STEPS:
+            if work.nu[i] * work.nu[i] > gate_sigma * gate_sigma * S[i]:
+                work.accepted[i] = False
+                state.suspect[i] += 1.0
+                if state.suspect[i] >= RELEASE_AFTER_STEPS:
                     long_refused += 1
             else:
-                suspect[i] = 0.0
+                state.suspect[i] = 0.0
     if 2 * long_refused <= present:
         return False
-    for i in range(len(nu)):
-        accepted[i] = usable[i]
-        if usable[i]:
-            suspect[i] = 0.0
+    for i in range(len(work.nu)):
+        work.accepted[i] = work.usable[i]
+        if work.usable[i]:
+            state.suspect[i] = 0.0
     return True
 
 
 def defer_readmitted(state, work):
     """Keep sensors out for which P was inflated, until the others have corrected or they agree again."""
-    opened_K = state.opened_K
     for i in range(len(work.usable)):
-        since_s = state.refused_s[i] - REOPEN_AFTER_S
+        since_s, opened_K = state.refused_s[i] - REOPEN_AFTER_S, state.opened_K[i]
         due = since_s >= 0.0 and fmod(since_s, REOPEN_EVERY_S) < HELD_BACK_S
-        if work.accepted[i] and due and opened_K[i] != 0.0 and abs(work.nu[i]) > _AGREES * abs(opened_K[i]):
+        if work.accepted[i] and due and opened_K != 0.0 and abs(work.nu[i]) > _AGREES * abs(opened_K):
             work.accepted[i] = False
             state.suspect[i] = 1.0
 
@@ -115,19 +113,19 @@ def inflate_for_rejected(p, dt_s, state, work):
     refused sensor be right, and the others say first what they make of it. One that is broken is refused
     again.
     """
-    usable, refused_s, opened_K, share = work.usable, state.refused_s, state.opened_K, 0.0
-    for i in range(len(usable)):
-        if usable[i] and work.accepted[i]:
-            refused_s[i] = 0.0
-            opened_K[i] = 0.0
-        elif usable[i] or refused_s[i] > 0.0:
-            before = floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S)
-            refused_s[i] += dt_s
-            if floor((refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
-                opened_K[i] = INFINITY  # due with its next sample
-            if usable[i] and isinf(opened_K[i]) and state.suspect[i] >= RELEASE_AFTER_STEPS:
+    share = 0.0
+    for i in range(len(work.usable)):
+        if work.usable[i] and work.accepted[i]:
+            state.refused_s[i] = 0.0
+            state.opened_K[i] = 0.0
+        elif work.usable[i] or state.refused_s[i] > 0.0:
+            before = floor((state.refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S)
+            state.refused_s[i] += dt_s
+            if floor((state.refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
+                state.opened_K[i] = INFINITY  # due with its next sample
+            if work.usable[i] and isinf(state.opened_K[i]) and state.suspect[i] >= RELEASE_AFTER_STEPS:
                 share = max(share, _share_of_prior(p, work.C, i, work.nu[i]))
-                opened_K[i] = work.nu[i]
+                state.opened_K[i] = work.nu[i]
     if share > 0.0:
         add_prior(p, state.P, share)
     return share
