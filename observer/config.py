@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import itertools
+import json
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
@@ -192,8 +193,9 @@ class Config(Description):
 
     @property
     def digest(self) -> str:
-        """A hash of the configuration in force, the same for the same meaning, however logs are read."""
-        return hashlib.sha256(self.model_dump_json(exclude={"log"}).encode()).hexdigest()[:16]
+        """A hash of the configuration in force, the same for the same values, in whatever order the code declares them."""
+        values = self.model_dump(mode="json", exclude={"log"})
+        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _beyond_the_screw(config: Config) -> Iterator[str]:

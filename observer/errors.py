@@ -7,7 +7,7 @@ from collections.abc import Sequence
 EXTRAS = {
     "analysis": ("control", "filterpy", "matplotlib", "pyarrow"),
     "page": ("starlette", "uvicorn"),
-    "plant": ("prometheus_client", "paho", "asyncua", "httpx", "defusedxml"),
+    "plant": ("prometheus_client", "uvicorn", "paho", "asyncua", "httpx", "defusedxml"),
     "fleet": ("distributed",),
 }
 """The packages of each extra in `pyproject.toml`; the daemon needs none of them."""

@@ -24,7 +24,7 @@ from observer.model.plant import Plant
 
 _ITERATIONS = 1000
 _REST = 1e-10
-_STEP_ITERATIONS, _STEP_REST = 50, 1e-20
+_STEP_ITERATIONS, _STEP_REST, _DIFFERENCE_W = 50, 1e-20, 1.0
 _PATIENCE, _WORTH_IT = 20, 1e-3
 """A descent continues while twenty iterations still lower the misfit by a thousandth."""
 
@@ -139,9 +139,8 @@ def stepwise_heats(plant: Plant, problem: StackedProblem, rise_K: FloatArray) ->
 
     At step n only q_n is unknown: J_n = Σ_i (T_i(q) - y_i)² is minimised by conjugate gradients from the
     heats of the step before, until J_n is at the noise level; then the step is final. Nothing links the
-    steps, so each must be long enough for heat to reach the sensors; otherwise noise is taken for heat. J_n
-    is quadratic, so its gradient is what central differences, as printed, give. Source: Lathe's equations 11
-    to 17.
+    steps, so each must be long enough for heat to reach the sensors; otherwise noise is taken for heat. The
+    gradient is that of central differences of 1 W, as printed. Source: Lathe's equations 11 to 17.
     """
     decay = np.exp(-plant.decay_1_s * problem.dt_s)
     held = step_matrices(plant, problem.dt_s).hold[:, None] * plant.B[:, plant.estimated]
@@ -159,19 +158,24 @@ def stepwise_heats(plant: Plant, problem: StackedProblem, rise_K: FloatArray) ->
 
 def _descend_step(G: FloatArray, off_K: FloatArray, q: FloatArray, enough_K2: float) -> FloatArray:
     """Return q for which |off + G q|² is at the noise level, or as small as fifty iterations make it."""
-    error, direction, before, first = off_K + G @ q, np.zeros_like(q), 0.0, 0.0
+
+    def misfit_K2(q: FloatArray) -> float:
+        error_K = off_K + G @ q
+        return float(error_K @ error_K)
+
+    direction, before, first = np.zeros_like(q), 0.0, 0.0
+    apart = _DIFFERENCE_W * np.eye(len(q))
     for _ in range(_STEP_ITERATIONS):
-        if error @ error <= enough_K2:
+        if misfit_K2(q) <= enough_K2:
             break
-        gradient = 2.0 * error @ G
+        gradient = np.array([misfit_K2(q + d) - misfit_K2(q - d) for d in apart]) / (2.0 * _DIFFERENCE_W)
         steepness = float(gradient @ gradient)
         first = first or steepness
         if steepness <= _STEP_REST * first:
             break
         direction = gradient + (steepness / before if before else 0.0) * direction
-        change = G @ direction
-        step = float(error @ change / (change @ change))
-        q = q - step * direction
-        error = error - step * change
+        change_K = G @ direction
+        along = float(change_K @ change_K)
+        q = q - (float((off_K + G @ q) @ change_K) / along if along > 0.0 else 0.0) * direction
         before = steepness
     return q
