@@ -1,4 +1,4 @@
-"""What holds for all tests: in which order they run, and which stay together."""
+"""What holds for all tests: their order, which of them stay together, and hypothesis without time limits."""
 
 from __future__ import annotations
 
@@ -7,10 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).parents[1]
 # Tests of the whole program last seconds, most others a fraction of one.
 LONG = "tests/system/"
+
+# A busy computer must not fail a test. What else is set, as by hypothesis itself in CI, stays.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
 
 
 @pytest.hookimpl(trylast=True)

@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tests import patience
 from tests.patience import Stopwatch, computed_s, eventually, until
@@ -24,6 +26,7 @@ SLEEPS = {
     "patience.py until": "between two looks",
     "patience.py eventually": "between two looks",
     "drivers/harness.py Device._answer": "the device is slow to answer",
+    "test_patience.py test_an_example_may_last_longer_than_hypothesis_allows_by_itself": "on a busy computer",
     "drivers/test_can.py _overwhelm": "the event loop is busy",
     "live/process.py HangingEstimator.run": "the step hangs",
     "drivers/test_can.py test_a_burst_of_an_adapter_that_stamps_is_spread_as_it_was_on_the_wire": "busy",
@@ -143,3 +146,9 @@ def test_the_time_that_others_have_the_processor_is_left_out():
         lasted_s, took_s = time.monotonic() - start_s, watch.took_s()
     assert lasted_s > 0.6
     assert 0.2 < took_s < 0.45
+
+
+@settings(max_examples=3)
+@given(st.floats(0.25, 0.3))
+def test_an_example_may_last_longer_than_hypothesis_allows_by_itself(seconds: float) -> None:
+    time.sleep(seconds)

@@ -122,7 +122,7 @@ def test_a_channel_the_log_lacks_is_missing():
 
 
 @given(events=streams, block=st.integers(1, 7))
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_a_recording_gives_the_frames_of_the_live_run_to_the_last_bit(events, block):
     live, recording = play([*events, 0.5], Aligner(plan()))
     with tempfile.TemporaryDirectory() as folder:
@@ -133,7 +133,7 @@ def test_a_recording_gives_the_frames_of_the_live_run_to_the_last_bit(events, bl
 
 
 @given(events=streams, block=st.integers(1, 7))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_so_does_a_recording_with_learned_periods(events, block):
     unknown = plan(expected_s=(math.nan,) * 3)
     live, recording = play([*events, 0.5], Aligner(unknown))

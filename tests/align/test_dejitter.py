@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.kernels.walk import even_out
@@ -21,7 +21,6 @@ def _passed(time_s=math.nan, value=math.nan):
 
 
 @given(st.lists(st.floats(0.001, 0.5), max_size=40), st.floats(0.005, 0.1))
-@settings(deadline=None)
 def test_no_sample_is_moved_to_later_nor_before_the_last_step(delays_s, period_s):
     sent_s = period_s * np.arange(1, len(delays_s) + 1)
     arrived_s = np.maximum.accumulate(sent_s + delays_s)

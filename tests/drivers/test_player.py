@@ -78,7 +78,7 @@ def test_another_speed_is_refused_because_heat_does_not_follow_it(log, speed):
         lambda words: "".join(words).encode()
     )
 )
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_file_is_played_or_refused_in_one_sentence(tmp_path, suffix, content):
     path = tmp_path / f"any{suffix}"
     path.write_bytes(content)

@@ -5,7 +5,7 @@ import math
 
 import pytest
 from can import Message
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.can_bus import SLCAN_TURN_S, stamp_of
@@ -31,7 +31,6 @@ def sending(count, start_s=0.0):
     return [start_s + PERIOD_S * k for k in range(count)]
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.lists(st.tuples(st.floats(allow_nan=True, allow_infinity=True), st.floats(0.0, 1.0)), max_size=60))
 def test_whatever_stands_in_a_stamp_no_time_is_after_the_arrival_or_far_before(frames):
     for clock in (DeviceClock(), DeviceClock(60.0)):
@@ -42,7 +41,6 @@ def test_whatever_stands_in_a_stamp_no_time_is_after_the_arrival_or_far_before(f
                 assert arrival_s - FURTHEST_S <= time_s <= arrival_s
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(delays_s, clocks, st.floats(-100e-6, 100e-6))
 def test_held_up_frames_get_the_time_of_their_sending(held_s, zero_s, drift):
     """Two frames that came at once suffice; the drift of two crystals hardly shows."""
@@ -52,7 +50,6 @@ def test_held_up_frames_get_the_time_of_their_sending(held_s, zero_s, drift):
     assert all(abs(s) < 1e-3 for s in late)
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(delays_s, st.floats(0.0, SLCAN_TURN_S))
 def test_a_counter_that_starts_again_each_minute_is_followed(held_s, zero_s):
     """The counter stands in whole milliseconds; a hold-up now and then, over its turn as well."""
@@ -63,7 +60,6 @@ def test_a_counter_that_starts_again_each_minute_is_followed(held_s, zero_s):
     assert all(abs(s) < 3e-3 for s in late)
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.sampled_from([-3600.0, -5.0, -0.5, 0.5, 5.0, 3600.0]), clocks)
 def test_a_stamping_clock_that_is_set_displaces_times_for_no_longer_than_it_takes_to_see(step_s, zero_s):
     sent = sending(1500)
@@ -108,7 +104,6 @@ def test_a_device_that_says_nothing_for_ten_minutes_is_still_followed():
     assert max(late_s(clock, [s % SLCAN_TURN_S for s in sent], arrived, sent)) < 1e-6
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.floats(0.0, 9.0), st.floats(-1e5, 1e5))
 def test_a_stamp_of_this_computers_clock_is_as_old_as_the_clock_says(delay_s, stepped_s):
     """Whatever the clock was set to before, its difference to a fresh stamp is right."""

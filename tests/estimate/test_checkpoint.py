@@ -182,7 +182,7 @@ _documents = st.recursive(
 
 
 @given(_documents, st.sampled_from(["drive", "estimator", "compensation", "tick_s", "whole"]))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_whatever_stands_in_it_is_told(rig, fit, document, where):
     """The checksum may be right and the content still anything."""
     head, body = pack(rig[1], fit)[:64], pack(rig[1], fit)[64:]

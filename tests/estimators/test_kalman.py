@@ -84,7 +84,7 @@ def test_equals_filterpy(moving, estimated):
 @pytest.mark.parametrize(
     ("kind", "engine"), [("kalman", "compiled"), ("kalman", "constant"), ("luenberger", "compiled")]
 )
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(cuts=st.lists(st.integers(1, 119), max_size=6, unique=True), seed=st.integers(0, 3))
 def test_a_block_is_its_steps_to_the_last_bit(kind, engine, cuts, seed):
     plant = rod(moving=(1,) if seed % 2 else ())

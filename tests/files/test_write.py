@@ -22,7 +22,7 @@ from observer.files.writer import TableWriter, write_log
     ),
     suffix=st.sampled_from(SUFFIXES),
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_reads_back_to_the_last_bit(values, suffix):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"log{suffix}"

@@ -58,7 +58,7 @@ def modbus_channels(draw):
     )
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 @given(modbus_channels(), st.data())
 def test_registers_decode_to_a_value_or_a_fault(channel, data):
     content = {
@@ -109,14 +109,14 @@ def decoders(tmp_path_factory) -> list[DbcDecoder]:
     return [load_decoder(one.signals("hostile")) for one in made]
 
 
-@settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=500, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(frame=frames)
 def test_frames_decode_to_values_or_faults(decoders, frame):
     for decoder in decoders:
         _assert_sound(decoder(frame))
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 @given(data=st.binary(min_size=8, max_size=8))
 def test_every_branch_of_a_message_decodes(decoders, data):
     """Also the branches that the file does not know."""
@@ -129,7 +129,7 @@ def test_every_branch_of_a_message_decodes(decoders, data):
         )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     frame=frames,
     mode=st.sampled_from(["tpdo", "sdo"]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from observer.frames import FloatArray, NutPath
@@ -30,7 +30,6 @@ def end_before(run_m: float) -> float:
     return LOW_M if sense_of(run_m) > 0 else HIGH_M
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.floats(0.0, 1.0), st.floats(-20.0, 20.0), st.floats(0.01, 2.0), st.floats(-1.0, 1.0))
 def test_a_nut_that_runs_on_is_where_small_steps_bring_it(
     share: float, run_m: float, length_m: float, low_m: float
@@ -52,7 +51,6 @@ def test_a_nut_that_runs_on_is_where_small_steps_bring_it(
     assert same == first * sense
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.floats(3.0, 40.0), st.floats(0.0, 2 * STROKE_M), st.integers(0, 10**6))
 def test_reversals_between_uneven_samples_are_found_where_they_are(
     samples_per_traverse: float, begin_m: float, seed: int
@@ -102,7 +100,6 @@ def test_the_ends_of_the_stroke_are_learnt() -> None:
     np.testing.assert_array_equal(second.scalars, state.scalars)
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.floats(4.0, 200.0))
 def test_after_a_late_sample_the_nut_is_known_to_run_the_right_way(late_s: float) -> None:
     speed_m_s = 0.13
@@ -178,7 +175,6 @@ def test_a_nut_that_rests_stands_and_then_runs_again() -> None:
     assert state[_VELOCITY] == pytest.approx(0.2)
 
 
-@settings(deadline=None)  # a busy computer is not to fail it
 @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=40))
 def test_the_full_speed_is_the_fourth_of_sixteen(made_m_s: list[float]) -> None:
     """Of fewer it is the first, the second from four on and the third from eight on."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import cbor2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -98,7 +98,6 @@ def _as_a_map(layout: Layout, block: EstimateBlock, k: int, sequence: int) -> by
 
 
 @given(_estimates(), st.integers(0, 2**53))
-@settings(deadline=None)
 def test_an_estimate_is_to_the_byte_the_map_that_a_library_writes(drawn, sequence):
     layout, estimates = drawn
     encoder = EstimateEncoder(layout, "ab12cd34")
@@ -107,7 +106,6 @@ def test_an_estimate_is_to_the_byte_the_map_that_a_library_writes(drawn, sequenc
 
 
 @given(_estimates(), st.integers(0, 2**53))
-@settings(deadline=None)
 def test_decode_is_the_inverse_of_encode(made, sequence):
     layout, estimates = made
     encoder = EstimateEncoder(layout, "ab12cd34")
@@ -125,7 +123,6 @@ def test_decode_is_the_inverse_of_encode(made, sequence):
 
 
 @given(_estimates())
-@settings(deadline=None)
 def test_json_is_strict_and_null_where_unknown(made):
     layout, estimates = made
     encoder = EstimateEncoder(layout, "ab12cd34")

@@ -92,7 +92,7 @@ def test_hostile_queries():
             _attempt(hostile, f"{PREFIX}/{key}", "last=200", bytes(60_000), None, False)
         before_MB = victim.resident_MB()
 
-        @settings(max_examples=COUNT, deadline=None, database=None)
+        @settings(max_examples=COUNT, database=None)
         @given(_attempts)
         def attack(attempt):
             _attempt(hostile, *attempt)

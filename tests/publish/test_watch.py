@@ -7,7 +7,7 @@ from functools import partial
 import cbor2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -144,7 +144,6 @@ _documents = st.dictionaries(
 
 
 @given(_documents)
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # a busy computer draws slowly
 def test_any_document_can_be_shown_and_does_nothing_to_the_terminal(latest):
     text = _shown(latest) + live_line(latest)
     assert all(c.isprintable() or c == "\n" for c in text)

@@ -30,7 +30,7 @@ def _rows(recorder: Recorder, first: int, count: int) -> None:
 
 
 @given(events=streams)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_a_reading_reads_back_as_it_was_used(events):
     aligner = Aligner(plan())
     used = [aligner.ingest(event) for event in events if isinstance(event, Reading)]
