@@ -193,7 +193,7 @@ class Config(Description):
 
     @property
     def digest(self) -> str:
-        """A hash of the configuration in force, the same for the same values, in whatever order the code declares them."""
+        """A hash of the configuration in force, whatever the order in which the code declares its values."""
         values = self.model_dump(mode="json", exclude={"log"})
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
