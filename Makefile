@@ -131,6 +131,7 @@ reference: $(READY)  ## write the tables of docs/reference/ again, from the code
 
 figures: $(READY)  ## draw the figures of docs/ again
 	for script in docs/figures/[a-z]*.py; do $(BIN)/python $$script || exit 1; done
+	$(BIN)/python -m benchmarks.picture
 
 container-check: $(READY)  ## the Dockerfile's steps without a container engine, as an unprivileged user
 	$(BIN)/python -m pytest tests/packaging/test_dockerfile_steps.py -m slow -s -p no:benchmark $(ARGS)

@@ -19,6 +19,7 @@ from benchmarks import (
     heat_history,
     history,
     kalman_step,
+    picture,
     replaying,
     searching,
     simulated_hour,
@@ -67,6 +68,7 @@ def main() -> None:
             console.print(f"[bold red]worse by more than a fifth:[/] {each.work}: {each.told}")
     if options.keep:
         history.keep(results)
+        picture.draw()
     if options.output:
         table.write(options.output, results)
 

@@ -23,12 +23,13 @@ WORSE = 1.2
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """One ratio of one run; `commit` ends in + where files had been changed since."""
+    """One ratio of one run; `commit` ends in + where files had been changed; `better` is more or less."""
 
     date: str
     commit: str
     work: str
     ratio: float
+    better: str = "more"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,11 @@ def _worse(row: Result, before: Kept | None) -> bool:
 
 def merged(kept: Sequence[Kept], rows: Sequence[Result], date: str, commit: str) -> list[Kept]:
     """What is kept after a run: another run of the same commit takes the place of the first."""
-    new = [Kept(date, commit, row.work, float(f"{row.times:.4g}")) for row in rows if row.times is not None]
+    new = [
+        Kept(date, commit, row.work, float(f"{row.times:.4g}"), "more" if row.more else "less")
+        for row in rows
+        if row.times is not None
+    ]
     again = {(each.commit, each.work) for each in new}
     return [each for each in kept if (each.commit, each.work) not in again] + new
 
@@ -88,7 +93,10 @@ def read(path: Path = ROOT / PLACE) -> list[Kept]:
     if not path.exists():
         return []
     with path.open(newline="", encoding="utf-8") as file:
-        return [Kept(r["date"], r["commit"], r["work"], float(r["ratio"])) for r in csv.DictReader(file)]
+        return [
+            Kept(r["date"], r["commit"], r["work"], float(r["ratio"]), r["better"])
+            for r in csv.DictReader(file)
+        ]
 
 
 def keep(results: Sequence[Result], path: Path = ROOT / PLACE) -> None:

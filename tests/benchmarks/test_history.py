@@ -6,9 +6,10 @@ import io
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from rich.console import Console
 
-from benchmarks import history
+from benchmarks import history, picture
 from benchmarks.history import Kept, compare, keep, merged, named, read
 from benchmarks.table import Result, judged, render
 
@@ -63,10 +64,14 @@ def test_rows_set_in_are_named_by_the_row_above() -> None:
 
 def test_a_commit_measured_again_replaces_itself() -> None:
     kept = merged(
-        [OLD, Kept("2026-11-01", "aaaaaaaaaa", "latency", 2.0)], [step(17.0)], "2026-11-03", "aaaaaaaaaa"
+        [OLD, Kept("2026-11-01", "aaaaaaaaaa", "latency", 2.0, "less")],
+        [step(17.0)],
+        "2026-11-03",
+        "aaaaaaaaaa",
     )
     assert kept == [
-        Kept("2026-11-01", "aaaaaaaaaa", "latency", 2.0), Kept("2026-11-03", "aaaaaaaaaa", "step", 17.0),
+        Kept("2026-11-01", "aaaaaaaaaa", "latency", 2.0, "less"),
+        Kept("2026-11-03", "aaaaaaaaaa", "step", 17.0),
     ]  # fmt: skip
     assert merged([OLD], [step(17.0)], "2026-11-03", "b")[0] == OLD
 
@@ -76,8 +81,8 @@ def test_what_is_kept_is_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     path = tmp_path / "benchmarks" / "history.csv"
     assert read(path) == []
     keep([step(16.123456), Result("informs", "1 s"), latency(1.5)], path)
-    assert [(k.commit, k.work, k.ratio) for k in read(path)] == [
-        ("cccccccccc", "step", 16.12), ("cccccccccc", "latency", 1.5),
+    assert [(k.commit, k.work, k.ratio, k.better) for k in read(path)] == [
+        ("cccccccccc", "step", 16.12, "more"), ("cccccccccc", "latency", 1.5, "less"),
     ]  # fmt: skip
 
 
@@ -90,3 +95,34 @@ def test_the_table_shows_what_was_kept() -> None:
 
 def test_every_ratio_kept_in_the_repository_can_be_read() -> None:
     assert all(row.ratio > 0 and row.commit and row.work for row in read())
+
+
+def test_every_ratio_kept_is_in_the_picture(tmp_path: Path) -> None:
+    kept, target = read(), tmp_path / "benchmarks.png"
+    drawn = {
+        " ".join(panel.get_title().split()): (list(panel.lines[0].get_ydata()), panel.get_ylabel())
+        for panel in picture.draw(target=target).axes
+    }
+    assert drawn == {
+        work: ([row.ratio for row in kept if row.work == work], f"ratio, {better} is better")
+        for work, better in {row.work: row.better for row in kept}.items()
+    }
+    with Image.open(target) as image:
+        assert image.width == 800
+
+
+def test_runs_of_one_day_lie_side_by_side(tmp_path: Path) -> None:
+    path = tmp_path / "history.csv"
+    days = ["2026-11-01", "2026-11-03", "2026-11-03", "2026-11-04"]
+    lines = [f"{day},{k:010},step,{k + 1},more" for k, day in enumerate(days)]
+    path.write_text("\n".join(["date,commit,work,ratio,better", *lines]), encoding="utf-8")
+    (panel,) = picture.draw(path, tmp_path / "benchmarks.png").axes
+    x = panel.lines[0].get_xdata()
+    assert list(x - x[0]) == [0.0, 1.75, 2.25, 3.0]
+    assert list(panel.lines[0].get_ydata()) == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_the_picture_shown_is_that_of_the_ratios_kept() -> None:
+    """`make figures` draws it again."""
+    with Image.open(history.ROOT / picture.PICTURE) as image:
+        assert image.text["Source"] == picture.digest(history.ROOT / history.PLACE)  # type: ignore[attr-defined]
