@@ -14,7 +14,7 @@ from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.align.aligner import frames_of_log
 from observer.config import Config
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimate.replay import inputs_of
 from observer.files.logs import Log
 from observer.frames import FloatArray, Inputs

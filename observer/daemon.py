@@ -18,16 +18,15 @@ from observer.control.compensation import LATE_PERIODS, Compensator
 from observer.control.steering import NoControl, Steering
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.files.folders import refuse_unwritable
 from observer.gateway.feed import Feed
 from observer.gateway.start import Start
 from observer.installation import Installation, load
 from observer.live.forecasting import Forecaster, is_wanted
-from observer.live.keeper import Keeper, carried, stored
 from observer.live.loop import Service
 from observer.live.loop import serve as serve_parts
-from observer.live.observers import AlarmObserver, CompensationObserver, StepObserver
+from observer.live.observers import AlarmObserver, CompensationObserver, Keeper, StepObserver, carried, stored
 from observer.live.renewal import Renewal, Renewals, carried_over
 from observer.live.trial import AdoptionTrial
 from observer.live.wires import take_short_turns

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from campaigns.alarms.months import Story, months
 from observer.alarms import bands
-from observer.tables.keeping import AlarmSettings
+from observer.tables.publishing import AlarmSettings
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "alarms.md"
 SEED, MACHINES = 6000, 64

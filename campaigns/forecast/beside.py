@@ -17,7 +17,7 @@ import numpy as np
 
 from observer.align.aligner import frames_of_log
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.forecast.document import forecast
 from observer.frames import EstimateBlock, FloatArray, FrameBlock
 from observer.live import forecasting

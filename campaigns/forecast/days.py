@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.align.aligner import frames_of_log
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.forecast.ahead import Runner, ahead, runner
 from observer.forecast.program import Bins, Program, binned, joined, learnt
 from observer.forecast.settling import WarmUp, when

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from observer.align.aligner import frames_of_log
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.frames import Inputs
 from observer.quality.gap import GapState, GapWatch
 from tests.learning.cover import log_of

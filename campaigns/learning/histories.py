@@ -15,7 +15,7 @@ from campaigns.learning.trial import DOCS, KNOWN
 from campaigns.resumable import go_on, read_rows, show
 from observer.align.aligner import frames_of_log
 from observer.config import Config
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimate.replay import inputs_of
 from observer.frames import FloatArray
 from observer.history.history import HeatHistory, MethodOptions

@@ -59,8 +59,7 @@ GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py", co
 
 NEAREST: dict[str, Nearest] = {
     "observer/discovery/experiment.py": _at("tests/discovery/test_experiment.py", compiled=True),
-    "observer/discovery/phases.py": _at("tests/discovery/test_phases.py"),
-    "observer/discovery/proof.py": _at("tests/discovery/test_verdict.py"),
+    "observer/discovery/localise.py": _at("tests/discovery/test_phases.py"),
     "observer/discovery/search.py": _at("tests/discovery/test_search.py", compiled=True),
     "observer/discovery/verdict.py": _at("tests/discovery/test_verdict.py"),
     "observer/estimators/design/gains.py": GAINS,
@@ -73,8 +72,7 @@ NEAREST: dict[str, Nearest] = {
     "observer/fit/calibrate.py": _at("tests/fit/test_calibrate.py", compiled=True),
     "observer/fit/evidence.py": PARTS,
     "observer/fit/steps.py": _at("tests/fit/test_footprint.py", compiled=True),
-    "observer/fit/hypothesis.py": PARTS,
-    "observer/fit/minimise.py": _at("tests/fit/test_minimise.py"),
+    "observer/fit/hypothesis.py": _at("tests/fit/test_parts.py", "tests/fit/test_minimise.py"),
     "observer/fit/parameters.py": _at("tests/fit/test_parameters.py"),
     "observer/fit/problem.py": PARTS,
     "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),

@@ -35,8 +35,11 @@ from observer.history.tikhonov import (  # noqa: E402
     normal_equations,
 )
 from observer.model.build import build_plant  # noqa: E402
-from observer.report.panels import Z95  # noqa: E402
-from observer.report.style import CATEGORIES, QUIET  # noqa: E402
+from observer.report.panels import (  # noqa: E402
+    CATEGORIES,
+    QUIET,
+    Z95,
+)
 from tests.reference.heat_cases import FAR_M, NEAR_M, HeatCase, lathe_case, li_experiment, standing_case  # noqa: E402
 from tests.reference.service_path import inputs_of  # noqa: E402
 

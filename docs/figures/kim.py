@@ -26,16 +26,17 @@ from observer.model import simulate  # noqa: E402
 from observer.model.build import build_plant  # noqa: E402
 from observer.model.law import heat_law  # noqa: E402
 from observer.model.plant import Plant  # noqa: E402
-from observer.model.rod.modes import (  # noqa: E402
+from observer.model.rod.modes import (  # noqa: E402  # noqa: E402
     Modes,
+    Stretch,
     contributions,
     keep_by_ratio,
     keep_by_tail,
     modal_input,
     solve_modes,
+    source_field,
 )
 from observer.model.rod.screw import End, Rod  # noqa: E402
-from observer.model.rod.static import Stretch, source_field  # noqa: E402
 from tests.reference.printed import kim_gains, kim_gains_printed  # noqa: E402
 
 BETA = 0.9995

@@ -12,8 +12,8 @@ import numpy as np
 from observer.align.aligner import doubts, frames_of_log, refuse_empty
 from observer.config import Output
 from observer.errors import LogError, UserError
-from observer.estimate.machine import Machine
-from observer.estimate.open_loop import OpenLoop, OpenLoopGap, read_program, simulated_columns
+from observer.estimate.pipeline import Machine
+from observer.estimate.replay import OpenLoop, OpenLoopGap, read_program, simulated_columns
 from observer.files.folders import results_in, write_json
 from observer.files.logs import Log, read_log, suffix_of
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, NutPath
@@ -78,7 +78,7 @@ def replay(
 
 
 def _recorded(path: Path, config: Installation, **accept: bool) -> Log:
-    from observer.record.can_log import is_can_recording, read_can_log
+    from observer.record.recent import is_can_recording, read_can_log
 
     if is_can_recording(path):
         return read_can_log(path, config)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from observer.align.aligner import AlignPlan, doubts, frames_of_log
 from observer.app.logs import channels_of
 from observer.errors import ConfigError, LogError
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.files.folders import results_in, write_json
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
@@ -31,7 +31,7 @@ def calibrate(
     from observer.discovery.result import calibration_result
     from observer.fit.calibrate import calibrate as fit
     from observer.fit.process_noise import fit_noise
-    from observer.installation.write_back import write_back
+    from observer.installation import write_back
 
     config = load(config_path)
     searched = config_path.read_bytes()
@@ -57,7 +57,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     from observer.estimate.checkpoint import CheckpointFit, UnfitError
     from observer.estimate.checkpoint import load as load_checkpoint
     from observer.fit.tolerance import learnt_changes
-    from observer.installation.write_back import with_effects, write_back
+    from observer.installation import with_effects, write_back
 
     config, searched = load(config_path), config_path.read_bytes()
     machine, file = Machine.of(config, learns=True), config.checkpoint_file
@@ -102,7 +102,7 @@ def discover(
     from observer.discovery.result import discovery_result
     from observer.discovery.suspects import Suspect
     from observer.discovery.workers import WorkerPool
-    from observer.installation.write_back import with_effects, write_back
+    from observer.installation import with_effects, write_back
     from observer.report.discovery import write_discovery_report
 
     config = load(config_path)

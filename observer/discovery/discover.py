@@ -14,12 +14,10 @@ from observer.config import Config
 from observer.discovery.candidates import library
 from observer.discovery.experiment import SEPARATES, Experiment, propose
 from observer.discovery.family import Tie, ties
-from observer.discovery.localise import ErrorLocation, Event, event, localised
-from observer.discovery.phases import courses_of, missing_excitation
-from observer.discovery.proof import Proof, prove
+from observer.discovery.localise import ErrorLocation, Event, courses_of, event, localised, missing_excitation
 from observer.discovery.search import Progress, Search, search, without
 from observer.discovery.suspects import Suspect, about_the_air, suspects
-from observer.discovery.verdict import Partial, Verdict, decide, partial_of, under_suspicion
+from observer.discovery.verdict import Partial, Proof, Verdict, decide, partial_of, prove, under_suspicion
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.errors import LogError
 from observer.fit.hypothesis import Fit

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.phases import courses_of
+from observer.discovery.localise import courses_of
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.runs import prepare

@@ -19,7 +19,7 @@ import numpy as np
 
 from observer.control import compensation
 from observer.control.compensation import CompensationState
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.protocol import EstimatorState
 from observer.quality.gap import GapState
 

@@ -26,8 +26,8 @@ from observer.model.drive import Drive, Driving
 from observer.model.plant import MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
+from observer.model.rod.modes import Stretch, mean_stretch
 from observer.model.rod.moving import NutTable
-from observer.model.rod.static import Stretch, mean_stretch
 from observer.model.simulate import Means
 from observer.tables.laws import HeatLaw
 from observer.tables.sections import Source

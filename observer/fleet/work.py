@@ -17,7 +17,7 @@ from typing import Any
 
 from observer import app
 from observer.errors import LogError, UserError
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.fleet.jobs import Job, Verb
 from observer.fleet.journal import (
     WHY,

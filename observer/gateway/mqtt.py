@@ -18,7 +18,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from observer.errors import ConfigError
 from observer.exchange import RETAINED
-from observer.files.secrets import read_password
+from observer.files.regular import read_password
 from observer.gateway.messages import Latest
 from observer.gateway.start import Say, Start
 from observer.tables.gateway import Mqtt, host_and_port

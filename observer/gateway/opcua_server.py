@@ -39,7 +39,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
 from observer.errors import ConfigError
-from observer.files.secrets import read_named, read_users
+from observer.files.regular import read_named, read_users
 from observer.gateway.users import Users
 from observer.tables.gateway import Opcua
 

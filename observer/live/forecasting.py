@@ -15,8 +15,8 @@ import structlog
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.machine import Machine
-from observer.estimate.open_loop import read_program
+from observer.estimate.pipeline import Machine
+from observer.estimate.replay import read_program
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.document import Forecast, document, forecast, none
 from observer.forecast.program import Bins, binned, joined, learnt

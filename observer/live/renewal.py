@@ -13,7 +13,7 @@ import structlog
 
 from observer.errors import UserError
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.carry import carry_from, carry_into
 from observer.live.observers import Step
 from observer.model.drive import DriveState

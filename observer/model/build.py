@@ -18,10 +18,20 @@ from observer.model.generator import diagonalised
 from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
 from observer.model.reduce import FullModel, HeatInput, KnownInput, Nut, Places, reduce
-from observer.model.rod.modes import Modes, held_s, keep_by_ratio, keep_by_tail, solve_modes
+from observer.model.rod.modes import (
+    Modes,
+    ambient_field,
+    end_field,
+    footprints,
+    held_s,
+    keep_by_ratio,
+    keep_by_tail,
+    mean_stretch,
+    nut_stretch,
+    solve_modes,
+)
 from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
-from observer.model.rod.static import ambient_field, end_field, footprints, mean_stretch, nut_stretch
 from observer.model.rod.supports import restraint_of
 from observer.tables.sections import Source
 

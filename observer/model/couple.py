@@ -27,16 +27,17 @@ from observer.model.network import (
     spreads,
 )
 from observer.model.plant import LEFT, RIGHT, Plant
-from observer.model.rod.modes import Modes, contributions
-from observer.model.rod.screw import surface_rate
-from observer.model.rod.static import (
+from observer.model.rod.modes import (
+    Modes,
     Stretch,
     ambient_field,
+    contributions,
     end_field,
     mean_stretch,
     quadrature_within,
     source_field,
 )
+from observer.model.rod.screw import surface_rate
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description
 

@@ -15,9 +15,8 @@ from observer.frames import FloatArray
 from observer.model.learning import REST_K, Nuisance, Parameter, learning_of, no_change
 from observer.model.network import Attached, NodeModes
 from observer.model.plant import Plant
-from observer.model.rod.modes import Modes, modal_input
+from observer.model.rod.modes import Modes, Stretch, modal_input
 from observer.model.rod.screw import surface_rate
-from observer.model.rod.static import Stretch
 from observer.tables.sections import Description
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +16,18 @@ import numpy as np
 from observer.effects.terms import Body, Term, WarmedAir
 from observer.frames import FloatArray
 from observer.model.coupling import Spreads
-from observer.model.prior import gathered_s
-from observer.model.rod.modes import Modes, modal_input
-from observer.model.rod.static import Stretch, mean_stretch, nut_stretch, quadrature_within
-from observer.tables.nodes import AMBIENT, Link
-from observer.tables.sections import Description, Source
+from observer.model.rod.modes import (
+    NODES,
+    Modes,
+    Stretch,
+    held_s,
+    mean_stretch,
+    modal_input,
+    nut_stretch,
+    quadrature,
+    quadrature_within,
+)
+from observer.tables.sections import AMBIENT, Description, Link, Source
 
 
 def conductance_W_K(link: Link) -> float:
@@ -279,3 +287,50 @@ def _at_rest(modes: Modes, source: Source, stroke: Stretch) -> float:
     nut_m, L = source.length_m or 0.0, modes.rod.length_m
     places = np.linspace(stroke.a_m, stroke.b_m, STANDING_PLACES).tolist()
     return float(np.mean([np.sum(modal_input(modes, nut_stretch(x, nut_m, L)) ** 2) for x in places]))
+
+
+SMOOTHNESS = 0.25
+"""Correlation length of an unknown field, as a part of the screw's length."""
+PAST = (1e-3, 1e-2, 1e-1)
+"""How long sources may have been on before the start, in diffusion times L²/α (a minute to hours on 1 m)."""
+
+
+def smooth_field_covariance(modes: Modes) -> FloatArray:
+    """Covariance (N, N) of the modal amplitudes of a random field with 1 K standard deviation everywhere.
+
+    Half of its variance is an unknown level, half an unknown shape, smooth over a quarter of the screw.
+    """
+    x, w = quadrature(modes.rod.length_m, (), panels=max(24, len(modes) // 2))
+    kernel = _smooth_kernel(len(x), modes.rod.length_m)
+    projection = (modes.theta(x) * w[:, None]).T / modes.rod.diffusivity_m2_s
+    covariance = projection @ kernel @ projection.T
+    return np.asarray((covariance + covariance.T) / 2)
+
+
+@lru_cache(maxsize=4)
+def _smooth_kernel(nodes: int, length_m: float) -> FloatArray:
+    """The field's covariance between the nodes of the quadrature; the same for every material and film."""
+    x, _ = quadrature(length_m, (), panels=nodes // NODES)
+    return np.asarray(0.5 + 0.5 * np.exp(-0.5 * ((x[:, None] - x) / (SMOOTHNESS * length_m)) ** 2))
+
+
+def past_heat_covariance(modes: Modes, inputs: FloatArray, sigma_W: FloatArray) -> FloatArray:
+    """Covariance (N, N) of the modal amplitudes left by heats of unknown size before the start.
+
+    A machine that has been running is not smoothly warm: the screw is hottest at the bearings. Each source,
+    `inputs` (N, m) in its units of B, was on for each of three times, independently, with the
+    σ of its unknown heat now, `sigma_W` (m,): r_n = b_n (1 − e^{−Λ_n t})/Λ_n.
+    """
+    covariance = np.zeros((len(modes), len(modes)))
+    for gathered in gathered_s(modes.decay_1_s, modes.rod.length_m, modes.rod.diffusivity_m2_s):
+        response = inputs * gathered * sigma_W
+        covariance += response @ response.T
+    return covariance
+
+
+def gathered_s(decay_1_s: FloatArray, length_m: float, diffusivity_m2_s: float) -> Iterator[FloatArray]:
+    """Yield what one watt or unit has made of modes (n,) after each of the times in `PAST`, (n, 1), s."""
+    decay = decay_1_s[:, None]
+    for share in PAST:
+        t = share * length_m**2 / diffusivity_m2_s
+        yield held_s(decay, t)

@@ -18,11 +18,18 @@ import numpy as np
 
 from observer.frames import FloatArray, Layout
 from observer.model.coupling import no_coupling
+from observer.model.network import past_heat_covariance, smooth_field_covariance
 from observer.model.plant import OFFSET, REFERENCE, MovingSource, OutputRows, Plant
-from observer.model.prior import past_heat_covariance, smooth_field_covariance
-from observer.model.rod.modes import Modes, contributions, modal_input
+from observer.model.rod.modes import (
+    Modes,
+    Stretch,
+    contributions,
+    modal_input,
+    nut_stretch,
+    quadrature,
+    source_field,
+)
 from observer.model.rod.moving import TABLE_POINTS, NutTable
-from observer.model.rod.static import Stretch, nut_stretch, quadrature, source_field
 from observer.model.rod.supports import Restraint, restrained_rows
 
 UM_PER_M = 1e6

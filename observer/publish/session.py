@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import zenoh
 
 from observer.errors import ConfigError
-from observer.files.secrets import read_named, read_password, read_users
+from observer.files.regular import read_named, read_password, read_users
 from observer.tables.publishing import Access, Client, Login, Publish, Tls
 
 RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second

@@ -13,17 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import structlog
 
-from observer.alarms import bands, offsets
+from observer.alarms import bands, states
 from observer.alarms.bands import Band, Window
-from observer.alarms.offsets import KnownOffset
-from observer.alarms.states import KINDS, Alarm, AlarmCause, acknowledged, advance, alarm_of
+from observer.alarms.states import KINDS, Alarm, AlarmCause, KnownOffset, acknowledged, advance, alarm_of
 from observer.config import Config
 from observer.estimators.selftest import Fault
 from observer.files.folders import make_folder, write_whole
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.quality.conditions import Condition, Facts, Trouble, conditions
 from observer.quality.reasons import sentence
-from observer.tables.keeping import AlarmSettings
+from observer.tables.publishing import AlarmSettings
 
 _KEPT_S = 60.0
 _MOST_STEP_S = 30.0
@@ -141,7 +140,7 @@ class AlarmDesk:
         hours, self._good_s = self._good_s / 3600.0, 0.0
         for sensor in self._known:
             if sensor.learned is not None:
-                self._offsets[sensor.name] = offsets.taken(
+                self._offsets[sensor.name] = states.taken(
                     self._offsets[sensor.name],
                     float(estimate.learned[0, sensor.learned]),
                     float(estimate.learned_sigma[0, sensor.learned]),
@@ -278,7 +277,7 @@ class AlarmDesk:
                     self._bands[source.name] = bands.band_of(found)
             for sensor in self._known:
                 if (found := kept["offsets"].get(sensor.name)) is not None and found["said"] == sensor.said:
-                    self._offsets[sensor.name] = offsets.offset_of(found)
+                    self._offsets[sensor.name] = states.offset_of(found)
             self._alarms = {name: alarm_of(found) for name, found in kept["alarms"].items()}
         except FileNotFoundError:
             return

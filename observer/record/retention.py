@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from observer.errors import ConfigError
-from observer.tables.keeping import RecordSettings
+from observer.tables.publishing import RecordSettings
 
 START_SUFFIX = ".start"
 """The checkpoint beside a recording, from which its estimates start, has the recording's name and this."""

@@ -21,9 +21,8 @@ from observer.model.generator import settled_rows
 from observer.model.network import attached
 from observer.model.plant import Plant
 from observer.model.realise import realise
-from observer.model.rod.modes import solve_modes, tail_left
+from observer.model.rod.modes import footprints, solve_modes, tail_left
 from observer.model.rod.screw import rod_of
-from observer.model.rod.static import footprints
 from observer.model.rod.supports import force_N
 from observer.report.sensitivity import detectable, tolerances
 from observer.tables.sections import Source

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 from observer.discovery.discover import Discovery
-from observer.discovery.proof import rms
 from observer.discovery.result import effects_of
 from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, FittedCandidate
+from observer.discovery.verdict import rms
 from observer.fit.evidence import UNUSED
 from observer.fit.tolerance import UNEVEN
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
 from observer.report import wording
 from observer.report.page import Html, code, document, figure, paragraph, safe, section, share, table, tiles
-from observer.report.style import duration_text
+from observer.report.panels import duration_text
 from observer.tables.estimator import Tolerance
 from observer.tables.sections import Sensor
 

@@ -16,7 +16,7 @@ import numpy as np
 from observer.fit.evidence import PROOF, UNUSED, Evidence
 from observer.fit.runs import TICK_S, TICKS_IN_MEAN
 from observer.frames import FloatArray
-from observer.report.style import CATEGORIES, FAINT, INK, QUIET, RC, elapsed
+from observer.report.panels import CATEGORIES, FAINT, INK, QUIET, RC, elapsed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

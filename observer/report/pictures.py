@@ -20,8 +20,7 @@ from observer.model.build import grid_of
 from observer.model.realise import realise
 from observer.report import panels
 from observer.report.collect import Decimator, ReplaySamples
-from observer.report.panels import Panel
-from observer.report.style import QUIET, RC, colour, duration_text, elapsed
+from observer.report.panels import QUIET, RC, Panel, colour, duration_text, elapsed
 
 WIDTH_PX, HEIGHT_PX, DPI = 1600, 1200, 100
 

@@ -11,7 +11,7 @@ from observer.discovery.discover import Discovery
 from observer.discovery.verdict import Verdict
 from observer.effects.base import FAMILIES
 from observer.effects.catalogue import effect_class
-from observer.report.style import duration_text
+from observer.report.panels import duration_text
 
 PHASES = {
     "isothermal": "before any work",

@@ -10,7 +10,7 @@ from campaigns.alarms.months import Story
 from campaigns.alarms.trial import watched
 from observer.alarms import bands
 from observer.alarms.bands import Window
-from observer.tables.keeping import AlarmSettings
+from observer.tables.publishing import AlarmSettings
 
 
 def _window(hour: float, heat_W: float, law_W: float = 10.0, rise_K: float = 5.0) -> Window:

@@ -24,6 +24,7 @@ from campaigns.discovery.summary import (
     summary,
 )
 from campaigns.resumable import append_rows, go_on, with_tables
+from observer.discovery import localise
 from observer.effects.catalogue import KINDS
 from tests.truth.machine.effects import LIBRARY, Effect
 from tests.truth.machine.entries import Entry, campaign, rough_campaign
@@ -119,10 +120,9 @@ def test_parameters_are_compared_with_the_truth() -> None:
 
 
 def test_machine_and_library_speak_of_the_same_effects() -> None:
-    from observer.discovery import phases
 
     assert set(LIBRARY) == set(KINDS)
-    assert set(RUNNING) | set(RESTING) == set(phases.PHASES)
+    assert set(RUNNING) | set(RESTING) == set(localise.PHASES)
     assert all(hidden_names(e) for e in campaign() if e.group in ("ladder", "pair", "poor", "ambiguous"))
     assert not any(hidden_names(e) for e in campaign() if e.group in ("null", "outside", "absent"))
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.discovery.phases import Course, course_of, missing_excitation, speeds_rpm
+from observer.discovery.localise import Course, course_of, missing_excitation, speeds_rpm
 from observer.fit.runs import prepare
 from observer.fit.steps import SteppedRun
 from observer.frames import FloatArray

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from observer.discovery import verdict
-from observer.discovery.proof import Proof, SensorError, prove
-from observer.discovery.verdict import alternatives, decide, goodness
+from observer.discovery.verdict import Proof, SensorError, alternatives, decide, goodness, prove
 from observer.effects.sensing import SensorBias
 
 ROWS = 1000

@@ -16,11 +16,11 @@ from observer import installation
 from observer.discovery.candidates import library
 from observer.effects.catalogue import KINDS
 from observer.errors import ConfigError
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.files.logs import read_log
 from observer.fit.parameters import free_keys
 from observer.frames import Inputs
-from observer.installation.write_back import with_effects
+from observer.installation import with_effects
 from observer.report.wording import lack_of
 from tests.docs.console import blocks
 from tests.reference.service_path import inputs_of

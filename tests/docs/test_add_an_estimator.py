@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer import installation
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Inputs

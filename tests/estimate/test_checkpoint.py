@@ -26,15 +26,14 @@ from observer.estimate.checkpoint import (
     shifted,
     unpack,
 )
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
-from observer.live import keeper as keeper_module
-from observer.live.keeper import Keeper, carried, stored
-from observer.live.observers import Step
-from observer.tables.keeping import STATE_DIRECTORY, Checkpoint, RecordSettings
+from observer.live import observers as keeper_module
+from observer.live.observers import Keeper, Step, carried, stored
+from observer.tables.publishing import STATE_DIRECTORY, Checkpoint, RecordSettings
 
 ROOT = Path(__file__).parents[2]
 RIG = ROOT / "tests" / "data" / "rig"

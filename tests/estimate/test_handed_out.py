@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import Aligner
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.frames import Reading
 from tests.reference import live
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import Aligner, frames_of_log
-from observer.estimate.machine import Machine
-from observer.estimate.pipeline import Pipeline
+from observer.estimate.pipeline import Machine, Pipeline
 from observer.estimators import fixed_gain
 from observer.files.logs import read_log
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading

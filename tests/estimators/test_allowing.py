@@ -8,7 +8,7 @@ import pytest
 
 from campaigns.learning.trial import FIRST_SEED, KNOWN
 from observer.align.aligner import frames_of_log
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.design.gains import everything
 from observer.frames import EstimateBlock
 from observer.model.discretise import augmented, quantise, step_matrices

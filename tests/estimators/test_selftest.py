@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import frames_of_log
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.selftest import Fault
 from observer.files.logs import Log
 from observer.frames import EstimateQuality

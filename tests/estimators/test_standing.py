@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.design.gains import LuenbergerGain, Refusal, design_bandwidth, everything
 from observer.estimators.design.steady import bandwidth, design, standing_growth_1_s
 from observer.model.discretise import augmented, step_matrices

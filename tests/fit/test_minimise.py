@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from observer.fit.minimise import TRIALS, Minimum, Range, Stop, minimise
+from observer.fit.hypothesis import TRIALS, Minimum, Range, Stop, minimise
 from observer.frames import FloatArray
 
 FREE = Range(np.full(2, -np.inf), np.full(2, np.inf), np.full(2, np.inf))

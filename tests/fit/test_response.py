@@ -11,7 +11,7 @@ from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start_from_sensors
-from observer.tables.nodes import Node
+from observer.tables.sections import Node
 from tests.logs.machines import machine, rig
 from tests.logs.simulated import made_log
 

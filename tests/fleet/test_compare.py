@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.fleet.compare import MeanHeat, beside_fleet
+from observer.fleet.report import MeanHeat, beside_fleet
 
 
 def _bearing(machine: str, heat_W_rpm: float, speed_rpm: float = 1500.0, kind: str = "a") -> MeanHeat:

@@ -14,7 +14,7 @@ from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.files.logs import Log
 from observer.files.writer import write_log
 from observer.installation import load

@@ -14,12 +14,11 @@ from campaigns.gap.months import EFFECTS, Rig
 from observer import app
 from observer.align.aligner import frames_of_log
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted, unpack
-from observer.estimate.machine import Machine
-from observer.estimate.pipeline import Pipeline
+from observer.estimate.pipeline import Machine, Pipeline
 from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import load
-from observer.live.keeper import stored
+from observer.live.observers import stored
 from observer.model.cycle import PHASES
 from observer.quality.conditions import of_departure
 from observer.quality.gap import BREAK_S, Departure, GapWatch

@@ -8,7 +8,7 @@ from campaigns.learning.trial import KNOWN
 from observer.align.aligner import frames_of_log
 from observer.effects.base import Unnamed
 from observer.effects.terms import AmbientShift
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimate.replay import inputs_of
 from observer.frames import Inputs
 from observer.history.history import MethodOptions

@@ -9,8 +9,7 @@ from observer.effects.bodies import EndConduction
 from observer.effects.sensing import SensorLag
 from observer.errors import ConfigError
 from observer.fit.parameters import get, rounded
-from observer.installation import parse
-from observer.installation.write_back import with_effects, write_back
+from observer.installation import parse, with_effects, write_back
 from tests.logs.machines import RIG
 
 TEXT = """\

@@ -12,7 +12,7 @@ from campaigns.integrity.catalogue import catalogue
 from campaigns.integrity.days import FAULT_S, day_of
 from campaigns.integrity.judge import RIG, faulty, judged
 from observer.align.aligner import frames_of_log
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.selftest import Fault as Found
 from observer.frames import EstimateQuality, Quality
 from observer.quality.conditions import of_finding

@@ -8,12 +8,12 @@ import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.files.logs import Log
 from observer.fit.calibrate import calibrate
 from observer.fit.process_noise import fit_noise
 from observer.frames import EstimateBlock, FloatArray
-from observer.installation.write_back import write_back
+from observer.installation import write_back
 from tests.learning.machines import Day, config_of
 from tests.truth.machine.logs import CHANNELS
 

@@ -9,7 +9,7 @@ from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.installation import load
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, day, draw

@@ -11,14 +11,13 @@ import pytest
 
 from observer.align.aligner import blocks_of_log
 from observer.estimate.checkpoint import CheckpointFit, Snapshot
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.files.regular import read_toml
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import parse
-from observer.live.keeper import carried
-from observer.live.observers import Step
+from observer.live.observers import Step, carried
 from observer.live.renewal import carried_over
 from tests.logs.machines import RIG
 

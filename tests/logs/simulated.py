@@ -10,7 +10,7 @@ import numpy as np
 from observer import app
 from observer.config import Config
 from observer.discovery.experiment import Habits, Phase, frames_of
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.frames import FloatArray, FrameBlock, Inputs

@@ -27,7 +27,7 @@ from observer.model.network import (
     ring_W_K,
 )
 from observer.model.simulate import start
-from observer.tables.nodes import Link
+from observer.tables.sections import Link
 from tests.logs.machines import table
 from tests.reference.cases import config_of, known, play, point
 from tests.reference.printed import crank_nicolson, steady

@@ -8,8 +8,7 @@ import pytest
 from observer.model.build import build_plant, full_model, keep_modes
 from observer.model.realise import realise
 from observer.model.reduce import reduce
-from observer.model.rod.modes import tail_left
-from observer.model.rod.static import quadrature, source_field
+from observer.model.rod.modes import quadrature, source_field, tail_left
 from tests.logs.machines import config_of
 
 

@@ -12,9 +12,8 @@ from observer.frames import FloatArray, Inputs
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.generator import state_space
-from observer.model.rod.modes import solve_modes
+from observer.model.rod.modes import Stretch, solve_modes
 from observer.model.rod.screw import rod_of
-from observer.model.rod.static import Stretch
 from observer.model.simulate import simulate
 from tests.model.test_generator import machine
 from tests.reference.printed import kim_form

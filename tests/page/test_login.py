@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from observer.errors import ConfigError
-from observer.files.secrets import read_users
+from observer.files.regular import read_users
 from observer.page.guard import Logins
 
 

@@ -5,9 +5,8 @@ import pytest
 import zenoh
 
 from observer.publish.codec import EstimateEncoder
-from observer.publish.rivals import _INSTANCE
 from observer.publish.session import session_config
-from observer.publish.zenoh import ZenohPublisher
+from observer.publish.zenoh import _INSTANCE, ZenohPublisher
 from observer.tables.publishing import Publish
 from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT, block
@@ -79,7 +78,7 @@ def test_two_that_start_at_one_moment_both_notice():
 @pytest.mark.system
 @pytest.mark.parametrize("mode", ["client", "peer"])
 def test_two_that_both_went_on_notice_each_other(monkeypatch, mode):
-    monkeypatch.setattr("observer.publish.rivals.Rivals.token_is_there", lambda _: False)
+    monkeypatch.setattr("observer.publish.zenoh.Rivals.token_is_there", lambda _: False)
     with Router() as router:
         pair = [_client(router.endpoint, name, mode) for name in ("11111111", "22222222")]
         wait(lambda: all(one.status.connected for one in pair))

@@ -14,7 +14,7 @@ from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
 from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Facts
-from observer.tables.keeping import AlarmSettings
+from observer.tables.publishing import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
 from tests.publish.blocks import block
 

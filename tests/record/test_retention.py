@@ -9,7 +9,7 @@ import pytest
 
 from observer.record import retention
 from observer.record.retention import Recording, Retention, tidy, to_remove
-from observer.tables.keeping import RecordSettings
+from observer.tables.publishing import RecordSettings
 
 NOW_S = 1.8e9
 DAY_S = 86_400.0

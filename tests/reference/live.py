@@ -17,7 +17,7 @@ from drivers.simulated.machine import SimulatedMachine as Axis
 from drivers.simulated.machine import heats, speed_rpm
 from observer.align.aligner import Aligner
 from observer.config import Config
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.frames import EstimateBlock, FloatArray, Reading
 from observer.installation import load
 from observer.quality.conditions import of_finding

@@ -12,8 +12,7 @@ import numpy as np
 from observer.estimators.design.gains import gains_on_eigenvectors
 from observer.frames import FloatArray
 from observer.model.network import Network
-from observer.model.rod.modes import Modes, modal_input
-from observer.model.rod.static import Stretch, end_field, quadrature
+from observer.model.rod.modes import Modes, Stretch, end_field, modal_input, quadrature
 
 
 class KimForm(NamedTuple):

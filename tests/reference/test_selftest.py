@@ -12,7 +12,7 @@ import pytest
 
 from drivers.simulated.machine import ScrewData
 from observer.align.aligner import doubts, frames_of_log
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.files.logs import Log
 from observer.frames import EstimateQuality, Reading
 from observer.quality.conditions import of_finding

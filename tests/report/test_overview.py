@@ -13,8 +13,8 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from observer.report.collect import Decimator, ReplaySamples, simulated
+from observer.report.panels import duration_text, elapsed
 from observer.report.pictures import write_overview, write_simulation_overview
-from observer.report.style import duration_text, elapsed
 from tests.logs.machines import machine, rig
 from tests.logs.simulated import made_log
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from observer.align.aligner import AlignPlan
-from observer.estimate.machine import Machine
+from observer.estimate.pipeline import Machine
 from observer.fit.runs import joined
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
