@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from observer.estimators.packing import IntArray, PlantArrays, Work, scratch
 from observer.frames import FloatArray
-from observer.kernels.layout import padded_width, zeros
+from observer.kernels.layout import aligned_zeros, padded_width
 
 _REGISTER, _EIGHT = 4, 8
 """Numbers in a vector register, and rows that `vector.weigh` takes at a time."""
@@ -81,22 +81,22 @@ def steady_step(arrays: PlantArrays, reported: int) -> SteadyStep:
     (m, n_x), p, m_e, s = arrays.B.shape, len(arrays.E), len(arrays.source), len(arrays.R_K2)
     own, shown = padded_width(s, _REGISTER), padded_width(reported, _REGISTER)
     width, c, pushing = (padded_width(count, _EIGHT) for count in (n_x + p + m_e, m + 2 * p, m_e + own))
-    rows = zeros((width, shown))
+    rows = aligned_zeros((width, shown))
     rows[:n_x, :reported] = arrays.rows[:, :reported]
     rows[n_x : n_x + p, :reported] = arrays.rows_F[:, :reported]
     step = padded_width(width - m_e + pushing, _EIGHT)
     return SteadyStep(
-        decay=zeros((width,)),
+        decay=aligned_zeros((width,)),
         drives=np.zeros((m + 2 * p + m_e, width)),
-        sensors=zeros((width, own)),
-        inputs=zeros((c, width + own)),
-        seen=zeros((width, own)),
-        push=zeros((pushing, width)),
+        sensors=aligned_zeros((width, own)),
+        inputs=aligned_zeros((c, width + own)),
+        seen=aligned_zeros((width, own)),
+        push=aligned_zeros((pushing, width)),
         rows=rows,
-        weights=zeros((_RUN, c)),
-        forced=zeros((width + own,)),
-        states=zeros((_RUN + 1, step)),
-        value=zeros((_RUN, shown)),
+        weights=aligned_zeros((_RUN, c)),
+        forced=aligned_zeros((width + own,)),
+        states=aligned_zeros((_RUN + 1, step)),
+        value=aligned_zeros((_RUN, shown)),
         nu_sigma=np.zeros(s),
         gate_K2=np.zeros(s),
         jump_W2=np.zeros(m_e),

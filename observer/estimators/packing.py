@@ -247,7 +247,7 @@ def scratch(arrays: PlantArrays) -> Work:
         usable=np.zeros(s, dtype=np.bool_),
         accepted=np.zeros(s, dtype=np.bool_),
         CT=pad_rows(arrays.C.T, sensors),
-        **{name: layout.zeros(shape) for name, shape in shapes.items()},
+        **{name: layout.aligned_zeros(shape) for name, shape in shapes.items()},
     )
 
 

@@ -18,7 +18,7 @@ def padded_width(columns: int, register: int) -> int:
     return -(-columns // register) * register
 
 
-def zeros(shape: tuple[int, ...]) -> Array:
+def aligned_zeros(shape: tuple[int, ...]) -> Array:
     """Return zeros that begin with a line of the processor's cache: no register lies in two of them."""
     size = math.prod(shape)
     memory = np.zeros(size + _LINE)
@@ -28,7 +28,7 @@ def zeros(shape: tuple[int, ...]) -> Array:
 
 def pad_rows(array: Array, width: int) -> Array:
     """Return the array with its last axis padded with zeros to a width."""
-    padded = zeros((*array.shape[:-1], width))
+    padded = aligned_zeros((*array.shape[:-1], width))
     padded[..., : array.shape[-1]] = array
     return padded
 

@@ -26,17 +26,8 @@ from observer.model.network import (
     shapes_of_strokes,
     spreads,
 )
-from observer.model.plant import LEFT, RIGHT, Plant
-from observer.model.rod.modes import (
-    Modes,
-    Stretch,
-    ambient_field,
-    contributions,
-    end_field,
-    mean_stretch,
-    quadrature_within,
-    source_field,
-)
+from observer.model.plant import Plant
+from observer.model.rod.modes import Modes, Stretch, mean_stretch, shapes_within, steady_under
 from observer.model.rod.screw import surface_rate
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description
@@ -216,39 +207,20 @@ def _dropped_under(
     plant: Plant, modes: Modes, machine: Description, index: int
 ) -> tuple[FloatArray, FloatArray]:
     """What the dropped modes hold under a source, °C per W of each (m,), per °C of each known input (p,)."""
-    rod, stretches = modes.rod, [mean_stretch(s, machine.screw) for s in machine.source]
-    nodes, weights = _inside(modes, stretches[index], stretches)
-    kept = weights @ modes.theta(nodes)
-    of_heats = [
-        source.screw_share * float(weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s))
-        for source, s in zip(machine.source, stretches, strict=True)
-    ]
+    under = steady_under(modes, [mean_stretch(s, machine.screw) for s in machine.source], index)
     known, at = np.zeros(len(plant.known_names)), plant.known
-    steady = {at.ambient: ambient_field(rod, nodes)}
-    for q, end in ((at.left_end, LEFT), (at.right_end, RIGHT)):
-        if q is not None:
-            steady[q] = end_field(rod, end, nodes)
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, np.inf)
-    for q, field in steady.items():
-        known[q] = weights @ field - kept @ (plant.E[: plant.modes, q] / safe)
-    return np.array(of_heats), known
-
-
-def _inside(modes: Modes, own: Stretch, kinks: Sequence[Stretch]) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights of the mean over a stretch, of fields with kinks at the ends of others."""
-    if own.width_m == 0:
-        return np.array([own.a_m]), np.ones(1)
-    breaks = [x for s in kinks for x in (s.a_m, s.b_m)]
-    nodes, weights = quadrature_within(modes.rod.length_m, own, breaks)
-    return nodes, weights / own.width_m
+    for q, steady in ((at.ambient, under.ambient), (at.left_end, under.left), (at.right_end, under.right)):
+        if q is not None:
+            known[q] = steady - under.kept @ (plant.E[: plant.modes, q] / safe)
+    return np.array([s.screw_share for s in machine.source]) * under.dropped_K_W, known
 
 
 def _add_films(constant: Constant, plant: Plant, modes: Modes, terms: Sequence[Term], rate: float) -> None:
     """Add the films along stretches: Σ extra P/(ρcA) · (1/α) ∫ θ_i θ_j dx over the stretches."""
     N = plant.modes
     for film in (t for t in terms if isinstance(t, StretchFilm)):
-        nodes, weights = quadrature_within(modes.rod.length_m, Stretch(film.from_m, film.to_m))
-        theta = modes.theta(nodes)
+        theta, weights = shapes_within(modes, Stretch(film.from_m, film.to_m))
         weighed = theta * (film.extra_W_m2K * rate / modes.rod.diffusivity_m2_s * weights)[:, None]
         constant.A[:N, :N] -= weighed.T @ theta
         constant.E[:N, plant.known.ambient] += weighed.sum(axis=0)

@@ -25,7 +25,7 @@ from observer.model.rod.modes import (
     modal_input,
     nut_stretch,
     quadrature,
-    quadrature_within,
+    shapes_within,
 )
 from observer.tables.sections import AMBIENT, Description, Link, Source
 
@@ -254,8 +254,8 @@ def shapes_of_strokes(modes: Modes, machine: Description, beside: Attached) -> I
         stroke = mean_stretch(source, machine.screw)
         if abs(stroke.width_m - (source.length_m or 0.0)) < NO_SWEEP * stroke.width_m:
             continue
-        nodes, weights = quadrature_within(modes.rod.length_m, stroke)
-        theta, weights = modes.theta(nodes), weights / stroke.width_m
+        theta, weights = shapes_within(modes, stroke)
+        weights = weights / stroke.width_m
         mean = weights @ theta
         own, shape = np.linalg.eigh((theta * weights[:, None]).T @ theta - np.multiply.outer(mean, mean))
         felt = own > SMALL * own.max()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer.kernels import covariance, vector
-from observer.kernels.layout import pad_rows, padded_width, zeros
+from observer.kernels.layout import aligned_zeros, pad_rows, padded_width
 
 SIZES = [(3, 2, 1), (5, 4, 2), (9, 6, 3), (14, 11, 4), (17, 9, 7)]
 """States, those of the plant, sensors."""
@@ -40,7 +40,7 @@ def test_a_covariance_is_predicted(n: int, n_x: int, columns: int) -> None:
     rng, P = made(n)
     width = P.shape[1]
     d, Q = pad_rows(rng.random((2, n)), width), pad_rows(np.array([np.eye(n), made(n, 2)[1][:, :n]]), width)
-    G, H = zeros((padded_width(columns, 4), width)), zeros((padded_width(columns, 4), width))
+    G, H = aligned_zeros((padded_width(columns, 4), width)), aligned_zeros((padded_width(columns, 4), width))
     G[:columns, :n_x] = rng.standard_normal((columns, n_x))
     Ad = np.diag(d[1, :n])
     Ad[:, n_x : n_x + columns] += G[:columns, :n].T
@@ -56,7 +56,12 @@ def test_innovations_have_their_covariances(n: int, n_x: int, s: int) -> None:
     rng, P = made(n)
     C, x, y = rng.standard_normal((s, n_x)), rng.standard_normal(n), rng.standard_normal(s)
     wide = padded_width(s, 4)
-    CT, g, S, read = pad_rows(C.T, wide), zeros((s, P.shape[1])), zeros((s, wide)), pad_rows(y, wide)
+    CT, g, S, read = (
+        pad_rows(C.T, wide),
+        aligned_zeros((s, P.shape[1])),
+        aligned_zeros((s, wide)),
+        pad_rows(y, wide),
+    )
     covariance.sensor_covariances(C, n_x, P, g)
     covariance.innovation_covariances(g, CT, S)
     covariance.subtract_seen(read, CT, x)
@@ -68,7 +73,11 @@ def test_innovations_have_their_covariances(n: int, n_x: int, s: int) -> None:
 @pytest.mark.parametrize(("n", "n_x", "s"), SIZES)
 def test_a_correction_takes_squares_off(n: int, n_x: int, s: int) -> None:
     rng, P = made(n)
-    L, g, W = np.tril(rng.random((s, s)) + np.eye(s)), zeros((s, P.shape[1])), zeros((s, P.shape[1]))
+    L, g, W = (
+        np.tril(rng.random((s, s)) + np.eye(s)),
+        aligned_zeros((s, P.shape[1])),
+        aligned_zeros((s, P.shape[1])),
+    )
     g[:, :n] = rng.standard_normal((s, n))
     inverses = L - np.diag(np.diag(L)) + np.diag(1.0 / np.diag(L))
     for i in range(s):
@@ -84,10 +93,10 @@ def test_rows_have_their_variances(n: int, n_x: int, s: int) -> None:
     rng, P = made(n)
     C = rng.standard_normal((s, n_x))
     P[:, :n], expected = lower(P), np.einsum("ra,ab,rb->r", C, P[:n_x, :n_x], C)
-    total = zeros((padded_width(s, 8),))
+    total = aligned_zeros((padded_width(s, 8),))
     covariance.squares_of_rows(P, pad_rows(C.T, len(total)), s, total)
     np.testing.assert_allclose(total[:s], expected, rtol=1e-12)
-    covariance.squares_of_rows(P, zeros((n_x, 0)), 0, zeros((0,)))  # nothing is reported
+    covariance.squares_of_rows(P, aligned_zeros((n_x, 0)), 0, aligned_zeros((0,)))  # nothing is reported
 
 
 def test_a_register_beyond_a_row_is_refused() -> None:
@@ -98,4 +107,4 @@ def test_a_register_beyond_a_row_is_refused() -> None:
 
 def test_arrays_begin_with_a_line_of_the_cache() -> None:
     for size in range(1, 40):
-        assert zeros((size, 8)).ctypes.data % 64 == 0
+        assert aligned_zeros((size, 8)).ctypes.data % 64 == 0

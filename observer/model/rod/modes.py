@@ -1,9 +1,14 @@
-"""Eigenmodes of the rod for every pairing of prescribed, insulated and convective ends.
+"""Eigenmodes of the rod for all pairs of prescribed, insulated and convective ends, and its steady fields.
 
 One family covers all nine pairings: θ_n(x) = c_n cos(μ_n x − δ_n), where tan δ_n = H/μ_n with H = h_end/k
 of the left end (δ = 0 insulated, π/2 prescribed). The right end asks μ L − δ_left(μ) − δ_right(μ) = n π, n
 = 0, 1, …: a function that grows with μ and has exactly one root in [n π/L, (n + 1) π/L]. (Kim et al., eq. 6;
 Carslaw & Jaeger 1959, §2.)
+
+Steady fields are closed forms per unit of each input. With m = √(hP/kA), C(x) = cosh m x and S(x) =
+sinh(m x)/m solve the homogeneous fin; u_1 and u_2 are the combinations that meet the left and the right end,
+and Green's function is u_1(x_<) u_2(x_>)/(k A W). All tend to linear profiles of a bare rod as m → 0. (The
+same, §4.5 and §14.)
 """
 
 from __future__ import annotations
@@ -276,6 +281,41 @@ def modal_input(modes: Modes, stretch: Stretch) -> FloatArray:
     if stretch.width_m == 0:
         return np.asarray(modes.theta(stretch.a_m)[0] / kA)
     return np.asarray(modes.integral(stretch.a_m, stretch.b_m)[0] / (kA * stretch.width_m))
+
+
+def shapes_within(modes: Modes, stretch: Stretch) -> tuple[FloatArray, FloatArray]:
+    """Return θ (k, N) and weights (k,) of the quadrature over a stretch."""
+    nodes, weights = quadrature_within(modes.rod.length_m, stretch)
+    return modes.theta(nodes), weights
+
+
+class SteadyUnder(NamedTuple):
+    """Means over a stretch: `kept` (N,) of the modes that are kept, `dropped_K_W` (m,) of the others per W of
+    each source, and of the steady fields per K of `ambient`, `left` and `right` end.
+    """
+
+    kept: FloatArray
+    dropped_K_W: FloatArray
+    ambient: float
+    left: float
+    right: float
+
+
+def steady_under(modes: Modes, stretches: Sequence[Stretch], index: int) -> SteadyUnder:
+    """Return the means of steady fields over one of the sources' stretches."""
+    rod, own = modes.rod, stretches[index]
+    if own.width_m == 0:
+        nodes, weights = np.array([own.a_m]), np.ones(1)
+    else:
+        nodes, weights = quadrature_within(rod.length_m, own, [x for s in stretches for x in s])
+        weights = weights / own.width_m
+    kept = weights @ modes.theta(nodes)
+    dropped = [weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s) for s in stretches]
+    ends = (("left", rod.left), ("right", rod.right))
+    left, right = (weights @ end_field(rod, side, nodes) if end.prescribed else 0.0 for side, end in ends)
+    return SteadyUnder(
+        kept, np.array(dropped), float(weights @ ambient_field(rod, nodes)), float(left), float(right)
+    )
 
 
 def keep_by_ratio(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
