@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.estimators.protocol import Estimator, EstimatorState
+from observer.estimators.protocol import CarriesOver, EstimatorState
 from observer.estimators.specification import columns_in_place
 from observer.frames import EstimateBlock, FloatArray, Inputs
 from observer.model.learning import Nuisance
@@ -56,7 +56,7 @@ def carry_from(
     return Carried(plant.layout.position_m, heats, lags, value, covariance)
 
 
-def carry_into(plant: Plant, estimator: Estimator, known: Carried, inputs: Inputs) -> EstimatorState | None:
+def carry_into(plant: Plant, estimator: CarriesOver, known: Carried, inputs: Inputs) -> EstimatorState | None:
     """The state of another model's estimator that knows the same; `inputs` are those of one step.
 
     None where the places of the field are others, no heat has the name it had, or no sensor has a value.

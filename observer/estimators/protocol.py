@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,10 +52,15 @@ class Estimator(Protocol):
     def initial(self) -> EstimatorState:
         """The state before the first measurement."""
 
+    def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
+        """K steps; a run of K is, to the last bit, K runs of one."""
+
+
+@runtime_checkable
+class CarriesOver(Estimator, Protocol):
+    """One whose `x_hat` and `P` are those of the plant, so that they can be carried into another model."""
+
     def at(
         self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray
     ) -> EstimatorState:
         """Return a state with field, heats and what is learnt replaced."""
-
-    def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
-        """K steps; a run of K is, to the last bit, K runs of one."""

@@ -15,6 +15,7 @@ from observer.errors import UserError
 from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import Machine
 from observer.estimators.carry import carry_from, carry_into
+from observer.estimators.protocol import CarriesOver
 from observer.live.observers import Step
 from observer.model.drive import DriveState
 from observer.process.clock import stepped
@@ -116,15 +117,19 @@ def carried_over(
     """A snapshot for another model of the same screw: its field and heats with their σ.
 
     What had been learnt of the old model begins anew, and so do the watch over its gap and all that counts
-    from a start. None where nothing was known yet, or where the two models have nothing in common.
+    from a start. None where nothing was known yet, where the two models have nothing in common, or where one
+    of the estimators has states of its own.
     """
+    estimator = now.estimator()
+    if not (isinstance(before.estimator(), CarriesOver) and isinstance(estimator, CarriesOver)):
+        return None
     if snapshot is None or last is None or not set(now.config.channels) <= set(last.frame.channels):
         return None
     known = carry_from(before.plant, snapshot.estimator, last.inputs, last.estimate)
     if known is None:
         return None
     drive_state, inputs = now.drive.run(now.drive.initial(), last.frame)
-    state = carry_into(now.plant, now.estimator(), known, inputs)
+    state = carry_into(now.plant, estimator, known, inputs)
     if state is None or not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
         return None
     return replace(snapshot, drive=_with_paths(drive_state, snapshot.drive), estimator=state, gap=None)

@@ -72,8 +72,8 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     Trouble.NOTICE: "{detail}",
     Trouble.CLOCK: "the computer's clock stepped by {value:+.1f} s; times go on from the service's start",
     Trouble.NO_ESTIMATE: "no estimate yet: the first step is still to come",
-    Trouble.UNEXPLAINED: "the estimate is {quality} although no channel and no test says why; reset it, and "
-    "report this",
+    Trouble.UNEXPLAINED: "the estimate is {quality} although no channel and no test says why; an estimator "
+    "of your own may set this itself, else reset it and report this",
     Trouble.OFFSET_MOVED: "{about} reads {more:+.2f} K beside what it did in its first {detail} h, by the "
     "offset that is learnt",
     **dict.fromkeys(

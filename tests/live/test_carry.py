@@ -135,6 +135,24 @@ def test_without_anything_in_common_it_starts_cold():
     assert carried_over(unknown, last, machine, other) is None
 
 
+class _StatesOfItsOwn:
+    """An estimator without `at`, as from another package."""
+
+    def __init__(self, estimator: Estimator) -> None:
+        self.layout, self.initial, self.run = estimator.layout, estimator.initial, estimator.run
+
+
+@pytest.mark.parametrize("of", ["before", "now"])
+def test_to_and_from_an_estimator_with_states_of_its_own_it_starts_cold(of):
+    machine, snapshot, last, _ = _stood()
+    other, estimator = _parts()
+    assert carried_over(snapshot, last, machine, other) is not None
+    own = Machine(other.config, other.plant, other.drive, other.plan)
+    own.__dict__["_estimator"] = _StatesOfItsOwn(estimator)
+    before, now = (own, other) if of == "before" else (machine, own)
+    assert carried_over(snapshot, last, before, now) is None
+
+
 def test_a_service_built_anew_goes_on_with_what_is_carried_over():
     machine, snapshot, last, _ = _stood()
     other, _ = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
