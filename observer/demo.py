@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import json
 import select
 import subprocess
@@ -14,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from observer.errors import UserError
+from observer.errors import UserError, has_extra
 from observer.installation import Installation, load
 from observer.publish.session import refuse_taken
 from observer.tables.gateway import Page, host_and_port
@@ -63,7 +62,7 @@ def run_demo(seconds: float | None, listen: str, plain: bool, page: Page | None)
 
 def free_page() -> Page | None:
     """A page on the first free port from the default on; None without what it needs, or without a port."""
-    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
+    if not has_extra("page"):
         return None
     host, first = host_and_port(Page().listen)
     for port in range(first, first + PORTS):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
 
 EXTRAS = {
@@ -43,6 +44,11 @@ def raise_all(problems: Sequence[str]) -> None:
 
 class LogError(UserError):
     """A log cannot be used; the message names file, row or column, and remedy."""
+
+
+def has_extra(name: str) -> bool:
+    """Whether the packages of an extra are installed."""
+    return all(importlib.util.find_spec(module) is not None for module in EXTRAS[name])
 
 
 def install_remedy(command: str, error: ModuleNotFoundError) -> str | None:

@@ -15,7 +15,7 @@ import tomlkit
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from drivers.places import CAN_INPUTS
-from observer.errors import UserError
+from observer.errors import UserError, has_extra
 from observer.installation import parse
 from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS
 
@@ -208,12 +208,9 @@ def compose(answers: Answers) -> str:
             {"directory": "recordings"},
             "what was read; the unit starts in /var/lib/ballscrew-observer",
         ),
-        FileTable(
-            "[page]",
-            {"listen": "127.0.0.1:8080"},
-            "for browsers; needs the packages of ballscrew-observer[page]",
-        ),
     ]
+    if has_extra("page"):
+        parts.append(FileTable("[page]", {"listen": "127.0.0.1:8080"}, "for browsers on this computer"))
     return _HEAD + "".join(f"\n{_text(part)}" for part in parts)
 
 

@@ -52,7 +52,11 @@ def service(config_paths: Sequence[Path], root: Path, *, dry_run: bool) -> Itera
         yield from plan.lines()
         return
     carry_out(plan, root)
-    yield from plan.lines() if here else (f"written below {root}; nothing was run",)
+    yield from (
+        plan.lines()
+        if here
+        else (f"{'written' if config_paths else 'removed'} below {root}; nothing was run",)
+    )
     if not config_paths:
         yield f"kept: {CONFIG.parent} and {STATE}"
         return

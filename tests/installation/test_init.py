@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from observer.cli import app
 from observer.errors import UserError
-from observer.installation import parse
+from observer.installation import first_configuration, parse
 from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS
 from observer.installation.examine import examine
 from observer.installation.first_configuration import Answers, agreed, answers, compose, option, write_new
@@ -57,6 +57,12 @@ def test_every_module_with_every_control_passes_the_check(module, control, tmp_p
     with_speed = control not in {"canopen", "none"}
     assert all((source.law is not None) == with_speed for source in config.source)
     assert config.source[0].position_channel == (None if control == "none" else "nut_position_m")
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_the_page_is_configured_only_where_its_packages_are(installed, monkeypatch):
+    monkeypatch.setattr(first_configuration, "has_extra", lambda name: installed and name == "page")
+    assert ("page" in tomllib.loads(compose(answers(GIVEN, None)))) == installed
 
 
 @pytest.mark.parametrize("screw", SCREWS)

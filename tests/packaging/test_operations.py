@@ -206,7 +206,7 @@ def _update(computer: Box) -> None:
     assert len(lines) == 4
     for line in lines:
         computer.does(line, fetches="pipx" in line)
-    computer.does(f"sudo cmp {CONFIG} /etc/ballscrew-observer.before/observer.toml")
+    computer.does(f"sudo cmp {CONFIG} /etc/ballscrew-observer.before-0.2.0/observer.toml")
     computer.does("sudo systemctl stop ballscrew-observer")
     computer.does(_lines("Install the program")[-1])
     assert _packages_MB(computer) <= SMALL_MB
