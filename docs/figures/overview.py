@@ -1,4 +1,4 @@
-"""Draw the README's picture, the `overview.png` of the shipped rig once calibrated: `make figures`."""
+"""Draw the tutorial's picture, the `overview.png` of the shipped rig once calibrated: `make figures`."""
 
 from __future__ import annotations
 
