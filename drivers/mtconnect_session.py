@@ -38,7 +38,7 @@ FACTORS = {
     "SECOND": 1.0, "KILOWATT": 1e3, "MILLIMETER": 1e-3, "MILLIMETER/SECOND": 1e-3,
     "MILLIMETER/SECOND^2": 1e-3, "MICROMETER": 1e-6, "METER": 1.0,
 }  # fmt: skip
-"""Units of the standard (part 2, 7.2.2.5) as factors to those of the house."""
+"""Units of the standard (part 2, 7.2.2.5) as factors to SI and °C."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ from observer.model.cycle import PHASES
 from observer.physics import constants
 
 ROOT = Path(__file__).parents[2]
-HOUSE = [p for package in ("observer", "drivers") for p in sorted((ROOT / package).rglob("*.py"))]
+PRODUCT = [p for package in ("observer", "drivers") for p in sorted((ROOT / package).rglob("*.py"))]
 OF_EFFECTS = {effect.__module__ for effect in LIBRARY}
-ELSEWHERE = [p for p in HOUSE if not p.is_relative_to(ROOT / "observer" / "effects")]
+ELSEWHERE = [p for p in PRODUCT if not p.is_relative_to(ROOT / "observer" / "effects")]
 WORDS = set(KINDS) - set(PHASES)  # a dwell is a phase of a log as well
 ABSOLUTE_ZERO = ROOT / "observer" / "tables" / "quantities.py"  # the range of a temperature, not a conversion
 SIMULATED = ROOT / "drivers" / "simulated"  # written anew, for it is to test the rest
@@ -64,7 +64,7 @@ def test_nothing_else_knows_an_effect() -> None:
 
 
 def test_a_constant_of_nature_stands_once() -> None:
-    held = {p: constants_of_nature(parsed(p)) for p in HOUSE if not p.is_relative_to(SIMULATED)}
+    held = {p: constants_of_nature(parsed(p)) for p in PRODUCT if not p.is_relative_to(SIMULATED)}
     assert {path for path, numbers in held.items() if numbers} == {Path(constants.__file__), ABSOLUTE_ZERO}
     assert held[ABSOLUTE_ZERO] == {constants.ZERO_DEGC_K}
 
