@@ -208,8 +208,8 @@ def _told(
 def table(rows: list[dict[str, str]]) -> str:
     """The campaign in a table, a line for each story."""
     lines = [
-        "| what happens | machines | days | told | hours of running until then, median (longest) | told as | "
-        "other alarms |",
+        "| what happens | machines | days | reported | hours of running until then, median (longest) "
+        "| reported as | other alarms |",
         "|---|---|---|---|---|---|---|",
     ]
     for name in ("learning", *STORIES):

@@ -26,9 +26,9 @@ STORIES = {
 
 
 class Told(NamedTuple):
-    """What was told of one machine: alarms before anything happened, over `quiet_d` days; and how many hours
-    of running before the heat had doubled (after it began, where it falls) the first right one came, NaN if
-    none did.
+    """What was reported of one machine: alarms before anything happened, over `quiet_d` days; and how many
+    hours of running before the heat had doubled (after it began, where it falls) the first right one came, NaN
+    if none did.
     """
 
     false: int
@@ -60,19 +60,19 @@ def watched(story: Story, seed: int) -> Told:
 def table(first_seed: int = SEED, machines: int = MACHINES) -> str:
     """The rows of all stories, as they stand on the page."""
     lines = [
-        "| what happens | false alarms a month | told | hours before it has doubled, median (least) |",
+        "| what happens | false alarms a month | reported | hours before it has doubled, median (least) |",
         "|---|---|---|---|",
     ]
     for name, story in STORIES.items():
-        told = [watched(story, first_seed + n) for n in range(machines)]
-        monthly = 30.0 * sum(t.false for t in told) / max(sum(t.quiet_d for t in told), 1.0)
-        early = sorted(t.early_h for t in told if not math.isnan(t.early_h))
+        reported = [watched(story, first_seed + n) for n in range(machines)]
+        monthly = 30.0 * sum(t.false for t in reported) / max(sum(t.quiet_d for t in reported), 1.0)
+        early = sorted(t.early_h for t in reported if not math.isnan(t.early_h))
         if name == "nothing happens":
             cells = f"{monthly:.2f} | – | –"
         else:
             hours = f"{early[len(early) // 2]:.0f} ({early[0]:.0f})" if early else "–"
             if story.doubles_h is None:
-                hours = f"told {hours} h after it fell" if early else "–"
+                hours = f"reported {hours} h after it fell" if early else "–"
             cells = f"{monthly:.2f} | {len(early)} of {machines} | {hours}"
         lines.append(f"| {name} | {cells} |")
     return "\n".join(lines)

@@ -135,7 +135,7 @@ GOALS: tuple[Goal, ...] = (
     Goal("two at once: both named", "≥ 90 %", _at_least(0.9), _of("pair"), _is("right")),
     Goal("true effect left out: another named", "0 %", _at_most(0.0), _of("absent"), _is(*_CLAIMS)),
     Goal("true effect left out: “unknown”", "–", None, _of("absent"), _is("unknown")),
-    Goal("the same effect under two names: the doubt told", "–", None, _of("ambiguous"), _good),
+    Goal("the same effect under two names: the doubt reported", "–", None, _of("ambiguous"), _good),
     Goal("poor cycle: no wrong claim", "–", None, _of("poor"), _good),
     Goal("faulty logs: right", "–", None, _of("faulty"), _good),
 )  # fmt: skip

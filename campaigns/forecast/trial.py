@@ -109,19 +109,20 @@ def _cells(*values: float | None) -> tuple[str, ...]:
 def settling_table(rows: list[dict[str, str]]) -> str:
     """When it settles, by the sort of work: as said, less the truth, in minutes."""
     lines = [
-        "| work | forecasts | true, median | off, median | off, rms | 95 % hold | band, median | none told |",
+        "| work | forecasts | true, median | off, median | off, rms | 95 % hold | band, median "
+        "| none reported |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for kind in (*KINDS, "all"):
         of = [r for r in rows if kind in ("all", r["work"])]
-        told = [r for r in of if r["said_s"]]
-        if not told:
+        reported = [r for r in of if r["said_s"]]
+        if not reported:
             continue
         said, low, high, true = (
-            np.array([float(r[c]) for r in told]) / 60.0 for c in ("said_s", "from_s", "to_s", "true_s")
+            np.array([float(r[c]) for r in reported]) / 60.0 for c in ("said_s", "from_s", "to_s", "true_s")
         )
         held = 100.0 * float(np.mean((low <= true + 0.5) & (true - 0.5 <= high)))  # to half a minute
-        band, silent = np.median(high - low), len(of) - len(told)
+        band, silent = np.median(high - low), len(of) - len(reported)
         off = said - true
         lines.append(
             f"| {kind} | {len(of)} | {np.median(true):.0f} min | {np.median(off):+.0f} min "

@@ -71,7 +71,7 @@ EFFECTS: dict[str, tuple[Callable[[Specimen, float], Specimen], tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Found:
-    """What the watch said over some days: the largest gap over what was allowed, and what it told first:
+    """What the watch said over some days: the largest gap over what was allowed, and what it reported first:
     after how many hours of turning, of which sensor, in which phase; None where it told nothing.
     """
 

@@ -33,8 +33,8 @@ def month(rig: Rig, group: str, number: int) -> list[dict[str, str]]:
     before = rig.days(one, FIRST_SEED, number, range(APPEARS))
     week = rig.watch.state
     after = rig.days(one, FIRST_SEED, number, range(APPEARS, DAYS))
-    told = before if before.sensor else after
-    nothing = Found(max(before.most, after.most), told.after_h, told.sensor, told.phase)
+    reported = before if before.sensor else after
+    nothing = Found(max(before.most, after.most), reported.after_h, reported.sensor, reported.phase)
     rows = [_row(group, number, NOTHING, DAYS, nothing)]
     for effect in EFFECTS:
         rig.begin(week)
@@ -61,7 +61,7 @@ def _row(group: str, number: int, appears: str, days: int, found: Found) -> dict
 def table(rows: list[dict[str, str]]) -> str:
     """The campaign in a table, a line for what appeared."""
     lines = [
-        "| what appears | machines | told | hours of work until then, median (longest) | told first "
+        "| what appears | machines | reported | hours of work until then, median (longest) | reported first "
         "of a sensor beside it | largest gap over what is allowed, least … most |",
         "|---|---|---|---|---|---|",
     ]
@@ -70,15 +70,19 @@ def table(rows: list[dict[str, str]]) -> str:
             own = [r for r in rows if (r["group"], r["appears"]) == (group, appears)]
             if not own:
                 continue
-            told = [r for r in own if r["sensor"]]
-            hours = [float(r["after_h"]) for r in told]
+            reported = [r for r in own if r["sensor"]]
+            hours = [float(r["after_h"]) for r in reported]
             near = EFFECTS[appears][1] if appears in EFFECTS else ()
             most = [float(r["most"]) for r in own]
             spent = f"{np.median(hours):.1f} ({max(hours):.1f})" if hours else "–"
-            beside = f"{sum(r['sensor'] in near for r in told)} of {len(told)}" if told and near else "–"
+            beside = (
+                f"{sum(r['sensor'] in near for r in reported)} of {len(reported)}"
+                if reported and near
+                else "–"
+            )
             days = f", {own[0]['days']} days" if appears == NOTHING else ""
             lines.append(
-                f"| {appears}{days} | {len(own)} {group} | {len(told)} | {spent} | {beside} | "
+                f"| {appears}{days} | {len(own)} {group} | {len(reported)} | {spent} | {beside} | "
                 f"{min(most):.2f} … {max(most):.2f} |"
             )
     return "\n".join(lines)

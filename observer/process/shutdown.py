@@ -23,7 +23,7 @@ ON_ITS_WAY_S = 1.0
 
 
 class StopSignals:
-    """Tells of the first SIGTERM or SIGINT and leaves the process `GRACE_S` later, or at the second.
+    """Reports the first SIGTERM or SIGINT and leaves the process `GRACE_S` later, or at the second.
 
     Signals reach a thread through the wake-up descriptor, which the system writes to even while the
     main thread hangs in compiled code. `flush` is called before the process is left by force. SIGHUP asks for

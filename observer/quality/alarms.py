@@ -50,7 +50,7 @@ _ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
     Trouble.HEAT_LOW: ("heat_low", "", None),
 }
 """Of each condition that calls somebody to the machine: the kind of alarm, its target where the condition is
-about none, and the name that tells it from others of its kind.
+about none, and the name that distinguishes it from others of its kind.
 """
 _FOUND = ("value", "expected", "since_s")
 _EVIDENCE: dict[Trouble | Fault, tuple[str, ...]] = {

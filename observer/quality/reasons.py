@@ -103,7 +103,7 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     Fault.UNEXPLAINED: "all sensors stepped at once, which no heat does; look at the converter, then reset",
     Fault.DRIFTING: "all sensors together depart from what laws and air say, faster than they may drift; "
     "look at what they share and at the laws, then reset",
-    Fault.AMBIGUOUS: "the sensors do not agree with each other, and which of them is wrong cannot be told; "
+    Fault.AMBIGUOUS: "the sensors do not agree with each other, and it is unclear which of them is wrong; "
     "look at all of them, then reset",
     Fault.AIR_LEAPT: "the air's temperature has leapt by {value:+.1f} K, which no air does; look at its "
     "sensor, then reset",
@@ -157,7 +157,7 @@ _REMEDIES = {
     "short_frame": "the message is shorter than its description: look at the DBC file or position_byte",
     "bad_frame": "the message does not fit its description: look at the DBC file",
     "open_circuit": "a thermocouple's wire is broken or not connected: look at the terminals of this input",
-    "cold_junction": "the module cannot tell its terminals' temperature: look at the module, replace it",
+    "cold_junction": "the module cannot measure its terminals' temperature: check the module, replace it",
     "under_range": "the thermocouple is the wrong way round, or of another type than the module is set to",
     "over_range": "the thermocouple is of another type than the module is set to, or its wire is open",
     "out_of_range": "the thermocouple's type or its connection is wrong, or low and high are too narrow",
