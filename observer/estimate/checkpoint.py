@@ -193,7 +193,7 @@ def _same_kind(like: Any, plain: Any) -> bool:
         return isinstance(like, bool) and isinstance(plain, bool)
     numbers = (int, float, np.generic)
     if isinstance(like, numbers):
-        return isinstance(plain, int | float)
+        return isinstance(plain, float) or (isinstance(plain, int) and abs(plain) < 2**63)
     return like is None or isinstance(plain, type(like))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import cbor2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from observer.align.aligner import frames_of_log
@@ -181,6 +181,7 @@ _documents = st.recursive(
 
 
 @given(_documents, st.sampled_from(["drive", "estimator", "compensation", "tick_s", "whole"]))
+@example(-(2**63) - 1, "tick_s")
 @settings(max_examples=200)
 def test_whatever_stands_in_it_is_told(rig, fit, document, where):
     """The checksum may be right and the content still anything."""
