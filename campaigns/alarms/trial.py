@@ -25,10 +25,10 @@ STORIES = {
 }
 
 
-class Told(NamedTuple):
+class Reported(NamedTuple):
     """What was reported of one machine: alarms before anything happened, over `quiet_d` days; and how many
-    hours of running before the heat had doubled (after it began, where it falls) the first right one came, NaN
-    if none did.
+    hours of running before the heat had doubled (after it began, where it falls) the first right one came,
+    NaN if none did.
     """
 
     false: int
@@ -36,7 +36,7 @@ class Told(NamedTuple):
     early_h: float
 
 
-def watched(story: Story, seed: int) -> Told:
+def watched(story: Story, seed: int) -> Reported:
     """Let the bands watch one machine."""
     settings, band = AlarmSettings(), bands.nothing_known()
     false, quiet, early_h, wrong = 0, 0, math.nan, -1 if story.doubles_h else 1
@@ -54,7 +54,7 @@ def watched(story: Story, seed: int) -> Told:
             quiet += 1
         elif band.side not in (0, wrong) and math.isnan(early_h):
             early_h = end_h - sample.running_h if story.doubles_h else sample.running_h - story.begins_h
-    return Told(false + quiet, float(len(days)), early_h)
+    return Reported(false + quiet, float(len(days)), early_h)
 
 
 def table(first_seed: int = SEED, machines: int = MACHINES) -> str:
