@@ -188,11 +188,6 @@ class AlarmObserver(StepObserver):
         return None if self._desk.close(_END_S) else "what is known of alarms could not be kept in time"
 
 
-_END_S = 0.1
-
-log = structlog.get_logger()
-
-
 def stored(
     path: Path, fit: CheckpointFit, now_s: float, oldest_s: float
 ) -> tuple[Snapshot | None, GapState | None]:

@@ -45,7 +45,7 @@ from observer.page.stream import Stream
 from observer.tables.gateway import host_and_port
 
 Acknowledge = Callable[[str, str], None]
-_MOST_BYTES = 4096
+_MOST_FORM_BYTES = 4096
 _MOST_FIELDS = 10
 _MOST_NAME = 200
 _POINTS = 600
@@ -224,8 +224,8 @@ async def _form(request: Request) -> dict[str, str]:
     try:
         async for part in request.stream():
             body += part
-            if len(body) > _MOST_BYTES:
-                raise HTTPException(413, f"a form has at most {_MOST_BYTES} bytes\n")
+            if len(body) > _MOST_FORM_BYTES:
+                raise HTTPException(413, f"a form has at most {_MOST_FORM_BYTES} bytes\n")
         fields: dict[str, Any] = parse_qs(body.decode("utf-8", "replace"), max_num_fields=_MOST_FIELDS)
     except ClientDisconnect:
         raise HTTPException(400, "the form has no end\n") from None
@@ -261,8 +261,8 @@ def acknowledge(alarm: str, by: str) -> None:
     sys.stdout.flush()
 
 
-_MOST = 100
-_MOST_BYTES = 20_000_000
+_MOST_REPORTS = 100
+_MOST_REPORT_BYTES = 20_000_000
 _CONTEXT = 3
 
 
@@ -277,7 +277,7 @@ def reports(folder: Path, config_file: Path | None) -> list[dict[str, Any]]:
         timed = sorted(((path.stat().st_mtime, path) for path in results), reverse=True)
     except OSError:
         return []
-    return [_report(time_s, path, config_file) for time_s, path in timed[:_MOST]]
+    return [_report(time_s, path, config_file) for time_s, path in timed[:_MOST_REPORTS]]
 
 
 def report_html(folder: Path, name: str) -> bytes | None:
@@ -286,7 +286,7 @@ def report_html(folder: Path, name: str) -> bytes | None:
     if "/" in name or name in {"", ".", ".."}:
         return None
     try:
-        return path.read_bytes() if _is_own(path) and path.stat().st_size <= _MOST_BYTES else None
+        return path.read_bytes() if _is_own(path) and path.stat().st_size <= _MOST_REPORT_BYTES else None
     except OSError:  # a name that is too long for a file, or one that nobody here may read
         return None
 

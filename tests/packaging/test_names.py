@@ -1,9 +1,9 @@
-"""One name, one meaning: no two classes of the product have the same name."""
+"""One name, one meaning: among the classes of the product, and within each of its modules."""
 
 from __future__ import annotations
 
 import ast
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -18,3 +18,17 @@ def test_no_class_name_stands_for_two_things() -> None:
                     places[node.name].append(str(path.relative_to(ROOT)))
     assert len(places) > 100
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
+def test_no_module_binds_a_constant_twice() -> None:
+    """The later value would take the place of the earlier one, without a word."""
+    twice = {}
+    for package in ("observer", "drivers"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            names: Counter[str] = Counter()
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                targets = node.targets if isinstance(node, ast.Assign) else []
+                names.update(target.id for target in targets if isinstance(target, ast.Name))
+            if again := [name for name, count in names.items() if count > 1]:
+                twice[str(path.relative_to(ROOT))] = again
+    assert twice == {}
