@@ -29,7 +29,7 @@ from observer.estimate.pipeline import Machine
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Facts
+from observer.quality.conditions import Facts, conditions
 from observer.tables.publishing import AlarmSettings
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, Rough, Specimen, config_of, draw, work
@@ -141,7 +141,7 @@ class Rig:
             findings=self.pipeline.findings, departure=None if gap is None else gap.departure,
         )  # fmt: skip
         before = {alarm["id"] for alarm in seen.desk.document(0.0)["alarms"] if alarm["state"] != "returned"}
-        seen.desk.look(facts)
+        seen.desk.look(facts.time_s, conditions(facts))
         for alarm in seen.desk.document(0.0)["alarms"]:
             if alarm["state"] != "returned" and alarm["id"] not in before:
                 seen.raised[alarm["id"]] += 1

@@ -6,87 +6,20 @@ The file's comments teach its keys; it is loaded before it is written.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import NamedTuple
 
 import tomlkit
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 
 from drivers.places import CAN_INPUTS
 from observer.errors import UserError, has_extra
 from observer.installation import parse
-from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS
+from observer.installation.catalogue import MODULES, SCREWS, STEELS, Answers, OfControl
 
 Ask = Callable[[str, str | None, str], str]
 """Asks for a field of `Answers`, with its default and what is wrong so far; returns what was typed."""
-
-
-def _parts(given: object) -> object:
-    """Numbers separated by commas or blanks."""
-    return given.replace(",", " ").split() if isinstance(given, str) else given
-
-
-def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
-    if not ends[0] < ends[1]:
-        raise ValueError("write both ends in metres, the smaller first: 0.15,0.80")
-    return ends
-
-
-def _one_of(names: Collection[str]) -> AfterValidator:
-    def known(given: str) -> str:
-        if given not in names:
-            raise ValueError(f"not known; give one of {', '.join(names)}")
-        return given
-
-    return AfterValidator(known)
-
-
-@dataclass(frozen=True, slots=True)
-class OfControl:
-    """The controls for which a question is asked."""
-
-    names: tuple[str, ...]
-
-
-_BY_NAME = OfControl(("can", "opcua", "mtconnect"))
-_BY_COUNT = OfControl(("canopen", "modbus"))
-_MODBUS = OfControl(("modbus",))
-
-
-class Answers(BaseModel):
-    """One machine's answers, in the order in which they are asked; lengths count from the screw's left end.
-
-    `ambient` is a temperature in °C, or `"input"`: the module's next input after the sensors.
-    """
-
-    model_config = ConfigDict(validate_assignment=True)
-
-    machine: str = "machine"
-    axis: str = "x"
-    screw: Annotated[str, _one_of(SCREWS)] = "40x10"
-    steel: Annotated[str, _one_of(STEELS)] = "bearing"
-    length_m: Annotated[float, Field(gt=1e-9, lt=1e3)]
-    stroke_m: Annotated[tuple[float, float], BeforeValidator(_parts), AfterValidator(_ascending)]
-    sensors_m: Annotated[tuple[float, ...], BeforeValidator(_parts)]
-    module: Annotated[str, _one_of(MODULES)] = "wago_750_458"
-    module_at: str
-    ambient: float | Literal["input"] = "input"
-    control: Annotated[str, _one_of(CONTROLS)] = "none"
-    control_at: Annotated[str, OfControl((*_BY_COUNT.names, *_BY_NAME.names))]
-    node_id: Annotated[int, OfControl(("canopen",))]
-    counts_per_m: Annotated[float, _BY_COUNT]
-    position_register: Annotated[int, _MODBUS] = 0
-    speed_register: Annotated[int | None, _MODBUS] = None
-    dbc: Annotated[str, OfControl(("can",))]
-    position_signal: Annotated[str, _BY_NAME]
-    speed_signal: Annotated[str, _BY_NAME] = ""
-
-    @property
-    def has_speed(self) -> bool:
-        """Whether the control reports the screw's speed."""
-        return self.speed_register is not None or bool(self.speed_signal)
 
 
 def option(name: str) -> str:

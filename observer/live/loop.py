@@ -280,7 +280,7 @@ class _Cycles:
     def _all_alive(self) -> bool:
         """Whether every thread that the service needs is alive; if not, the watchdog is not pinged."""
         service = self._service
-        parts = (self.wires, service.publisher.status, service.recorder, *service.observers)
+        parts = (self.wires, service.publisher.status, service.recorder)
         return all(part.alive for part in parts)
 
     def _notices(self) -> Iterator[str]:
@@ -314,7 +314,7 @@ class _Cycles:
         )
         health = assess(facts)
         for observer in service.observers:
-            observer.report(facts)
+            observer.report(now_s, health.conditions)
         changed = self._health is None or health.essence != self._health.essence
         if changed:
             log.info("health", state=health.state, reasons=health.reasons)

@@ -18,7 +18,7 @@ from observer.exchange import Command
 from observer.files.folders import make_folder, write_whole
 from observer.frames import EstimateBlock, FrameBlock, Inputs
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Facts
+from observer.quality.conditions import Condition
 from observer.quality.gap import GapState
 from observer.quality.health import HEALTH_PERIOD_S
 
@@ -53,9 +53,6 @@ class Step:
 class StepObserver:
     """Follows the loop; hooks that a subclass leaves out do nothing. Only `finished` may wait, for 0.1 s."""
 
-    alive = True
-    """Whether its thread lives; if not, the watchdog is not pinged."""
-
     def begin(self) -> None:
         """Start, before the first tick."""
 
@@ -71,8 +68,8 @@ class StepObserver:
     def obey(self, command: Command) -> Answer | None:
         """Carry out a command; returns the answer, None where the command is not for this observer."""
 
-    def report(self, facts: Facts) -> None:
-        """Take the facts of a health report."""
+    def report(self, time_s: float, found: tuple[Condition, ...]) -> None:
+        """Take the conditions of a health report."""
 
     def notices(self) -> tuple[str, ...]:
         """Reasons for health."""
@@ -176,12 +173,12 @@ class AlarmObserver(StepObserver):
         why_not = self._desk.acknowledge(command.about)
         return lambda: (why_not is None, why_not or f"acknowledged: {command.about or 'all'}")
 
-    def report(self, facts: Facts) -> None:
+    def report(self, time_s: float, found: tuple[Condition, ...]) -> None:
         """Judge and publish."""
-        changed = self._desk.look(facts)
-        if changed or facts.time_s - self._sent_s >= HEALTH_PERIOD_S:
-            self._sent_s = facts.time_s
-            self._publish(self._desk.document(facts.time_s) | {"instance": self._instance})
+        changed = self._desk.look(time_s, found)
+        if changed or time_s - self._sent_s >= HEALTH_PERIOD_S:
+            self._sent_s = time_s
+            self._publish(self._desk.document(time_s) | {"instance": self._instance})
 
     def finished(self) -> str | None:
         """Wait until the alarms are on the disk."""

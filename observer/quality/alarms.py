@@ -20,7 +20,7 @@ from observer.config import Config
 from observer.estimators.selftest import Fault
 from observer.files.folders import make_folder, write_whole
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
-from observer.quality.conditions import Condition, Facts, Trouble, conditions
+from observer.quality.conditions import Condition, Trouble
 from observer.quality.reasons import sentence
 from observer.tables.publishing import AlarmSettings
 
@@ -80,7 +80,7 @@ class KnownSensor(NamedTuple):
 
 
 class AlarmDesk:
-    """Learns usual heats and offsets from every estimate; raises alarms from the facts of a report."""
+    """Learns usual heats and offsets from every estimate; raises alarms from the conditions of a report."""
 
     def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
         """Begin from what `file` holds, if there is one; `layout` is that of the estimates."""
@@ -147,19 +147,18 @@ class AlarmDesk:
                     hours, self._settings.learn_h, self._settings.sensor_K,
                 )  # fmt: skip
 
-    def look(self, facts: Facts) -> bool:
-        """Update the alarms; returns whether a change should be published at once."""
-        found = (*conditions(facts), *self._disagreeing(), *self._heats())
-        causes = map(self._cause, found)
+    def look(self, time_s: float, conditions: tuple[Condition, ...]) -> bool:
+        """Update the alarms from the conditions of a report; returns whether to publish a change at once."""
+        causes = map(self._cause, (*conditions, *self._disagreeing(), *self._heats()))
         holding = [cause for cause in causes if cause is not None and cause.kind not in self._settings.off]
-        self._alarms = advance(self._alarms, holding, facts.time_s)
+        self._alarms = advance(self._alarms, holding, time_s)
         raised = tuple((name, alarm.state) for name, alarm in self._alarms.items() if alarm.is_raised)
         changed, before = raised != self._reported, dict(self._reported)
         for name, state in raised:
             if before.get(name) != state:
                 log.warning("alarm", alarm=name, state=state, reason=self._alarms[name].condition.reason)
         self._reported = raised
-        self._keep(facts.time_s, now=changed)
+        self._keep(time_s, now=changed)
         return changed
 
     def acknowledge(self, name: str | None) -> str | None:
@@ -175,7 +174,7 @@ class AlarmDesk:
         """What is published: the alarms that are raised, and what is known of the heats."""
         return {
             "time_s": time_s,
-            "alarms": [_told_of(name, alarm) for name, alarm in self._alarms.items() if alarm.is_raised],
+            "alarms": [_document_of(name, alarm) for name, alarm in self._alarms.items() if alarm.is_raised],
             "bands": {name: self._band_document(band) for name, band in self._bands.items()},
         }
 
@@ -285,7 +284,7 @@ class AlarmDesk:
             log.warning("what was kept of alarms cannot be used", file=str(file), reason=str(error))
 
 
-def _told_of(name: str, alarm: Alarm) -> dict[str, Any]:
+def _document_of(name: str, alarm: Alarm) -> dict[str, Any]:
     condition, kind = alarm.condition, KINDS[alarm.condition.kind]
     return {
         "id": name,

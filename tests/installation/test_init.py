@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 from observer.cli import app
 from observer.errors import UserError
 from observer.installation import first_configuration, parse
-from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS
+from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS, Answers
 from observer.installation.examine import examine
-from observer.installation.first_configuration import Answers, agreed, answers, compose, option, write_new
+from observer.installation.first_configuration import agreed, answers, compose, option, write_new
 
 GIVEN = {
     "length_m": "1.0",

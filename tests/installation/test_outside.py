@@ -25,7 +25,7 @@ class Bus(DriverTable):
     channels: tuple[str, ...]
 
     def open(self, name):
-        raise NotImplementedError
+        raise OSError(f"{name}: there is no such bus")
 """
 ENTRIES = "\n".join(f"[ballscrew_observer.{group}]\nmy-{group} = somewhere:Bus\n" for group in GROUPS)
 SHADOW = "[ballscrew_observer.drivers]\nmodbus_tcp = somewhere:Bus\nbroken = somewhere:Gone\n"

@@ -13,7 +13,7 @@ from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Facts
+from observer.quality.conditions import Facts, conditions
 from observer.tables.publishing import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
 from tests.publish.blocks import block
@@ -60,7 +60,7 @@ def _run(desk: AlarmDesk, hours: float, from_h: float = 0.0, *findings: Finding,
         time_s = 1.8e9 + from_h * 3600.0 + k * STEP_S
         desk.see(_estimate(time_s, **values), _frame(time_s), 22.0)
         if k % 3 == 0:
-            desk.look(_facts(time_s, *findings))
+            desk.look(time_s, conditions(_facts(time_s, *findings)))
     return {alarm["id"] for alarm in desk.document(0.0)["alarms"]}
 
 
