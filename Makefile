@@ -167,7 +167,7 @@ $(VENV)/.runs $(READY): $(KERNELS) requirements-build.lock pyproject.toml | $(UV
 lock: | $(UV)  ## write the lock files again; ARGS=--upgrade takes the newest versions
 	$(COMPILE) $(ARGS) --all-extras pyproject.toml --output-file requirements.lock
 	$(COMPILE) $(ARGS) --extra page --extra plant --constraint requirements.lock pyproject.toml --output-file requirements-daemon.lock
-	$(COMPILE) $(ARGS) --all-extras pyproject.toml --group dev --output-file requirements-dev.lock
+	$(COMPILE) $(ARGS) --all-extras --constraint requirements.lock pyproject.toml --group dev --output-file requirements-dev.lock
 	$(COMPILE) $(ARGS) --group build --constraint requirements-dev.lock --output-file requirements-build.lock
 
 build/uv/bin/uv:
