@@ -162,7 +162,7 @@ def _service(
         publisher=publisher,
         clock=clock,
         notify=service_manager(),
-        recorder=_recorder(ready, start),
+        recorder=_recorder(ready, start, instance),
         observers=tuple(observers),
         instance=instance,
         start=start,
@@ -172,7 +172,7 @@ def _service(
     )
 
 
-def _recorder(ready: _Ready, start: Snapshot | None) -> Recorder | NoRecorder:
+def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder | NoRecorder:
     """What records, from `start` on, where a folder is given."""
     name, record = ready.config.machine, ready.config.record
     if record.directory is None:
@@ -185,6 +185,8 @@ def _recorder(ready: _Ready, start: Snapshot | None) -> Recorder | NoRecorder:
         record.sync_s,
         Retention.of(record),
         None if start is None else pack(start, ready.fit),
+        config_json(ready.config, instance).encode(),
+        partial(pack, fit=ready.fit),
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from observer.align.log_times import doubt_of_times, expected_cells, given_intervals_s, intervals_s
 from observer.align.plausibility import Breach, Limits, doubts_of_log
-from observer.align.walk import Expected, Rows, Walk
+from observer.align.walk import Expected, Memory, Rows, Walk
 from observer.config import Config
 from observer.errors import LogError
 from observer.files.logs import Log
@@ -128,6 +128,11 @@ class Aligner:
         self._last_s = -math.inf
 
     @property
+    def memory(self) -> Memory:
+        """What is remembered of the channels, for good."""
+        return self._walk.memory.copy()
+
+    @property
     def faults(self) -> dict[str, str]:
         """The fault each channel shows now, by its name."""
         memory, found = self._walk.memory, {}
@@ -193,11 +198,18 @@ def frames_of_log(
 
 
 def blocks_of_log(
-    log: Log, plan: AlignPlan, block: int = BLOCK, last_tick_s: float = math.nan
+    log: Log,
+    plan: AlignPlan,
+    block: int = BLOCK,
+    last_tick_s: float = math.nan,
+    walk: Walk | None = None,
 ) -> Iterator[tuple[FrameBlock, bool]]:
-    """The frames of a log in blocks, each with whether the estimator was reset before its first frame."""
+    """The frames of a log in blocks, each with whether the estimator was reset before its first frame.
+
+    `walk` is that of the part before, for a part of a recording.
+    """
     plan = plan.of_log(log)
-    walk = Walk(plan.channels, plan.expected(), last_tick_s)
+    walk = walk or Walk(plan.channels, plan.expected(), last_tick_s)
     rows = _rows_of_log(log, plan)
     ends = np.flatnonzero(rows.step) + 1
     resets = [row for row, flags in enumerate(log.flags or ()) if flags and flags.startswith(RESET)]

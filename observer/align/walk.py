@@ -60,6 +60,10 @@ class Memory(NamedTuple):
     passed: FloatArray
     last_tick_s: FloatArray
 
+    def copy(self) -> Memory:
+        """The same, for good."""
+        return Memory._make(array.copy() for array in self)
+
 
 def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
     """The memory before the first row; `last_tick_s` is the last tick before a warm start."""
@@ -174,11 +178,19 @@ class LiveWalk(NamedTuple):
 class Walk:
     """A walk over rows, in parts; what it remembers is updated."""
 
-    def __init__(self, channels: tuple[str, ...], plan: Expected, last_tick_s: float = math.nan) -> None:
-        """Begin before the first row; `last_tick_s` is the last tick before a warm start."""
+    def __init__(
+        self,
+        channels: tuple[str, ...],
+        plan: Expected,
+        last_tick_s: float = math.nan,
+        memory: Memory | None = None,
+    ) -> None:
+        """Begin before the first row, or where another walk had this `memory`; `last_tick_s` is the last tick
+        before a warm start.
+        """
         self._plan = plan = packed(plan)
         self._channels, self._paths = channels, tuple(channels[column] for column in plan.position)
-        self.memory = nothing_yet(plan, last_tick_s)
+        self.memory = nothing_yet(plan, last_tick_s) if memory is None else memory.copy()
         self._plan_record, self._memory_record = record(plan), record(self.memory)
         self._have_room(16)
 

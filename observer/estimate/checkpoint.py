@@ -17,10 +17,12 @@ from typing import Any
 import cbor2
 import numpy as np
 
+from observer.align.walk import Memory, nothing_yet
 from observer.control import compensation
 from observer.control.compensation import CompensationState
 from observer.estimate.pipeline import Machine
 from observer.estimators.protocol import EstimatorState
+from observer.estimators.selftest import SelfTestState
 from observer.quality.gap import GapState
 
 SINCE_RESTART = "not armed since the restart; arm again"
@@ -37,6 +39,9 @@ class UnfitError(Exception):
 class Snapshot:
     """Where a pipeline stood after the step at `tick_s`, what was known of the prediction's gap, if there is
     one, and what its compensation held.
+
+    Beside a recording that goes on with another one also what the aligner (`walk`) and the self-test (`test`)
+    remembered, which a restart forgets, and the number of the next estimate.
     """
 
     tick_s: float
@@ -44,6 +49,9 @@ class Snapshot:
     estimator: EstimatorState
     gap: GapState | None = None
     compensation: CompensationState | None = None
+    walk: Memory | None = None
+    test: SelfTestState | None = None
+    sequence: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +64,8 @@ class CheckpointFit:
     setup: str = ""
     compensation: CompensationState | None = None
     gap: GapState | None = None
+    walk: Memory | None = None
+    test: SelfTestState | None = None
 
     @classmethod
     def of(cls, machine: Machine) -> CheckpointFit:
@@ -64,7 +74,8 @@ class CheckpointFit:
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]
         held = compensation.initial(compensation.plan_of(config)) if settings.enabled else None
         begin = machine.drive.initial(), machine.estimator().initial()
-        return cls(config.plant_digest, *begin, setup, held, None if gap is None else gap.state)
+        known = nothing_yet(machine.plan.expected()), machine.self_test().initial()
+        return cls(config.plant_digest, *begin, setup, held, None if gap is None else gap.state, *known)
 
 
 def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
@@ -79,6 +90,9 @@ def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
             "estimator": _plain(snapshot.estimator),
             "compensation": held,
             "gap": _plain(snapshot.gap),
+            "walk": _plain(snapshot.walk),
+            "test": _plain(snapshot.test),
+            "sequence": snapshot.sequence,
         }
     )
     return _FORMAT + hashlib.sha256(body).digest() + body
@@ -103,6 +117,9 @@ def unpack(data: bytes, fit: CheckpointFit) -> Snapshot:
         estimator,
         _gap(document.get("gap"), fit),
         _compensation(document.get("compensation"), fit),
+        _remembered(fit.walk, document.get("walk"), "walk"),
+        _remembered(fit.test, document.get("test"), "test"),
+        _filled(0, document.get("sequence", 0), "sequence"),
     )
 
 
@@ -178,7 +195,8 @@ def _filled(like: Any, plain: Any, name: str) -> Any:
                     return np.frombuffer(data, like.dtype).reshape(like.shape).copy()
     elif isinstance(like, tuple):
         if isinstance(plain, list) and len(plain) == len(like):
-            return tuple(_filled(a, b, name) for a, b in zip(like, plain, strict=True))
+            filled = [_filled(a, b, name) for a, b in zip(like, plain, strict=True)]
+            return type(like)(*filled) if isinstance(like, Memory | SelfTestState) else tuple(filled)
     elif isinstance(like, Mapping):
         if isinstance(plain, dict) and set(plain) == set(like):
             return {key: _filled(like[key], plain[key], f"{name}.{key}") for key in like}
@@ -217,6 +235,11 @@ def _compensation(plain: Any, fit: CheckpointFit) -> CompensationState | None:
     if not (np.isfinite(held.table_um).all() and np.isfinite(held.ends_um).all()):
         return None
     return replace(held, reason=SINCE_RESTART)
+
+
+def _remembered(like: Any, plain: Any, name: str) -> Any:
+    """What aligner or self-test remembered; None where it is not in the checkpoint."""
+    return None if like is None or plain is None else _filled(like, plain, name)
 
 
 def _gap(plain: Any, fit: CheckpointFit) -> GapState | None:

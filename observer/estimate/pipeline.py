@@ -13,7 +13,13 @@ from observer.estimators import build_estimator
 from observer.estimators.by_block import BlockEstimator
 from observer.estimators.live import LiveEstimator, LiveSelfTest
 from observer.estimators.protocol import Estimator, EstimatorState
-from observer.estimators.selftest import Finding, SelfTest, screening_findings, screening_history
+from observer.estimators.selftest import (
+    Finding,
+    SelfTest,
+    SelfTestState,
+    screening_findings,
+    screening_history,
+)
 from observer.estimators.tolerant import Tolerant
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Layout
 from observer.kernels import record, step_frame
@@ -206,10 +212,24 @@ class Pipeline(Generic[State]):
         self._settle()
         return self._states[0], self._states[1], None if self.gap is None else self.gap.state
 
-    def restore(self, drive: State, estimator: EstimatorState, gap: GapState | None = None) -> None:
-        """Go on from where another pipeline of the same parts stood."""
+    @property
+    def test_state(self) -> SelfTestState | None:
+        """What the self-test remembers, None without one."""
+        self._settle()
+        return None if self._test is None else self._states[2]
+
+    def restore(
+        self,
+        drive: State,
+        estimator: EstimatorState,
+        gap: GapState | None = None,
+        test: SelfTestState | None = None,
+    ) -> None:
+        """Go on from where another pipeline of the same parts stood, its self-test too where it is given."""
         self._settle()
         self._states[:2], self._is_live = [drive, estimator], False
+        if self._test is not None and test is not None:
+            self._states[2] = test
         if self.gap is not None and gap is not None:
             self.gap.restore(gap)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from observer.align.aligner import AlignPlan, blocks_of_log
+from observer.align.walk import Walk
 from observer.config import Config
 from observer.errors import LogError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, recent
@@ -25,7 +26,7 @@ from observer.model.plant import Plant
 from observer.model.rod.moving import judge_path
 from observer.model.simulate import simulate, start, start_from_sensors
 from observer.quality.reasons import NotGood
-from observer.record.retention import START_SUFFIX
+from observer.record.retention import START_SUFFIX, STATE_SUFFIX
 
 Progress = Callable[[int, int], None]
 _SENSOR_LABELS = np.array([quality.label for quality in Quality])
@@ -38,12 +39,15 @@ def estimates_of(
     """The frames of a log in blocks, and their estimates, by a pipeline that begins cold or, with `start`,
     there. `progress` gets the rows done and their total.
     """
+    walk = None
     if start is not None:
-        pipeline.restore(start.drive, start.estimator, start.gap)
+        pipeline.restore(start.drive, start.estimator, start.gap, start.test)
+        if start.walk is not None:
+            walk = Walk(plan.channels, plan.expected(), memory=start.walk)
     total = len(log) if log.step is None else int(log.step.sum())
     done = 0
     last_tick_s = math.nan if start is None else start.tick_s
-    for frames, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s):
+    for frames, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s, walk=walk):
         if afresh:
             pipeline.reset()
         yield frames, pipeline.step(frames)
@@ -54,8 +58,10 @@ def estimates_of(
 def start_of(log: Log, fit: CheckpointFit) -> tuple[Snapshot | None, str]:
     """Where the service stood when it began a recording, None if cold, and a sentence that says so."""
     suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
-    beside = log.path.with_name(log.path.name.removesuffix(suffix) + START_SUFFIX)
-    if log.step is None or not beside.exists():
+    stem = log.path.name.removesuffix(suffix)
+    found = (log.path.with_name(stem + end) for end in (START_SUFFIX, STATE_SUFFIX))
+    beside = next((path for path in found if path.exists()), None)
+    if log.step is None or beside is None:
         return None, "cold"
     try:
         snapshot = recent(load(beside, fit), float(log.time_s[0]), math.inf)

@@ -195,6 +195,13 @@ class _Cycles:
             snapshot = observer.remember(snapshot)
         return snapshot
 
+    def _standing(self) -> Snapshot | None:
+        """All that the next recording goes on from, if this one ends with the step just done."""
+        if self._failure is not None or (snapshot := self.snapshot()) is None:
+            return None
+        memory, test = self._aligner.memory, self._pipeline.test_state
+        return replace(snapshot, walk=memory, test=test, sequence=self.count)
+
     def _put_on_record(self, time_s: float, kind: str, outcome: str) -> None:
         """Record a command, in a row without values that the aligner puts among the others."""
         self._looked_s = -math.inf  # what it changed is published at once
@@ -236,7 +243,7 @@ class _Cycles:
         changed = self._estimate_of(frame)  # first: what nobody waits for comes after
         for observer in self._service.observers:
             observer.see(frame)
-        self._service.recorder.tick(float(frame.time_s[0]))
+        self._service.recorder.tick(float(frame.time_s[0]), self._standing)
         changed |= self._frame is None or bool((frame.quality != self._frame.quality).any())
         self._frame = frame
         self._commands.after_step(time_s)

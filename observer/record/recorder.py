@@ -15,11 +15,12 @@ import threading
 import time
 import zlib
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import structlog
@@ -29,7 +30,15 @@ from observer.files.folders import OWNER_ONLY, make_folder, write_whole
 from observer.files.log_checks import CHECKSUM
 from observer.files.logs import FLAGS, LATE, STEP, TIME
 from observer.frames import Reading
-from observer.record.retention import START_SUFFIX, TRUSTED_AFTER_S, Retention, shortage, tidy
+from observer.record.retention import (
+    CONFIG_SUFFIX,
+    START_SUFFIX,
+    STATE_SUFFIX,
+    TRUSTED_AFTER_S,
+    Retention,
+    shortage,
+    tidy,
+)
 
 _CAPACITY_ROWS = 100_000
 _BATCH_S = 0.2
@@ -55,7 +64,9 @@ class Recorder:
 
     A file is complete by itself: when it has grown to `rotate_bytes` the next tick is its last row. All rows
     are handed to the system at least every 0.2 s and to the disk at least every `sync_s`. After a warm start
-    `start` says where the service stood; it goes beside the first file. What `keep` does not keep is removed.
+    `start` says where the service stood; it goes beside the first file. Beside each goes `config`, and beside
+    those that go on with a full one what `pack` makes of where the service stood after its last tick. What
+    `keep` does not keep is removed.
     """
 
     def __init__(
@@ -67,6 +78,8 @@ class Recorder:
         sync_s: float,
         keep: Retention | None = None,
         start: bytes | None = None,
+        config: bytes | None = None,
+        pack: Callable[[Any], bytes] | None = None,
     ) -> None:
         self._directory = directory
         self._name = name
@@ -74,9 +87,13 @@ class Recorder:
         self._rotate_bytes = rotate_bytes
         self._sync_s = sync_s
         self._keep = keep
-        self._start = start
-        self._queue: deque[tuple[bytes, bool]] = deque()
-        self._held: list[tuple[bytes, bool]] = []  # taken from the queue, not yet written
+        self._always = {} if config is None else {CONFIG_SUFFIX: config}
+        self._beside = self._always if start is None else {START_SUFFIX: start, **self._always}
+        self._pack = pack
+        self._first = header(self._channels)
+        self._size = len(self._first)  # of the file that the next row goes into, without checksums
+        self._queue: deque[_Row] = deque()
+        self._held: list[_Row] = []  # taken from the queue, not yet written
         self._dropped = 0
         self._file = Part()
         self._written = 0
@@ -101,16 +118,18 @@ class Recorder:
 
     def reading(self, reading: Reading) -> None:
         """Record a reading as the aligner uses it."""
-        self._put(row_of_reading(reading, self._channels), False)
+        self._put(row_of_reading(reading, self._channels))
 
-    def tick(self, time_s: float) -> None:
-        """Record a tick of the estimator."""
-        self._put(f"{time_s!r},{',' * len(self._channels)}1,,\n".encode(), True)
+    def tick(self, time_s: float, standing: Callable[[], Any] | None = None) -> None:
+        """Record a tick; `standing` gives where the service stands after it, where a file ends with it."""
+        row = f"{time_s!r},{',' * len(self._channels)}1,,\n".encode()
+        is_full = self._size + len(row) >= self._rotate_bytes
+        self._put(row, is_full, standing() if is_full and standing is not None else None)
 
     def command(self, time_s: float, name: str, outcome: str) -> None:
         """Record what somebody asked the service to do, and what came of it, in a row without any value."""
         entry = f"{COMMAND_MARK}{name}={quote(outcome, safe=_PLAIN)}"
-        self._put(f"{time_s!r},{',' * len(self._channels)},,{entry}\n".encode(), False)
+        self._put(f"{time_s!r},{',' * len(self._channels)},,{entry}\n".encode())
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """Write what is left and end; says whether all of it reached the disk in that time."""
@@ -118,11 +137,12 @@ class Recorder:
         self._thread.join(timeout_s)
         return not self._thread.is_alive() and not self._queue and not self._held
 
-    def _put(self, row: bytes, is_tick: bool) -> None:
+    def _put(self, data: bytes, is_last: bool = False, standing: Any = None) -> None:
         if len(self._queue) + len(self._held) >= _CAPACITY_ROWS:
             self._dropped += 1
         else:
-            self._queue.append((row, is_tick))
+            self._queue.append(_Row(data, is_last, standing))
+            self._size = len(self._first) if is_last else self._size + len(data)
 
     def _supervised(self) -> None:
         """Write until closed; a defect in here is reported and ends the thread, which `alive` shows."""
@@ -158,17 +178,16 @@ class Recorder:
             self._file.close()
         while self._held:
             if self._file.path is None:
-                self._file.open(self._directory, self._name, header(self._channels), self._start)
-                self._start = None  # it is where the first file begins, and no other
-            count, size, full = 0, self._file.size, False
-            while count < len(self._held) and not full:
-                row, is_tick = self._held[count]
-                count, size = count + 1, size + len(row)
-                full = is_tick and size >= self._rotate_bytes
-            self._file.write(b"".join(row for row, _ in self._held[:count]))
+                self._file.open(self._directory, self._name, self._first, self._beside)
+                self._beside = self._always
+            end = next((i for i, row in enumerate(self._held) if row.is_last), None)
+            last, count = (None, len(self._held)) if end is None else (self._held[end], end + 1)
+            self._file.write(b"".join(row.data for row in self._held[:count]))
             self._written += count
             del self._held[:count]
-            if full:
+            if last is not None:
+                if last.standing is not None and self._pack is not None:
+                    self._beside = {STATE_SUFFIX: self._pack(last.standing), **self._always}
                 self._file.sync()
                 self._file.close()
                 self._tidied_s = -math.inf
@@ -188,6 +207,14 @@ class Recorder:
             self._shortage = f"{self._directory}: cannot be cleaned up ({error.strerror}); repair it"
 
 
+class _Row(NamedTuple):
+    """A row, whether a file ends with it, and where the service stood then, None where that is not known."""
+
+    data: bytes
+    is_last: bool
+    standing: Any
+
+
 class NoRecorder:
     """Records nothing, for a service without recordings."""
 
@@ -196,7 +223,7 @@ class NoRecorder:
     def reading(self, reading: Reading) -> None:
         """Leave a reading out."""
 
-    def tick(self, time_s: float) -> None:
+    def tick(self, time_s: float, _standing: Callable[[], Any] | None = None) -> None:
         """Leave a tick out."""
 
     def command(self, time_s: float, name: str, outcome: str) -> None:
@@ -242,8 +269,8 @@ class Part:
         self._fd = -1
         self._crc = 0
 
-    def open(self, directory: Path, name: str, first: bytes, start: bytes | None = None) -> None:
-        """Begin a file named by `name` and the time in UTC with the line `first`; `start` goes beside it."""
+    def open(self, directory: Path, name: str, first: bytes, beside: Mapping[str, bytes]) -> None:
+        """Begin a file named by `name` and the time in UTC with the line `first`, with others beside it."""
         make_folder(directory)
         stamp = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         for number in range(1, 1000):
@@ -258,8 +285,8 @@ class Part:
         try:
             with suppress(OSError):  # a file system without locks: the name alone keeps it apart
                 fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if start is not None:
-                write_whole(path.with_suffix(START_SUFFIX), start)
+            for suffix, data in beside.items():
+                write_whole(path.with_suffix(suffix), data)
             self._write(first)
         except OSError:
             self.close()

@@ -22,6 +22,11 @@ from observer.tables.publishing import RecordSettings
 
 START_SUFFIX = ".start"
 """The checkpoint beside a recording, from which its estimates start, has the recording's name and this."""
+STATE_SUFFIX = ".state"
+"""Beside a file that goes on with a full one: where aligner and estimator stood, to the last bit."""
+CONFIG_SUFFIX = ".config"
+"""Beside every file: the document `config` of the service that wrote it."""
+_BESIDE = (START_SUFFIX, STATE_SUFFIX, CONFIG_SUFFIX)
 CLOCK_SET_S = 1_600_000_000.0
 """A file older than this (2020) was written before the computer's clock was set; its age is not known."""
 TRUSTED_AFTER_S = 3600.0
@@ -80,7 +85,8 @@ def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool
     for file in to_remove(files, keep, disk.total, disk.free, now_s, by_age=by_age):
         if not is_being_written(file.path):
             file.path.unlink(missing_ok=True)
-            file.path.with_suffix(START_SUFFIX).unlink(missing_ok=True)
+            for suffix in _BESIDE:
+                file.path.with_suffix(suffix).unlink(missing_ok=True)
             gone.append(file.path)
     return tuple(gone)
 
@@ -151,5 +157,5 @@ def _is_locked(path: Path) -> bool:
 
 
 def _size(path: Path) -> int:
-    beside = path.with_suffix(START_SUFFIX)
-    return beside.lstat().st_size if beside.exists() else 0
+    beside = (path.with_suffix(suffix) for suffix in _BESIDE)
+    return sum(file.lstat().st_size for file in beside if file.exists())

@@ -17,7 +17,7 @@ CHANNELS = ("t1_degC", "t2_degC")
 def _recording(folder, blocks=4, rows=5) -> bytes:
     """A recording as the service writes it: some rows a write, the last of one carries faults."""
     part = Part()
-    part.open(folder, "m-x", header(CHANNELS))
+    part.open(folder, "m-x", header(CHANNELS), {})
     for block in range(blocks):
         lines = []
         for row in range(rows):
