@@ -31,15 +31,17 @@ MOST_LISTED = 3
 _ANY = re.compile(rb"[,\n\"][ \t]*[+-]?(?:nan|inf|infinity|na|n/a|null)[ \t]*(?=[,\r\n\"]|\Z)", re.IGNORECASE)
 
 
-def damaged(data: bytes) -> list[tuple[int, int]]:
+def damaged(data: bytes, *, has_header: bool = True) -> list[tuple[int, int]]:
     """Where the rows of damaged blocks begin and end in the bytes of a recording; the header is no row.
+
+    A part of a recording begins with a block, and only the first has the header.
 
     Rows after the last checksum, which a crash may leave, cannot be checked and pass. A recording without any
     checksum, of an older version, has no damaged blocks.
     """
     if CHECKSUM not in data:
         return []
-    found, start, header = [], 0, data.find(b"\n") + 1
+    found, start, header = [], 0, data.find(b"\n") + 1 if has_header else 0
     view = memoryview(data)
     for mark in _MARK.finditer(data):
         if zlib.crc32(view[start : mark.start()]) != int(mark[1], 16):

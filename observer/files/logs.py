@@ -108,15 +108,32 @@ def suffix_of(path: Path) -> str:
 
 
 def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool, accept_damaged: bool) -> Log:
-    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
-    from pyarrow import csv as pa_csv  # noqa: PLC0415
-
     data, cut = _bytes_of(path)
     header = _header(path, data)
     wanted = _wanted(path, header, needed)
     data = _without_cut_row(path, data, header, cut, accept_truncated)
     if _is_recording(header):
         data = _without_damage(path, data, accept_damaged)
+    return _parsed(path, data, header, wanted)
+
+
+def read_part(path: Path, first: bytes, data: bytes, needed: Sequence[str]) -> tuple[Log | None, int]:
+    """Read whole blocks of a recording whose first line is `first`; only those at its beginning hold it.
+
+    Returns the rows, None where there are none, and how many damaged blocks were left out. Raises `LogError`.
+    """
+    header = _header(path, first)
+    wanted, begins = _wanted(path, header, needed), data.startswith(first)
+    parts = damaged(data, has_header=begins)
+    data = without(data, parts) if begins else first + without(data, parts)
+    return (_parsed(path, data, header, wanted) if len(data) > len(first) else None), len(parts)
+
+
+def _parsed(path: Path, data: bytes, header: list[str], wanted: list[str]) -> Log:
+    """The rows of a CSV with their words."""
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
+    from pyarrow import csv as pa_csv  # noqa: PLC0415
+
     types = {name: pa.string() if _is_flags(name, header) else pa.float64() for name in wanted}
     numbered = [name or f"\0{i}" for i, name in enumerate(header)]  # unnamed columns are never wanted
     try:

@@ -17,8 +17,9 @@ from typing import IO, Any
 import structlog
 
 from observer.exchange import RETAINED, Command, Outcome, plain_name
-from observer.gateway.messages import Pending, framed
+from observer.gateway.messages import Pending
 from observer.gateway.start import Start
+from observer.process.pipes import framed
 
 _RETRY_S = 1.0
 _START = "start"

@@ -1,35 +1,15 @@
-"""The service's messages on their way to outlets: framed on a pipe, and of each key the newest."""
+"""The service's messages on their way to outlets: of each key the newest."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import struct
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from observer.publish.codec import decode_estimate
-
-_HEAD = struct.Struct(">HI")
-
-
-def framed(key: str, payload: bytes) -> bytes:
-    """A message as written to the pipe: two lengths, key and payload."""
-    name = key.encode()
-    return _HEAD.pack(len(name), len(payload)) + name + payload
-
-
-def messages(read: Callable[[int], bytes]) -> Iterator[tuple[str, bytes]]:
-    """Yield the messages of a pipe until it closes; `read(n)` returns n bytes, fewer only at the end."""
-    while len(head := read(_HEAD.size)) == _HEAD.size:
-        name, size = _HEAD.unpack(head)
-        key, payload = read(name), read(size)
-        if len(key) + len(payload) < name + size:
-            return
-        yield key.decode(), payload
-
 
 Message = tuple[str, bytes]
 

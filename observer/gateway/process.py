@@ -15,10 +15,11 @@ from typing import Any
 import structlog
 
 from observer.errors import UserError
-from observer.gateway.messages import Latest, messages
+from observer.gateway.messages import Latest
 from observer.gateway.start import OUTLETS, Say, Start
 from observer.process.memory import leave_in_peace
 from observer.process.messages import configure
+from observer.process.pipes import messages
 from observer.process.shutdown import leave
 
 _RETRY_S = 1.0

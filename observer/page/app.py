@@ -40,8 +40,9 @@ from observer.gateway.messages import Latest
 from observer.gateway.server import served
 from observer.gateway.start import Say, Start
 from observer.page.guard import COOKIE, REPORT_POLICY, Guard, Logins
-from observer.page.history import Digests, Recorded, history, recordings
+from observer.page.history import Digests, history
 from observer.page.stream import Stream
+from observer.record.spans import Recorded, recordings
 from observer.tables.gateway import host_and_port
 
 Acknowledge = Callable[[str, str], None]

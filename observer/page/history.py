@@ -8,10 +8,8 @@ continues when it is asked again, from the end of a file that has grown meanwhil
 
 from __future__ import annotations
 
-import csv
 import math
 import os
-import re
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -22,12 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.errors import LogError
-from observer.files.logs import FLAGS, LATE, STEP, TIME
+from observer.files.logs import TIME
 from observer.kernels import read_rows
+from observer.record.spans import Recorded, channels_of, header, offset
 
-_STAMPED = r"-\d{8}T\d{6}Z[^/]*\.csv"
-"""How the recorder names a file after its machine and axis; what somebody has appended to it may stay."""
 _MARGIN_S = 30.0
 """Rows stand in the order of their use, so their times may go back a little."""
 _BINS = 2.0
@@ -37,43 +33,12 @@ _PATIENCE_S = 0.35
 MOST_POINTS = 2000
 _LEAST_S, _MOST_S = 1e-3, 1e11  # of a span; of a time, which is the year 5138
 _BLOCK_BYTES = 1 << 19
-_LINE_BYTES = 1 << 16
 FINE_S, COARSE_S = 5.0, 300.0
 _MOST_BYTES = 24 << 20
 """Of all bins together: fine ones of a week of a machine with a dozen channels, coarse ones of a year."""
 _MERGED = 64
 Values = NDArray[np.floating[Any]]
-_OWN = {TIME, STEP, LATE, FLAGS}
 _Extremes = tuple[NDArray[np.float64], Values, Values]
-
-
-@dataclass(frozen=True, slots=True)
-class Recorded:
-    """A file of a recording: its name, and the times of its first and last row in s since 1970."""
-
-    path: Path
-    from_s: float
-    to_s: float
-
-
-def recordings(folder: Path, name: str) -> list[Recorded]:
-    """The files of an axis in the order of their time; raises `LogError` where the folder is not readable."""
-    own = re.compile(re.escape(name) + _STAMPED)
-    try:
-        paths = sorted(
-            path for path in folder.glob(f"{name}*") if own.fullmatch(path.name) and path.is_file()
-        )
-    except OSError as error:
-        raise LogError(f"{folder}: cannot be read ({error.strerror}); fix record.directory") from None
-    found = []
-    for path in paths:
-        try:
-            times_s = ends(path)
-        except OSError:
-            continue  # it has been removed meanwhile
-        if times_s is not None:
-            found.append(Recorded(path, *times_s))
-    return sorted(found, key=lambda recorded: recorded.from_s)
 
 
 def history(
@@ -194,18 +159,6 @@ class RowBlock:
     end: int
 
 
-def header(path: Path) -> tuple[list[str], int]:
-    """The names of a file's columns, and where its first row begins. Raises `OSError`."""
-    with path.open("rb") as file:
-        line = file.readline(_LINE_BYTES)
-        return next(csv.reader([line.decode("utf-8", "replace")]), []), file.tell()
-
-
-def channels_of(columns: list[str]) -> list[str]:
-    """Those columns that are channels."""
-    return [name for name in columns if name not in _OWN]
-
-
 def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
     """The rows from a place in the file on; damaged ones are left out. Raises `OSError`."""
     wanted = [TIME, *channels_of(columns)]
@@ -222,35 +175,6 @@ def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
                 yield RowBlock(table[:count, 0], table[:count, 1:], end)
 
 
-def offset(path: Path, begin: int, time_s: float) -> int:
-    """Where a row begins before which all are older than a time, by halving the file. Raises `OSError`."""
-    with path.open("rb") as file:
-        low, high = begin, path.stat().st_size
-        while high - low > _LINE_BYTES:
-            middle = (low + high) // 2
-            file.seek(middle)
-            file.readline(_LINE_BYTES)
-            start = file.tell()
-            found_s = _time(file.readline(_LINE_BYTES))
-            if found_s is None or found_s >= time_s:
-                high = middle
-            else:
-                low = start
-    return max(begin, low)
-
-
-def ends(path: Path) -> tuple[float, float] | None:
-    """The times of the first and of the last whole row, None where there are none. Raises `OSError`."""
-    with path.open("rb") as file:
-        file.readline(_LINE_BYTES)
-        first_s = _time(file.readline(_LINE_BYTES))
-        file.seek(max(0, path.stat().st_size - _LINE_BYTES))
-        for line in reversed(file.read(_LINE_BYTES).split(b"\n")[:-1]):
-            if first_s is not None and (last_s := _time(line)) is not None:
-                return first_s, max(first_s, last_s)
-    return None
-
-
 def extremes(
     keys: NDArray[np.int64], least: Values, most: Values
 ) -> tuple[NDArray[np.int64], Values, Values]:
@@ -260,14 +184,6 @@ def extremes(
         keys, least, most = keys[order], least[order], most[order]
     first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
     return keys[first], np.fmin.reduceat(least, first), np.fmax.reduceat(most, first)
-
-
-def _time(line: bytes) -> float | None:
-    """The time at the beginning of a row, None where there is none."""
-    try:
-        return float(line.split(b",", 1)[0])
-    except ValueError:
-        return None
 
 
 class Digest:

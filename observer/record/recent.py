@@ -138,14 +138,14 @@ def _runs(logs: Sequence[Log]) -> Iterator[list[Log]]:
                 yield run
             run = [log]
         elif pause_s <= ROTATED_S and not log.path.with_suffix(START_SUFFIX).exists():
-            run[-1] = _one(run[-1], log)
+            run[-1] = one_log(run[-1], log)
         else:
             run.append(log)
     if run:
         yield run
 
 
-def _one(before: Log, after: Log) -> Log:
+def one_log(before: Log, after: Log) -> Log:
     """Two recordings as one."""
     late = [np.full(len(log), np.nan) if log.late_s is None else log.late_s for log in (before, after)]
     assert before.step is not None

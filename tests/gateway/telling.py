@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from observer.frames import EstimateBlock, Layout
-from observer.gateway.messages import framed
 from observer.gateway.start import Start
+from observer.process.pipes import framed
 from observer.publish.codec import EstimateEncoder
 from tests.patience import PATIENCE_S
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.gateway.messages import Latest, Pending, framed, messages
+from observer.gateway.messages import Latest, Pending
+from observer.process.pipes import framed, messages
 
 KEYS = st.text(max_size=30).filter(lambda key: len(key.encode()) < 100)
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import cbor2
 
-from observer.gateway.messages import framed
 from observer.gateway.start import Start
+from observer.process.pipes import framed
 from observer.tables.gateway import Page
 from tests.page.browser import answers
 from tests.patience import PATIENCE_S, until

@@ -14,8 +14,9 @@ import pytest
 
 from observer.frames import Reading
 from observer.page import history as subject
-from observer.page.history import COARSE_S, FINE_S, Digests, history, recordings
+from observer.page.history import COARSE_S, FINE_S, Digests, history
 from observer.record.recorder import Recorder
+from observer.record.spans import recordings
 
 CHANNELS = ("t1_degC", "nut_position_m")
 RATE_HZ = 20
@@ -166,7 +167,7 @@ def test_looking_back_does_not_make_the_process_large(day):
     """Nothing large is imported for it, and what is read is not kept."""
     script = (
         "import sys\nfrom pathlib import Path\nimport observer.gateway.process, observer.page.app\n"
-        "from observer.page.history import Digests, history, recordings\n"
+        "from observer.page.history import Digests, history\nfrom observer.record.spans import recordings\n"
         f"files, digests = recordings(Path({str(day)!r}), 'lathe-z'), Digests()\n"
         f"while history(files, 1000.0, {1000.0 + 1.5 * DAY_S}, 800, digests)['read'] < 1.0: pass\n"
         "history(files, 1000.0, 60000.0, 2000)\nassert 'pandas' not in sys.modules\n"

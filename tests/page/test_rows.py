@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.kernels import read_rows
-from observer.page.history import blocks, channels_of, header
+from observer.page.history import blocks
+from observer.record.spans import channels_of, header
 
 PLACE = np.array([0, -1, 1], np.intp)
 
