@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import math
 import sys
 from inspect import Parameter
 from pathlib import Path
@@ -86,17 +86,17 @@ def run(
 
 
 _QUESTIONS = {
-    "machine": "Name of the machine",
+    "machine": "Name of the machine, as lathe-7",
     "axis": "Its axis",
-    "screw": "Screw, diameter x lead in mm, as 40x10",
+    "screw": "Screw, diameter x lead in mm, as 40 x 10",
     "steel": "Its steel: bearing, case, carbon, stainless",
-    "length_m": "Length between the bearings, m",
-    "stroke_m": "Stroke of the nut's middle from the left bearing, m, as 0.15,0.80",
-    "sensors_m": "Positions of the thermocouples from there, m, as 0.05,0.5,0.95",
+    "length_m": "Length between the bearings, as 1000 mm or 1.0 m",
+    "stroke_m": "Stroke of the nut's middle from the left bearing, as 150 800 mm",
+    "sensors_m": "Positions of the thermocouples from there, as 50 500 950 mm",
     "module": "Module that reads them: wago_750_458, icpdas_m7018, micro800_tc2, css_canmod_temp, "
     "peak_mu_thermocouple1",
     "module_at": "Its address: 192.168.0.20, /dev/ttyUSB0 or can0",
-    "ambient": "Air in °C, or input: the module's next input",
+    "ambient": "Air, as 21.5 °C, or input: the module's next input",
     "control": "Where the position comes from: canopen, modbus, can, opcua, mtconnect, or none yet",
     "control_at": "Its address: 192.168.0.21, can0, /dev/ttyACM0, opc.tcp://192.168.0.21:4840, "
     "http://192.168.0.21:5000",
@@ -148,12 +148,18 @@ def check(
     wires: Annotated[
         bool, typer.Option(help="Instead, read every device once; exit code 0 if every channel came.")
     ] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw poles, step and frequency response into this file (.png, .svg or .pdf)."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
     from observer.installation.examine import examine
     from observer.report.check_text import as_text, wires_as_text
 
+    if plot is not None and plot.suffix not in (".png", ".svg", ".pdf"):
+        raise UserError(f"--plot: {plot}: write a picture's name, ending in .png, .svg or .pdf")
     settings = examine(config)
     if wires:
         found = _wires(settings)
@@ -161,7 +167,12 @@ def check(
         shutdown.leave(0 if found["good"] else 1)
     from observer.report.check import findings
 
-    show(findings(settings), as_json, as_text)
+    found = findings(settings)
+    if plot is not None:
+        from observer.report.responses import write_responses
+
+        write_responses(plot, settings, found)
+    show(found, as_json, as_text)
 
 
 def _wires(config: Installation) -> dict[str, Any]:
@@ -193,14 +204,11 @@ def place(
             "sensors": len(found.sites),
             "positions_m": places_m,
             "score_K": found.score_K,
-            "condition": found.condition,
+            "condition": found.condition if math.isfinite(found.condition) else None,
         }
         for places_m, found in best_places(load(config), sensors, spacing_m)
     ]
-    if as_json:
-        typer.echo(json.dumps(sets, indent=2))
-    else:
-        show(sets, as_json, _sites_as_table)
+    show(sets, as_json, _sites_as_table)
 
 
 def _sites_as_table(sets: list[dict[str, Any]]) -> RenderableType:
@@ -209,7 +217,8 @@ def _sites_as_table(sets: list[dict[str, Any]]) -> RenderableType:
     table = Table("sensors", "at, mm", "worst direction seen, K", "condition")
     for found in sets:
         places = "  ".join(f"{1000 * x:g}" for x in found["positions_m"])
-        table.add_row(str(found["sensors"]), places, f"{found['score_K']:.3g}", f"{found['condition']:.3g}")
+        condition = "blind to one" if found["condition"] is None else f"{found['condition']:.3g}"
+        table.add_row(str(found["sensors"]), places, f"{found['score_K']:.3g}", condition)
     return table
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from functools import partial
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from drivers.places import CAN_INPUTS, MODBUS_INPUTS
+from observer.installation import typed
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,14 +88,20 @@ CONTROLS = ("canopen", "modbus", "can", "opcua", "mtconnect", "none")
 """Where the nut's position comes from."""
 
 
-def _parts(given: object) -> object:
-    """Numbers separated by commas or blanks."""
-    return given.replace(",", " ").split() if isinstance(given, str) else given
+def _typed(read: Callable[[str], Any]) -> BeforeValidator:
+    """Reads what was typed; a value that is one already stays."""
+    return BeforeValidator(lambda given: read(given) if isinstance(given, str) else given)
+
+
+def _air(text: str) -> object:
+    """A temperature, or the word for an input of the module."""
+    word = text.strip().lower()
+    return word if word == "input" else typed.degC(text)
 
 
 def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
-        raise ValueError("write both ends in metres, the smaller first: 0.15,0.80")
+        raise ValueError("write both ends, the smaller first, as 150 800 mm")
     return ends
 
 
@@ -126,20 +134,22 @@ class Answers(BaseModel):
 
     model_config = ConfigDict(validate_assignment=True)
 
-    machine: str = "machine"
-    axis: str = "x"
-    screw: Annotated[str, _one_of(SCREWS)] = "40x10"
+    machine: Annotated[str, _typed(typed.key_name)] = "machine"
+    axis: Annotated[str, _typed(typed.key_name)] = "x"
+    screw: Annotated[str, _typed(typed.screw_name), _one_of(SCREWS)] = "40x10"
     steel: Annotated[str, _one_of(STEELS)] = "bearing"
-    length_m: Annotated[float, Field(gt=1e-9, lt=1e3)]
-    stroke_m: Annotated[tuple[float, float], BeforeValidator(_parts), AfterValidator(_ascending)]
-    sensors_m: Annotated[tuple[float, ...], BeforeValidator(_parts)]
+    length_m: Annotated[float, _typed(typed.length_m), Field(gt=1e-9)]
+    stroke_m: Annotated[
+        tuple[float, float], _typed(partial(typed.places_m, count=2)), AfterValidator(_ascending)
+    ]
+    sensors_m: Annotated[tuple[float, ...], _typed(typed.places_m)]
     module: Annotated[str, _one_of(MODULES)] = "wago_750_458"
     module_at: str
-    ambient: float | Literal["input"] = "input"
+    ambient: Annotated[float | Literal["input"], _typed(_air)] = "input"
     control: Annotated[str, _one_of(CONTROLS)] = "none"
     control_at: Annotated[str, OfControl((*_BY_COUNT.names, *_BY_NAME.names))]
     node_id: Annotated[int, OfControl(("canopen",))]
-    counts_per_m: Annotated[float, _BY_COUNT]
+    counts_per_m: Annotated[float, _typed(typed.number), _BY_COUNT]
     position_register: Annotated[int, _MODBUS] = 0
     speed_register: Annotated[int | None, _MODBUS] = None
     dbc: Annotated[str, OfControl(("can",))]

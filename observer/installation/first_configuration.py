@@ -5,6 +5,7 @@ The file's comments teach its keys; it is loaded before it is written.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -82,13 +83,45 @@ def answers(
 
 
 def _set(found: Answers, name: str, text: str) -> str:
-    """Set a field from text; returns what is wrong with it, or nothing."""
+    """Set a field from text; returns what is wrong with it, or with it and the answers before, or nothing."""
     try:
         setattr(found, name, text)
+        _fits(found, name)
     except ValidationError as error:
         problem = error.errors()[0]["msg"].removeprefix("Value error, ")
         return f"{text!r}: {problem[0].lower()}{problem[1:]}"
+    except UserError as error:
+        return str(error).removeprefix(f"{option(name)}: ")
     return ""
+
+
+def _fits(found: Answers, name: str) -> None:
+    """Raise `UserError` where the answer just given does not fit those before it."""
+    if name in ("stroke_m", "sensors_m") and max(getattr(found, name)) > getattr(found, "length_m", math.inf):
+        beyond_m = max(getattr(found, name))
+        raise UserError(f"{beyond_m:g} m lies beyond the screw's end, which is at {found.length_m:g} m")
+    if name == "module":
+        _inputs(found, len(getattr(found, "sensors_m", ())))
+    if name == "ambient":
+        _inputs(found, len(found.sensors_m) + (found.ambient == "input"))
+    if name == "module_at" and found.module not in CAN_INPUTS:
+        _modbus_at(found.module_at)
+    if name == "control_at" and found.control == "modbus":
+        _modbus_at(found.control_at, name)
+    if name == "control_at" and found.control in _LIKE:
+        _url(found)
+    if name in ("position_signal", "speed_signal") and found.control == "can" and getattr(found, name):
+        _message_and_signal(found, name)
+
+
+def _inputs(answers: Answers, needed: int) -> None:
+    """Raise `UserError` where the module has fewer inputs than are needed."""
+    module = MODULES[answers.module]
+    if needed > module.inputs:
+        raise UserError(
+            f"{needed} inputs are needed (sensors, and the air where it is an input) and {module.title} has "
+            f"{module.inputs}; leave some out, and add another module to the file afterwards"
+        )
 
 
 def write_new(path: Path, given: Mapping[str, str | None], ask: Ask | None) -> None:
@@ -245,11 +278,7 @@ def _module(answers: Answers) -> FileTable:
     names = [f"t{k + 1}_degC" for k in range(len(answers.sensors_m))]
     names += ["ambient_degC"] if answers.ambient == "input" else []
     module = MODULES[answers.module]
-    if len(names) > module.inputs:
-        raise UserError(
-            f"--sensors-m: {len(names)} inputs are needed (sensors and ambient) and {module.title} has "
-            f"{module.inputs}; leave some out, and add another module to the file afterwards"
-        )
+    _inputs(answers, len(names))
     wire = _can_at(answers.module_at) if answers.module in CAN_INPUTS else _modbus_at(answers.module_at)
     inputs = tomlkit.inline_table()
     inputs.update({name: k for k, name in enumerate(names)})
@@ -342,10 +371,7 @@ def _can(answers: Answers) -> list[FileTable]:
     }
 
     def signal(name: str) -> dict[str, object]:
-        given = str(getattr(answers, name))
-        message, _, of_it = given.partition(".")
-        if not message or not of_it:
-            raise UserError(f"{option(name)}: {given!r} names no signal; write it as AxisStatus.NutPosition")
+        message, of_it = _message_and_signal(answers, name)
         scale = Note(1.0, "to the unit in the channel's name: 0.001 where the signal is in mm")
         return {"message": message, "signal": of_it, "scale": scale}
 
@@ -356,11 +382,30 @@ def _can(answers: Answers) -> list[FileTable]:
     ]
 
 
-def _server(answers: Answers, like: str, name: str, period_s: float, **scale: object) -> list[FileTable]:
-    """The control's own server, whose values go by `name`."""
+def _message_and_signal(answers: Answers, name: str) -> tuple[str, str]:
+    """The message and the signal of a DBC file that an answer names."""
+    given = str(getattr(answers, name))
+    message, _, signal = given.partition(".")
+    if not message or not signal:
+        raise UserError(f"{option(name)}: {given!r} names no signal; write it as AxisStatus.NutPosition")
+    return message, signal
+
+
+_LIKE = {"opcua": "opc.tcp://192.168.0.21:4840", "mtconnect": "http://192.168.0.21:5000"}
+"""How the address of each kind of server is written."""
+
+
+def _url(answers: Answers) -> str:
+    """The address of the control's own server."""
+    like = _LIKE[answers.control]
     if not answers.control_at.startswith(like.partition("//")[0]):
         raise UserError(f"--control-at: {answers.control_at!r} is not an address; write it as {like}")
-    keys = {"kind": answers.control, "url": answers.control_at, "period_s": period_s}
+    return answers.control_at
+
+
+def _server(answers: Answers, name: str, period_s: float, **scale: object) -> list[FileTable]:
+    """The control's own server, whose values go by `name`."""
+    keys = {"kind": answers.control, "url": _url(answers), "period_s": period_s}
     position = {name: answers.position_signal, **scale, "offset": Note(0.0, f"{_ZERO}, in m")}
     speed = {name: answers.speed_signal} if answers.speed_signal else None
     about = "the control's own server, only read; needs the packages of ballscrew-observer[plant]"
@@ -369,12 +414,12 @@ def _server(answers: Answers, like: str, name: str, period_s: float, **scale: ob
 
 def _opcua(answers: Answers) -> list[FileTable]:
     scale = Note(0.001, "mm to m; 1.0 where the node is in metres")
-    return _server(answers, "opc.tcp://192.168.0.21:4840", "node", 0.1, scale=scale)
+    return _server(answers, "node", 0.1, scale=scale)
 
 
 def _mtconnect(answers: Answers) -> list[FileTable]:
     """Data items have their own unit."""
-    return _server(answers, "http://192.168.0.21:5000", "item", 0.5)
+    return _server(answers, "item", 0.5)
 
 
 _CONTROL_PARTS: dict[str, Callable[[Answers], list[FileTable]]] = {

@@ -46,7 +46,9 @@ def findings(config: Installation) -> dict[str, Any]:
     design = design_report(plant, config.estimator)
     reached = sorted(design.poles_reached_1_s.tolist(), key=lambda p: (-p.real, p.imag))
     errors = transient_error_K_W(config, plant, TRANSIENT_S)
+    warnings = [*doubts(config), *design.warnings, *_model_warnings(config, design)]
     return {
+        "verdict": _verdict(design, warnings),
         "modes": plant.modes,
         "mode_numbers": list(plant.mode_index),
         "criterion": "given" if config.model.modes is not None else config.model.criterion,
@@ -70,12 +72,18 @@ def findings(config: Installation) -> dict[str, Any]:
         "nodes": _nodes(config),
         **tolerances(config),
         **detectable(config),
-        "warnings": [
-            *doubts(config),
-            *design.warnings,
-            *_model_warnings(config, design),
-        ],
+        "warnings": warnings,
     }
+
+
+def _verdict(design: DesignReport, warnings: list[str]) -> dict[str, Any]:
+    """Whether the configuration can be used, and the sentence that a check opens with."""
+    if not len(design.poles_reached_1_s):
+        return {"usable": False, "text": f"not usable: {design.warnings[0]}"}
+    if not warnings:
+        return {"usable": True, "text": "usable; no warnings"}
+    first = f"1 warning: {warnings[0]}" if len(warnings) == 1 else f"{len(warnings)} warnings"
+    return {"usable": True, "text": f"usable; {first}"}
 
 
 def _left_out(config: Installation, plant: Plant) -> float:
@@ -150,7 +158,7 @@ def _supports(config: Installation, plant: Plant) -> dict[str, Any] | None:
         "stiffness_N_um": held.stiffness_N_um,
         "pretension_lost_at_rise_K": 10.0 * held.lost_um / growth_um,
         "gap_closed_at_rise_K": 10.0 * (held.lost_um + held.gap_um) / growth_um,
-        "force_at_10_K_N": float(force_N(held, np.array(growth_um))),
+        "force_at_10_K_N": float(force_N(held, np.array(growth_um))) + 0.0,  # no minus before a zero
     }
 
 

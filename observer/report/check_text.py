@@ -43,17 +43,19 @@ def as_text(found: dict[str, Any]) -> RenderableType:
     table.add_row("improve first", Text(advice(found["improve_first"])))
     if found["not_screened"]:
         table.add_row("faults in values", Text(found["not_screened"]))
-    warnings = [Text(f"warning: {w}", style="yellow") for w in found["warnings"]]
+    verdict, more = found["verdict"], [w for w in found["warnings"] if w not in found["verdict"]["text"]]
+    style = "red" if not verdict["usable"] else "yellow" if found["warnings"] else "green"
+    opening = [Text(verdict["text"], style=style), *(Text(f"warning: {w}", style="yellow") for w in more)]
     costs = [_costs(found["tolerances"])] if found["tolerances"] else []
     least = _least(found["minimal_detectable"], found["further_sensor"])
-    return Group(table, *costs, *least, *(warnings or [Text("no warnings", style="green")]))
+    return Group(*opening, Text(), table, *costs, *least)
 
 
 def _grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     """A table of a name and numbers."""
     table = Table(show_header=True, box=None, pad_edge=False, header_style="bold")
     for i, head in enumerate(heads):
-        table.add_column(head, no_wrap=i == 0, justify="right" if i else "left")
+        table.add_column(head, no_wrap=i == 0, justify="right" if i else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))
     return table

@@ -103,8 +103,8 @@ def test_what_is_not_given_is_asked_until_it_will_do():
     found = answers(given, ask)
     assert (found.length_m, found.stroke_m) == (1.0, (0.1, 0.8))
     assert [words for words in asked if words] == [
-        "'long': input should be a valid number, unable to parse string as a number",
-        "'0.8,0.1': write both ends in metres, the smaller first: 0.15,0.80",
+        "'long': write a length with its unit, as 1000 mm or 1.0 m",
+        "'0.8,0.1': write both ends, the smaller first, as 150 800 mm",
     ]
 
 
@@ -112,16 +112,22 @@ def test_what_is_not_given_is_asked_until_it_will_do():
     ("wrong", "words"),
     [
         ({"screw": "41x3"}, "--screw: '41x3': not known; give one of 16x5"),
-        ({"stroke_m": "0.8"}, "--stroke-m: '0.8': field required"),
-        ({"sensors_m": "a,b"}, "--sensors-m: 'a,b': input should be a valid number"),
+        ({"stroke_m": "0.8"}, "--stroke-m: '0.8': write 2 places with their unit"),
+        ({"sensors_m": "a,b"}, "--sensors-m: 'a,b': write the places with their unit"),
         ({"sensors_m": ",".join(["0.1"] * 9)}, "9 inputs are needed"),
-        ({"ambient": "warm"}, "--ambient: 'warm': input should be a valid number"),
+        ({"sensors_m": "0,5"}, "--sensors-m: '0,5': is it 0.5 or 0 5?"),
+        ({"ambient": "warm"}, "--ambient: 'warm': write a temperature with its unit"),
+        (
+            {"length_m": "1000"},
+            "--length-m: '1000': 1000 m is longer than any ball screw; did you mean 1000 mm?",
+        ),
+        ({"machine": "//"}, "--machine: '//': no name is left of it"),
         ({"module_at": "host:x"}, "--module-at: 'host:x' is not an address"),
         ({"node_id": "5"}, "--node-id: belongs to --control canopen"),
         ({"control": "canopen", "control_at": "can0"}, "give --node-id, --counts-per-m"),
         ({"control": "can"} | OF_CONTROL["can"] | {"position_signal": "Nut"}, "names no signal"),
         ({"control": "opcua"} | OF_CONTROL["mtconnect"], "write it as opc.tcp://192.168.0.21:4840"),
-        ({"sensors_m": "0.05 1.2"}, "sensor t2: position_m = 1.2 m lies beyond"),
+        ({"sensors_m": "0.05 1.2"}, "--sensors-m: 1.2 m lies beyond the screw's end, which is at 1 m"),
         ({"length_m": "0"}, "--length-m: '0': input should be greater than 0"),
     ],
 )
@@ -174,23 +180,57 @@ class Somebody:
         return typed
 
 
+SHORT = GIVEN | {"length_m": "80 mm", "stroke_m": "10 70 mm", "sensors_m": "5 75 mm"}
+"""A screw shorter than the nut of 40x10, which is known only when all has been asked."""
+
+
 def test_a_late_refusal_loses_no_answer():
-    somebody = Somebody(GIVEN | {"machine": "lathe-7", "sensors_m": "0.05 1.95"}, {"sensors_m": "0.05 0.95"})
+    somebody = Somebody(SHORT | {"machine": "lathe-7"}, {"screw": "16 x 5"})
     found = agreed({}, somebody)
-    assert (found.machine, found.sensors_m, found.stroke_m) == ("lathe-7", (0.05, 0.95), (0.15, 0.80))
+    assert (found.machine, found.screw, found.sensors_m) == ("lathe-7", "16x5", (0.005, 0.075))
     ((asked, told),) = [(name, words) for name, words in somebody.heard if "Once more" in words]
-    assert "sensor" in told
+    assert "longer than the screw" in told
     assert asked == FIRST
 
 
 def test_what_is_said_again_is_refused_at_last():
-    somebody = Somebody(GIVEN | {"sensors_m": "0.05 1.95"})
-    with pytest.raises(UserError, match="sensor"):
+    somebody = Somebody(SHORT)
+    with pytest.raises(UserError, match="longer than the screw"):
         agreed({}, somebody)
     assert somebody.number == 1
 
 
 def test_an_option_that_was_given_is_not_asked_for_again():
     somebody = Somebody({})
-    with pytest.raises(UserError, match="sensor"):
-        agreed(GIVEN | {"sensors_m": "0.05 1.95"}, somebody)
+    with pytest.raises(UserError, match="longer than the screw"):
+        agreed(SHORT, somebody)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "right"),
+    [
+        ("stroke_m", "150 1800 mm", "150 800 mm"),
+        ("sensors_m", "50 1950 mm", "50 950 mm"),
+        ("module_at", "host:x", "host:502"),
+        ("module", "wago_750_459", "wago_750_458"),
+    ],
+)
+def test_an_answer_is_refused_at_its_question(name, wrong, right):
+    typed, heard = iter([wrong, right]), []
+
+    def ask(asked, usual, trouble):
+        heard.append((asked, trouble))
+        return next(typed) if asked == name else str(usual)
+
+    answers({key: text for key, text in GIVEN.items() if key != name}, ask)
+    assert [asked for asked, _ in heard].count(name) == 2
+    ((asked, _),) = [each for each in heard if each[1]]
+    assert asked == name
+
+
+def test_units_commas_and_names_as_people_write_them():
+    given = {"length_m": "1000 mm", "stroke_m": "0,15 0,80", "sensors_m": "50, 950 mm", "screw": "40 x 10"}
+    given |= {"machine": "Drehmaschine 7", "ambient": "12 °C", "module_at": "h"}
+    found = answers(given, None)
+    assert (found.machine, found.screw, found.length_m) == ("drehmaschine-7", "40x10", 1.0)
+    assert (found.stroke_m, found.sensors_m, found.ambient) == ((0.15, 0.8), (0.05, 0.95), 12.0)

@@ -1,0 +1,106 @@
+"""What people type for a length, a place, a temperature, a screw or a name, as a configuration needs it.
+
+A number alone is in the unit that was asked for; a decimal comma is as good as a point. Every function raises
+`ValueError` with the reason, in words for whoever has typed.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254, '"': 0.0254}
+_NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+_UNIT = r"[a-zµ\"]+"
+_ITEM = re.compile(rf"({_NUMBER})\s*({_UNIT})?", re.IGNORECASE)
+_LIST = re.compile(rf"{_ITEM.pattern}(?:[\s;]+{_ITEM.pattern})*", re.IGNORECASE)
+_DEGC = re.compile(r"([+-]?\d+(?:\.\d+)?)\s*(?:°\s*)?(degc|c|degf|f|k)?", re.IGNORECASE)
+_SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ø": "oe", "æ": "ae", "å": "aa"})
+MOST_M = 20.0
+"""No ball screw is longer."""
+
+
+def number(text: str) -> float:
+    """Return one number."""
+    try:
+        return float(text.strip().replace(",", "."))
+    except ValueError:
+        raise ValueError("write a number, as 1000 or 0.5") from None
+
+
+def length_m(text: str) -> float:
+    """Return one length in m: `1000 mm`, `1,0` and `1 m` are the same."""
+    found = re.fullmatch(_ITEM, text.strip().replace(",", "."))
+    if found is None:
+        raise ValueError("write a length with its unit, as 1000 mm or 1.0 m")
+    return _in_m(found[1], found[2] or "m")
+
+
+def places_m(text: str, count: int | None = None) -> tuple[float, ...]:
+    """Return several lengths in m, `count` of them where that is known: `50, 500, 950 mm`, `0,15 0,80`.
+
+    The last unit holds for all without one. A comma separates where a blank follows it, or where nothing else
+    separates; where both readings are possible and `count` does not decide, that is refused.
+    """
+    between = r"(?<=[\w\"])\s*(?:-|–|…|\.\.+|\bto\b|\bbis\b|\band\b|\bund\b)\s*(?=\d)"
+    plain = re.sub(r",\s+", "; ", re.sub(between, " ", text.strip()))
+    decimal, separated = plain.replace(",", "."), plain.replace(",", " ")
+    commas, others = plain.count(","), re.search(rf"\d\s*(?:{_UNIT})?\s*[\s;]\s*\d", plain)
+    readings = [r for r in (decimal, separated) if re.fullmatch(_LIST, r)] if commas else [plain]
+    if len(readings) > 1 and others:
+        readings = [decimal]
+    lists = [_ITEM.findall(r) if re.fullmatch(_LIST, r) else [] for r in readings]
+    lists = [each for each in lists if each and count in (None, len(each))]
+    if len(lists) > 1:
+        one, two = (" ".join(value for value, _ in each) for each in lists)
+        raise ValueError(f"is it {one} or {two}? write a point in a number, and blanks between numbers")
+    if not lists:
+        many = "the places" if count is None else f"{count} places"
+        raise ValueError(
+            f"write {many} with their unit, as {'50 500 950' if count is None else '150 800'} mm"
+        )
+    last = next((unit for _, unit in reversed(lists[0]) if unit), "m")
+    return tuple(_in_m(value, unit or last) for value, unit in lists[0])
+
+
+def _in_m(value: str, unit: str) -> float:
+    """A length by its number and unit."""
+    factor = _M.get(unit.lower())
+    if factor is None:
+        raise ValueError(f"{unit} is no unit of length; write m, mm, cm or in")
+    found_m = round(float(value) * factor, 9)
+    if found_m > MOST_M:
+        slip = f"; did you mean {value} mm?" if unit.lower() == "m" else ""
+        raise ValueError(f"{found_m:g} m is longer than any ball screw{slip}")
+    return found_m
+
+
+def degC(text: str) -> float:
+    """Return a temperature in °C: `12 °C`, `12,5`, `68 °F`, `293 K`."""
+    found = re.fullmatch(_DEGC, text.strip().replace(",", "."))
+    if found is None:
+        raise ValueError("write a temperature with its unit, as 21.5 °C, or input")
+    value, unit = float(found[1]), (found[2] or "c").lower()[-1]
+    return round({"c": value, "f": (value - 32.0) / 1.8, "k": value - 273.15}[unit], 6)
+
+
+def screw_name(text: str) -> str:
+    """Return nominal diameter and lead in mm as the catalogue spells them: `40 x 10`, `Ø40×10 mm`."""
+    found = re.fullmatch(
+        r"ø?\s*(\d+)(?:[.,]0+)?\s*(?:mm)?\s*[x×*/]\s*(\d+)(?:[.,]0+)?\s*(?:mm)?", text.strip().lower()
+    )
+    return f"{found[1]}x{found[2]}" if found else text.strip()
+
+
+def key_name(text: str) -> str:
+    """Return a name as keys of Zenoh may have it, one that they may unchanged: `Drehmaschine 7` becomes
+    `drehmaschine-7`.
+    """
+    text = text.strip()
+    if re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", text):
+        return text
+    plain = unicodedata.normalize("NFKD", text.lower().translate(_SPELT)).encode("ascii", "ignore").decode()
+    name = re.sub(r"[^a-z0-9_.]+", "-", plain).strip("-.")[:64]
+    if not name:
+        raise ValueError("no name is left of it; write one with letters or digits")
+    return name

@@ -1,0 +1,83 @@
+"""`observer check`: its verdict, its picture, and that no number in it is none, whatever is configured."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+import warnings
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from observer.cli import app
+from observer.installation import parse
+from observer.report.check import findings
+from observer.report.check_text import as_text
+
+CONFIG = Path(__file__).parents[2] / "config"
+INSULATED = {"left": {"kind": "insulated"}, "right": {"kind": "insulated"}}
+
+CHANGES: dict[str, Callable[[dict[str, Any]], object]] = {
+    "as it is": lambda table: None,
+    "one sensor": lambda table: table.update(sensor=table["sensor"][:1]),
+    "no loss": lambda table: table.update(surface={"convection_W_m2K": 0.0}, boundary=INSULATED),
+    "no expansion": lambda table: table["screw"].pop("expansion_1_K"),
+}
+CASES = [(name, change) for name in ("kim-screw", "demo") for change in CHANGES]
+CASES += [("li-lathe-axis", "no loss"), ("li-network", "one sensor"), ("yu-dual-drive", "as it is")]
+
+
+@pytest.mark.parametrize(("name", "change"), CASES)
+def test_whatever_is_configured_no_number_is_none_and_no_library_speaks(name: str, change: str) -> None:
+    table = tomllib.loads((CONFIG / f"{name}.toml").read_text(encoding="utf-8"))
+    table.pop("drivers", None)
+    CHANGES[change](table)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = findings(parse(table))
+    json.dumps(found, allow_nan=False)
+    console = Console(file=StringIO(), record=True, width=80)
+    console.print(as_text(found))
+    lines = console.export_text().splitlines()
+    assert not [line for line in lines if {"nan", "inf", "-0", "None"} & set(line.split())]
+    assert "…]" not in "".join(lines)
+    usable = found["verdict"]["usable"]
+    assert lines[0].startswith("usable; " if usable else "not usable: sensors t")
+    assert usable == bool(found["poles_reached_1_s"])
+
+
+def test_a_single_warning_is_said_once() -> None:
+    table = tomllib.loads((CONFIG / "kim-screw.toml").read_text(encoding="utf-8"))
+    table["sensor"] = [
+        *table["sensor"],
+        *[dict(table["sensor"][0], name="t9", channel="t9_degC", position_m=0.45)],
+    ]
+    found = findings(parse(table))
+    (only,) = found["warnings"]
+    assert found["verdict"]["text"] == f"usable; 1 warning: {only}"
+    console = Console(file=StringIO(), record=True, width=400)
+    console.print(as_text(found))
+    assert console.export_text().count(only) == 1
+
+
+def test_the_picture_is_drawn_and_its_name_checked_first(tmp_path: Path) -> None:
+    command = ["check", "--config", str(CONFIG / "kim-screw.toml"), "--plot"]
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "new" / "poles.svg")])
+    assert done.exit_code == 0, done.output
+    drawn = (tmp_path / "new" / "poles.svg").read_text(encoding="utf-8")
+    assert drawn.count("<path") > 50
+    refused = CliRunner().invoke(app, [*command, str(tmp_path / "poles.txt")])
+    assert "ending in .png" in str(refused.exception)
+
+
+def test_sets_of_places_that_are_blind_are_json(tmp_path: Path) -> None:
+    done = CliRunner().invoke(
+        app, ["place", "--config", str(CONFIG / "demo.toml"), "--sensors", "2", "--json"]
+    )
+    strict = json.loads(done.stdout, parse_constant=pytest.fail)
+    assert strict[0]["condition"] is None
