@@ -14,6 +14,7 @@ from observer.cli.options import (
     DEFAULT_ENDPOINT,
     ConfigOption,
     JsonOption,
+    OutputOption,
     SecondsOption,
     endpoint,
     with_parameters,
@@ -220,6 +221,22 @@ def _sites_as_table(sets: list[dict[str, Any]]) -> RenderableType:
         condition = "blind to one" if found["condition"] is None else f"{found['condition']:.3g}"
         table.add_row(str(found["sensors"]), places, f"{found['score_K']:.3g}", condition)
     return table
+
+
+@verbs.command()
+def export(
+    config: ConfigOption,
+    output: OutputOption,
+    format: Annotated[Literal["c99"], typer.Option(help="c99: C without a library.")] = "c99",
+) -> None:
+    """Write the constant-gain observer as code for a controller."""
+    from observer import app as parts
+    from observer.installation import load
+
+    names, facts = parts.export(load(config), format, output)
+    for line in facts:
+        typer.echo(line)
+    typer.echo(f"written to {output}: {', '.join(names)}")
 
 
 @verbs.command()

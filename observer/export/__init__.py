@@ -1,0 +1,1 @@
+"""Code and data for a controller, written from a configuration."""

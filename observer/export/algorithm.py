@@ -1,0 +1,373 @@
+"""One step of the reduced observer, in the small part of Python that `translate` writes in other languages.
+
+Constants are in `c`; inputs, outputs and what is remembered or worked on are in `v`, all zero at first. Loops
+have a constant number of turns, and no number is divided by that could be zero. What each array is, with its
+shape, says `observer.export.data`. `STEP` is the order in which the parts run.
+
+The arithmetic is that of the constant gain of `observer.kernels.fixed_gain` in its steady state, with one
+step length. What differs is in docs/how-to/export-to-a-controller.md.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+real = float
+
+
+def read(c: Any, v: Any) -> None:
+    """Take values that came and are plausible; the others stay at their last, a step older."""
+    for i in range(c.INPUTS):
+        v.came[i] = v.fresh[i] and (v.reading[i] >= c.LOW[i] and v.reading[i] <= c.HIGH[i])
+        if v.came[i]:
+            v.value[i] = v.reading[i]
+            v.age[i] = 0
+            v.seen[i] = True
+        elif v.age[i] < c.LONG:
+            v.age[i] += 1
+        v.late[i] = not v.seen[i] or v.age[i] > c.LIMIT[i]
+        v.age_s[i] = c.PERIOD_S * real(v.age[i])
+
+
+def know(c: Any, v: Any) -> None:
+    """Air, prescribed ends, offsets and the error's reference at both ends of the step."""
+    v.ready = True
+    for q in range(c.KNOWN):
+        v.z_before[q] = v.z[q]
+        if c.KNOWN_AT[q] < 0:
+            v.z[q] = c.KNOWN_SHIFT[q]
+        elif v.seen[c.KNOWN_AT[q]]:
+            v.z[q] = v.value[c.KNOWN_AT[q]] + c.KNOWN_SHIFT[q]
+        else:
+            v.ready = False
+    if c.REFERENCE >= 0:
+        if v.ready and not v.based:
+            v.reference_degC = v.value[c.AMBIENT_AT]
+        v.z[c.REFERENCE] = v.reference_degC
+    if v.ready and not v.based:
+        v.based = True
+        for q in range(c.KNOWN):
+            v.z_before[q] = v.z[q]
+
+
+def heat(c: Any, v: Any) -> None:
+    """Each source's heat by its law, the mean of both ends of the step."""
+    for j in range(c.SOURCES):
+        now: float = c.LAW_W[j]
+        apart: float = 0.0
+        for i in range(c.INPUTS):
+            now += c.LAW_SIZE[j][i] * abs(v.value[i]) + c.LAW_VALUE[j][i] * v.value[i]
+            apart += c.LAW_APART[j][i] * v.value[i]
+            if v.value[i] > 0.0 or v.value[i] < 0.0:
+                now += c.LAW_ON[j][i]
+        now += abs(apart)
+        if not v.begun:
+            v.law_now[j] = now
+        v.law_W[j] = 0.5 * (v.law_now[j] + now)
+        v.law_now[j] = now
+
+
+def follow(c: Any, v: Any) -> None:
+    """A moving nut's columns: along the straight line since the step before, or spread over its stroke."""
+    for i in range(c.NUTS):
+        for p in range(c.PLACES + 1):
+            v.weight[p] = 0.0
+        if v.late[c.NUT_AT[i]]:
+            v.weight[c.PLACES] = 1.0
+            v.located[i] = False
+        else:
+            if not v.located[i]:
+                v.nut_m[i] = v.value[c.NUT_AT[i]]
+                v.located[i] = True
+            way_m: float = v.value[c.NUT_AT[i]] - v.nut_m[i]
+            for j in range(c.POINTS):
+                place: float = (v.nut_m[i] + c.PART[j] * way_m) * c.PLACES_1_M
+                place = min(max(place, 0.0), c.LAST_PLACE)
+                low: int = int(place)
+                if low > c.PLACES - 2:
+                    low = c.PLACES - 2
+                v.weight[low] += c.SHARE * (1.0 - (place - real(low)))
+                v.weight[low + 1] += c.SHARE * (place - real(low))
+            v.nut_m[i] = v.value[c.NUT_AT[i]]
+        for a in range(c.STATES):
+            into: float = 0.0
+            for p in range(c.PLACES + 1):
+                into += v.weight[p] * c.NUT_B[i][p][a]
+            v.B[c.NUT_OF[i]][a] = into
+        for r in range(c.ROWS):
+            seen: float = 0.0
+            for p in range(c.PLACES + 1):
+                seen += v.weight[p] * c.NUT_C[i][p][r]
+            if v.begun:
+                v.lag_C[i][r] += c.SETTLE[i] * (seen - v.lag_C[i][r])
+            else:
+                v.lag_C[i][r] = c.NUT_C[i][c.PLACES][r]
+
+
+def begin(c: Any, v: Any) -> None:
+    """Put the columns of what does not move in place, at the first step."""
+    if not v.begun:
+        for j in range(c.SOURCES):
+            for a in range(c.STATES):
+                v.B[j][a] = c.B[j][a]
+
+
+def predict(c: Any, v: Any) -> None:
+    """x⁺ = e∘x + hold∘(B law + E z) + ramp∘(E (z⁺ - z)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
+    v.begun = True
+    if v.started:
+        for a in range(c.STATES):
+            driven: float = 0.0
+            rising: float = 0.0
+            for j in range(c.SOURCES):
+                driven += v.B[j][a] * v.law_W[j]
+            for q in range(c.KNOWN):
+                driven += c.E[q][a] * v.z_before[q]
+                rising += c.E[q][a] * (v.z[q] - v.z_before[q])
+            v.x[a] = c.DECAY[a] * v.x[a] + c.HOLD[a] * driven + c.RAMP[a] * rising
+            for j in range(c.HEATS):
+                v.x[a] += v.B[c.HEAT_OF[j]][a] * c.COUPLE[j][a] * v.x[c.STATES + j]
+        for j in range(c.HEATS):
+            v.x[c.STATES + j] = c.HEAT_DECAY[j] * v.x[c.STATES + j]
+
+
+def start(c: Any, v: Any) -> None:
+    """With the first reading: a screw of one temperature, the median of the sensors, lags at rest."""
+    v.opened = False
+    v.count = 0
+    for i in range(c.SENSORS):
+        v.usable[i] = v.ready and v.came[c.SENSOR_AT[i]]
+        if v.usable[i]:
+            v.count += 1
+    if not v.started and v.count > 0:
+        for a in range(c.STATES + c.HEATS):
+            v.x[a] = 0.0
+        for a in range(c.STATES):
+            for j in range(c.SOURCES):
+                v.x[a] += v.law_W[j] * c.LAGS[j][a]
+
+
+def expect(c: Any, v: Any) -> None:
+    """What each sensor should read."""
+    for i in range(c.SENSORS):
+        expected: float = 0.0
+        for a in range(c.STATES):
+            expected += c.C[i][a] * v.x[a]
+        for q in range(c.KNOWN):
+            expected += c.F[i][q] * v.z[q]
+        for p in range(c.NUTS):
+            expected += v.lag_C[p][i] * v.x[c.LAG_OF[p]]
+        v.innovation_K[i] = v.value[c.SENSOR_AT[i]] - expected
+
+
+def level(c: Any, v: Any) -> None:
+    """End the start: the median of what the usable sensors make of the screw's temperature."""
+    if not v.started and v.count > 0:
+        for i in range(c.SENSORS):
+            if c.SEEN[i] > 0.5:
+                v.level_degC[i] = v.innovation_K[i] / c.SEEN[i]
+            else:
+                v.level_degC[i] = v.value[c.SENSOR_AT[i]]
+        median: float = 0.0
+        for i in range(c.SENSORS):
+            if v.usable[i]:
+                rank: int = 0
+                for j in range(c.SENSORS):
+                    if v.usable[j] and (
+                        v.level_degC[j] < v.level_degC[i] or (j < i and v.level_degC[j] <= v.level_degC[i])
+                    ):
+                        rank += 1
+                if rank == (v.count - 1) // 2:
+                    median += 0.5 * v.level_degC[i]
+                if rank == v.count // 2:
+                    median += 0.5 * v.level_degC[i]
+        for a in range(c.STATES):
+            v.x[a] += c.UNIFORM[a] * median
+        v.started = True
+        v.opened = True
+        v.since = 0
+
+
+def choose(c: Any, v: Any) -> None:
+    """The gain for the sensors that are neither late nor refused; a wide one where the state was opened."""
+    first: int = c.SENSORS
+    second: int = c.SENSORS
+    absent: int = 0
+    for i in range(c.SENSORS):
+        if v.late[c.SENSOR_AT[i]] or v.suspect[i] > 0:
+            if absent == 0:
+                first = i
+            else:
+                second = i
+            absent += 1
+    v.chosen = c.NONE
+    if absent <= c.MOST_ABSENT:
+        v.chosen = c.SET_OF[first][second]
+    if v.opened and v.chosen < c.SETS:
+        v.chosen += c.SETS
+
+
+def gate(c: Any, v: Any) -> None:
+    """Refuse what is too far off; accept all where more than half have been refused three times running."""
+    present: int = 0
+    refused: int = 0
+    for i in range(c.SENSORS):
+        v.accepted[i] = v.usable[i]
+        if v.usable[i]:
+            present += 1
+            if v.innovation_K[i] * v.innovation_K[i] > c.GATE_K2[v.chosen][i]:
+                v.accepted[i] = False
+                if v.suspect[i] < c.LONG:
+                    v.suspect[i] += 1
+                if v.suspect[i] >= c.RELEASE:
+                    refused += 1
+            else:
+                v.suspect[i] = 0
+    if 2 * refused > present:
+        for i in range(c.SENSORS):
+            v.accepted[i] = v.usable[i]
+            if v.usable[i]:
+                v.suspect[i] = 0
+        v.opened = True
+        v.since = 0
+
+
+def correct(c: Any, v: Any) -> None:
+    """x⁺ = x + K ν by the sensors that are accepted."""
+    for i in range(c.SENSORS):
+        if v.accepted[i]:
+            for a in range(c.STATES + c.HEATS):
+                v.x[a] += c.GAIN[v.chosen][i][a] * v.innovation_K[i]
+
+
+def report(c: Any, v: Any) -> None:
+    """Heats, and the field and error on the grid."""
+    for j in range(c.HEATS):
+        v.heat_W[j] = v.law_W[c.HEAT_OF[j]] + v.x[c.STATES + j]
+    for r in range(c.SENSORS, c.ROWS):
+        total: float = 0.0
+        for a in range(c.STATES):
+            total += c.C[r][a] * v.x[a]
+        for q in range(c.KNOWN):
+            total += c.F[r][q] * v.z[q]
+        for p in range(c.NUTS):
+            total += v.lag_C[p][r] * v.x[c.LAG_OF[p]]
+        v.row[r] = total
+    for g in range(c.GRID):
+        v.field_degC[g] = v.row[c.SENSORS + g]
+    for g in range(c.ERRORS):
+        v.error_um[g] = v.row[c.SENSORS + c.GRID + g]
+
+
+def judge(c: Any, v: Any) -> None:
+    """Qualities: 0 good, 1 starting, 2 degraded, 3 stale, 4 invalid; of sensors see the output."""
+    good: int = 0
+    lacking: bool = False
+    sane: bool = v.started
+    for i in range(c.SENSORS):
+        v.sensor_quality[i] = 0
+        if v.suspect[i] > 0:
+            v.sensor_quality[i] = 3
+        if v.late[c.SENSOR_AT[i]]:
+            v.sensor_quality[i] = 2
+        if not v.seen[c.SENSOR_AT[i]]:
+            v.sensor_quality[i] = 1
+        if v.sensor_quality[i] == 0:
+            good += 1
+    for i in range(c.INPUTS):
+        if c.NEEDED[i] == 1 and v.late[i]:
+            lacking = True
+    for a in range(c.STATES + c.HEATS):
+        if not (v.x[a] > -c.SANE and v.x[a] < c.SANE):
+            sane = False
+    if good > 0:
+        v.silent = 0
+    elif v.silent < c.LONG:
+        v.silent += 1
+    if v.since < c.SETTLED:
+        v.since += 1
+    v.quality = 0
+    if v.since < c.SETTLED:
+        v.quality = 1
+    if lacking or good < c.SENSORS or v.chosen == c.NONE:
+        v.quality = 2
+    if v.silent > c.SILENT:
+        v.quality = 3
+    if not sane:
+        v.quality = 4
+        v.started = False
+
+
+def compensate(c: Any, v: Any) -> None:
+    """The table that a control adds, at a limited rate, within a limited slope; armed by a rising `enable`.
+
+    It is off at the first estimate that is not good, that is too large, or where the heartbeat has stood
+    still: the table then goes to zero at that rate, and only `enable` set anew arms it again.
+    """
+    if v.heartbeat == v.heartbeat_before:
+        if v.still < c.LONG:
+            v.still += 1
+    else:
+        v.still = 0
+    v.heartbeat_before = v.heartbeat
+    fit: bool = v.quality == 0 and v.still <= c.STILL
+    for p in range(c.TABLE):
+        v.wanted_um[p] = c.DIRECTION * (
+            (1.0 - c.TABLE_RIGHT[p]) * v.error_um[c.TABLE_LOW[p]]
+            + c.TABLE_RIGHT[p] * v.error_um[c.TABLE_LOW[p] + 1]
+        )
+        if abs(v.wanted_um[p]) > c.LIMIT_UM:
+            fit = False
+    if v.enable and not v.enabled and fit:
+        v.latched = True
+    if not v.enable or not fit:
+        v.latched = False
+    v.armed = v.latched
+    v.enabled = v.enable
+    v.running_um[0] = 0.0
+    for p in range(1, c.TABLE):
+        rise_um: float = v.wanted_um[p] - v.wanted_um[p - 1]
+        v.running_um[p] = v.running_um[p - 1] + min(max(rise_um, -c.MOST_RISE_UM), c.MOST_RISE_UM)
+    kept_um: float = v.wanted_um[c.TABLE_REFERENCE] - v.running_um[c.TABLE_REFERENCE]
+    for p in range(c.TABLE):
+        toward_um: float = 0.0
+        if v.latched:
+            toward_um = v.running_um[p] + kept_um
+        v.table_um[p] += min(max(toward_um - v.table_um[p], -c.MOST_STEP_UM), c.MOST_STEP_UM)
+        v.compensation_um[p] = v.table_um[p]
+
+
+def at_nut(c: Any, v: Any) -> None:
+    """Error and compensation where the nut is, or was last; linear between points."""
+    here_m: float = v.value[c.NUT_CHANNEL]
+    low: int = 0
+    for g in range(1, c.GRID - 1):
+        if here_m >= c.GRID_M[g]:
+            low = g
+    right: float = min(max((here_m - c.GRID_M[low]) * c.GRID_1_M[low], 0.0), 1.0)
+    v.error_nut_um = c.DIRECTION * ((1.0 - right) * v.error_um[low] + right * v.error_um[low + 1])
+    place: float = min(max((here_m - c.TRAVEL_M) * c.TABLE_1_M, 0.0), c.LAST_POINT)
+    low = int(place)
+    if low > c.TABLE - 2:
+        low = c.TABLE - 2
+    right = place - real(low)
+    v.compensation_nut_um = (1.0 - right) * v.compensation_um[low] + right * v.compensation_um[low + 1]
+
+
+def beat(c: Any, v: Any) -> None:
+    """Count the step, from 0 again after `LONG`."""
+    v.beats += 1
+    if v.beats > c.LONG:
+        v.beats = 0
+    v.alive = v.beats
+
+
+ESTIMATE = (
+    read, know, heat, begin, follow, predict, start, expect, level, expect, choose, gate, choose, correct,
+    report, judge,
+)  # fmt: skip
+"""The parts of a step, in order."""
+COMPENSATE = (compensate,)
+"""What follows where the machine's thermal error is known …"""
+AT_NUT = (at_nut,)
+"""… and where a nut's position is."""

@@ -1,0 +1,55 @@
+"""What a controller could not follow, in words."""
+
+from __future__ import annotations
+
+from observer.config import Config
+from observer.effects.terms import Fade, LawFactor, Radiation, SpeedLoss, StrokeEnds, Term
+from observer.errors import ConfigError
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+from observer.tables.outside import is_outside
+
+_WHY: tuple[tuple[type[Term], str], ...] = (
+    (LawFactor, "changes a heat law with the time run"),
+    (SpeedLoss, "changes the loss with the speed"),
+    (Radiation, "changes the loss with the temperature"),
+    (Fade, "changes a heat law with the temperature"),
+    (StrokeEnds, "follows where the nut turns"),
+)
+
+
+def refuse_unexportable(config: Config, plant: Plant | None = None, drive: Drive | None = None) -> None:
+    """Raise `ConfigError`, with the remedy, for a model that varies in other ways than a nut that moves."""
+    if is_outside(config.estimator.kind, "estimators"):
+        raise ConfigError(
+            f'estimator.kind = "{config.estimator.kind}" is a class from outside, which no controller '
+            'can run; export with kind = "kalman" or "luenberger"'
+        )
+    for effect in config.effect:
+        for term in effect.terms(config):
+            for kind, why in _WHY:
+                if isinstance(term, kind):
+                    raise ConfigError(
+                        f'effect "{effect.kind}" {why}, and the export has constant matrices; remove it, or '
+                        "replace it by its mean, such as surface.convection_W_m2K at the usual speed"
+                    )
+    if config.surface.speed_channel is not None:
+        raise ConfigError(
+            "surface.speed_channel changes the loss with the speed, and the export has constant matrices; "
+            "give surface.speed_rpm, the usual speed"
+        )
+    if drive is not None and any(rate != 0.0 for rate in drive.read.rate_K_h):
+        raise ConfigError(
+            "an effect drifts with the hours since the start, which a controller does not count; remove "
+            "ambient_drift and sensor_drift"
+        )
+    if plant is not None and plant.coupling.active:
+        raise ConfigError(
+            "a body or node is linked to a nut that moves, and the export has constant matrices; link it to "
+            "a fixed source, or leave it out"
+        )
+    if plant is not None and plant.rows.restraint is not None and not plant.rows.restraint.linear:
+        raise ConfigError(
+            "supports.gap_m makes the thermal error bend where the gap closes, and the export has constant "
+            "rows; export with gap_m = 0"
+        )

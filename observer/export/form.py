@@ -1,0 +1,121 @@
+"""The intermediate form that all code is written from: what goes in and out, constants, parts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any, Literal
+
+import numpy as np
+
+from observer.errors import ConfigError
+
+Kind = Literal["real", "int", "bool"]
+Role = Literal["input", "output", "state"]
+Part = Callable[[Any, Any], None]
+Values = Mapping[str, Any]
+ZERO: Mapping[str, Any] = {"real": 0.0, "int": 0, "bool": False}
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A number or array of the step, zero at first. `labels` name an array's elements to people, `units` are
+    theirs, or one for all.
+    """
+
+    name: str
+    kind: Kind
+    role: Role
+    text: str
+    shape: tuple[int, ...] = ()
+    labels: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+    def unit(self, at: int) -> str:
+        """The unit of an element, empty where it has none."""
+        if not self.units:
+            return ""
+        return self.units[at] if len(self.units) > 1 else self.units[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A step at a fixed period, with everything in it.
+
+    `name` is what it is; `constants` are integers, floats and arrays of either by name; `parts` are functions
+    of `algorithm`, run in this order; `facts` are sentences for whoever builds it in.
+    """
+
+    name: str
+    machine: str
+    axis: str
+    digest: str
+    version: str
+    period_s: float
+    constants: Values
+    slots: tuple[Slot, ...]
+    parts: tuple[Part, ...]
+    facts: tuple[str, ...] = field(default=())
+
+    def of(self, role: Role) -> list[Slot]:
+        """The slots of a role that have an element."""
+        return [slot for slot in self.slots if slot.role == role and 0 not in slot.shape]
+
+    @property
+    def title(self) -> str:
+        """One line that says what this is of."""
+        return (
+            f"{self.name} of {self.machine}, axis {self.axis}; period {self.period_s:g} s; configuration "
+            f"{self.digest}; ballscrew-observer {self.version}"
+        )
+
+
+class FormRunner:
+    """Runs a form in Python, a step a call: the reference for all other code.
+
+    `v` holds every slot, and is changed by a step.
+    """
+
+    def __init__(self, form: Form) -> None:
+        self.form = form
+        self._c = SimpleNamespace(
+            **{
+                name: value.tolist() if isinstance(value, np.ndarray) else value
+                for name, value in form.constants.items()
+            }
+        )
+        self.v = SimpleNamespace(**{slot.name: _zeros(slot.shape, ZERO[slot.kind]) for slot in form.slots})
+
+    def step(self, inputs: Values) -> dict[str, Any]:
+        """Take the inputs, by slot; return copies of the outputs."""
+        for name, value in inputs.items():
+            setattr(self.v, name, list(value) if np.ndim(value) else value)
+        for part in self.form.parts:
+            part(self._c, self.v)
+        outputs = ((slot.name, getattr(self.v, slot.name)) for slot in self.form.of("output"))
+        return {name: list(value) if isinstance(value, list) else value for name, value in outputs}
+
+
+def _zeros(shape: tuple[int, ...], zero: Any) -> Any:
+    return zero if not shape else [_zeros(shape[1:], zero) for _ in range(shape[0])]
+
+
+def identifiers(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names as identifiers of any language: letters, digits and single underscores.
+
+    Raises `ConfigError` where two become one.
+    """
+    found: dict[str, str] = {}
+    made = []
+    for name in names:
+        own = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")
+        own = f"in_{own}" if not own or own[0].isdigit() else own
+        if (other := found.setdefault(own.lower(), name)) != name:
+            raise ConfigError(
+                f'"{other}" and "{name}" are both "{own}" in a controller\'s language, which knows letters, '
+                "digits and _ alone; rename one"
+            )
+        made.append(own)
+    return tuple(made)

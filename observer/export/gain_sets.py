@@ -1,0 +1,152 @@
+"""Constant gains for every set of sensors that a controller may be left with, and how long they take."""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from observer.config import Config
+from observer.errors import ConfigError
+from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop, everything, sensor_rows
+from observer.estimators.design.steady import (
+    bandwidth,
+    gain_for,
+    standing_growth_1_s,
+    steady_covariance,
+)
+from observer.frames import FloatArray
+from observer.model.discretise import StepMatrices
+from observer.model.plant import Plant
+
+UNGATED_K2 = 1e30
+"""What no innovation's square is beyond."""
+_MOST_GAINS = 40_000
+"""Numbers in the table of gains up to which two absent sensors have gains, too: 320 kB in double."""
+_GROWTH_AT_MOST_1_S = 1e-3
+_SETTLED_SIGMA = 1.1
+"""The heats count as settled once their σ are within a tenth of the steady ones."""
+LONG = 30_000
+"""What counters of steps stop at: it fits into 16 bits."""
+
+
+class GainSets(NamedTuple):
+    """Gains `K` (2 G + 1, s, n) and the largest squares of innovations that pass, `gate_K2` (2 G + 1, s).
+
+    The first G are the steady ones, the next G those of the first correction and of a state that is opened,
+    the last is nothing. `number` (s + 1, s + 1) says which set remains without the sensors i and j, where s
+    is none. After `settled` steps the heats are known as well as they will be; `refused` names the sets
+    without a gain.
+    """
+
+    K: FloatArray
+    gate_K2: FloatArray
+    number: NDArray[np.int64]
+    most_absent: int
+    settled: int
+    refused: tuple[str, ...]
+
+
+def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
+    """Design them. Raises `ConfigError` where all sensors together have no gain."""
+    s, n = len(config.sensor), len(plant.decay_1_s) + len(plant.heat_decay_1_s)
+    most_absent = 2 if 2 * (1 + s + s * (s - 1) // 2) * s * n <= _MOST_GAINS else 1
+    omega = bandwidth(plant, config.estimator) if config.estimator.kind == "luenberger" else None
+    offset_K2 = (
+        np.array([config.tolerance.offset_K if x.offset_K is None else x.offset_K for x in config.sensor])
+        ** 2
+    )
+    number = np.full((s + 1, s + 1), -1)
+    steady, wide = list[tuple[FloatArray, FloatArray]](), list[tuple[FloatArray, FloatArray]]()
+    refused = list[str]()
+    settled = 0
+    for absent in itertools.chain(*(itertools.combinations(range(s), k) for k in range(most_absent + 1))):
+        present = everything(plant)
+        present[list(absent)] = False
+        K = _gain(plant, step, present, config, omega)
+        if isinstance(K, Refusal):
+            if not absent:
+                raise ConfigError(
+                    f"estimator: no constant gain for {', '.join(K.sensors)}: {K.reason}; add or move "
+                    "sensors (`observer place`), give each source random_walk_W_sqrt_s > 0, or take "
+                    'kind = "luenberger" with a lower bandwidth_1_s'
+                )
+            refused.append(", ".join(config.sensor[i].name for i in absent))
+            continue
+        first, second = (*absent, s, s)[:2]
+        number[first, second] = len(steady)
+        P0 = block_diag(plant.prior_P, np.diag(plant.initial_sigma_W**2))
+        found = steady_covariance(plant, step, K)
+        assert found is not None, "a gain that is not stable"
+        K0, S0 = _first_gain(plant, P0, present)
+        if not absent:
+            settled = _settled(plant, step, K, _corrected(plant, P0, K0), found.P)
+        steady.append((K, _variance(plant, found.P_pred) + offset_K2))
+        wide.append((K0, S0 + offset_K2))
+    number[number < 0] = 2 * len(steady)
+    nothing = (np.zeros((n, s)), np.full(s, UNGATED_K2))
+    K_all, S_all = zip(*steady, *wide, nothing, strict=True)
+    gate_K2 = np.minimum(config.estimator.gate_sigma**2 * np.array(S_all), UNGATED_K2)
+    gains = np.array(K_all).transpose(0, 2, 1)
+    return GainSets(gains, gate_K2, number, min(most_absent, s), settled, tuple(refused))
+
+
+def _gain(
+    plant: Plant, step: StepMatrices, present: np.ndarray, config: Config, omega: float | None
+) -> FloatArray | Refusal:
+    """The gain of the estimator, refused where errors would run away while a nut stands: it is designed for
+    the mean of the stroke, and nobody watches a controller.
+    """
+    K = gain_for(plant, step, present, config.estimator, omega)
+    if isinstance(K, Refusal):
+        return K
+    K = K.K if isinstance(K, LuenbergerGain) else K
+    if standing_growth_1_s(plant, step, K) > _GROWTH_AT_MOST_1_S:
+        names = tuple(itertools.compress(plant.layout.sensors, present))
+        return Refusal(names, "while the nut stands at some places, errors would grow")
+    return K
+
+
+def _variance(plant: Plant, P: FloatArray) -> FloatArray:
+    """The innovations' variances (s,) where P (n, n) is the state's before a correction."""
+    C = sensor_rows(plant)
+    return np.asarray(np.einsum("ij,jk,ik->i", C, P, C) + plant.noise_R_K2)
+
+
+def _first_gain(plant: Plant, P0: FloatArray, present: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """The Kalman gain (n, s) at a covariance, zero for sensors that are absent, and the variances (s,)."""
+    C = sensor_rows(plant)
+    K = np.zeros((len(P0), len(C)))
+    own = C[present]
+    if len(own):
+        S = own @ P0 @ own.T + np.diag(plant.noise_R_K2[present])
+        K[:, present] = np.linalg.solve(S, own @ P0).T
+    return K, _variance(plant, P0)
+
+
+def _corrected(plant: Plant, P: FloatArray, K: FloatArray) -> FloatArray:
+    rest = np.eye(len(P)) - K @ sensor_rows(plant)
+    return np.asarray(rest @ P @ rest.T + (K * plant.noise_R_K2) @ K.T)
+
+
+def _settled(plant: Plant, step: StepMatrices, K: FloatArray, first: FloatArray, last: FloatArray) -> int:
+    """After how many steps under a gain the heats' σ are near their steady ones; at most `LONG` − 1."""
+    heats = slice(len(plant.decay_1_s), None)
+    steady_W2 = np.diag(last)[heats]
+    M, away = closed_loop(plant, step, K), first - last
+
+    def near(power: FloatArray) -> bool:
+        own_W2 = np.diag(power @ away @ power.T)[heats] + steady_W2
+        return bool(np.all(own_W2 <= _SETTLED_SIGMA**2 * steady_W2))
+
+    powers = [M]
+    while not near(powers[-1]) and 2 ** len(powers) < LONG:
+        powers.append(powers[-1] @ powers[-1])
+    count, behind = 1, np.eye(len(M))
+    for k, power in reversed(list(enumerate(powers[:-1]))):
+        if not near(power @ behind):
+            behind, count = power @ behind, count + 2**k
+    return min(count, LONG - 1)

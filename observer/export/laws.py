@@ -1,0 +1,83 @@
+"""Heat laws as sums that a controller can work out, found by what each law gives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.errors import ConfigError
+from observer.frames import FloatArray
+from observer.model.law import Law, heat_law
+from observer.tables.sections import law_channels
+
+_PROBES = (-1700.0, -3.0, 0.0, 0.5, 41.0, 2300.0)
+_SAME = 1e-9
+"""Relative difference up to which a sum is the law it stands for: laws multiply in another order."""
+
+
+class LawTerms(NamedTuple):
+    """Heat = `constant` + Σ_i (`size`_i |v_i| + `value`_i v_i + `on`_i [v_i ≠ 0]) + |Σ_i `apart`_i v_i|, W.
+
+    Shapes (m,) and (m, c) for m sources and c channels.
+    """
+
+    constant: FloatArray
+    size: FloatArray
+    value: FloatArray
+    on: FloatArray
+    apart: FloatArray
+
+
+def law_terms(config: Config) -> LawTerms:
+    """Return the laws of a configuration. Raises `ConfigError` for one that is no such sum."""
+    shape = len(config.source), len(config.channels)
+    terms = LawTerms(np.zeros(shape[0]), *(np.zeros(shape) for _ in range(4)))
+    for j, source in enumerate(config.source):
+        law = heat_law(source, config.source, config.screw.length_m)
+        columns = [config.channels.index(name) for name in law_channels(source, config.source)]
+        found = _terms_of(law, len(columns))
+        if not _agrees(law, found, len(columns)):
+            raise ConfigError(
+                f"source {source.name}: its heat law is no multiple of a speed or a power, which is what a "
+                "controller is given; give torque_Nm or heat_W_rpm that fits the speeds in use"
+            )
+        terms.constant[j] = found.constant[0]
+        for to, given in zip(terms[1:], found[1:], strict=True):
+            for i, column in enumerate(columns):
+                to[j, column] += given[0, i]
+    return terms
+
+
+def _at(law: Law, values: FloatArray) -> float:
+    channels = values if len(values) else np.zeros(1)
+    return float(law(*(np.array([value]) for value in channels))[0])
+
+
+def _terms_of(law: Law, count: int) -> LawTerms:
+    """What a law of `count` channels would be as a sum, by its values on the axes."""
+    one = np.zeros((1, count))
+    terms = LawTerms(np.array([_at(law, np.zeros(count))]), one, one.copy(), one.copy(), one.copy())
+    for i, axis in enumerate(np.eye(count)):
+        up, twice, down = (_at(law, k * axis) - terms.constant[0] for k in (1.0, 2.0, -1.0))
+        if up == twice == down:
+            terms.on[0, i] = up
+        else:
+            terms.size[0, i], terms.value[0, i] = (up + down) / 2, (up - down) / 2
+    both = _at(law, np.ones(count)) - terms.constant[0]
+    if count == 2 and abs(both) < _SAME * abs(terms.size).max():  # only the relative speed counts
+        terms.apart[0] = terms.size[0] * (1.0, -1.0)
+        terms.size[0] = 0.0
+    return terms
+
+
+def _agrees(law: Law, terms: LawTerms, count: int) -> bool:
+    """Whether the sum is the law, at many values of its channels."""
+    grid = np.array(np.meshgrid(*[_PROBES] * count)).reshape(count, -1).T
+    for v in grid:
+        own = terms.constant[0] + abs(float(terms.apart[0] @ v))
+        own += float(terms.size[0] @ abs(v) + terms.value[0] @ v + terms.on[0] @ (v != 0.0))
+        if not abs(own - _at(law, v)) <= _SAME * max(1.0, abs(own)):
+            return False
+    return True

@@ -1,0 +1,62 @@
+"""Forms as files in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from observer.export.c99 import c99_files
+from observer.export.form import Form, Slot
+from observer.export.subset import OperationCount
+
+README = "README.md"
+
+
+def template(name: str) -> Template:
+    """A text of `templates/`."""
+    return Template((files("observer.export") / "templates" / name).read_text(encoding="utf-8"))
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> list[str]:
+    """Write texts under their names; return these."""
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return list(texts)
+
+
+def write_c99(form: Form, folder: Path) -> list[str]:
+    """Write header, source and README; return their names."""
+    labels = {slot.name: slot.labels for slot in form.slots if slot.labels}
+    first = f"[{form.name.upper()}_READING_{labels['reading'][0].upper()}]"
+    more = {"first_reading": f"in.reading{first}", "first_fresh": f"in.fresh{first}"}
+    return write_texts(folder, c99_files(form) | {README: readme("c99.md", form, more)})
+
+
+def readme(name: str, form: Form, more: Mapping[str, str]) -> str:
+    """A README from its template: what the form is, what it costs, and `more`."""
+    count = OperationCount(form).count()
+    costs = {key: f"{count[key]:,}" for key in ("adds", "multiplies", "divides", "compares")}
+    for real in (8, 4):
+        costs[f"tables{real}"] = f"{sum(_bytes_of(v, real) for v in form.constants.values()):,}"
+        costs[f"state{real}"] = f"{sum(_slot_bytes(slot, real) for slot in form.of('state')):,}"
+    facts = "\n".join(f"- {fact}" for fact in form.facts)
+    own = {"title": form.title, "name": form.name, "NAME": form.name.upper(), "facts": facts}
+    return template(name).substitute(own, period=f"{form.period_s:g}", **costs, **more)
+
+
+def _bytes_of(value: Any, real: int) -> int:
+    array = np.asarray(value)
+    return 0 if array.ndim == 0 else array.size * (4 if np.issubdtype(array.dtype, np.integer) else real)
+
+
+def _slot_bytes(slot: Slot, real: int) -> int:
+    return int(np.prod(slot.shape, initial=1)) * {"real": real, "int": 4, "bool": 1}[slot.kind]
+
+
+WRITERS: Mapping[str, Callable[[Form, Path], list[str]]] = {"c99": write_c99}
+"""What writes a form into a folder, by kind of code."""
