@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import shlex
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -94,6 +96,8 @@ def discover(
 ) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
+    Where an effect that is not named explains most of an unknown, `candidate.toml` is written instead.
+
     With `recent_s` the logs are what the service has recorded in so many last seconds; `alone`, in this
     process only, for the other cores have work of their own. Returns what was
     found, and the content of `result.json`.
@@ -102,8 +106,8 @@ def discover(
     from observer.discovery.result import discovery_result
     from observer.discovery.suspects import Suspect
     from observer.discovery.workers import WorkerPool
-    from observer.installation import with_effects, write_back
     from observer.report.discovery import write_discovery_report
+    from observer.report.wording import next_step
 
     config = load(config_path)
     progress("reading logs", 0.0)
@@ -117,16 +121,34 @@ def discover(
         with WorkerPool(alone=alone) as pool:
             found = find(config, runs.frames, progress, pool, corrected)
         result = _about(searched, names) | discovery_result(found) | {"doubts": runs.odd}
-        if found.verdict.kind == "named":
-            values = {key: entry["value"] for key, entry in result["calibrated"].items()}
-            text = write_back(config_path.read_text(encoding="utf-8"), values)
-            text = with_effects(text, found.verdict.fit.config.effect[len(config.effect) :])
-            (part / "config.toml").write_text(text, encoding="utf-8")
+        last = shlex.join(map(str, log_paths)) if recent_s is None else f"--recent {recent_s / 3600.0:g}h"
+        result["next"] = next_step(result, last, str(config_path), str(output))
+        _write_configurations(part, config_path, found, result)
         write_json(part / "result.json", result)
         if report:
             progress("writing the report", 0.97)
             write_discovery_report(part / "report.html", found, result, names)
     return found, result
+
+
+def _write_configurations(folder: Path, config_path: Path, found: Discovery, result: dict[str, Any]) -> None:
+    """Write what was named as `config.toml`, or what explains most of an unknown as `candidate.toml`."""
+    from observer.discovery.result import CANDIDATE, calibrated_of
+    from observer.installation import with_effects, write_back
+    from observer.report.wording import candidate_comment
+
+    partial = result["partial"]
+    if found.verdict.kind == "named":
+        name, fit, comment = "config.toml", found.verdict.fit, ""
+    elif found.partial is not None and partial is not None and partial["candidate"] is not None:
+        name, fit = CANDIDATE, found.partial.trial.fit
+        comment = candidate_comment(partial)
+    else:
+        return
+    values = {key: entry["value"] for key, entry in calibrated_of(fit).items()}
+    text = write_back(config_path.read_text(encoding="utf-8"), values)
+    text = with_effects(text, fit.config.effect[len(found.problem.config.effect) :])
+    (folder / name).write_text(comment + text, encoding="utf-8")
 
 
 class _Runs(NamedTuple):
@@ -191,6 +213,7 @@ def _about(searched: bytes, names: Sequence[str]) -> dict[str, Any]:
     """What a result was made of: program, logs, and the text of the configuration."""
     return {
         "version": version("ballscrew-observer"),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "logs": list(names),
         "config_sha256": hashlib.sha256(searched).hexdigest(),
     }

@@ -225,8 +225,11 @@ def discover(
     warn(result["doubts"])
     for sentence in as_sentences(found, result):
         typer.echo(sentence)
-    files = "config.toml, result.json, report.html" if result["effects"] else "result.json, report.html"
-    typer.echo(f"written to {output}: {files}")
+    offered = result["partial"] is not None and result["partial"]["candidate"] is not None
+    more = "config.toml, " if result["effects"] else "candidate.toml, " if offered else ""
+    typer.echo(f"written to {output}: {more}result.json, report.html")
+    step = result["next"]
+    typer.echo(f"next: {step['text']}" + (f":\n  {step['command']}" if step["command"] else "."))
 
 
 @verbs.command()
@@ -242,6 +245,9 @@ def adopt(
         bool, typer.Option("--status", help="Instead, say how the last adoption stands.")
     ] = False,
     undo: Annotated[bool, typer.Option("--undo", help="Instead, take the last adoption back.")] = False,
+    candidate: Annotated[
+        bool, typer.Option("--candidate", help="Take candidate.toml, which explains most of an unknown.")
+    ] = False,
 ) -> None:
     """Put a found configuration in force, watch the gap, and take it back if that has not shrunk."""
     if [folder is not None, status, undo].count(True) != 1:
@@ -252,7 +258,7 @@ def adopt(
         found = adoptions.undo(config) if undo else adoptions.adoption_of(config)
         typer.echo(f"{config}: " + ("nothing was adopted" if found is None else found.sentence()))
         return
-    adoption = adoptions.adopt(folder, config, hours, time.time())
+    adoption = adoptions.adopt(folder, config, hours, time.time(), candidate=candidate)
     typer.echo(
         f"{config} is now the configuration of {folder}; the one before is in {adoption.before}.\n"
         f"A running service puts it in force within seconds, watches the gap for {hours:g} h of running, "

@@ -19,6 +19,7 @@ from observer.discovery.search import Progress, Search, search, without
 from observer.discovery.suspects import Suspect, about_the_air, suspects
 from observer.discovery.verdict import Partial, Proof, Verdict, decide, partial_of, prove, under_suspicion
 from observer.discovery.workers import IN_PROCESS, WorkerPool
+from observer.discovery.worth import Worth, worth_of
 from observer.errors import LogError
 from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
@@ -35,7 +36,8 @@ class Discovery:
     """Everything a discovery found: see the modules of each part.
 
     `ties`: of an ambiguous answer whose sets differ only within families, the members of each position.
-    `suspects`: faults of the logs; those corrected before the search come first.
+    `suspects`: faults of the logs; those corrected before the search come first. `worth`: what the effects
+    are worth in thermal error or, where none was added, the calibration.
     """
 
     problem: Problem
@@ -48,6 +50,7 @@ class Discovery:
     ties: tuple[Tie, ...] = ()
     partial: Partial | None = None
     suspects: tuple[Suspect, ...] = ()
+    worth: Worth | None = None
 
 
 def discover(
@@ -84,6 +87,7 @@ def discover(
     doubts = [s.text for s in wrong if s.what != "ambient" or not about_the_air(verdict.fit)]
     verdict = under_suspicion(verdict, doubts)
     where = localised(found.null, problem.evidence.used)
+    before = found.null.config if found.chosen else config
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
     return Discovery(
         problem=problem,
@@ -96,6 +100,7 @@ def discover(
         ties=ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
         partial=partial_of(found) if missing else None,
         suspects=(*corrected, *wrong),
+        worth=worth_of(problem, before, verdict.fit.config),
     )
 
 

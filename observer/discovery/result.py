@@ -11,10 +11,16 @@ import numpy as np
 from observer.discovery.discover import Discovery
 from observer.discovery.family import Tie
 from observer.discovery.search import FittedCandidate
-from observer.discovery.verdict import SensorError
+from observer.discovery.verdict import Partial, SensorError
+from observer.discovery.worth import Worth
 from observer.fit.calibrate import Calibration, ErrorRms, describe
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit
 from observer.fit.parameters import info_of, rounded
+
+CANDIDATE, MOST = "candidate.toml", 0.5
+"""The file of an effect that was not named though it explains at least this part of an unknown: of the misfit
+where it was fitted, and of the squared error on the proof.
+"""
 
 
 def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> dict[str, Any]:
@@ -74,6 +80,7 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
             "per_sensor": {name: _error(error) for name, error in proof.per_sensor.items()},
             "on": "proof",
         },
+        "worth": _worth(found.worth),
         "where": _where(found),
         "ranking": [_trial(t) for t in found.search.ranking],
         "not_told": [c.name for c in found.search.blind],
@@ -152,7 +159,21 @@ def _partial(found: Discovery) -> dict[str, Any] | None:
         "most_on": partial.most_on,
         "phase": partial.phase,
         "family": None if partial.tie is None else _tie(partial.tie),
+        "log": partial.log + 1,
+        "proof": {"before_rms_K": rounded(partial.proof_K[0]), "after_rms_K": rounded(partial.proof_K[1])},
+        "worth": _worth(partial.worth),
+        "candidate": CANDIDATE if _explains_most(partial) else None,
     }
+
+
+def _explains_most(partial: Partial) -> bool:
+    before_K, after_K = partial.proof_K
+    return partial.share >= MOST and after_K**2 <= (1.0 - MOST) * before_K**2
+
+
+def _worth(worth: Worth | None) -> dict[str, float] | None:
+    """What a change of the model is worth in thermal error, None where there is no expansion coefficient."""
+    return None if worth is None else _rounded(worth._asdict())
 
 
 def _family(ties: Sequence[Tie]) -> dict[str, Any] | None:

@@ -15,6 +15,7 @@ from observer.discovery.candidates import Candidate
 from observer.discovery.family import Member, Tie, tie_of
 from observer.discovery.localise import localised
 from observer.discovery.search import FittedCandidate, Search, form_of, same_physics
+from observer.discovery.worth import Worth, worth_of
 from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
 
@@ -264,7 +265,8 @@ class Partial:
     `share`: the part of the misfit that it explains. `remains_rms_K`: the remaining error, and
     `beyond_tolerances_rms_K`; `most_on`: the sensor with the largest, and the `phase` in which it is largest,
     if any is long enough.
-    `tie`: the effects that explain as much, itself first, where they form one family.
+    `log`: the run, from 0, in which that sensor's error is largest. `tie`: the effects that explain as much,
+    itself first, where they form one family. `proof_K`, `worth`: on the proof, the error before and after it.
     """
 
     trial: FittedCandidate
@@ -274,6 +276,9 @@ class Partial:
     most_on: str
     phase: str | None
     tie: Tie | None
+    log: int
+    proof_K: tuple[float, float]
+    worth: Worth | None
 
 
 def partial_of(search: Search) -> Partial | None:
@@ -290,6 +295,12 @@ def partial_of(search: Search) -> Partial | None:
     }
     worst = max(of_sensor, key=lambda name: of_sensor[name])
     phases = [place.phase for place in localised(best.fit, used) if place.sensor == worst]
+    of_worst = used & (problem.evidence.sensor == [s.name for s in problem.config.sensor].index(worst))
+    of_run = {
+        int(r): rms(left_K[of_worst & (problem.evidence.run == r)])
+        for r in set(problem.evidence.run[of_worst])
+    }
+    before_K, proof = problem.error_K(search.null.config), problem.evidence.proof
     return Partial(
         trial=best,
         share=best.drop / search.null.deviance,
@@ -298,6 +309,9 @@ def partial_of(search: Search) -> Partial | None:
         most_on=worst,
         phase=phases[0] if phases else None,
         tie=_alike(best, trials),
+        log=max(of_run, key=lambda run: of_run[run]),
+        proof_K=(rms(before_K[proof]), rms(left_K[proof])),
+        worth=worth_of(problem, search.null.config, best.fit.config),
     )
 
 

@@ -108,8 +108,10 @@ def note(config: Path, adoption: Adoption) -> None:
     _write({_beside(config, RECORD): _text(adoption)}, config)
 
 
-def adopt(folder: Path, config: Path, hours: float, now_s: float) -> Adoption:
+def adopt(folder: Path, config: Path, hours: float, now_s: float, *, candidate: bool = False) -> Adoption:
     """Put the configuration that a search has written in the place of the one it has searched.
+
+    The `candidate` of an unknown is put there only on demand.
 
     Raises `UserError` where there is none, where the configuration is not the one that was searched any more,
     where the new one cannot be loaded or is of another machine, or where the files cannot be written.
@@ -118,9 +120,10 @@ def adopt(folder: Path, config: Path, hours: float, now_s: float) -> Adoption:
     before, watched = load(config), adoption_of(config)
     if watched is not None and watched.state == "watching" and watched.sha256 == sha256(config):
         raise UserError(f"{config}: {watched.sentence()}; wait for its end, or take it back with --undo")
-    new = _found(folder, config)
-    refuse_unlike(before, new, folder / "config.toml")
-    text, kept = (folder / "config.toml").read_bytes(), _free(config)
+    path = _found(folder, config, candidate=candidate)
+    new = load(path)
+    refuse_unlike(before, new, path)
+    text, kept = path.read_bytes(), _free(config)
     adoption = Adoption(
         adopted_s=now_s, state="watching", before=kept.name, before_sha256=sha256(config),
         before_hash=before.digest, sha256=hashlib.sha256(text).hexdigest(), hash=new.digest, hours=hours,
@@ -188,10 +191,19 @@ def sha256(path: Path) -> str:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}); put it back") from None
 
 
-def _found(folder: Path, config: Path) -> Installation:
+def _found(folder: Path, config: Path, *, candidate: bool) -> Path:
     """The configuration that a folder of results has, if it was found for this one."""
-    result, path = _result(folder), folder / "config.toml"
-    if not path.is_file() or result.get("verdict", "named") != "named":
+    result = _result(folder)
+    path = folder / ("candidate.toml" if candidate else "config.toml")
+    offered = _table(result.get("partial")).get("candidate") is not None
+    if offered and not candidate:
+        raise ConfigError(
+            f"{folder}: holds only a candidate (candidate.toml): it explains most of what is missing, but "
+            "the search could not name it; read report.html, and add --candidate if you can say what it is"
+        )
+    if candidate and not offered:
+        raise ConfigError(f"{folder}: holds no candidate; leave --candidate out")
+    if not path.is_file() or (not candidate and result.get("verdict", "named") != "named"):
         raise ConfigError(
             f"{folder}: holds no configuration to adopt (config.toml); `observer discover` writes one only "
             "where it has named an effect, `observer calibrate` always"
@@ -206,7 +218,11 @@ def _found(folder: Path, config: Path) -> Installation:
             f"{folder}: {config} is no longer the configuration that was searched; search again with the one "
             "in force"
         )
-    return load(path)
+    return path
+
+
+def _table(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 def _result(folder: Path) -> Mapping[str, Any]:

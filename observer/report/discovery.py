@@ -18,7 +18,18 @@ from observer.fit.tolerance import UNEVEN
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
 from observer.report import wording
-from observer.report.page import Html, code, document, figure, paragraph, safe, section, share, table, tiles
+from observer.report.frame import arrow, beyond, header, in_lines, made_of, next_step, values
+from observer.report.page import (
+    Html,
+    code,
+    document,
+    figure,
+    paragraph,
+    safe,
+    section,
+    share,
+    table,
+)
 from observer.report.panels import duration_text
 from observer.tables.estimator import Tolerance
 from observer.tables.sections import Sensor
@@ -62,7 +73,8 @@ def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any],
     shown = _shown(found)
     machine = found.problem.config.machine
     parts = [
-        _header(found, result, logs),
+        header(found, result, logs),
+        next_step(result),
         _suspects(result),
         _doubt(found, result),
         _maps(found, result, shown, logs),
@@ -70,6 +82,7 @@ def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any],
         _candidates(found, result),
         _parameters(found, result),
         _limits(found, logs),
+        made_of(result),
     ]
     page = document(f"{wording.headline(found.verdict, result)} – {machine.name}, axis {machine.axis}", parts)
     path.write_text(page, encoding="utf-8")
@@ -85,30 +98,6 @@ def _shown(found: Discovery) -> Shown:
     return Shown(names, before, what, problem.error_K(given), problem.error_K(fit.config))
 
 
-def _header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
-    machine, gap = found.problem.config.machine, result["gap"]
-    of = f"{machine.name}, axis {machine.axis}"
-    first = (
-        ("as configured", "as_given") if gap["before_rms_K"] == gap["after_rms_K"] else ("before", "before")
-    )
-    facts = [
-        (f"Gap on data held back, {first[0]} → now", _arrow(gap[f"{first[1]}_rms_K"], gap["after_rms_K"])),
-        ("Of it beyond tolerances", _beyond(gap)),
-        ("Noise of the sensors alone", wording.kelvin(gap["floor_rms_K"])),
-        ("Logs", f"{len(logs)}, the last kept as proof" if len(logs) > 1 else "1, its end kept as proof"),
-    ]
-    facts += [(wording.name_of(e), _values(e)) for e in result["effects"]]
-    partial = "" if result["partial"] is None else f" {wording.partial_sentence(result['partial'])}."
-    happened = wording.event_of(result)
-    where = "" if happened is None else f" {wording.event_sentence(happened, logs[happened['log'] - 1])}."
-    sure = "" if result["verdict"] in ("named", "none") else ' class="doubt"'
-    verdict, gap_left = wording.headline(found.verdict, result), wording.gap_sentence(result)
-    return Html(
-        f'<header{sure}><p class="of">{safe(of)}: what the model lacks</p>'
-        f"<h1>{safe(verdict)}.</h1>{paragraph(f'{gap_left}.{partial}{where}')}{tiles(facts)}</header>"
-    )
-
-
 def _suspects(result: dict[str, Any]) -> Html:
     """What is wrong with the logs."""
     rows = [
@@ -116,7 +105,9 @@ def _suspects(result: dict[str, Any]) -> Html:
     ]
     note = "Faults of the logs themselves; correct them and search again:"
     heads = ["Suspect", "channel", "what is wrong, and what to do"]
-    return section("Suspects", paragraph(note, "note"), table(heads, rows)) if rows else Html("")
+    return (
+        section("Suspects", paragraph(note, "note"), table(heads, rows, stacked=True)) if rows else Html("")
+    )
 
 
 def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
@@ -129,11 +120,11 @@ def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
         effects = effects_of(fit)
         lacks = wording.joined([wording.lack_of(e["kind"], e["target"]) for e in effects])
         names = Html(", ".join(code(wording.name_of(e)) for e in effects))
-        rows.append([lacks, names, _lines([_values(e) for e in effects]), wording.kelvin(rms(error_K))])
+        rows.append([lacks, names, in_lines([values(e) for e in effects]), wording.kelvin(rms(error_K))])
     test = result["experiment"]
     return section(
         "The test that would decide" if test is not None else "Answers that explain the logs equally well",
-        table(["The model may lack", "effect", "parameters (95 %)", "gap left"], rows, (3,)),
+        table(["The model may lack", "effect", "parameters (95 %)", "gap left"], rows, (3,), stacked=True),
         paragraph(f"{wording.experiment_sentence(test)}.") if test is not None else Html(""),
     )
 
@@ -147,7 +138,10 @@ def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence
         box = panels.Box(event.run, sensors.index(event.sensor), event.from_s, event.to_s)
     least_K = LEAST_SIGMA * float(np.median([s.noise_K for s in config.sensor]))
     headings = {"before": f"Before: {shown.before}", "after": f"After: {shown.after}"}
-    drawn = panels.residual_maps(tracks, sensors, headings, least_K, box)
+    drawn, narrow = (
+        panels.residual_maps(tracks, sensors, headings, least_K, box, width)
+        for width in (panels.WIDTH, panels.NARROW)
+    )
     framed = " The frame marks what no effect explains." if box is not None else ""
     caption = (
         "Each row is a sensor, each column half a minute; both maps have one scale. Vermilion: measured is "
@@ -169,9 +163,9 @@ def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence
     note = "Where the calibrated model without any added effect is most wrong, on the data used for fitting:"
     return section(
         "Where and when prediction and measurement disagree",
-        figure(drawn, caption),
+        figure(drawn, caption, narrow),
         paragraph(note, "note") if rows else Html(""),
-        table(heads, rows, (2, 3)),
+        table(heads, rows, (2, 3), stacked=True),
     )
 
 
@@ -196,13 +190,14 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
             continue
         before_K, after_K = rms(shown.before_K[mine]), rms(shown.after_K[mine])
         gap = result["gap"]["per_sensor"][sensor.name]
-        titles.append(f"{name}, °C: {_arrow(before_K, after_K)} rms")
+        titles.append(f"{name}, °C: {arrow(before_K, after_K)} rms")
         kelvins = map(wording.kelvin, (before_K, after_K))
-        cells.append([sensor.name, site(sensor), *kelvins, _beyond(gap), wording.kelvin(gap["floor_rms_K"])])
-    drawn = [
-        figure(panels.comparisons(track, lines, titles[i : i + PANELS], i), _caption(i, logs[run]))
-        for i in range(0, len(titles), PANELS)
-    ]
+        cells.append([sensor.name, site(sensor), *kelvins, beyond(gap), wording.kelvin(gap["floor_rms_K"])])
+    drawn = []
+    for i in range(0, len(titles), PANELS):
+        some = titles[i : i + PANELS]
+        narrow = panels.comparisons(track, lines, some, i, panels.NARROW)
+        drawn.append(figure(panels.comparisons(track, lines, some, i), _caption(i, logs[run]), narrow))
     heads = [
         "Sensor",
         "at",
@@ -214,7 +209,7 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
     return section(
         "Measured against predicted, on data that took no part in fitting or choosing",
         *drawn,
-        table(heads, cells, (1, 2, 3, 4, 5)),
+        table(heads, cells, (1, 2, 3, 4, 5), stacked=True),
         paragraph(tolerated(found.problem.config.tolerance), "note"),
     )
 
@@ -235,7 +230,7 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     rows = [
         [
             Html(f"{code(wording.name_of(t))}<br>{safe(wording.lack_of(t['kind'], t['target']))}"),
-            _values(t),
+            values(t),
             f"{t['evidence']:,.0f}",
             share(t["held_out_share"]),
             _standing(t, best, result["verdict"]),
@@ -260,8 +255,8 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
         paragraph(
             note if rows else "No effect of the library promised to explain anything that is left.", "note"
         ),
-        table(heads, rows, (2,)),
-        table(heads_more, more, (1, 3)),
+        table(heads, rows, (2,), stacked=True),
+        table(heads_more, more, (1, 3), stacked=True),
     )
 
 
@@ -282,7 +277,12 @@ def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
     given = dict(zip(problem.keys, problem.free_values(problem.config).tolist(), strict=True))
 
     def row(name: str, p: dict[str, Any], before: str) -> list[str]:
-        return [code(name), wording.interval(p["value"], *p["ci95"]), wording.unit_text(p["unit"]), before]
+        return [
+            code(name),
+            wording.interval(p["value"], *p["ci95"]),
+            wording.unit_text(p["unit"]) or "–",
+            before,
+        ]
 
     rows = [
         row(f"{wording.name_of(e)}: {key}", p, "new")
@@ -295,7 +295,7 @@ def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
     return section(
         "Parameters",
         paragraph(note, "note"),
-        table(["Parameter", "value (95 %)", "unit", "as configured"], rows, (1, 3)),
+        table(["Parameter", "value (95 %)", "unit", "as configured"], rows, (1, 3), stacked=True),
     )
 
 
@@ -321,7 +321,7 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
     )
     return section(
         "What was not used for fitting, and what is not identifiable from these logs",
-        table(heads, rows, (1, 2, 3, 4, 5)),
+        table(heads, rows, (1, 2, 3, 4, 5), stacked=True),
         paragraph(note, "note"),
         paragraph(sentence),
     )
@@ -330,24 +330,6 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
 def _duration(time_s: FloatArray) -> str:
     """How long the half minutes that end at these times last together."""
     return duration_text(len(np.unique(time_s)) * panels.MEAN_S) if len(time_s) else "–"
-
-
-def _values(effect: dict[str, Any]) -> Html:
-    return _lines([f"{key} {wording.measured(p)}" for key, p in effect["parameters"].items()])
-
-
-def _lines(parts: Sequence[str]) -> Html:
-    return Html("<br>".join(map(safe, parts)))
-
-
-def _arrow(before_K: float, after_K: float) -> str:
-    return f"{wording.kelvin(before_K)} → {wording.kelvin(after_K)}"
-
-
-def _beyond(gap: dict[str, Any]) -> str:
-    """What of a gap no tolerance explains, calibrated without an effect and with those found."""
-    before_K, after_K = (gap["beyond_tolerances"][f"{key}_rms_K"] for key in ("before", "after"))
-    return wording.kelvin(after_K) if before_K == after_K else _arrow(before_K, after_K)
 
 
 def _signed(value_K: float) -> str:

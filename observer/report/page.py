@@ -33,7 +33,10 @@ def document(title: str, parts: Sequence[Html]) -> str:
 def section(title: str, *parts: Html) -> Html:
     """Return a part of the page under a heading; empty parts are left out, as is a section without any."""
     kept = [part for part in parts if part]
-    return Html("\n".join([f"<section><h2>{escape(title)}</h2>", *kept, "</section>"]) if kept else "")
+    if not kept:
+        return Html("")
+    begin = f'<section><div class="kept"><h2>{escape(title)}</h2>\n{kept[0]}</div>'  # on paper on one page
+    return Html("\n".join([begin, *kept[1:], "</section>"]))
 
 
 def paragraph(text: str, kind: str = "") -> Html:
@@ -41,9 +44,12 @@ def paragraph(text: str, kind: str = "") -> Html:
     return Html(f'<p class="{kind}">{safe(text)}</p>' if kind else f"<p>{safe(text)}</p>")
 
 
-def figure(svg: str, caption: str) -> Html:
-    """Return a drawing with its caption."""
-    return Html(f'<figure><div class="wide">{svg}</div><figcaption>{safe(caption)}</figcaption></figure>')
+def figure(svg: str, caption: str, narrow: str = "") -> Html:
+    """Return a drawing with its caption; `narrow` is the same for a phone, where it is scrolled without."""
+    drawn = f'<div class="wide">{svg}</div>'
+    if narrow:
+        drawn = f'<div class="broad">{svg}</div><div class="narrow">{narrow}</div>'
+    return Html(f"<figure>{drawn}<figcaption>{safe(caption)}</figcaption></figure>")
 
 
 def table(
@@ -60,7 +66,7 @@ def table(
         found = []
         for i, cell in enumerate(cells):
             kind = ' class="n"' if i in numbers else ""
-            head = f' data-head="{escape(heads[i])}"' if stacked and i and tag == "td" else ""
+            head = f' data-head="{escape(heads[i])}"' if stacked and i and heads[i] and tag == "td" else ""
             found.append(f"<{tag}{kind}{head}>{safe(cell)}</{tag}>")
         return "".join(found)
 
@@ -79,6 +85,11 @@ def tiles(facts: Sequence[tuple[str, str]]) -> Html:
 def code(text: str) -> Html:
     """Return a name as a configuration spells it."""
     return Html(f"<code>{escape(text)}</code>")
+
+
+def command(text: str) -> Html:
+    """Return a command to be copied into a terminal, a line of its own."""
+    return Html(f'<pre class="command">{escape(text)}</pre>')
 
 
 def share(part: float) -> Html:

@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MEAN_S = TICK_S * TICKS_IN_MEAN
-WIDTH = 9.4
-"""Of a drawing in inches, at 72 units of SVG each."""
+WIDTH, NARROW = 9.4, 4.9
+"""Of a drawing in inches, at 72 units of SVG each; and of the same drawing for a phone."""
 LEFT, RIGHT, BETWEEN = 1.05, 0.1, 0.1
+LEFT_NARROW = 0.55
 COLD, WARM = (0x2B, 0x83, 0xC4), (0xD9, 0x64, 0x1C)
 """Blue below and vermilion above zero, of a lightness that shows on white and on black."""
 PAGE, LINE, AFTER, BEFORE = "#fefefe", RC["axes.edgecolor"], CATEGORIES[0], CATEGORIES[1]
@@ -99,27 +100,29 @@ def tracks_of(evidence: Evidence, logs: Sequence[str], rows: dict[str, FloatArra
 
 
 def residual_maps(
-    tracks: Sequence[Track], sensors: Sequence[str], maps: dict[str, str], least_K: float, box: Box | None
-) -> str:
+    tracks: Sequence[Track], sensors: Sequence[str], maps: dict[str, str], least_K: float, box: Box | None,
+    width: float = WIDTH,
+) -> str:  # fmt: skip
     """Draw errors, sensor by time, all logs side by side, one map under another on one scale.
 
-    `maps` gives the values to show with their headings; the scale reaches at least `least_K`.
+    `maps` gives the values to show with their headings; the scale reaches at least `least_K`. `width` is in
+    inches.
     """
     row = min(max(1.5 / len(sensors), 0.24), 3.6 / len(sensors))
     tall, head, gap, foot = row * len(sensors), 0.62, 0.34, 0.95
     height = head + len(maps) * (tall + gap) + foot
     limit_K = scale_limit([t.values[key] for t in tracks for key in maps], least_K)
     hours = max(len(t.role) for t in tracks) * MEAN_S > 4 * 3600.0
-    with _drawing(height) as figure:
-        for i, (track, left, width) in enumerate(_lanes(tracks)):
-            _head(_axes(figure, left, 0.0, width, head - 0.02), track, width, names=len(tracks) < 13)
+    with _drawing(height, width) as figure:
+        for i, (track, left, wide) in enumerate(_lanes(tracks, width)):
+            _head(_axes(figure, left, 0.0, wide, head - 0.02), track, wide, names=len(tracks) < 13)
             for m, (key, heading) in enumerate(maps.items()):
                 top = head + gap + m * (tall + gap)
-                axes = _axes(figure, left, top, width, tall)
+                axes = _axes(figure, left, top, wide, tall)
                 _map(axes, track, key, limit_K, 3600.0 if hours else 60.0)
                 _rows_named(axes, sensors if i == 0 else [""] * len(sensors), row)
                 axes.tick_params(labelbottom=m == len(maps) - 1, length=2)
-                axes.locator_params(axis="x", nbins=max(1, min(7, round(width / 0.55))))
+                axes.locator_params(axis="x", nbins=max(1, min(7, round(wide / 0.55))))
                 if i == 0:
                     axes.text(
                         0, 1 + 0.07 / tall, heading, transform=axes.transAxes, va="bottom", weight="bold"
@@ -127,40 +130,43 @@ def residual_maps(
                 if box is not None and box.run == i:
                     _outline(axes, box, 3600.0 if hours else 60.0)
         _scale(figure, height, limit_K, f"time since the start of each log, {'h' if hours else 'min'}")
-        return _svg(figure, "maps", "Measured less predicted, sensor by time")
+        return _svg(figure, f"maps{width:.0f}", "Measured less predicted, sensor by time")
 
 
-def comparisons(track: Track, lines: dict[str, str], titles: Sequence[str], first: int) -> str:
+def comparisons(
+    track: Track, lines: dict[str, str], titles: Sequence[str], first: int, width: float = WIDTH
+) -> str:
     """Draw measured and predicted on the proof, a panel with a title for each sensor from number `first` on.
 
     `lines` says what is drawn: keys of the track's values and their names.
     """
-    panel, head = 1.75, 0.34
-    rows = (len(titles) + 1) // 2
+    columns = 2 if width == WIDTH else 1
+    panel, head = 1.75, 0.34 if columns == 2 else 0.7
+    rows = -(-len(titles) // columns)
     proof = track.role == PROOF
     begin = int(np.argmax(proof))
     t, unit = elapsed(np.concatenate([[0.0], track.time_s]))
     t = t[1:]
-    wide = (WIDTH - 2 * 0.5 - RIGHT) / 2
-    with _drawing(head + rows * panel + 0.2) as figure:
+    wide = (width - columns * 0.5 - RIGHT) / columns
+    with _drawing(head + rows * panel + 0.2, width) as figure:
         for i, title in enumerate(titles):
-            left = 0.45 + (i % 2) * (wide + 0.5)
-            axes = _axes(figure, left, head + (i // 2) * panel + 0.32, wide, panel - 0.66)
+            left = 0.45 + (i % columns) * (wide + 0.5)
+            axes = _axes(figure, left, head + (i // columns) * panel + 0.32, wide, panel - 0.66)
             for key, style in zip(lines, _STYLES, strict=False):
                 values = np.where(proof, track.values[key][first + i], np.nan)
                 axes.plot(t[begin:], values[begin:], **style)
             axes.set_xlim(t[begin] if begin else 0.0, t[-1])
             axes.set_title(title, pad=4)
             axes.locator_params(axis="y", nbins=4)
-            axes.tick_params(labelbottom=i + 2 >= len(titles), length=2)
-            if i + 2 >= len(titles):
+            axes.tick_params(labelbottom=i + columns >= len(titles), length=2)
+            if i + columns >= len(titles):
                 axes.set_xlabel(f"time since the start of the log, {unit}", color=QUIET, fontsize=8.5)
         handles = figure.axes[0].get_lines()
-        place = (0.45 / WIDTH, 1.0)
         figure.legend(
-            handles, list(lines.values()), loc="upper left", bbox_to_anchor=place, ncols=3, borderaxespad=0
-        )
-        return _svg(figure, f"proof{first}", "Measured and predicted on the proof")
+            handles, list(lines.values()), loc="upper left", bbox_to_anchor=(0.45 / width, 1.0),
+            ncols=3 if columns == 2 else 1, borderaxespad=0,
+        )  # fmt: skip
+        return _svg(figure, f"proof{first}-{columns}", "Measured and predicted on the proof")
 
 
 _STYLES: tuple[dict[str, Any], ...] = (
@@ -191,13 +197,18 @@ def shortened(name: str, most: int) -> str:
     return name if len(name) <= most else f"{name[: (keep + 1) // 2]}…{name[len(name) - keep // 2 :]}"
 
 
-def _lanes(tracks: Sequence[Track]) -> list[tuple[Track, float, float]]:
+def _margin(width: float) -> float:
+    """What the names of sensors take of a drawing's width, in inches."""
+    return LEFT if width == WIDTH else LEFT_NARROW
+
+
+def _lanes(tracks: Sequence[Track], whole: float) -> list[tuple[Track, float, float]]:
     """Every log with its left edge and its width in inches, in proportion to duration but for short ones."""
     length = np.array([len(t.role) for t in tracks], dtype=float)
-    room = WIDTH - LEFT - RIGHT - BETWEEN * (len(tracks) - 1)
+    room = whole - _margin(whole) - RIGHT - BETWEEN * (len(tracks) - 1)
     width = np.maximum(length / length.sum(), 0.4 / len(tracks))
     width *= room / width.sum()
-    left = LEFT + np.concatenate([[0.0], np.cumsum(width + BETWEEN)[:-1]])
+    left = _margin(whole) + np.concatenate([[0.0], np.cumsum(width + BETWEEN)[:-1]])
     return list(zip(tracks, left.tolist(), width.tolist(), strict=True))
 
 
@@ -241,7 +252,12 @@ def _map(axes: Axes, track: Track, key: str, limit_K: float, unit_s: float) -> N
 
 def _rows_named(axes: Axes, names: Sequence[str], row: float) -> None:
     size = min(9.0, 60 * row)
-    shown = [shortened(n, int(LEFT / (0.0092 * size))) for n in names]
+    left = (
+        axes.get_position().x0 * axes.figure.bbox_inches.width
+        if hasattr(axes.figure, "bbox_inches")
+        else LEFT
+    )
+    shown = [shortened(n, int(left / (0.0092 * size))) for n in names]
     axes.set_yticks(np.arange(len(names)) + 0.5, shown, fontsize=size)
     axes.tick_params(axis="y", length=0)
 
@@ -258,8 +274,11 @@ def _outline(axes: Axes, box: Box, unit_s: float) -> None:
 
 def _scale(figure: Figure, height: float, limit_K: float, time: str) -> None:
     """The key of the colours, and what the time is."""
-    figure.text(LEFT / WIDTH, 0.62 / height, time, color=QUIET, fontsize=8.5, va="center")
-    axes = _axes(figure, LEFT + 2.3, height - 0.5, 2.6, 0.16)
+    width = figure.get_figwidth()
+    figure.text(_margin(width) / width, 0.62 / height, time, color=QUIET, fontsize=8.5, va="center")
+    axes = _axes(
+        figure, *((LEFT + 2.3, height - 0.5, 2.6) if width == WIDTH else (1.75, height - 0.4, 1.6)), 0.16
+    )
     values = np.linspace(-limit_K, limit_K, 101)[None, :]
     axes.imshow(
         coloured(values, limit_K), extent=(-limit_K, limit_K, 0, 1), aspect="auto", interpolation="none"
@@ -277,18 +296,19 @@ def _scale(figure: Figure, height: float, limit_K: float, time: str) -> None:
 def _axes(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
     """Axes by inches from the left and the top."""
     whole = figure.get_figheight()
-    return figure.add_axes((left / WIDTH, 1 - (top + height) / whole, width / WIDTH, height / whole))
+    wide = figure.get_figwidth()
+    return figure.add_axes((left / wide, 1 - (top + height) / whole, width / wide, height / whole))
 
 
 @contextmanager
-def _drawing(height: float) -> Iterator[Figure]:
-    """An empty figure, `height` inches high, in the style of a page."""
+def _drawing(height: float, width: float) -> Iterator[Figure]:
+    """An empty figure, so many inches high and wide, in the style of a page."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     with mpl.rc_context(SVG_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # names are drawn by the browser's fonts
-        yield Figure(figsize=(WIDTH, height))
+        yield Figure(figsize=(width, height))
 
 
 def _svg(figure: Figure, name: str, label: str) -> str:

@@ -208,3 +208,17 @@ def test_a_sentence_says_how_it_stands(found, config):
         update={"watched_h": 3.0, "values": 4, "before_squares_K2": 16.0, "squares_K2": 1.0}
     )
     assert watched.sentence().endswith("3 of 24 h of running; open-loop gap 2 K rms before, 0.5 K now")
+
+
+def test_a_candidate_is_adopted_only_on_demand(found, config):
+    (found / "config.toml").rename(found / "candidate.toml")
+    candidate = {"candidate": "candidate.toml"}
+    _result(found, verdict="unknown", partial=candidate, config_sha256=sha256(config))
+    assert "holds only a candidate" in _refused(found, config)
+    adopt(found, config, 24.0, 1e9, candidate=True)
+    assert config.read_bytes() == (found / "candidate.toml").read_bytes()
+
+
+def test_where_there_is_no_candidate_none_is_adopted(found, config):
+    with pytest.raises(UserError, match="holds no candidate"):
+        adopt(found, config, 24.0, 1e9, candidate=True)

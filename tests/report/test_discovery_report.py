@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -12,18 +13,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from observer.app.models import _write_configurations
 from observer.config import Config
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.localise import Event
 from observer.discovery.result import discovery_result
 from observer.discovery.verdict import Verdict, partial_of
+from observer.discovery.worth import Worth
 from observer.effects.catalogue import BY_KIND, LIBRARY
 from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
 from observer.report.discovery import _suspects, site, write_discovery_report
 from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
-from observer.report.wording import as_sentences, headline, interval, kelvin, partial_sentence
+from observer.report.wording import as_sentences, headline, interval, kelvin, next_step, partial_sentence
 from observer.tables.sections import Sensor
 from tests.logs.machines import machine
 from tests.logs.simulated import made_log
@@ -176,7 +179,9 @@ def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
     text, page = _page(replace(found, verdict=verdict, event=event), tmp_path)
     plain, _ = _page(found, tmp_path)
     assert "3 ± 1 W less heat than the model has, measured 0.70 K below predicted" in page.text
-    assert text.count("stroke: currentColor") == plain.count("stroke: currentColor") + 2  # one a map
+    assert (
+        text.count("stroke: currentColor") == plain.count("stroke: currentColor") + 4
+    )  # one a map, each in two widths
 
 
 def test_the_gap_beyond_tolerances_stands_beside_the_raw_one(found: Discovery, tmp_path: Path) -> None:
@@ -202,6 +207,69 @@ def test_a_family_and_a_partial_answer_are_told_on_the_page(found: Discovery, tm
     assert result["partial"]["remains_beyond_tolerances_rms_K"] <= result["partial"]["remains_rms_K"]
     page = _page(unknown, tmp_path, result)[1]
     assert f"{partial_sentence(result['partial'])}." in page.text
+
+
+def test_what_explains_most_of_an_unknown_is_offered_as_a_candidate(found: Discovery, tmp_path: Path) -> None:
+    verdict = replace(found.verdict, kind="unknown", remains="on data held back")
+    unknown = replace(found, verdict=verdict, partial=partial_of(found.search))
+    result = discovery_result(unknown) | {"logs": ["one.csv"]}
+    partial = result["partial"]
+    assert partial["candidate"] == "candidate.toml"
+    assert partial["log"] == 1
+    assert partial["proof"]["after_rms_K"] < 0.2 * partial["proof"]["before_rms_K"]
+    given = tmp_path / "machine.toml"
+    given.write_text("[surface]\nconvection_W_m2K = 1.0\n", encoding="utf-8")
+    _write_configurations(tmp_path, given, unknown, result)
+    assert not (tmp_path / "config.toml").exists()
+    text = (tmp_path / "candidate.toml").read_text(encoding="utf-8")
+    assert text.startswith("# A candidate, not a result: sensor_bias at b explains ")
+    assert f"to {kelvin(partial['proof']['after_rms_K'])} rms" in text.replace("\n# ", " ")
+    (effect,) = tomllib.loads(text)["effect"]
+    assert (effect["kind"], effect["target"]) == ("sensor_bias", "b")
+    step = next_step(result, "one.csv", "machine.toml", "out")
+    assert step["text"].startswith(f"Look at {partial['most_on']} in one.csv")
+    assert step["command"] == "observer adopt out --config machine.toml --candidate"
+    weak = replace(unknown.partial, proof_K=(1.0, 0.8))
+    assert discovery_result(replace(unknown, partial=weak))["partial"]["candidate"] is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "command"),
+    [
+        ({"verdict": "named", "effects": [1]}, "observer adopt out --config c.toml"),
+        ({"suspects": [1]}, "observer discover a.csv b.csv --config c.toml --output out"),
+        (
+            {"verdict": "ambiguous", "experiment": {}},
+            "observer discover a.csv b.csv NEW --config c.toml --output out",
+        ),
+        ({"verdict": "none"}, "observer calibrate a.csv b.csv --config c.toml --output out"),
+        ({"verdict": "not_identifiable"}, None),
+    ],
+)
+def test_what_to_do_next_is_a_command(changes: dict[str, Any], command: str | None) -> None:
+    assert next_step(BASE | changes, "a.csv b.csv", "c.toml", "out")["command"] == command
+
+
+def test_a_page_says_what_it_is_worth_when_and_of_what_it_was_made(found: Discovery, tmp_path: Path) -> None:
+    worth = Worth(15.3, 0.726, 23.5, 112.4, 0.8, 0.2)
+    result = discovery_result(replace(found, worth=worth)) | {
+        "date": "2026-11-25T23:01:02+00:00",
+        "version": "9.9",
+    }
+    result |= {
+        "config_sha256": "0abc",
+        "logs": ["run <a>.csv"],
+        "next": {"text": "Do", "command": "observer & co"},
+    }
+    _, page = _page(found, tmp_path, result)
+    assert result["worth"]["after_rms_um"] == 0.726
+    for words in (
+        "15.3 µm → 0.73 µm",
+        "off by 15.3 µm rms (at most 23.5 µm) and is now off by 0.73 µm (112 µm)",
+    ):
+        assert words in page.text
+    for words in ("2026-11-25T23:01:02+00:00", "9.9", "0abc", "observer & co"):
+        assert words in page.text
 
 
 def test_what_is_missing_in_a_log_stays_a_gap(found: Discovery) -> None:
@@ -246,6 +314,7 @@ BASE: dict[str, Any] = {
     "ranking": [],
     "experiment": None,
     "suspects": [],
+    "worth": None,
 }  # fmt: skip
 FELL = {
     "before_rms_K": 0.63, "after_rms_K": 0.156, "floor_rms_K": 0.007, "as_given_rms_K": 1.27,
