@@ -227,13 +227,20 @@ def _sites_as_table(sets: list[dict[str, Any]]) -> RenderableType:
 def export(
     config: ConfigOption,
     output: OutputOption,
-    format: Annotated[Literal["c99"], typer.Option(help="c99: C without a library.")] = "c99",
+    format: Annotated[
+        Literal["c99", "st"],
+        typer.Option(help="c99: C without a library; st: IEC 61131-3 structured text."),
+    ] = "c99",
+    single: Annotated[bool, typer.Option("--single", help="st: REAL in place of LREAL.")] = False,
 ) -> None:
     """Write the constant-gain observer as code for a controller."""
     from observer import app as parts
     from observer.installation import load
 
-    names, facts = parts.export(load(config), format, output)
+    if single and format != "st":
+        raise UserError("export: --single belongs to --format st; C99 has a macro for it")
+    kind = f"{format}-single" if single else format
+    names, facts = parts.export(load(config), kind, output)
     for line in facts:
         typer.echo(line)
     typer.echo(f"written to {output}: {', '.join(names)}")

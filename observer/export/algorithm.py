@@ -113,7 +113,7 @@ def begin(c: Any, v: Any) -> None:
 
 
 def predict(c: Any, v: Any) -> None:
-    """x⁺ = e∘x + hold∘(B law + E z) + ramp∘(E (z⁺ - z)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
+    """One exact step of a diagonal plant: decay, heats and known inputs, and what heats are beyond laws."""
     v.begun = True
     if v.started:
         for a in range(c.STATES):
@@ -233,7 +233,7 @@ def gate(c: Any, v: Any) -> None:
 
 
 def correct(c: Any, v: Any) -> None:
-    """x⁺ = x + K ν by the sensors that are accepted."""
+    """Add gain times innovation of the sensors that are accepted."""
     for i in range(c.SENSORS):
         if v.accepted[i]:
             for a in range(c.STATES + c.HEATS):

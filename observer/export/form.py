@@ -102,6 +102,16 @@ def _zeros(shape: tuple[int, ...], zero: Any) -> Any:
     return zero if not shape else [_zeros(shape[1:], zero) for _ in range(shape[0])]
 
 
+_WORDS = """
+ABS ACTION AND ANY ARRAY AT AUTO BOOL BY BYTE CASE CONTINUE DATE DINT DO DOUBLE DWORD ELSE END ENUM EXIT EXP
+FALSE FIND FLOAT FOR FUNCTION IF INT LEFT LEN LIMIT LINT LN LOG LREAL MAX METHOD MID MIN MOD MUX NOT OF ON OR
+PROGRAM REAL REGISTER REPEAT RETURN RIGHT SEL SHORT SIGNED SINT SIZEOF STATIC STEP STRING STRUCT SWITCH TASK
+THEN TIME TO TOD TRUE TRUNC TYPE UDINT UINT UNION UNTIL USINT VAR VOID WHILE WITH WORD XOR
+"""
+_RESERVED = frozenset(_WORDS.split())
+"""Words that C or structured text have for themselves, in capitals."""
+
+
 def identifiers(names: Sequence[str]) -> tuple[str, ...]:
     """Return names as identifiers of any language: letters, digits and single underscores.
 
@@ -111,7 +121,7 @@ def identifiers(names: Sequence[str]) -> tuple[str, ...]:
     made = []
     for name in names:
         own = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")
-        own = f"in_{own}" if not own or own[0].isdigit() else own
+        own = f"in_{own}" if not own or own[0].isdigit() or own.upper() in _RESERVED else own
         if (other := found.setdefault(own.lower(), name)) != name:
             raise ConfigError(
                 f'"{other}" and "{name}" are both "{own}" in a controller\'s language, which knows letters, '

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -12,6 +13,7 @@ import numpy as np
 
 from observer.export.c99 import c99_files
 from observer.export.form import Form, Slot
+from observer.export.structured_text import block_name, structured_text
 from observer.export.subset import OperationCount
 
 README = "README.md"
@@ -58,5 +60,17 @@ def _slot_bytes(slot: Slot, real: int) -> int:
     return int(np.prod(slot.shape, initial=1)) * {"real": real, "int": 4, "bool": 1}[slot.kind]
 
 
-WRITERS: Mapping[str, Callable[[Form, Path], list[str]]] = {"c99": write_c99}
+def write_st(form: Form, folder: Path, real: str = "LREAL") -> list[str]:
+    """Write the function block and a README; return their names."""
+    first = next(slot.labels for slot in form.slots if slot.name == "reading")[0]
+    more = {"first": first, "block": block_name(form), "real": real}
+    texts = {f"{block_name(form)}.st": structured_text(form, real), README: readme("st.md", form, more)}
+    return write_texts(folder, texts)
+
+
+WRITERS: Mapping[str, Callable[[Form, Path], list[str]]] = {
+    "c99": write_c99,
+    "st": write_st,
+    "st-single": partial(write_st, real="REAL"),
+}
 """What writes a form into a folder, by kind of code."""

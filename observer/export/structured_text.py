@@ -1,0 +1,169 @@
+"""IEC 61131-3 structured text from a form: one function block, in what every edition of the standard has.
+
+The language does not tell capitals from small letters and has one space of names for all of a block: what is
+remembered begins with `s_`, a part's own variables with `t_`, constants with `c_`.
+"""
+
+from __future__ import annotations
+
+import ast
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from observer.errors import ConfigError
+from observer.export.dialect import Dialect, bare, indented
+from observer.export.form import Form, Kind, Slot
+from observer.export.subset import kind_of
+
+_SINGLY = ("reading", "fresh")
+"""Arrays of which each element is an input with a name of its own."""
+_FUNCTIONS = {"abs": "ABS", "min": "MIN", "max": "MAX", "int": "TRUNC"}
+
+
+class StructuredText(Dialect):
+    """Writes statements in structured text, with reals of one type."""
+
+    words: ClassVar = {ast.Eq: "=", ast.And: "AND", ast.Or: "OR", ast.Not: "NOT "}
+
+    def __init__(self, form: Form, real: str) -> None:
+        super().__init__(form)
+        self._real = real
+        outside = {slot.name for slot in (*form.of("output"), *form.of("input")) if slot.name not in _SINGLY}
+        self._names = {s.name: s.name if s.name in outside else f"s_{s.name}" for s in form.slots}
+
+    def declare(self, name: str, kind: Kind, value: str) -> str:  # noqa: ARG002
+        """Variables are declared at the top of the block, so this is an assignment."""
+        return self.assign(self.local(name), value)
+
+    def assign(self, target: str, value: str) -> str:
+        """An assignment."""
+        return f"{target} := {bare(value)};"
+
+    def loop(self, name: str, first: int, end: int, body: list[str]) -> list[str]:
+        """A loop from `first` to before `end`."""
+        return [f"FOR {self.local(name)} := {first} TO {end - 1} DO", *indented(body), "END_FOR;"]
+
+    def branch(self, test: str, body: list[str], other: list[str]) -> list[str]:
+        """A condition."""
+        lines = [f"IF {bare(test)} THEN", *indented(body)]
+        return [*lines, *(["ELSE", *indented(other)] if other else []), "END_IF;"]
+
+    def literal(self, value: Any) -> str:
+        """A number or a truth value."""
+        return _number(value)
+
+    def local(self, name: str) -> str:
+        """A part's own variable."""
+        return f"t_{name}"
+
+    def slot(self, name: str) -> str:
+        """An input, an output or what is remembered."""
+        return self._names[name]
+
+    def constant(self, name: str) -> str:
+        """A constant."""
+        return f"c_{name}"
+
+    def element(self, array: str, indices: list[str]) -> str:
+        """An element of an array."""
+        return f"{array}[{', '.join(map(bare, indices))}]"
+
+    def call(self, name: str, arguments: list[str]) -> str:
+        """A function of the standard."""
+        own = _FUNCTIONS.get(name, f"DINT_TO_{self._real}")
+        return f"{own}({', '.join(map(bare, arguments))})"
+
+    def taken(self) -> list[str]:
+        """Every name that is taken once all parts are written, but for those of single inputs."""
+        return [*self._names.values(), *map(self.local, self.locals), *map(self.constant, self.used)]
+
+    def types(self, kind: Kind, shape: tuple[int, ...]) -> str:
+        """A type in words."""
+        scalar = {"real": self._real, "int": "DINT", "bool": "BOOL"}[kind]
+        sizes = ", ".join(f"0..{n - 1}" for n in shape)
+        return f"ARRAY[{sizes}] OF {scalar}" if shape else scalar
+
+
+def _number(value: Any) -> str:
+    if isinstance(value, (bool, np.bool_)):
+        return str(value).upper()
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    mantissa, _, exponent = repr(float(value)).partition("e")
+    point = mantissa if "." in mantissa else f"{mantissa}.0"
+    return f"{point}E{int(exponent)}" if exponent else point
+
+
+def structured_text(form: Form, real: str = "LREAL") -> str:
+    """Return a form as the text of a function block, with reals of type `LREAL` or `REAL`.
+
+    Raises `ConfigError` where two names of inputs and outputs become one.
+    """
+    dialect = StructuredText(form, real)
+    body = []
+    for part in form.parts:
+        text, lines = dialect.part(part.__name__)
+        body += ["", *(f"(* {line} *)" for line in text.splitlines() if line), *lines] if lines else []
+    arrays = [slot for slot in form.of("input") if slot.name in _SINGLY]
+    inputs = [(slot, at, name) for slot in arrays for at, name in enumerate(_names_of(slot))]
+    given = [f"{dialect.slot(slot.name)}[{at}] := {name};" for slot, at, name in inputs]
+    _refuse_twice([*(name for _, _, name in inputs), *dialect.taken()])
+    blocks = (
+        ("VAR_INPUT", [_declared(name, dialect.types(slot.kind, ()), slot.text, slot.unit(at))
+                       for slot, at, name in inputs]
+         + [_slot(dialect, slot) for slot in form.of("input") if slot.name not in _SINGLY]),
+        ("VAR_OUTPUT", [_slot(dialect, slot) for slot in form.of("output")]),
+        ("VAR", [_slot(dialect, slot) for slot in (*arrays, *form.of("state"))]
+         + [f"{dialect.local(name)} : {dialect.types(kind, ())};" for name, kind in dialect.locals.items()]),
+        ("VAR CONSTANT", [_constant(dialect, name, value) for name, value in dialect.used.items()]),
+    )  # fmt: skip
+    facts = "\n".join(f"   {line}" for fact in form.facts for line in textwrap.wrap(fact, 110))
+    declared = "".join(f"{head}\n{chr(10).join(indented(lines))}\nEND_VAR\n" for head, lines in blocks)
+    code = "\n".join(indented([*given, *body]))
+    return (
+        f"(* {form.title}\n{facts}\n"
+        "   Written by `observer export`; change the configuration, not this text. *)\n"
+        f"FUNCTION_BLOCK {block_name(form)}\n{declared}\n{code}\nEND_FUNCTION_BLOCK\n"
+    )
+
+
+def _refuse_twice(names: Sequence[str]) -> None:
+    """Raise `ConfigError` where two names differ in capitals at most."""
+    twice = [name for name, count in Counter(name.lower() for name in names).items() if count > 1]
+    if twice:
+        raise ConfigError(
+            f'"{twice[0]}" would stand for two things in structured text, which does not tell capitals from '
+            "small letters; rename the channel"
+        )
+
+
+def block_name(form: Form) -> str:
+    """The name of the function block."""
+    return f"FB_Ballscrew{form.name.capitalize()}"
+
+
+def _names_of(slot: Slot) -> tuple[str, ...]:
+    return slot.labels if slot.name == "reading" else tuple(f"{label}_{slot.name}" for label in slot.labels)
+
+
+def _slot(dialect: StructuredText, slot: Slot) -> str:
+    label = f"{slot.text}: {', '.join(slot.labels)}" if slot.labels else slot.text
+    return _declared(dialect.slot(slot.name), dialect.types(slot.kind, slot.shape), label, slot.unit(0))
+
+
+def _declared(name: str, kind: str, text: str, unit: str) -> str:
+    words = ", ".join(filter(None, (text, unit)))
+    comment = "\n".join(textwrap.wrap(f"(* {words} *)", 106)) if text else ""
+    return f"{name} : {kind};" + (f" {comment}" if comment else "")
+
+
+def _constant(dialect: StructuredText, name: str, value: Any) -> str:
+    kind = dialect.types(kind_of(value), np.shape(value))
+    numbers = [_number(x) for x in np.ravel(value)]
+    if not np.ndim(value):
+        return f"c_{name} : {kind} := {numbers[0]};"
+    return f"c_{name} : {kind} := [\n" + textwrap.fill(", ".join(numbers), 106) + "];"
