@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -132,6 +132,14 @@ reference: $(READY)  ## write the tables of docs/reference/ again, from the code
 figures: $(READY)  ## draw the figures of docs/ again
 	for script in docs/figures/[a-z]*.py; do $(BIN)/python $$script || exit 1; done
 	$(BIN)/python -m benchmarks.picture
+
+# Copies in the same places, so that a link works in the repository, on the site and in both from page to page.
+SITE := README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE docs config drivers tests/README.md tests/data/rig/config.toml
+docs: $(READY)  ## the site of the documentation, in build/site; a broken link or anchor fails
+	rm -rf build/site build/site-source
+	mkdir -p build/site-source
+	git ls-files -z -- $(SITE) | xargs -0 cp --parents --target-directory=build/site-source
+	NO_COLOR=1 $(BIN)/zensical build --clean --strict
 
 container-check: $(READY)  ## the Dockerfile's steps without a container engine, as an unprivileged user
 	$(BIN)/python -m pytest tests/packaging/test_dockerfile_steps.py -m slow -s -p no:benchmark $(ARGS)
