@@ -1,4 +1,8 @@
-"""A worker process that fits hypotheses beside this one; threads would share one interpreter lock."""
+"""A worker process that fits hypotheses beside this one; threads would share one interpreter lock.
+
+The worker is an interpreter of its own that is told where to import from. It never imports the program that
+started it, so that may be a script without a guard, a notebook, or standard input.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,15 @@ import io
 import multiprocessing
 import os
 import pickle
+import queue
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from observer.fit.problem import Problem
@@ -19,6 +27,12 @@ from observer.signals import blocked
 
 Work = Callable[..., Any]
 Task = tuple[Any, ...]
+_START = (
+    "import sys; sys.path[:] = sys.argv[2:]; "
+    "from observer.discovery.workers import serve; serve(int(sys.argv[1]))"
+)
+_NOT_DONE = b""
+"""The answer to what the worker cannot do; the same work, done here, shows why."""
 _problems: list[Problem] = []
 """The problem that all tasks share: the worker gets it once, tasks and results only refer to it."""
 
@@ -30,24 +44,17 @@ class WorkerPool:
     """
 
     def __init__(self, *, alone: bool = False) -> None:
-        self._other: ProcessPoolExecutor | None = None
+        self._other: _Worker | None = None
         self._sent: Problem | None = None
         if not alone and (os.cpu_count() or 1) > 1 and multiprocessing.parent_process() is None:
-            self._other = ProcessPoolExecutor(
-                1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
-            )
-            with blocked(signal.SIGINT):  # this process ends it
-                self._other.submit(_take, pickle.dumps([]))  # importing takes a second
+            self._other = _Worker.started()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:
+    def __exit__(self, *_error: object) -> None:
         if self._other is not None:
-            if kind is not None:  # nobody needs its results
-                for process in multiprocessing.active_children():
-                    process.kill()
-            self._other.shutdown(wait=kind is not None, cancel_futures=True)
+            self._other.end()
 
     def each(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
         """Return `work(problem, *task)` for every task; the work is a pure, module-level function."""
@@ -57,30 +64,69 @@ class WorkerPool:
         # from the end, for the worker starts at the front
         for future, task in zip(reversed(later), reversed(tasks[len(here) :]), strict=True):
             done.insert(len(here), work(problem, *task) if future.cancel() else future)
-        return [self._result(work, problem, *pair) for pair in zip(done, tasks, strict=True)]
+        return [_result(work, problem, *pair) for pair in zip(done, tasks, strict=True)]
 
     def _submitted(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Future[bytes]]:
         """What the worker may do; nothing where there is none."""
         if self._other is None or not tasks:
             return []
-        try:
-            if self._sent is not problem:
-                self._other.submit(_take, pickle.dumps([problem]))
-                self._sent, _problems[:] = problem, [problem]
-            return [self._other.submit(_do, _packed((work, task), problem)) for task in tasks]
-        except BrokenProcessPool:
-            self._other = None
-            return []
+        if self._sent is not problem:
+            self._other.ask((_take, pickle.dumps([problem])))
+            self._sent, _problems[:] = problem, [problem]
+        return [self._other.ask((_do, _packed((work, task), problem))) for task in tasks]
 
-    def _result(self, work: Work, problem: Problem, done: Any, task: Task) -> Any:
-        """The worker's result, computed here if the worker is gone."""
-        if not isinstance(done, Future):
-            return done
+
+def _result(work: Work, problem: Problem, done: Any, task: Task) -> Any:
+    """The worker's result, computed here if the worker is gone or could not."""
+    if not isinstance(done, Future):
+        return done
+    answer = done.result()
+    return work(problem, *task) if answer == _NOT_DONE else pickle.loads(answer)
+
+
+class _Worker:
+    """The other process, asked one thing after the other by a thread that waits for its answers."""
+
+    def __init__(self, process: subprocess.Popen[bytes], connection: Connection) -> None:
+        self._process, self._connection = process, connection
+        self._asking = ThreadPoolExecutor(1, "worker")
+
+    @classmethod
+    def started(cls) -> Self | None:
+        """Start it, None where this computer does not let one; importing takes it a second."""
+        if not sys.executable:  # Python within another program
+            return None
+        ours, theirs = multiprocessing.Pipe()
+        places = [place or os.getcwd() for place in sys.path]
         try:
-            return pickle.loads(done.result())
-        except BrokenProcessPool:
-            self._other = None
-            return work(problem, *task)
+            with theirs, blocked(signal.SIGINT):  # this process ends it
+                process = subprocess.Popen(
+                    [sys.executable, "-c", _START, str(theirs.fileno()), *places],
+                    stdin=subprocess.DEVNULL,  # this one's may be the program that runs
+                    pass_fds=[theirs.fileno()],
+                )
+        except OSError:
+            ours.close()
+            return None
+        return cls(process, ours)
+
+    def ask(self, what: tuple[Callable[[bytes], bytes], bytes]) -> Future[bytes]:
+        """Have it call a function of this module; `_NOT_DONE` comes back where it does not."""
+        return self._asking.submit(self._answer, pickle.dumps(what))
+
+    def _answer(self, data: bytes) -> bytes:
+        try:
+            self._connection.send_bytes(data)
+            return self._connection.recv_bytes()
+        except (OSError, EOFError):  # it was killed
+            return _NOT_DONE
+
+    def end(self) -> None:
+        """End it, whatever it does: nobody needs that any more."""
+        self._process.kill()
+        self._process.wait()
+        self._asking.shutdown(cancel_futures=True)
+        self._connection.close()
 
 
 IN_PROCESS = WorkerPool(alone=True)
@@ -103,21 +149,41 @@ def _shared() -> Problem:
     return _problems[0]
 
 
-def _end_with_parent() -> None:
-    """In the worker: exit when the parent has, however it ended."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
+def serve(descriptor: int) -> None:
+    """Be the worker: do what comes over a connection until it closes, with the other process, however that
+    ended.
+    """
+    connection = Connection(descriptor)
+    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
+    def listen() -> None:
+        try:
+            while True:
+                waiting.put(connection.recv_bytes())
+        except (OSError, EOFError):
+            os._exit(1)
 
-    threading.Thread(target=wait, daemon=True).start()
+    threading.Thread(target=listen, daemon=True).start()
+    with suppress(OSError):
+        while True:
+            connection.send_bytes(_done(waiting.get()))
 
 
-def _take(data: bytes) -> None:
+def _done(data: bytes) -> bytes:
+    """The answer to what came."""
+    try:
+        function, given = pickle.loads(data)
+        answer: bytes = function(given)
+    except Exception:  # noqa: BLE001 - a class may live in the program that this process does not import
+        return _NOT_DONE
+    return answer
+
+
+def _take(data: bytes) -> bytes:
     """In the worker: keep the problem of the tasks that follow."""
+    _problems.clear()
     _problems[:] = pickle.loads(data)
+    return _NOT_DONE
 
 
 def _do(data: bytes) -> bytes:
