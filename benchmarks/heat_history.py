@@ -14,7 +14,7 @@ from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.align.aligner import frames_of_log
 from observer.config import Config
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import inputs_of
 from observer.files.logs import Log
 from observer.frames import FloatArray, Inputs
@@ -111,7 +111,7 @@ def a_day() -> list[Result]:
 def _of_demo(steps: int) -> tuple[Config, Plant, list[Inputs]]:
     """A log at 2 Hz of the demo's machine, which runs by its laws: forty minutes of every hour."""
     config = load(DEMO)
-    machine, time_s = Machine.of(config), 0.5 * np.arange(steps, dtype=float)
+    machine, time_s = MachineModel.of(config), 0.5 * np.arange(steps, dtype=float)
     plant, rng = machine.plant, np.random.default_rng(1)
     speed_rpm = np.where(time_s % 3600.0 < 2400.0, 1500.0, 0.0)
     nut_m = 0.475 + 0.3 * np.sin(np.cumsum(speed_rpm) * (0.5 / 1500.0))

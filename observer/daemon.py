@@ -18,7 +18,7 @@ from observer.control.compensation import LATE_PERIODS, Compensator
 from observer.control.steering import NoControl, Steering
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.files.folders import refuse_unwritable
 from observer.gateway.feed import Feed
 from observer.gateway.start import Start
@@ -92,7 +92,7 @@ class _Ready:
     """A configuration for the daemon that has been checked, with what takes long to build."""
 
     config: Installation
-    machine: Machine
+    machine: MachineModel
     fit: CheckpointFit
 
     @classmethod
@@ -102,7 +102,7 @@ class _Ready:
             raise ConfigError(problems[0])
         if config.record.directory is not None:
             refuse_unwritable(config.record.directory, "record.directory")
-        machine = Machine.of(config, learns=True)
+        machine = MachineModel.of(config, learns=True)
         return cls(config, machine, CheckpointFit.of(machine))
 
 

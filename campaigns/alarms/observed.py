@@ -25,7 +25,7 @@ from rich.console import Console
 from campaigns.resumable import go_on, read_rows, show
 from drivers.protocol import DriverStatus
 from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
@@ -116,7 +116,7 @@ class Rig:
 
     def __init__(self) -> None:
         config = config_of(CONFIG + LIMITS)
-        self.machine = Machine.of(config, learns=True)
+        self.machine = MachineModel.of(config, learns=True)
         self.pipeline = self.machine.pipeline(self.machine.estimator())
         self.desk = AlarmDesk(config, self.machine.plant.layout, AlarmSettings(), None)
 

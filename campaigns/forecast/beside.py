@@ -17,7 +17,7 @@ import numpy as np
 
 from observer.align.aligner import frames_of_log
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.forecast.document import forecast
 from observer.frames import EstimateBlock, FloatArray, FrameBlock
 from observer.live import forecasting
@@ -78,7 +78,7 @@ def ticks(seconds: float) -> Ticks:
     """Tick for some seconds, threads taking turns as in the service."""
     take_short_turns()
     config = config_of(CONFIG, "\n[forecast]\nperiod_s = 5.0\n")
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
 
     def publish(_document: Mapping[str, Any]) -> None:
         """Nobody listens."""

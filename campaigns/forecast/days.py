@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.forecast.ahead import Runner, ahead, runner
 from observer.forecast.program import Bins, Program, binned, joined, learnt
 from observer.forecast.settling import WarmUp, when
@@ -151,7 +151,7 @@ def _held(air_degC: FloatArray, at: int, steps: int) -> FloatArray:
 def forecasts(one: Day, *, settles: bool = False) -> dict[str, Forecast]:
     """What is forecast at each moment, each by what was known then; on demand also when it `settles`."""
     config = config_of(CONFIG)
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
     pipeline = machine.pipeline(machine.estimator())
     moving = [m.index for m in machine.plant.moving]
     parts: list[Bins] = []

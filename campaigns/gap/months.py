@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.frames import Inputs
 from observer.quality.gap import GapState, GapWatch
 from tests.learning.cover import log_of
@@ -85,7 +85,7 @@ class Rig:
     """A configuration as its user has it, with what watches the gap."""
 
     def __init__(self, text: str = CONFIG) -> None:
-        self._machine = Machine.of(config_of(text), learns=True)
+        self._machine = MachineModel.of(config_of(text), learns=True)
         watch = self._machine.gap()
         assert watch is not None
         self.watch: GapWatch = watch

@@ -15,7 +15,7 @@ from campaigns.learning.trial import DOCS, KNOWN
 from campaigns.resumable import go_on, read_rows, show
 from observer.align.aligner import frames_of_log
 from observer.config import Config
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import inputs_of
 from observer.frames import FloatArray
 from observer.history.history import HeatHistory, MethodOptions
@@ -33,7 +33,7 @@ MARKS = ("<!-- the campaign's table, written by make identify-campaign -->", "<!
 
 def identified(config: Config, day_: Day, method: MethodOptions | None = None) -> HeatHistory:
     """What `identify` finds of a day."""
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     blocks = inputs_of(frames_of_log(log_of(day_), machine.plan), machine.drive)
     within = partial(changes_within, config, blocks)
     return heat_history(machine.plant, config.estimator, blocks, method or MethodOptions(), within)

@@ -28,13 +28,13 @@ def _refuse_learnt(config: Installation) -> None:
     """Raise `ConfigError` where the service has learnt what the configuration does not say."""
     from observer.estimate.checkpoint import CheckpointFit, UnfitError
     from observer.estimate.checkpoint import load as load_checkpoint
-    from observer.estimate.pipeline import Machine
+    from observer.estimate.pipeline import MachineModel
 
     file = config.checkpoint_file
     if file is None or not file.exists() or not config.estimator.learnt:
         return
     try:
-        load_checkpoint(file, CheckpointFit.of(Machine.of(config, learns=True)))
+        load_checkpoint(file, CheckpointFit.of(MachineModel.of(config, learns=True)))
     except UnfitError:
         return  # of another configuration, so nothing in force was learnt
     raise ConfigError(

@@ -12,7 +12,7 @@ import numpy as np
 from observer.align.aligner import doubts, frames_of_log, refuse_empty
 from observer.config import Output
 from observer.errors import LogError, UserError
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import OpenLoop, OpenLoopGap, read_program, simulated_columns
 from observer.files.folders import results_in, write_json
 from observer.files.logs import Log, read_log, suffix_of
@@ -30,7 +30,7 @@ def replay(
     suffix: str,
     *,
     progress: Progress,
-    machine: Machine | None = None,
+    machine: MachineModel | None = None,
     picture: bool = True,
     **accept: bool,
 ) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def replay(
     from observer.report.pictures import write_overview
 
     log = _recorded(log_path, config, **accept)
-    machine = machine or Machine.of(config, learns=True)
+    machine = machine or MachineModel.of(config, learns=True)
     pipeline = machine.pipeline()
     start, kind_of_start = start_of(log, CheckpointFit.of(machine))
     samples, open_loop = ReplaySamples(config, pipeline.layout), OpenLoopGap(machine.plant, machine.drive)
@@ -118,7 +118,7 @@ def forecast(
     from observer.report.pictures import write_forecast
 
     settings = config.forecast
-    log, machine = _recorded(log_path, config, **accept), Machine.of(config, learns=True)
+    log, machine = _recorded(log_path, config, **accept), MachineModel.of(config, learns=True)
     pipeline, learner = machine.pipeline(), Learner(machine)
     start, _ = start_of(log, CheckpointFit.of(machine))
     last: EstimateBlock | None = None
@@ -174,7 +174,7 @@ def identify(
     log = _recorded(log_path, config, **accept)
     # no field is reported, so the inputs of a long log need not carry its rows
     ends_only = Output(positions_m=(0.0, config.screw.length_m))
-    machine = Machine.of(config.model_copy(update={"output": ends_only}))
+    machine = MachineModel.of(config.model_copy(update={"output": ends_only}))
     frames = list(frames_of_log(log, machine.plan))
     blocks = inputs_of(frames, machine.drive)
     odd = doubts(log, [block.path for block in frames], config)
@@ -219,7 +219,7 @@ def simulate(
     from observer.report.pictures import write_simulation_overview
 
     suffix_of(output)
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     log = read_program(program, config)
     refuse_empty(log, config, sensors=False)
     warn([words.text for words in log.words])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from observer.align.aligner import AlignPlan, doubts, frames_of_log
 from observer.app.logs import channels_of
 from observer.errors import ConfigError, LogError
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.files.folders import results_in, write_json
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
@@ -62,7 +62,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     from observer.installation import with_effects, write_back
 
     config, searched = load(config_path), config_path.read_bytes()
-    machine, file = Machine.of(config, learns=True), config.checkpoint_file
+    machine, file = MachineModel.of(config, learns=True), config.checkpoint_file
     if (learning := machine.plant.learning) is None or not learning.names:
         raise ConfigError(
             f"{config_path}: estimator.learn: nothing is learnt; name what the estimator is to learn"

@@ -20,7 +20,7 @@ import numpy as np
 from observer.align.walk import Memory, nothing_yet
 from observer.control import compensation
 from observer.control.compensation import CompensationState
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.selftest import SelfTestState
 from observer.quality.gap import GapState
@@ -68,7 +68,7 @@ class CheckpointFit:
     test: SelfTestState | None = None
 
     @classmethod
-    def of(cls, machine: Machine) -> CheckpointFit:
+    def of(cls, machine: MachineModel) -> CheckpointFit:
         """What fits a machine with its estimator. Raises `UserError` where that cannot be designed."""
         config, settings, gap = machine.config, machine.config.compensation, machine.gap()
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]

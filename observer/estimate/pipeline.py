@@ -235,7 +235,7 @@ class Pipeline(Generic[State]):
 
 
 @dataclass(frozen=True)
-class Machine:
+class MachineModel:
     """A configuration with the plant, the drive and the expectations of its channels that follow from it.
 
     Each part is built once, however often it is asked for; none of them holds a state.
@@ -247,7 +247,7 @@ class Machine:
     plan: AlignPlan
 
     @classmethod
-    def of(cls, config: Config, *, learns: bool = False) -> Machine:
+    def of(cls, config: Config, *, learns: bool = False) -> MachineModel:
         """Build the parts of a configuration; with `learns`, with what its estimator learns or allows for."""
         plant = build_plant(config, learns=learns and config.estimator.allows)
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))

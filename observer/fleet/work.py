@@ -17,7 +17,7 @@ from typing import Any
 
 from observer import app
 from observer.errors import LogError, UserError
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.fleet.jobs import Job, Verb
 from observer.fleet.journal import (
     WHY,
@@ -172,10 +172,10 @@ def _type_of(config: Installation) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=_KEPT)
-def _machine(config: Path, _text: bytes) -> tuple[Installation, Machine]:
+def _machine(config: Path, _text: bytes) -> tuple[Installation, MachineModel]:
     """What is built of a configuration, kept for the logs to come as long as its text is the same."""
     settings = load(config)
-    return settings, Machine.of(settings, learns=True)
+    return settings, MachineModel.of(settings, learns=True)
 
 
 def _silent(*_args: object) -> None:

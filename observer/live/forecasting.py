@@ -15,7 +15,7 @@ import structlog
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import read_program
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.document import Forecast, document, forecast, none
@@ -33,7 +33,7 @@ log = structlog.get_logger()
 class Learner:
     """Gathers what drove a plant, and the heats, in bins."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: MachineModel) -> None:
         self._moving = [m.index for m in machine.plant.moving]
         self._parts: Bins | None = None
 
@@ -50,7 +50,7 @@ class Learner:
         return self._parts
 
 
-def is_wanted(machine: Machine) -> bool:
+def is_wanted(machine: MachineModel) -> bool:
     """Whether a forecast is computed: as configured, else where every estimated heat has a law."""
     asked = machine.config.forecast.enabled
     return (machine.gap() is not None) if asked is None else asked
@@ -59,7 +59,9 @@ def is_wanted(machine: Machine) -> bool:
 class Forecaster(StepObserver):
     """Computes a forecast now and then from the newest state; no method waits for it."""
 
-    def __init__(self, machine: Machine, instance: str, publish: Callable[[Mapping[str, Any]], None]) -> None:
+    def __init__(
+        self, machine: MachineModel, instance: str, publish: Callable[[Mapping[str, Any]], None]
+    ) -> None:
         """`publish` is called in the forecaster's own thread with each document."""
         self._machine, self._instance, self._publish = machine, instance, publish
         self._settings = machine.config.forecast
@@ -122,7 +124,7 @@ class Forecaster(StepObserver):
         return document(found, plant, quality, self._instance, within_um)
 
 
-def program_bins(path: Path, machine: Machine) -> Bins:
+def program_bins(path: Path, machine: MachineModel) -> Bins:
     """The bins of a program that is given as a log of the input channels.
 
     Raises `LogError` where it cannot be read or an input never has a value.

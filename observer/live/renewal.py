@@ -13,7 +13,7 @@ import structlog
 
 from observer.errors import UserError
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.carry import carry_from, carry_into
 from observer.estimators.protocol import CarriesOver
 from observer.live.observers import Step
@@ -112,7 +112,7 @@ class Renewals(Generic[Prepared]):
 
 
 def carried_over(
-    snapshot: Snapshot | None, last: Step | None, before: Machine, now: Machine
+    snapshot: Snapshot | None, last: Step | None, before: MachineModel, now: MachineModel
 ) -> Snapshot | None:
     """A snapshot for another model of the same screw: its field and heats with their σ.
 

@@ -18,7 +18,7 @@ import numpy as np
 import structlog
 
 from observer.errors import UserError
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import OpenLoop, gap_K
 from observer.fit.runs import joined
 from observer.frames import FrameBlock, Inputs
@@ -44,7 +44,7 @@ class Pair:
     """Two open-loop predictions of the same readings, and what of an adoption they have gathered."""
 
     def __init__(self, before: Installation, now: Installation) -> None:
-        self._machines = tuple(Machine.of(config) for config in (before, now))
+        self._machines = tuple(MachineModel.of(config) for config in (before, now))
         self._has_laws = any(source.law is not None for source in before.source)
         self._begin()
 

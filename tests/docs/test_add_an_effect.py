@@ -16,7 +16,7 @@ from observer import installation
 from observer.discovery.candidates import library
 from observer.effects.catalogue import KINDS
 from observer.errors import ConfigError
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.files.logs import read_log
 from observer.fit.parameters import free_keys
 from observer.frames import Inputs
@@ -131,7 +131,7 @@ def test_what_is_wrong_with_it_is_said(cover: Path, change: dict[str, object], s
 def test_it_estimates_a_log(cover: Path) -> None:
     estimates = []
     for config in (rig(), rig(COVER)):
-        machine = Machine.of(config, learns=True)
+        machine = MachineModel.of(config, learns=True)
         log = read_log(RIG / "run_c.csv.gz", config.channels)
         inputs = Inputs.joined(inputs_of(config, machine.plant, log)).part(0, 1200)
         estimator = machine.estimator()

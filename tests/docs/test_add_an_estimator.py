@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer import installation
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Inputs
@@ -35,7 +35,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Plant, Estimat
     config = installation.load(RIG / "config.toml")
     settings = type(config.estimator).model_validate(config.estimator.model_dump() | {"kind": KIND})
     config = config.model_copy(update={"estimator": settings})
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
     log = read_log(RIG / "run_c.csv.gz", config.channels)
     log = replace(log, time_s=log.time_s[:1200], values=log.values[:1200])
     return machine.plant, machine.estimator(), Inputs.joined(inputs_of(config, machine.plant, log))

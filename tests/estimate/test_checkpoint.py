@@ -26,7 +26,7 @@ from observer.estimate.checkpoint import (
     shifted,
     unpack,
 )
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
@@ -40,9 +40,9 @@ RIG = ROOT / "tests" / "data" / "rig"
 
 
 @pytest.fixture(scope="module")
-def machine() -> Machine:
+def machine() -> MachineModel:
     config = load_config(RIG / "config.toml")
-    return Machine.of(config)
+    return MachineModel.of(config)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import Aligner
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.frames import Reading
 from tests.reference import live
 
@@ -29,7 +29,7 @@ def arrays_in(value) -> Iterator[np.ndarray]:
 
 
 def built(kind):
-    machine = Machine.of(live.demo(), learns=True)
+    machine = MachineModel.of(live.demo(), learns=True)
     settings = machine.config.estimator.model_copy(update={"kind": kind})
     machine.config.__dict__["estimator"] = settings
     return machine, machine.estimator(), machine.self_test()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import Aligner, frames_of_log
-from observer.estimate.pipeline import Machine, Pipeline
+from observer.estimate.pipeline import MachineModel, Pipeline
 from observer.estimators import fixed_gain
 from observer.files.logs import read_log
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
@@ -69,8 +69,8 @@ TABLES = {
 }
 
 
-def machine_of(name: str) -> Machine:
-    return Machine.of(parse(PLAIN | TABLES[name]), learns=name == "learning")
+def machine_of(name: str) -> MachineModel:
+    return MachineModel.of(parse(PLAIN | TABLES[name]), learns=name == "learning")
 
 
 def events(ticks: int) -> list[Reading | float]:
@@ -91,7 +91,7 @@ def events(ticks: int) -> list[Reading | float]:
     return found
 
 
-def of_channels(machine: Machine, ticks: int) -> list[Reading | float]:
+def of_channels(machine: MachineModel, ticks: int) -> list[Reading | float]:
     """The same, as far as a machine has the channels."""
     known = set(machine.plan.channels)
     return [

@@ -8,7 +8,7 @@ import pytest
 
 from campaigns.learning.trial import FIRST_SEED, KNOWN
 from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.design.gains import everything
 from observer.frames import EstimateBlock
 from observer.model.discretise import augmented, quantise, step_matrices
@@ -26,7 +26,7 @@ def a_day():
 
 def set_up(more, steps):
     """The machine of a configuration, its estimator, and the inputs of the first steps of a log."""
-    machine = Machine.of(config_of(more=more), learns=True)
+    machine = MachineModel.of(config_of(more=more), learns=True)
     frames = next(iter(frames_of_log(log_of(a_day()), machine.plan)))
     _, u = machine.drive.run(machine.drive.initial(), frames)
     return machine.plant, machine.estimator(), u.part(0, steps)

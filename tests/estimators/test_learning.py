@@ -8,7 +8,7 @@ import pytest
 
 from campaigns.learning.trial import FIRST_SEED, KNOWN
 from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.frames import EstimateBlock
 from observer.model import simulate
 from observer.model.build import build_plant
@@ -32,7 +32,7 @@ def a_day(*, rough=True, warm=False, run="a", number=0):
 
 def set_up(more, steps, log):
     """The machine of a configuration, its estimator, and the inputs of the first steps of a log."""
-    machine = Machine.of(config_of(more=more), learns=True)
+    machine = MachineModel.of(config_of(more=more), learns=True)
     frames = next(iter(frames_of_log(log_of(log), machine.plan)))
     _, u = machine.drive.run(machine.drive.initial(), frames)
     return machine.plant, machine.estimator(), u.part(0, steps)
@@ -187,7 +187,7 @@ def test_a_parameter_does_what_the_changed_configuration_does(kind, change):
     other = build_plant(changed)
     from observer.model.drive import Drive
 
-    frames = next(iter(frames_of_log(log_of(log), Machine.of(changed).plan)))
+    frames = next(iter(frames_of_log(log_of(log), MachineModel.of(changed).plan)))
     _, v = Drive(changed, other).run(Drive(changed, other).initial(), frames)
     if kind == Nuisance.AMBIENT:
         v = v._replace(z_start=v.z_start.copy(), z_end=v.z_end.copy())
@@ -228,7 +228,7 @@ def test_what_is_considered_only_keeps_its_value():
 def test_a_start_from_rest_tells_the_offsets():
     specimen = draw(1, 0, Rough())
     block = estimates(config_of(), a_day())
-    names = Machine.of(config_of(), learns=True).plant.layout.learned
+    names = MachineModel.of(config_of(), learns=True).plant.layout.learned
     offsets = [i for i, name in enumerate(names) if name.endswith("offset_K")]
     error = block.learned[30, offsets] - specimen.machine.offset_K
     apart = error - error.mean()  # what all have in common cannot be told from the air's

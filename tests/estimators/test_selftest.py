@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.selftest import Fault
 from observer.files.logs import Log
 from observer.frames import EstimateQuality
@@ -18,10 +18,10 @@ from tests.truth.shifts import Axis, record, work
 
 
 @cache
-def day() -> tuple[Machine, Log]:
+def day() -> tuple[MachineModel, Log]:
     rng = np.random.default_rng(5)
     seen = record(Axis(film_W_m2K=40.0), work(0.03, rng), rng)  # a film that is far off
-    machine = Machine.of(live.demo())
+    machine = MachineModel.of(live.demo())
     names = [*(s.channel for s in machine.config.sensor), "nut_position_m", "screw_speed_rpm"]
     cells = np.column_stack([seen.seen_degC, seen.position_m, seen.speed_rpm])
     cells[2000:2400, 2] += 2.0  # one sensor is off for a while
@@ -58,7 +58,7 @@ def test_says_what_is_off_and_begins_with_unknown_heats() -> None:
 def test_every_step_that_is_degraded_has_its_reason(kind: str) -> None:
     machine, log = day()
     settings = machine.config.estimator.model_copy(update={"kind": kind})
-    machine = Machine.of(machine.config.model_copy(update={"estimator": settings}))
+    machine = MachineModel.of(machine.config.model_copy(update={"estimator": settings}))
     pipeline = machine.pipeline(machine.estimator())
     for frames in frames_of_log(log, machine.plan, 1):
         block = pipeline.step(frames)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.design.gains import LuenbergerGain, Refusal, design_bandwidth, everything
 from observer.estimators.design.steady import bandwidth, design, standing_growth_1_s
 from observer.model.discretise import augmented, step_matrices
@@ -19,7 +19,7 @@ LUENBERGER = '[estimator]\nkind = "luenberger"\n'
 @cache
 def designed():
     config = config_of(more=LUENBERGER)
-    plant = replace(Machine.of(config).plant, learning=None)
+    plant = replace(MachineModel.of(config).plant, learning=None)
     return plant, step_matrices(plant, config.estimator.period_s), bandwidth(plant, config.estimator)
 
 

@@ -14,7 +14,7 @@ from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
 from observer.estimate.checkpoint import Snapshot
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.files.writer import write_log
 from observer.installation import load
@@ -37,7 +37,7 @@ def morning() -> Log:
 def published(rows: int) -> dict[str, Any]:
     """What a service publishes that has run for so many rows."""
     config = config_of(CONFIG, "\n[forecast]\nperiod_s = 5.0\n")
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
     assert is_wanted(machine)
     told, came = list[Mapping[str, Any]](), threading.Event()
 
@@ -72,7 +72,7 @@ def test_in_the_first_minute_it_says_why_there_is_none() -> None:
 
 
 def test_it_is_off_where_it_is_switched_off() -> None:
-    assert not is_wanted(Machine.of(config_of(CONFIG, "\n[forecast]\nenabled = false\n")))
+    assert not is_wanted(MachineModel.of(config_of(CONFIG, "\n[forecast]\nenabled = false\n")))
 
 
 def files(folder: Path, rows: int) -> tuple[Path, Path]:

@@ -14,7 +14,7 @@ from campaigns.gap.months import EFFECTS, Rig
 from observer import app
 from observer.align.aligner import frames_of_log
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted, unpack
-from observer.estimate.pipeline import Machine, Pipeline
+from observer.estimate.pipeline import MachineModel, Pipeline
 from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import load
@@ -69,17 +69,17 @@ def test_what_appears_is_told_within_hours_of_a_sensor_beside_it(rig: Rig, days,
 
 
 def _frames(rig_day) -> list[FrameBlock]:
-    machine = Machine.of(config_of(), learns=True)
+    machine = MachineModel.of(config_of(), learns=True)
     return list(frames_of_log(log_of(rig_day), machine.plan))
 
 
 @pytest.fixture(scope="module")
-def machine() -> Machine:
-    return Machine.of(config_of(), learns=True)
+def machine() -> MachineModel:
+    return MachineModel.of(config_of(), learns=True)
 
 
 @pytest.fixture(scope="module")
-def inputs(machine: Machine):
+def inputs(machine: MachineModel):
     state, blocks = machine.drive.initial(), []
     for frames in frames_of_log(log_of(day(draw(SEED, 1, Rough()), SEED, 1, "a")), machine.plan):
         state, block = machine.drive.run(state, frames)
@@ -87,13 +87,13 @@ def inputs(machine: Machine):
     return blocks
 
 
-def _watch(machine: Machine) -> GapWatch:
+def _watch(machine: MachineModel) -> GapWatch:
     watch = machine.gap()
     assert watch is not None
     return watch
 
 
-def test_nothing_is_told_before_an_hour_of_work(machine: Machine, inputs) -> None:
+def test_nothing_is_told_before_an_hour_of_work(machine: MachineModel, inputs) -> None:
     watch = _watch(machine)
     watch.take(inputs[0].part(0, 3000))
     assert watch.figures is None
@@ -103,7 +103,7 @@ def test_nothing_is_told_before_an_hour_of_work(machine: Machine, inputs) -> Non
     assert watch.figures["hours"] == pytest.approx(2.5, abs=0.2)
 
 
-def test_a_sensor_that_was_never_read_has_no_gap(machine: Machine, inputs) -> None:
+def test_a_sensor_that_was_never_read_has_no_gap(machine: MachineModel, inputs) -> None:
     """It has not agreed to 0 K."""
     watch = _watch(machine)
     for block in inputs:
@@ -115,7 +115,7 @@ def test_a_sensor_that_was_never_read_has_no_gap(machine: Machine, inputs) -> No
     assert per_sensor["t1"] > 0.0
 
 
-def test_row_by_row_it_is_the_same_as_in_blocks(machine: Machine, inputs) -> None:
+def test_row_by_row_it_is_the_same_as_in_blocks(machine: MachineModel, inputs) -> None:
     whole, rows = _watch(machine), _watch(machine)
     part = inputs[0].part(0, 1400)
     whole.take(part)
@@ -126,7 +126,7 @@ def test_row_by_row_it_is_the_same_as_in_blocks(machine: Machine, inputs) -> Non
     assert rows.state.time_s == whole.state.time_s == 1379.0
 
 
-def test_phases_are_those_of_the_programme(machine: Machine, inputs) -> None:
+def test_phases_are_those_of_the_programme(machine: MachineModel, inputs) -> None:
     """Programme a: 10 min rest, 45 min, a dwell of 20 min, 55 min at two speeds, and 30 min to cool down."""
     watch = _watch(machine)
     for block in inputs:
@@ -140,7 +140,7 @@ def test_phases_are_those_of_the_programme(machine: Machine, inputs) -> None:
 
 
 def test_after_a_break_or_without_inputs_it_begins_again_and_keeps_what_it_learnt(
-    machine: Machine, inputs
+    machine: MachineModel, inputs
 ) -> None:
     watch = _watch(machine)
     watch.take(inputs[0].part(0, 1400))
@@ -160,7 +160,7 @@ def test_after_a_break_or_without_inputs_it_begins_again_and_keeps_what_it_learn
     assert math.isnan(watch.state.time_s)
 
 
-def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inputs, tmp_path) -> None:
+def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: MachineModel, inputs, tmp_path) -> None:
     estimator = machine.estimator()
     watch = _watch(machine)
     watch.take(inputs[0])
@@ -187,7 +187,7 @@ def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: Machine, inp
     assert watch.state.judged_s == pytest.approx(later.state.judged_s, abs=90.0)
 
 
-def test_estimates_are_the_same_with_and_without_it(machine: Machine) -> None:
+def test_estimates_are_the_same_with_and_without_it(machine: MachineModel) -> None:
     estimator = machine.estimator()
     frames = _frames(day(draw(SEED, 1, Rough()), SEED, 1, "a"))[:2]
     with_it = machine.pipeline(estimator)
@@ -203,9 +203,9 @@ def test_estimates_are_the_same_with_and_without_it(machine: Machine) -> None:
 def test_a_heat_without_a_law_cannot_be_predicted() -> None:
     text = RIG.joinpath("config.toml").read_text(encoding="utf-8")
     config = config_of(text)
-    assert Machine.of(config).gap() is not None
+    assert MachineModel.of(config).gap() is not None
     source = _without_a_law(config)
-    assert Machine.of(source).gap() is None
+    assert MachineModel.of(source).gap() is None
 
 
 def _without_a_law(config):

@@ -8,7 +8,7 @@ from campaigns.learning.trial import KNOWN
 from observer.align.aligner import frames_of_log
 from observer.effects.base import Unnamed
 from observer.effects.terms import AmbientShift
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import inputs_of
 from observer.frames import Inputs
 from observer.history.history import MethodOptions
@@ -94,7 +94,7 @@ def of_morning(number):
 
 def test_with_all_tolerances_at_0_the_result_is_that_of_the_smoother_alone():
     one, config = of_morning(0), config_of(CONFIG, KNOWN)
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     blocks = inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive)
     alone = heat_history(machine.plant, config.estimator, blocks, MethodOptions())
     ours = identified(config, one)
@@ -106,7 +106,7 @@ def test_each_tolerance_is_a_change_of_its_own_sensors_and_learnt_by_its_key():
     """Rows without a heat or an input change nothing; a sensor beside the screw has no place there."""
     one = of_morning(0)
     config = config_of(CONFIG, '\n[estimator]\nlearn = ["conductivity", "lag_s", "law"]\n')
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     one.air_degC[300:310] = np.nan
     blocks = inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive)
     heat_W = one.heat_W.copy()
@@ -128,7 +128,7 @@ def predicted(config, one):
     """What sensors would read along the true heats from the start that their first values tell, and the air,
     by the open loop of a configuration.
     """
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     u = Inputs.joined(inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive))
     plant, u = machine.plant.sensors_only(), u.sensors_only(machine.plant.rows.sensors)
     u.law_W[:] = one.heat_W
@@ -139,7 +139,7 @@ def predicted(config, one):
 def test_changes_are_those_of_other_configurations_along_the_same_heats():
     """A hundredth of each tolerance up and down, beside the description that the filter learns by."""
     one, config = of_morning(1), config_of()
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     blocks = inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive)
     D, _ = changes_within(config, blocks, one.heat_W)
     known, screw = config.tolerance, config.screw
@@ -179,7 +179,7 @@ def test_a_gain_alone_is_taken_along_the_same_field():
     """With every other tolerance at 0 there is nothing that the filter learns by."""
     one, config = of_morning(1), config_of()
     alone = config_of(CONFIG, KNOWN.replace("gain = 0.0", f"gain = {config.tolerance.gain}"))
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     blocks = inputs_of(frames_of_log(log_of(one), machine.plan), machine.drive)
     every, gains = (changes_within(c, blocks, one.heat_W).sensor_K for c in (config, alone))
     assert gains.shape[2] == 5

@@ -12,7 +12,7 @@ from campaigns.integrity.catalogue import catalogue
 from campaigns.integrity.days import FAULT_S, day_of
 from campaigns.integrity.judge import RIG, faulty, judged
 from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.selftest import Fault as Found
 from observer.frames import EstimateQuality, Quality
 from observer.quality.conditions import of_finding
@@ -24,7 +24,7 @@ MACHINES = (0, 1)
 """At the fault the first stands, and the nut of the second moves."""
 
 
-def pipeline_of(machine: Machine) -> Any:
+def pipeline_of(machine: MachineModel) -> Any:
     pipeline = machine.pipeline(machine.estimator())
     pipeline.gap = None
     return pipeline
@@ -32,7 +32,7 @@ def pipeline_of(machine: Machine) -> Any:
 
 def found_of(name: str, number: int) -> dict[Found, str]:
     """What is found at the end of a day with a fault, as sentences."""
-    machine = Machine.of(config_of(RIG), learns=True)
+    machine = MachineModel.of(config_of(RIG), learns=True)
     pipeline = pipeline_of(machine)
     for frames in frames_of_log(log_of(faulty(day_of(number), catalogue()[name], number)), machine.plan):
         pipeline.step(frames)
@@ -127,7 +127,7 @@ def test_without_a_fault_nothing_is_found(name: str, number: int) -> None:
 @pytest.mark.parametrize("name", ["all +4 K", "t5 +3 K", "t2 and t4 swapped", "nut homed 50 mm off"])
 def test_step_by_step_gives_the_bits_of_a_whole_log(name: str) -> None:
     """What is remembered of each reading goes on from block to block."""
-    machine = Machine.of(config_of(RIG), learns=True)
+    machine = MachineModel.of(config_of(RIG), learns=True)
     log = log_of(faulty(day_of(1), catalogue()[name], 1))
     blocks = []
     for size in (1 << 20, 37):
@@ -142,7 +142,7 @@ def test_step_by_step_gives_the_bits_of_a_whole_log(name: str) -> None:
 
 
 def test_a_reset_begins_anew() -> None:
-    machine = Machine.of(config_of(RIG), learns=True)
+    machine = MachineModel.of(config_of(RIG), learns=True)
     pipeline = pipeline_of(machine)
     log = log_of(faulty(day_of(1), catalogue()["all at 85 % of their rise"], 0))
     blocks = list(frames_of_log(log, machine.plan, 5000))

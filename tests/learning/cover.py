@@ -8,7 +8,7 @@ import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.fit.calibrate import calibrate
 from observer.fit.process_noise import fit_noise
@@ -32,7 +32,7 @@ def log_of(day: Day) -> Log:
 
 def estimates(config: Config, day: Day) -> EstimateBlock:
     """What the observer of a configuration estimates over a day."""
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
     pipeline = machine.pipeline(machine.estimator())
     pipeline.gap = None  # it watches beside, for as long again, without a word in an estimate
     blocks = [pipeline.step(frames) for frames in frames_of_log(log_of(day), machine.plan)]

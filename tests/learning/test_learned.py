@@ -9,7 +9,7 @@ from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.installation import load
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, day, draw
@@ -25,7 +25,7 @@ def config_path(tmp_path: Path) -> Path:
 def run_for_an_hour(config_path: Path) -> dict[str, tuple[float, float]]:
     """Leave the checkpoint of a service that has run for an hour, and return what it published last."""
     config = load(config_path)
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
     estimator = machine.estimator()
     pipeline = machine.pipeline(estimator)
     one = day(draw(1, 3, Rough()), 1, 3, "a")

@@ -11,7 +11,7 @@ import pytest
 
 from observer.align.aligner import blocks_of_log
 from observer.estimate.checkpoint import CheckpointFit, Snapshot
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.files.regular import read_toml
@@ -31,14 +31,14 @@ OFTEN_K = 0.3
 class Stood(NamedTuple):
     """Where a service stood, and the frames that come then."""
 
-    machine: Machine
+    machine: MachineModel
     snapshot: Snapshot
     last: Step
     then: list[FrameBlock]
 
 
-def _parts(**changes: Any) -> tuple[Machine, Estimator]:
-    machine = Machine.of(parse(TABLE | changes), learns=True)
+def _parts(**changes: Any) -> tuple[MachineModel, Estimator]:
+    machine = MachineModel.of(parse(TABLE | changes), learns=True)
     return machine, machine.estimator()
 
 
@@ -55,7 +55,7 @@ def _stood() -> Stood:
 
 
 def _next(
-    machine: Machine, estimator: Estimator, snapshot: Snapshot, frames: list[FrameBlock]
+    machine: MachineModel, estimator: Estimator, snapshot: Snapshot, frames: list[FrameBlock]
 ) -> EstimateBlock:
     pipeline = machine.pipeline(estimator)
     pipeline.restore(snapshot.drive, snapshot.estimator)
@@ -147,7 +147,7 @@ def test_to_and_from_an_estimator_with_states_of_its_own_it_starts_cold(of):
     machine, snapshot, last, _ = _stood()
     other, estimator = _parts()
     assert carried_over(snapshot, last, machine, other) is not None
-    own = Machine(other.config, other.plant, other.drive, other.plan)
+    own = MachineModel(other.config, other.plant, other.drive, other.plan)
     own.__dict__["_estimator"] = _StatesOfItsOwn(estimator)
     before, now = (own, other) if of == "before" else (machine, own)
     assert carried_over(snapshot, last, before, now) is None

@@ -10,7 +10,7 @@ import numpy as np
 from observer import app
 from observer.config import Config
 from observer.discovery.experiment import Habits, Phase, frames_of
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.frames import FloatArray, FrameBlock, Inputs
@@ -67,9 +67,9 @@ def made_log(
     return frames(truth, time_s, columns)
 
 
-def shift_log(config: Config) -> tuple[Machine, Inputs]:
+def shift_log(config: Config) -> tuple[MachineModel, Inputs]:
     """A machine over the standard shift, and its inputs, a step a second, with the noise of its sensors."""
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
     middle_m = (LOW_m + HIGH_m) / 2
     phases = [
         Phase(duration_s, SPEED_RPM * works, *((LOW_m, HIGH_m) if works else (middle_m, middle_m + 1e-4)))

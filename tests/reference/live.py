@@ -17,7 +17,7 @@ from drivers.simulated.machine import SimulatedMachine as Axis
 from drivers.simulated.machine import heats, speed_rpm
 from observer.align.aligner import Aligner
 from observer.config import Config
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.frames import EstimateBlock, FloatArray, Reading
 from observer.installation import load
 from observer.quality.conditions import of_finding
@@ -76,7 +76,7 @@ def in_time(arrivals: Arrivals) -> Arrivals:
 
 def ride(config: Config, arrivals: Arrivals, wires: Wires = in_time) -> Ride:
     """Deliver what a machine sends through wires to the service's path, tick by tick."""
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     aligner, pipeline = (
         Aligner(machine.plan),
         machine.pipeline(machine.estimator()),

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.simulated.machine import ScrewData
 from observer.align.aligner import doubts, frames_of_log
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.frames import EstimateQuality, Reading
 from observer.quality.conditions import of_finding
@@ -111,7 +111,7 @@ def test_a_log_is_told_its_likely_unit(name: str) -> None:
     # one row for each time, as a log has
     time_s = np.array([at_s for at_s, _ in rows])
     log = Log(Path("log.csv"), time_s, channels, table, np.ones(len(rows), bool), (None,) * len(rows))
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     odd = doubts(log, [f.path for f in frames_of_log(log, machine.plan)], config)
     assert any(words in text for text in odd), odd
     paths = [f.path for f in _frames(machine, log, rows)]
@@ -126,7 +126,7 @@ def _as_sent(log: Log, rows: Arrivals) -> np.ndarray:
     return table
 
 
-def _frames(machine: Machine, log: Log, rows: Arrivals) -> list:
+def _frames(machine: MachineModel, log: Log, rows: Arrivals) -> list:
     return list(frames_of_log(replace(log, values=_as_sent(log, rows)), machine.plan))
 
 
@@ -174,7 +174,7 @@ def as_configured(days: float, seed: int) -> tuple[int, dict[str, int]]:
     names = [*(s.channel for s in config.sensor), "nut_position_m", "screw_speed_rpm"]
     cells = np.column_stack([days_of_work.seen_degC, days_of_work.position_m, days_of_work.speed_rpm])
     log = Log(Path("days.csv"), days_of_work.time_s, tuple(names), cells)
-    machine = Machine.of(config)
+    machine = MachineModel.of(config)
     pipeline = machine.pipeline(machine.estimator())
     bad, before = 0, 0
     for frames in frames_of_log(log, machine.plan):

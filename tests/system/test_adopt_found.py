@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from observer.align.aligner import AlignPlan
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.fit.runs import joined
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
@@ -69,7 +69,7 @@ class Watch:
     """What the service watches beside its estimator."""
 
     def __init__(self, config: Installation) -> None:
-        machine = Machine.of(config, learns=True)
+        machine = MachineModel.of(config, learns=True)
         gap = machine.gap()
         assert gap is not None
         self.gap, self._drive, self._state = gap, machine.drive, machine.drive.initial()

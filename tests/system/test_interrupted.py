@@ -22,7 +22,7 @@ AT_WORK_S = 1.0  # of processor time; it begins with a third of this, and waits 
 def _second(pid: int) -> int | None:
     """The process that searches beside, once there is one."""
     for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text():
+        if "workers import serve" in Path(f"/proc/{child}/cmdline").read_text():
             return int(child)
     return None
 
