@@ -254,6 +254,7 @@ def _growth_unknown(config: Config) -> Iterator[str]:
     for key, x_m in (
         ("travel_m", (config.compensation.travel_m or (0.0,))[-1]),
         ("reference_m", config.compensation.reference_m or 0.0),
+        ("zero_at_m", config.compensation.zero_at_m or 0.0),
     ):
         if x_m > config.screw.length_m:
             yield f"compensation: {key} reaches {x_m} m, beyond the screw's length_m; fix one of them"

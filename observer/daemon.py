@@ -7,15 +7,17 @@ import contextlib
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import structlog
 
-from observer.control.compensation import LATE_PERIODS, Compensator
+from observer.control.compensation import LATE_PERIODS, initial, plan_of
+from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
+from observer.control.zero import ZeroPoint
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
 from observer.estimate.pipeline import MachineModel
@@ -30,6 +32,7 @@ from observer.live.observers import AlarmObserver, CompensationObserver, Keeper,
 from observer.live.renewal import Renewal, Renewals, carried_over
 from observer.live.trial import AdoptionTrial
 from observer.live.wires import take_short_turns
+from observer.live.zero_signal import ZeroSignal
 from observer.process.clock import ServiceClock
 from observer.process.memory import leave_in_peace
 from observer.process.notify import service_manager
@@ -65,18 +68,19 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         if renewal.new_time and snapshot is not None:
             snapshot = shifted(snapshot, clock.offset_s())
         clock = ServiceClock() if renewal.new_time else clock
+        zero = None if snapshot is None or snapshot.compensation is None else snapshot.compensation.zero
         snapshot = carried(
             snapshot, before.fit, ready.fit,
             lambda: carried_over(renewal.snapshot, renewal.last, before.machine, ready.machine),
         )  # fmt: skip
         if trial is not None:
             trial.in_force(ready.config)
-        return _service(ready, clock, renewals, trial, path, snapshot, alone=False)
+        return _service(ready, clock, renewals, trial, path, snapshot, zero=zero, alone=False)
 
-    file, start, gap = config.checkpoint_file, None, None
+    file, start, gap, zero = config.checkpoint_file, None, None, None
     if file is not None:
-        start, gap = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s)
-    service = _service(ready, clock, renewals, trial, path, start, gap, alone=True)
+        start, gap, zero = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s)
+    service = _service(ready, clock, renewals, trial, path, start, gap, zero, alone=True)
     if trial is None:
         run(service, seconds, anew)
         return
@@ -123,12 +127,14 @@ def _service(
     path: Path | None,
     start: Snapshot | None,
     gap: GapState | None = None,
+    zero: ZeroPoint | None = None,
     *,
     alone: bool,
 ) -> Service:
     """Put the parts of the daemon together; `start` is where the pipeline goes on from, None if cold.
 
-    `alone` asks for nobody else to have the axis; `gap` is what a cold start knows of the prediction's gap.
+    `alone` asks for nobody else to have the axis; `gap` and `zero` are what a cold start knows of the
+    prediction's gap and of where the machine was set to zero.
     """
     config, machine, pipeline = ready.config, ready.machine, ready.machine.pipeline()
     instance = secrets.token_hex(4)
@@ -139,10 +145,16 @@ def _service(
     observers: list[StepObserver] = []
     if config.compensation.enabled:
         held = None if start is None else start.compensation
+        if held is None and zero is not None:
+            held = replace(initial(plan_of(config)), zero=zero)
         compensator = Compensator(config, machine.plant.layout.position_m, instance, held)
         observers.append(
             CompensationObserver(
-                compensator, publish["compensation"], lambda: publisher.status.rival, _control(config)
+                compensator,
+                publish["compensation"],
+                lambda: publisher.status.rival,
+                _control(config),
+                ZeroSignal.of(config),
             )
         )
     if config.checkpoint_file is not None:

@@ -239,7 +239,7 @@ what makes its document.
 """
 RETAINED = tuple(name for name, key in KEYS.items() if key.retained)
 
-KINDS = ("arm", "disarm", "reset", "acknowledge")
+KINDS = ("arm", "disarm", "zero", "reset", "acknowledge")
 _STRANGE = re.compile(r"[^A-Za-z0-9_.@-]")
 _NAME_LENGTH = 64
 

@@ -95,6 +95,8 @@ def _print_answer(
 _COMMANDS = {
     "arm": "Arm the compensation of one axis; exit code 0 if it is armed then, else 1.",
     "disarm": "Switch the compensation of one axis off; exit code 0 if it is off then, else 1.",
+    "zero": "Say that one axis has just been homed or probed, so its compensation starts from a new zero; "
+    "exit code 0 if it does, else 1.",
     "reset": "Have the estimator of one axis start afresh; exit code 0 if it does, else 1.",
 }
 

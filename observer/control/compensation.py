@@ -6,24 +6,29 @@ limited rate, with a limited gradient, and only while the compensation is armed.
 first estimate that is not good, that comes late, or that lies beyond the absolute limit, disarms it for good:
 it is armed again by hand only. So does the first whose bound, of how far a sensor's fault may have taken
 it, is beyond that limit, or is not known though the estimator has bounds.
+
+A machine that is homed or probed is set to zero at a place and a time, whatever the thermal error there was.
+From then on the compensation is the error since: less the error there and then, everywhere (`zeroed`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from observer.config import Config
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock
-from observer.model.rod.supports import error_at
-from observer.process.clock import stepped
+from observer.control.zero import NEVER, ZeroPoint, since
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray
 
 LATE_PERIODS = 3.0
 """An armed compensation whose next estimate does not come within so many periods is off."""
 NOT_ARMED = "not armed yet"
+_ROUNDING_UM = 1e-6
+"""Sums along the table differ by less from what they are sums of; published values have as many digits."""
+_MISSED = "the machine was set to zero when the error there was not known; zero it again, then arm"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +47,8 @@ class CompensationPlan:
     on the screw and which runs in its `direction`, +1 or −1. `reference_m` is the line's reference in the
     machine's coordinates, `reference` the point of the table next to it; `fit` (2, n) gives a line's offset
     and slope by least squares. `bounded` says that the estimator knows bounds, so that none is a doubt.
+    `zero_at_m` is where on the screw the machine is set to zero, NaN if where the nut stands; `absorbs_all`
+    says that this absorbs the whole error there, not only what the compensation in force left of it.
     """
 
     screw_m: FloatArray
@@ -56,6 +63,8 @@ class CompensationPlan:
     limit_um: float
     late_s: float
     bounded: bool
+    zero_at_m: float
+    absorbs_all: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +72,7 @@ class CompensationState:
     """What is in force: `table_um` (n,), and the line by its values at both ends of the travel, (2,), µm.
 
     `reason` says why it is off, None while it is armed; `time_s` is that of the last estimate it followed.
-    `limited` says that rate or gradient keep it from where the estimate is.
+    `limited` says that rate or gradient keep it from where the estimate is. `zero` is what it counts from.
     """
 
     reason: str | None
@@ -71,6 +80,7 @@ class CompensationState:
     table_um: FloatArray
     ends_um: FloatArray
     limited: bool = False
+    zero: ZeroPoint = NEVER
 
     @property
     def armed(self) -> bool:
@@ -102,6 +112,8 @@ def plan_of(config: Config) -> CompensationPlan:
         limit_um=settings.limit_um,
         late_s=LATE_PERIODS * config.estimator.period_s,
         bounded=config.integrity.enabled and config.estimator.screens,
+        zero_at_m=math.nan if settings.zero_at_m is None else settings.zero_at_m,
+        absorbs_all=settings.zero_after == "homing",
     )
 
 
@@ -115,11 +127,27 @@ def table_of(plan: CompensationPlan, grid_m: FloatArray, error_um: FloatArray) -
     return np.asarray(plan.direction * np.interp(plan.screw_m, grid_m, error_um))
 
 
-def bound_of(plan: CompensationPlan, grid_m: FloatArray, block: EstimateBlock) -> FloatArray:
-    """Return the bound of an estimate's error at the table's points (n,); NaN where it is not known."""
-    if not block.error_bound_um.size:
-        return np.full(len(plan.screw_m), np.nan)
-    return np.asarray(np.interp(plan.screw_m, grid_m, block.error_bound_um[0]))
+class _Goal(NamedTuple):
+    """Where table and line are to go: the whole error, then what the limits leave; `why_not` if nowhere."""
+
+    whole_um: FloatArray
+    table_um: FloatArray
+    ends_um: FloatArray
+    why_not: str | None
+
+
+def _goal(plan: CompensationPlan, zero: ZeroPoint, block: EstimateBlock, grid_m: FloatArray) -> _Goal:
+    """Return where an estimate, a block of one, leads. The limit holds for the error and for that since the
+    zero.
+    """
+    found = since(zero, block)
+    whole_um = table_of(plan, grid_m, found.error_um)
+    line = line_of(plan, whole_um)
+    ends_um = line.offset_um + line.slope_um_m * (plan.machine_m[[0, -1]] - plan.reference_m)
+    absolute_um = table_of(plan, grid_m, block.error_um[0])
+    largest_um = float(np.abs(np.concatenate([absolute_um, whole_um, ends_um])).max())
+    why_not = _why_beyond(plan, largest_um, np.interp(plan.screw_m, grid_m, found.bound_um))
+    return _Goal(whole_um, within_gradient(plan, whole_um), ends_um, why_not)
 
 
 def line_of(plan: CompensationPlan, table_um: FloatArray) -> CompensationLine:
@@ -176,22 +204,62 @@ def advance(
     if not state.armed and not arm:
         return state
     elapsed_s = time_s - state.time_s if state.armed else 0.0
+    goal = _goal(plan, state.zero, block, grid_m)
+    why_not = None if goal.why_not is None else f"{goal.why_not}; arm again"
     if not 0.0 <= elapsed_s <= plan.late_s:
-        return off(state, f"no estimate came for {elapsed_s:.3g} s; arm again")
-    whole_um = table_of(plan, grid_m, error_um)
-    wanted_um = within_gradient(plan, whole_um)
-    line = line_of(plan, whole_um)
-    first_um, last_um = (
-        line.offset_um + line.slope_um_m * (x_m - plan.reference_m) for x_m in plan.machine_m[[0, -1]]
-    )
-    largest_um = max(float(np.abs(whole_um).max()), abs(first_um), abs(last_um))
-    why = _why_beyond(plan, largest_um, bound_of(plan, grid_m, block))
-    if why is not None:
-        return off(state, f"{why}; arm again")
-    table_um = toward(state.table_um, wanted_um, plan.rate_um_s * elapsed_s)
-    ends_um = toward(state.ends_um, np.array([first_um, last_um]), plan.rate_um_s * elapsed_s)
-    limited = not (np.array_equal(table_um, whole_um) and np.allclose(ends_um, [first_um, last_um]))
-    return CompensationState(None, time_s, table_um, ends_um, limited)
+        why_not = f"no estimate came for {elapsed_s:.3g} s; arm again"
+    if state.zero.missed:
+        why_not = _MISSED
+    if why_not is not None:
+        return off(state, why_not)
+    table_um = toward(state.table_um, goal.table_um, plan.rate_um_s * elapsed_s)
+    ends_um = toward(state.ends_um, goal.ends_um, plan.rate_um_s * elapsed_s)
+    there = (table_um, goal.whole_um), (ends_um, goal.ends_um)
+    limited = not all(np.allclose(now_um, to_um, rtol=0.0, atol=_ROUNDING_UM) for now_um, to_um in there)
+    return CompensationState(None, time_s, table_um, ends_um, limited, state.zero)
+
+
+def zeroed(
+    plan: CompensationPlan,
+    state: CompensationState,
+    block: EstimateBlock,
+    grid_m: FloatArray,
+    at_m: float,
+    by: str,
+) -> CompensationState:
+    """Return the state after the machine has been set to zero at `at_m` on the screw, at an estimate's time.
+
+    While it is off nobody follows it, so table and line are those of the new zero at once. Armed, it stays so
+    if the zero absorbed only what the compensation had left: at `at_m` nothing changes then, and elsewhere
+    the rate limit holds. If it absorbed the whole error, table and line would have to jump: it is off, to be
+    armed again. Where the error at `at_m` is not known, nothing can be armed until a zero that is.
+    """
+    why_not = _why_not_zeroed(block, at_m) or _goal(plan, NEVER, block, grid_m).why_not
+    if why_not is not None:
+        missed = replace(state, zero=replace(state.zero, missed=True))
+        return off(missed, f"{by} has set the machine to zero, but {why_not}; zero it again, then arm")
+    stays = state.armed and not plan.absorbs_all
+    left_um = plan.direction * float(np.interp(at_m, plan.screw_m, state.table_um)) if stays else 0.0
+    columns = (block.error_um, block.error_sigma_um, block.error_bound_um)
+    error_um, sigma_um, bound_um = (float(np.interp(at_m, grid_m, column[0])) for column in columns)
+    zero = ZeroPoint(float(block.time_s[0]), at_m, error_um - left_um, sigma_um, bound_um, by)
+    if stays:
+        return replace(state, zero=zero)
+    goal = _goal(plan, zero, block, grid_m)
+    reason = f"{by} has set the machine to zero; arm again" if state.armed else state.reason
+    if state.zero.missed:
+        reason = NOT_ARMED
+    return CompensationState(reason, state.time_s, goal.table_um, goal.ends_um, zero=zero)
+
+
+def _why_not_zeroed(block: EstimateBlock, at_m: float) -> str | None:
+    """Why an estimate does not tell the error at a place on the screw; None if it does."""
+    quality = EstimateQuality(block.quality[0])
+    if quality != EstimateQuality.GOOD or not np.isfinite(block.error_um).all():
+        return f"the estimate is {quality.label}"
+    if not math.isfinite(at_m):
+        return "it is not known where the nut stands (compensation.zero_at_m can say where)"
+    return None
 
 
 def _why_beyond(plan: CompensationPlan, error_um: float, bound_um: FloatArray) -> str | None:
@@ -211,123 +279,3 @@ def _why_beyond(plan: CompensationPlan, error_um: float, bound_um: FloatArray) -
 def off(state: CompensationState, reason: str) -> CompensationState:
     """Return the state disarmed; its values stay, for the next arming to start from."""
     return replace(state, reason=reason)
-
-
-class Compensator:
-    """Follows the estimates of one axis."""
-
-    def __init__(
-        self,
-        config: Config,
-        grid_m: FloatArray,
-        instance: str = "",
-        held: CompensationState | None = None,
-    ) -> None:
-        """Plan the compensation of a configuration whose `[compensation]` is enabled.
-
-        `held` is what one before held: off, with its values for the next arming to start from.
-        """
-        self._instance = instance
-        self._plan = plan_of(config)
-        self._state = held or initial(self._plan)
-        self._offset_s = 0.0
-        self._grid_m = grid_m
-        nuts = [s.position_channel for s in config.source if s.position_channel is not None]
-        self._nut_channel = nuts[0] if nuts else None
-        self._asked = False
-
-    @property
-    def reason(self) -> str | None:
-        """Why it is off; None while it is armed."""
-        return self._state.reason
-
-    def arm(self) -> None:
-        """Ask for the compensation to be armed with the next estimate, if that is good."""
-        self._asked = True
-
-    def disarm(self, reason: str) -> None:
-        """Switch it off, and forget who asked for it to be armed; what is off keeps its reason."""
-        if self._state.armed or self._asked:
-            self._state = off(self._state, reason)
-        self._asked = False
-
-    @property
-    def held(self) -> CompensationState:
-        """What is in force, or was last."""
-        return self._state
-
-    def see_clock(self, offset_s: float) -> None:
-        """Take how far the computer's clock is ahead of the service's time; where it was set, disarm.
-
-        A control compares the time up to which a document holds with a clock of its own.
-        """
-        self._offset_s = offset_s
-        if (why := stepped(offset_s)) is not None:
-            self.disarm(f"{why}; arm again")
-
-    def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> dict[str, Any]:
-        """Follow an estimate, a block of one; return the document to publish."""
-        asked, self._asked = self._asked, False
-        self._state = advance(self._plan, self._state, block, self._grid_m, arm=asked)
-        return {
-            "time_s": float(block.time_s[0]),
-            "sequence": sequence,
-            "instance": self._instance,
-            "valid_until_s": float(block.time_s[0]) + self._plan.late_s + min(0.0, self._offset_s),
-            "armed": self._state.armed,
-            "reason": self._state.reason,
-            **self._values(block),
-            "nut": self._nut(block, frame),
-            "quality": EstimateQuality(block.quality[0]).label,
-        }
-
-    def fail(self, time_s: float, sequence: int, reason: str) -> dict[str, Any]:
-        """Disarm because a step gave no estimate; return the document to publish."""
-        self.disarm(f"{reason}; arm again")
-        off = {"time_s": time_s, "sequence": sequence, "instance": self._instance}
-        off |= {"valid_until_s": time_s, "armed": False}
-        values = dict.fromkeys((*_VALUES, "nut"))
-        return {**off, "reason": self._state.reason, **values, "quality": "invalid"}
-
-    def _values(self, block: EstimateBlock) -> dict[str, Any]:
-        """Table and line in force; all null while it is off, so that nobody can take them for good."""
-        plan, state = self._plan, self._state
-        if not state.armed:
-            return dict.fromkeys(_VALUES)
-        line = line_through(plan, state.ends_um)
-        on_line = line.offset_um + line.slope_um_m * (plan.machine_m - plan.reference_m)
-        sigma_um = np.interp(plan.screw_m, self._grid_m, block.error_sigma_um[0])
-        bound_um = bound_of(plan, self._grid_m, block)
-        return {
-            "reference_m": plan.reference_m,
-            "offset_um": round(line.offset_um, 6),
-            "slope_um_m": round(line.slope_um_m, 6),
-            "off_line_um": round(float(np.max(np.abs(state.table_um - on_line))), 6),
-            "position_m": np.round(plan.machine_m, 9).tolist(),
-            "error_um": np.round(state.table_um, 6).tolist(),
-            "sigma_um": np.round(sigma_um, 6).tolist(),
-            "bound_um": None if np.isnan(bound_um).any() else np.round(bound_um, 6).tolist(),
-            "limited": state.limited,
-        }
-
-    def _nut(self, block: EstimateBlock, frame: FrameBlock) -> dict[str, Any] | None:
-        """Where the nut stands and the estimated error there, not limited; None where either is unknown."""
-        if self._nut_channel is None or block.quality[0] != EstimateQuality.GOOD:
-            return None
-        position_m = frame.values[:, frame.channels.index(self._nut_channel)]
-        found = error_at(position_m, self._grid_m, block.error_um, block.error_sigma_um)
-        error_um, sigma_um = (float(value[0]) for value in found)
-        if not math.isfinite(error_um):
-            return None
-        plan = self._plan
-        return {
-            "position_m": round(plan.direction * (float(position_m[0]) - plan.zero_m), 9),
-            "error_um": round(plan.direction * error_um, 6),
-            "sigma_um": round(sigma_um, 6),
-        }
-
-
-_VALUES = (
-    "reference_m", "offset_um", "slope_um_m", "off_line_um", "position_m", "error_um", "sigma_um", "bound_um",
-    "limited",
-)  # fmt: skip

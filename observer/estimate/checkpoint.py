@@ -8,6 +8,7 @@ nothing in it is ever run. The same bytes begin a recording made after a warm st
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.metadata import version
@@ -148,8 +149,15 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
     """A snapshot with all its moments moved, for a service whose time was set anew."""
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
-    gap = _moved(snapshot.gap, by_s)
-    return replace(snapshot, tick_s=snapshot.tick_s + by_s, drive=drive, estimator=estimator, gap=gap)
+    gap, held = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
+    return replace(
+        snapshot,
+        tick_s=snapshot.tick_s + by_s,
+        drive=drive,
+        estimator=estimator,
+        gap=gap,
+        compensation=held,
+    )
 
 
 def _document(data: bytes) -> Mapping[str, Any]:
@@ -228,10 +236,15 @@ def _moved(value: Any, by_s: float) -> Any:
 
 
 def _compensation(plain: Any, fit: CheckpointFit) -> CompensationState | None:
-    """What a compensation held, off; None where there is none, or it was set up otherwise."""
-    if fit.compensation is None or not isinstance(plain, dict) or plain.get("setup") != fit.setup:
+    """What a compensation held, off; None where there is none. Set up otherwise, the machine's zero stays."""
+    if fit.compensation is None or not isinstance(plain, dict):
         return None
-    held: CompensationState = _filled(fit.compensation, plain.get("state"), "compensation")
+    if plain.get("setup") != fit.setup:
+        return _only_zero(plain.get("state"), fit.compensation)
+    state = plain.get("state")
+    if isinstance(state, dict):  # an armed one has no reason; it gets that of a restart, whatever it had
+        state = state | {"reason": SINCE_RESTART}
+    held: CompensationState = _filled(fit.compensation, state, "compensation")
     if not (np.isfinite(held.table_um).all() and np.isfinite(held.ends_um).all()):
         return None
     return replace(held, reason=SINCE_RESTART)
@@ -240,6 +253,16 @@ def _compensation(plain: Any, fit: CheckpointFit) -> CompensationState | None:
 def _remembered(like: Any, plain: Any, name: str) -> Any:
     """What aligner or self-test remembered; None where it is not in the checkpoint."""
     return None if like is None or plain is None else _filled(like, plain, name)
+
+
+def _only_zero(plain: Any, cold: CompensationState) -> CompensationState | None:
+    """A compensation from a cold start, but for where the machine was set to zero; None if that is unfit."""
+    try:
+        zero = _filled(cold.zero, plain.get("zero") if isinstance(plain, dict) else None, "zero")
+    except UnfitError:
+        return None
+    never = math.isnan(zero.time_s) and not zero.missed
+    return None if never else replace(cold, zero=zero, reason=SINCE_RESTART)
 
 
 def _gap(plain: Any, fit: CheckpointFit) -> GapState | None:

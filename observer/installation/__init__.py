@@ -67,10 +67,11 @@ class Installation(Config):
         return None if file is None else file.with_suffix(".alarms.json")
 
     def undelivered(self) -> list[str]:
-        """Say which channels the model reads and no driver delivers, as far as the drivers name theirs."""
+        """Say which channels are read and delivered by no driver, as far as the drivers name theirs."""
         offers = [driver.delivered for driver in self.drivers.values()]
         offered = {channel for offer in offers for channel in offer or ()}
-        missing = [] if None in offers else [c for c in self.channels if c not in offered]
+        wanted = dict.fromkeys((*self.channels, self.compensation.zero_channel))
+        missing = [] if None in offers else [c for c in wanted if c is not None and c not in offered]
         if not missing:
             return []
         return [

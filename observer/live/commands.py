@@ -15,6 +15,7 @@ _FRESH_S = 5.0  # who asked longer ago has stopped waiting, and must not be surp
 _NOBODY = {
     "arm": "there is no compensation; set enabled = true in [compensation]",
     "disarm": "there is no compensation; set enabled = true in [compensation]",
+    "zero": "there is no compensation; set enabled = true in [compensation]",
     "acknowledge": "there are no alarms; set enabled = true in [alarms]",
 }
 

@@ -218,6 +218,8 @@ class _Cycles:
         else:
             self._newest_s[name] = max(reading.time_s, self._newest_s[name])
         self._samples[name] += 1
+        for observer in self._service.observers:
+            observer.hear(reading)
         self._service.recorder.reading(self._aligner.ingest(reading))
 
     async def tick_until_renewed(self) -> Renewal[Any] | None:
@@ -238,7 +240,8 @@ class _Cycles:
 
     def _tick(self, time_s: float) -> None:
         self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
-        self._commands.before_step(self._service.publisher.commands(), time_s)
+        asked = [command for observer in self._service.observers for command in observer.asks()]
+        self._commands.before_step([*self._service.publisher.commands(), *asked], time_s)
         frame = self._aligner.tick(time_s)
         changed = self._estimate_of(frame)  # first: what nobody waits for comes after
         for observer in self._service.observers:

@@ -11,12 +11,14 @@ from typing import Any
 
 import structlog
 
-from observer.control.compensation import Compensator
+from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
+from observer.control.zero import ZeroPoint
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, pack, recent, unpack
 from observer.exchange import Command
 from observer.files.folders import make_folder, write_whole
-from observer.frames import EstimateBlock, FrameBlock, Inputs
+from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
+from observer.live.zero_signal import ZeroSignal
 from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Condition
 from observer.quality.gap import GapState
@@ -56,6 +58,13 @@ class StepObserver:
     def begin(self) -> None:
         """Start, before the first tick."""
 
+    def hear(self, reading: Reading) -> None:
+        """Take a reading as it comes, before the tick."""
+
+    def asks(self) -> list[Command]:
+        """Commands that follow from readings, to be obeyed by all before the next step."""
+        return []
+
     def see(self, frame: FrameBlock) -> None:
         """Take the frame of a tick, whether or not the estimator's step succeeds."""
 
@@ -94,7 +103,7 @@ class StepObserver:
 class CompensationObserver(StepObserver):
     """Publishes the compensation after each step, has it written to the control, and arms and disarms it.
 
-    `rival` returns who else publishes as this service, None without.
+    `rival` returns who else publishes as this service, None without; `signal` tells of a new zero.
     """
 
     def __init__(
@@ -103,8 +112,19 @@ class CompensationObserver(StepObserver):
         publish: Publish,
         rival: Callable[[], str | None],
         control: Steering | NoControl,
+        signal: ZeroSignal | None = None,
     ) -> None:
         self._compensator, self._publish, self._rival, self._control = compensator, publish, rival, control
+        self._signal = signal
+
+    def hear(self, reading: Reading) -> None:
+        """Watch the signal."""
+        if self._signal is not None:
+            self._signal.hear(reading)
+
+    def asks(self) -> list[Command]:
+        """Set to zero when the signal says so."""
+        return [] if self._signal is None else self._signal.commands()
 
     def follow(self, step: Step) -> None:
         """Take an estimate."""
@@ -114,6 +134,9 @@ class CompensationObserver(StepObserver):
             compensator.disarm(f"{rival}, then arm again")
         if self._control.failure is not None and compensator.reason is None:
             compensator.disarm(f"{self._control.failure}; arm again")
+        lost = None if self._signal is None else self._signal.lost(step.now_s)
+        if lost is not None and compensator.reason is None:
+            compensator.disarm(f"{lost}; arm again")
         self._send(compensator.step(step.estimate, step.frame, step.sequence))
 
     def miss(self, time_s: float, sequence: int, reason: str) -> None:
@@ -125,7 +148,7 @@ class CompensationObserver(StepObserver):
         self._control.take(document)
 
     def obey(self, command: Command) -> Answer | None:
-        """Arm or disarm; a reset disarms too, and is answered by the estimator."""
+        """Arm, disarm or set to zero; a reset disarms too, and is answered by the estimator."""
         before = self._compensator.reason
         if command.kind == "arm":
             self._compensator.arm()
@@ -133,6 +156,9 @@ class CompensationObserver(StepObserver):
         if command.kind == "disarm":
             self._compensator.disarm(f"disarmed by {command.by}; arm again")
             return lambda: (True, "disarmed" if before is None else f"it was off already: {before}")
+        if command.kind == "zero":
+            self._compensator.zero(command.by)
+            return self._zeroed
         if command.kind == "reset":
             self._compensator.disarm("the estimator was started afresh; arm again")
         return None
@@ -141,9 +167,19 @@ class CompensationObserver(StepObserver):
         reason = self._compensator.reason
         return reason is None, "armed" if reason is None else f"not armed: {reason}"
 
+    def _zeroed(self) -> tuple[bool, str]:
+        zero, reason = self._compensator.zero_point, self._compensator.reason
+        if zero.missed:
+            return False, f"not zeroed: {reason}"
+        text = f"zeroed at {zero.at_m:.4g} m on the screw, where the error was {zero.error_um:.4g} µm"
+        return True, text if reason is None else f"{text}; off: {reason}"
+
     def notices(self) -> tuple[str, ...]:
-        """Why the control does not follow."""
-        return () if self._control.failure is None else (f"compensation: {self._control.failure}",)
+        """Why the control does not follow, and that a zero was missed."""
+        failure, missed = self._control.failure, self._compensator.zero_point.missed
+        found = [] if failure is None else [failure]
+        found += [self._compensator.reason or ""] if missed else []
+        return tuple(f"compensation: {text}" for text in found)
 
     def remember(self, snapshot: Snapshot) -> Snapshot:
         """Add what is in force."""
@@ -187,21 +223,24 @@ class AlarmObserver(StepObserver):
 
 def stored(
     path: Path, fit: CheckpointFit, now_s: float, oldest_s: float
-) -> tuple[Snapshot | None, GapState | None]:
+) -> tuple[Snapshot | None, GapState | None, ZeroPoint | None]:
     """Where the service stood when it ran last, None for a cold start; the log says which and why.
 
-    Beside it what was known of the prediction's gap then, however long ago; None if nothing.
+    Beside it what was known, however long ago, of the prediction's gap and of the machine's zero; None if
+    nothing.
     """
     gap: GapState | None = None
+    zero: ZeroPoint | None = None
     try:
         snapshot = load(path, fit)
         gap = None if snapshot.gap is None else replace(snapshot.gap, time_s=math.nan)
+        zero = None if snapshot.compensation is None else snapshot.compensation.zero
         recent(snapshot, now_s, oldest_s)
     except UnfitError as error:
         log.warning("cold start", checkpoint=str(path), reason=str(error))
-        return None, gap
+        return None, gap, zero
     log.info("warm start", checkpoint=str(path), age_s=round(now_s - snapshot.tick_s, 3))
-    return snapshot, snapshot.gap
+    return snapshot, snapshot.gap, zero
 
 
 def carried(

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from observer.tables.quantities import Count, Finite, Flag, NonNegative, Position, Positive, Section
+from observer.tables.quantities import Channel, Count, Finite, Flag, NonNegative, Position, Positive, Section
 
 Stiffness = Annotated[Positive, Field(ge=1.0)]
 
@@ -74,6 +74,14 @@ class Compensation(Section):
     #: the compensation disarms if the error, or its [bound](../how-to/compensate.md#arm-it), exceeds this
     #: anywhere in the travel
     limit_um: Positive = 200.0
+    #: a channel whose rise from 0 to 1 says that the [machine was set to
+    #: zero](../how-to/compensate.md#a-new-zero); – is by command only
+    zero_channel: Channel | None = None
+    #: where on the screw the machine is set to zero, as the switch for homing; – is where the nut stands then
+    zero_at_m: Position | None = None
+    #: `"homing"`: a zero absorbs the whole error there; `"probing"`: what the compensation in force leaves of
+    #: it
+    zero_after: Literal["homing", "probing"] = "homing"
     #: `[compensation.control]`: the control that it is written to while it is armed; – is none
     control: ModbusControl | None = None
 

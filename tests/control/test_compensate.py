@@ -13,7 +13,8 @@ from hypothesis.extra.numpy import arrays
 
 from observer.config import Config
 from observer.control import compensation
-from observer.control.compensation import CompensationPlan, CompensationState, Compensator
+from observer.control.compensation import CompensationPlan, CompensationState
+from observer.control.compensator import Compensator
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Layout
 from observer.installation import parse
@@ -296,3 +297,9 @@ def test_it_is_refused_where_it_would_do_harm(keys: dict[str, Any], sentence: st
 def test_it_is_off_by_default() -> None:
     assert not parse(table()).compensation.enabled
     assert not machine(enabled=False, controller_compensates=True).compensation.enabled
+
+
+def test_a_compensation_that_has_come_where_it_goes_is_not_limited() -> None:
+    plan = compensation.plan_of(machine(rate_limit_um_s=1e3, gradient_limit_um_m=1e6))
+    error_um = np.random.default_rng(1).normal(0.0, 20.0, 9)  # sums of its steps are not it to the last bit
+    assert not followed(plan, error_um, 2.0).limited

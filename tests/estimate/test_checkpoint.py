@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from observer.align.aligner import frames_of_log
 from observer.control import compensation
+from observer.control.zero import ZeroPoint
 from observer.estimate import checkpoint
 from observer.estimate.checkpoint import (
     CheckpointFit,
@@ -160,17 +161,17 @@ def test_a_damaged_file_is_told_and_does_no_harm(tmp_path, rig, fit):
     path = tmp_path / "m-x.checkpoint"
     for cut in (0, 10, 40, 100, len(data) - 1):
         path.write_bytes(data[:cut])
-        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
+        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None, None)
     for place in range(0, len(data), 97):
         path.write_bytes(data[:place] + bytes([data[place] ^ 4]) + data[place + 1 :])
-        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
+        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None, None)
     for nothing_of_it in (b"no checkpoint at all", bytes(100_000)):
         path.write_bytes(nothing_of_it)
-        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
+        assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None, None)
     path.unlink()
-    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
+    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None, None)
     path.mkdir()
-    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None)
+    assert stored(path, fit, rig[1].tick_s + 1.0, 900.0) == (None, None, None)
 
 
 _documents = st.recursive(
@@ -200,7 +201,7 @@ def test_whatever_stands_in_it_is_told(rig, fit, document, where):
 
 def test_a_compensation_keeps_its_values_and_is_off(rig, fit):
     held = compensation.CompensationState(None, 5.0, np.array([1.0, -2.0]), np.array([0.5, 1.5]), True)
-    like = replace(held, table_um=np.zeros(2), ends_um=np.zeros(2))
+    like = replace(held, reason="not armed yet", table_um=np.zeros(2), ends_um=np.zeros(2))
     fit = replace(fit, setup="a", compensation=like)
     data = pack(replace(rig[1], compensation=held), fit)
     again = unpack(data, fit).compensation
@@ -208,6 +209,23 @@ def test_a_compensation_keeps_its_values_and_is_off(rig, fit):
     np.testing.assert_array_equal(again.table_um, held.table_um)
     np.testing.assert_array_equal(again.ends_um, held.ends_um)
     assert unpack(data, replace(fit, setup="b")).compensation is None  # set up otherwise since
+
+
+def test_where_the_machine_was_set_to_zero_outlives_age_and_another_setup(tmp_path, rig, fit):
+    cold = compensation.CompensationState("not armed yet", math.nan, np.zeros(2), np.zeros(2))
+    zero = ZeroPoint(5.0, 0.3, 21.0, 0.5, 3.0, "anna@desk")
+    fit = replace(fit, setup="a", compensation=cold)
+    data = pack(replace(rig[1], compensation=replace(cold, table_um=np.ones(2), zero=zero)), fit)
+    assert unpack(data, fit).compensation.zero == zero
+    other = unpack(data, replace(fit, setup="b")).compensation
+    assert not other.armed
+    assert other.zero == zero
+    np.testing.assert_array_equal(other.table_um, 0.0)
+    path = tmp_path / "m-x.checkpoint"
+    path.write_bytes(data)
+    assert stored(path, fit, rig[1].tick_s + 1e6, 900.0)[::2] == (None, zero)
+    later = shifted(unpack(data, fit), 7.0).compensation
+    assert later.zero == replace(zero, time_s=12.0)
 
 
 def test_the_keeper_writes_the_newest_whole_and_for_its_owner_only(tmp_path, rig, fit, monkeypatch):

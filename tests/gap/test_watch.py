@@ -174,11 +174,11 @@ def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: MachineModel
     other = replace(fit, gap=replace(fit.gap, theta=np.zeros(3)))
     assert unpack(pack(snapshot, fit), other).gap is None
     write_whole(tmp_path / "old", pack(snapshot, fit))
-    snapshot_again, known = stored(tmp_path / "old", fit, 9.0 + 1e6, 900.0)
+    snapshot_again, known, _ = stored(tmp_path / "old", fit, 9.0 + 1e6, 900.0)
     assert snapshot_again is None  # it is too old to go on from, and the machine is the same
     assert math.isnan(known.time_s)
     assert (known.theta == watch.state.theta).all()
-    assert stored(tmp_path / "none", fit, 10.0, 900.0) == (None, None)
+    assert stored(tmp_path / "none", fit, 10.0, 900.0) == (None, None, None)
     assert shifted(snapshot, 5.0).gap.time_s == watch.state.time_s + 5.0
     later = _watch(machine)
     later.restore(again)

@@ -10,8 +10,9 @@ import pytest
 import structlog
 
 from observer.align.aligner import blocks_of_log, faults_of, frames_of_log
-from observer.control.compensation import Compensator
+from observer.control.compensator import Compensator
 from observer.control.steering import NoControl
+from observer.control.zero import NEVER
 from observer.errors import UserError
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
@@ -229,6 +230,7 @@ async def test_a_foreign_message_disarms_and_shows_in_health():
             self.disarmed: list[str] = []
 
         reason = held = None
+        zero_point = NEVER
 
         def see_clock(self, offset_s):
             pass

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.control.compensation import Compensator
+from observer.control.compensator import Compensator
 from observer.process.clock import ServiceClock
 from tests.control.test_compensate import GRID, at, estimate, machine
 

@@ -1,0 +1,72 @@
+"""Where and when a machine was last set to zero, and what the thermal error has been since.
+
+Homing on a switch, or a work offset that is probed, absorbs the error of that place and moment e(x₀, t₀) at
+every position alike; what remains to be compensated is e(x, t) − e(x₀, t₀). It is not the whole profile of
+that moment that becomes zero: between the place and the rest of the screw the error stays.
+
+How the errors of two moments are correlated is not known, so their uncertainties add up: the standard
+deviation of a difference is never more than the sum of both, and a bound of it neither.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from observer.frames import EstimateBlock, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroPoint:
+    """When, where and by whom a machine was set to zero, and the error that this absorbed, with σ and bound.
+
+    `at_m` and `error_um` are along the screw, whatever the machine's own direction; `time_s` is NaN where it
+    never was, and nothing is subtracted then. `missed` says that it was set once more when the error was not
+    known, so that nothing can be compensated until it is set again.
+    """
+
+    time_s: float = math.nan
+    at_m: float = math.nan
+    error_um: float = 0.0
+    sigma_um: float = 0.0
+    bound_um: float = 0.0
+    by: str = ""
+    missed: bool = False
+
+
+NEVER = ZeroPoint()
+
+
+class ErrorSince(NamedTuple):
+    """The thermal error since a zero on the grid (g,), along the screw, with σ and bound (NaN: not known)."""
+
+    error_um: FloatArray
+    sigma_um: FloatArray
+    bound_um: FloatArray
+
+
+def since(zero: ZeroPoint, block: EstimateBlock) -> ErrorSince:
+    """Return the error of an estimate, a block of one, since a zero."""
+    return ErrorSince(
+        block.error_um[0] - zero.error_um,
+        block.error_sigma_um[0] + zero.sigma_um,
+        block.error_bound_um[0] + zero.bound_um,
+    )
+
+
+def zero_document(zero: ZeroPoint, direction: float, origin_m: float) -> dict[str, Any] | None:
+    """Return a zero as it is published, in the coordinates of the machine; None where it never was set.
+
+    The machine's zero is `origin_m` on the screw, and it runs in its `direction`, +1 or −1.
+    """
+    if math.isnan(zero.time_s):
+        return None
+    return {
+        "time_s": zero.time_s,
+        "by": zero.by,
+        "position_m": round(direction * (zero.at_m - origin_m), 9),
+        "error_um": round(direction * zero.error_um, 6),
+        "sigma_um": round(zero.sigma_um, 6),
+        "bound_um": None if math.isnan(zero.bound_um) else round(zero.bound_um, 6),
+    }

@@ -1,0 +1,58 @@
+"""The signal of a control that the machine has just been set to zero, made the command that it stands for."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from observer.control.compensation import LATE_PERIODS
+from observer.exchange import Command, Outcome, plain_name
+from observer.frames import Reading
+from observer.installation import Installation
+
+_HIGH = 0.5
+
+
+class ZeroSignal:
+    """Watches one channel's readings as they come, before the tick makes one value of them."""
+
+    def __init__(self, channel: str, late_s: float) -> None:
+        """Take the channel, and after how long without a value it is lost."""
+        self._channel, self._late_s = channel, late_s
+        self._was_high: bool | None = None
+        self._heard_s = -math.inf
+        self._risen = False
+
+    @classmethod
+    def of(cls, config: Installation) -> ZeroSignal | None:
+        """The signal of a configuration, None without."""
+        channel = config.compensation.zero_channel
+        if channel is None:
+            return None
+        period_s = max(config.estimator.period_s, config.sample_s.get(channel, 0.0))
+        return cls(channel, LATE_PERIODS * period_s)
+
+    def hear(self, reading: Reading) -> None:
+        """Take a reading; the first value of all is no rise, whatever it is."""
+        value = reading.values.get(self._channel, math.nan)
+        if not math.isfinite(value) or self._channel in reading.faults:
+            return
+        is_high = value > _HIGH
+        self._risen |= is_high and self._was_high is False
+        self._was_high, self._heard_s = is_high, reading.time_s
+
+    def commands(self) -> list[Command]:
+        """The command that a rise since the last call stands for."""
+        risen, self._risen = self._risen, False
+        by = plain_name(f"{self._channel}@signal")
+        return [Command("zero", by, time.monotonic(), _answered)] if risen else []
+
+    def lost(self, now_s: float) -> str | None:
+        """Why a rise could have been missed, in a sentence; None while the channel comes."""
+        if now_s - self._heard_s <= self._late_s:
+            return None
+        return f"{self._channel}, which tells of a new zero, has no value"
+
+
+def _answered(_outcome: Outcome) -> None:
+    """Nobody waits for an answer: log, recording and the `compensation` document tell the outcome."""

@@ -1,0 +1,172 @@
+"""A machine that is set to zero: what the compensation counts from, how sure that is, what refuses it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observer.control import compensation
+from observer.control.compensation import CompensationState
+from observer.control.compensator import Compensator
+from observer.errors import ConfigError
+from observer.frames import FloatArray
+from tests.control.test_compensate import GRID, at, estimate, followed, machine
+
+FAST = {"rate_limit_um_s": 1e3, "gradient_limit_um_m": 1e6}
+CURVE = 300.0 * GRID * (0.5 - GRID)
+"""As of a screw that is held at both ends: no line."""
+
+
+def _zeroed(
+    state: CompensationState, plan: Any, error_um: FloatArray, time_s: float, at_m: float, **made: Any
+):
+    return compensation.zeroed(plan, state, estimate(error_um, time_s, **made), GRID, at_m, "anna")
+
+
+def test_the_compensation_is_the_error_less_that_of_the_place_and_moment_everywhere() -> None:
+    plan = compensation.plan_of(machine(zero_m=0.05, **FAST))
+    state = _zeroed(compensation.initial(plan), plan, CURVE, 100.0, 0.25)
+    assert not state.armed
+    there_um = float(np.interp(0.25, GRID, CURVE))
+    before_um = np.interp(plan.screw_m, GRID, CURVE)
+    np.testing.assert_allclose(
+        state.table_um, before_um - there_um, atol=1e-9
+    )  # at once: nobody follows what is off
+    assert np.interp(0.25, plan.screw_m, state.table_um) == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(state.table_um).max() > 1.0  # the profile itself is not zero
+    line = compensation.line_through(plan, state.ends_um)
+    slope, offset = np.polyfit(plan.machine_m - plan.reference_m, before_um - there_um, 1)
+    assert (line.slope_um_m, line.offset_um) == (pytest.approx(slope), pytest.approx(offset))
+    grown = CURVE + 40.0 * GRID
+    armed = compensation.advance(plan, state, estimate(grown, 100.5), GRID, arm=True)
+    np.testing.assert_array_equal(armed.table_um, state.table_um)  # starts from there
+    later = compensation.advance(plan, armed, estimate(grown, 101.0), GRID)
+    np.testing.assert_allclose(later.table_um, np.interp(plan.screw_m, GRID, grown) - there_um, atol=1e-9)
+
+
+def test_a_machine_that_runs_against_the_screw_is_zeroed_at_the_same_place() -> None:
+    config = machine(reverse=True, zero_m=0.4, zero_at_m=0.3, **FAST)
+    compensator = Compensator(config, GRID, "0a0a0a0a")
+    compensator.zero("anna@desk")
+    compensator.step(estimate(100.0 * GRID, 10.0), at(config, 10.0, 0.15), 0)
+    compensator.arm()
+    document = compensator.step(estimate(120.0 * GRID, 10.5), at(config, 10.5, 0.15), 1)
+    document = compensator.step(estimate(120.0 * GRID, 11.0), at(config, 11.0, 0.15), 2)
+    assert document["zero"] == {
+        "time_s": 10.0, "by": "anna@desk", "position_m": pytest.approx(0.1), "error_um": pytest.approx(-30.0),
+        "sigma_um": 0.5, "bound_um": 3.0,
+    }  # fmt: skip
+    assert document["error_um"] == pytest.approx((-(120.0 * np.linspace(0.1, 0.3, 21) - 30.0)).tolist())
+    assert document["nut"]["error_um"] == pytest.approx(-(120.0 * 0.15 - 30.0))
+
+
+def test_how_sure_a_difference_is_is_never_said_better_than_it_can_be() -> None:
+    """Errors at two times may move against each other: σ and bound of a difference reach the sums."""
+    config = machine(zero_at_m=0.2, **FAST)
+    compensator = Compensator(config, GRID)
+    compensator.zero("anna")
+    compensator.step(estimate(CURVE, 10.0, bound_um=4.0), at(config, 10.0, 0.15), 0)
+    compensator.arm()
+    document = compensator.step(estimate(CURVE, 10.5, bound_um=5.0), at(config, 10.5, 0.15), 1)
+    assert document["sigma_um"] == pytest.approx([0.5 + 0.5] * 21)
+    assert document["bound_um"] == pytest.approx([5.0 + 4.0] * 21)
+    assert document["nut"]["sigma_um"] == pytest.approx(1.0)
+    rng = np.random.default_rng(2)
+    for correlation in (-1.0, -0.5, 0.0, 0.9):
+        of_both = rng.multivariate_normal(
+            [0, 0], [[0.25, 0.25 * correlation], [0.25 * correlation, 0.25]], 4000
+        )
+        assert np.std(of_both[:, 1] - of_both[:, 0]) <= 1.0 * 1.05  # 4000 draws tell σ to 1.1 %
+
+
+def test_after_homing_an_armed_compensation_is_off_and_starts_consistent() -> None:
+    plan = compensation.plan_of(machine(**FAST))
+    state = followed(plan, np.full(9, 30.0), 5.0)
+    zeroed = _zeroed(state, plan, np.full(9, 30.0), state.time_s + 0.5, 0.2)
+    assert zeroed.reason == "anna has set the machine to zero; arm again"
+    np.testing.assert_allclose(zeroed.table_um, 0.0, atol=1e-12)
+    np.testing.assert_allclose(zeroed.ends_um, 0.0, atol=1e-12)
+
+
+def test_after_probing_an_armed_compensation_goes_on_without_a_jump() -> None:
+    """The probed offset absorbed what the compensation, at its rate, had left of the error there."""
+    plan = compensation.plan_of(machine(zero_after="probing", rate_limit_um_s=2.0, gradient_limit_um_m=1e6))
+    state = followed(plan, CURVE, 4.0)
+    assert state.limited
+    wanted_um = np.interp(plan.screw_m, GRID, CURVE)
+    left_um = np.interp(0.2, plan.screw_m, wanted_um - state.table_um)
+    assert left_um > 1.0
+    zeroed = _zeroed(state, plan, CURVE, state.time_s + 0.5, 0.2)
+    assert zeroed.armed
+    np.testing.assert_array_equal(zeroed.table_um, state.table_um)
+    after = compensation.advance(plan, zeroed, estimate(CURVE, state.time_s + 0.5), GRID)
+    assert np.abs(after.table_um - state.table_um).max() <= 2.0 * 0.5 * (1 + 1e-12)
+    assert np.interp(0.2, plan.screw_m, after.table_um) == pytest.approx(
+        np.interp(0.2, plan.screw_m, state.table_um)
+    )
+    settled = followed(plan, CURVE, 20.0, after)
+    np.testing.assert_allclose(settled.table_um, wanted_um - left_um)
+    # what the machine is off after all is zero where it was probed, at that time
+    residual_um = (wanted_um - left_um) - settled.table_um
+    np.testing.assert_allclose(residual_um, 0.0, atol=1e-9)
+
+
+def test_a_zero_while_the_error_is_not_known_keeps_it_from_being_armed_until_one_that_is() -> None:
+    config = machine(**FAST)
+    compensator = Compensator(config, GRID)
+    good = estimate(np.full(9, 30.0), 10.0)
+
+    def step(time_s: float, quality: int = 0, nut_m: float = 0.2) -> dict[str, Any]:
+        return compensator.step(estimate(np.full(9, 30.0), time_s, quality), at(config, time_s, nut_m), 0)
+
+    compensator.step(good, at(config, 10.0, 0.2), 0)
+    for time_s, quality, nut_m, why in (
+        (10.5, 2, 0.2, "the estimate is degraded"),
+        (11.0, 0, float("nan"), "it is not known where the nut stands"),
+    ):
+        compensator.zero("anna")
+        document = step(time_s, quality, nut_m)
+        assert document["reason"].startswith(f"anna has set the machine to zero, but {why}")
+        assert compensator.zero_point.missed
+        compensator.arm()
+        document = step(time_s + 0.25)
+        assert not document["armed"]
+        assert "zero it again, then arm" in document["reason"]
+    compensator.zero("anna")
+    compensator.fail(11.5, 0, "ValueError: no")
+    compensator.arm()
+    assert not step(12.0)["armed"]
+    compensator.zero("anna")
+    assert not step(12.5)["armed"]
+    compensator.arm()
+    document = step(13.0)
+    assert document["armed"]
+    assert document["error_um"] == pytest.approx([0.0] * 21)
+
+
+def test_a_zero_takes_back_who_has_asked_for_it_to_be_armed_before() -> None:
+    config = machine(**FAST)
+    compensator = Compensator(config, GRID)
+    compensator.arm()
+    compensator.zero("anna")
+    assert not compensator.step(estimate(CURVE, 10.0), at(config, 10.0, 0.2), 0)["armed"]
+
+
+def test_the_limit_holds_for_the_error_itself_and_for_that_since_the_zero() -> None:
+    plan = compensation.plan_of(machine(limit_um=40.0, zero_at_m=0.2, **FAST))
+    state = _zeroed(compensation.initial(plan), plan, np.full(9, -30.0), 10.0, 0.2)
+    assert compensation.advance(plan, state, estimate(np.zeros(9), 10.5), GRID, arm=True).armed
+    since = compensation.advance(plan, state, estimate(np.full(9, 15.0), 10.5), GRID, arm=True)
+    assert since.reason == "the error of 45 µm is beyond limit_um = 40; arm again"
+    plain = compensation.advance(plan, state, estimate(np.full(9, -41.0), 10.5), GRID, arm=True)
+    assert plain.reason == "the error of 41 µm is beyond limit_um = 40; arm again"
+    wide = compensation.advance(plan, state, estimate(np.zeros(9), 10.5, bound_um=38.0), GRID, arm=True)
+    assert "bound of 41 µm is beyond" in wide.reason  # 38 now and 3 then
+    assert _zeroed(state, plan, np.full(9, 50.0), 11.0, 0.2).zero.missed
+
+
+def test_a_place_beyond_the_screw_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"zero_at_m reaches 0\.9 m, beyond the screw's length_m"):
+        machine(zero_at_m=0.9)
