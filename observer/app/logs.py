@@ -178,7 +178,7 @@ def identify(
     frames = list(frames_of_log(log, machine.plan))
     blocks = inputs_of(frames, machine.drive)
     odd = doubts(log, [block.path for block in frames], config)
-    progress(options.method)
+    progress(f"heats by {options.method}, and their σ")
     try:
         history = heat_history(
             machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, blocks)
@@ -192,6 +192,7 @@ def identify(
         "speed_mean_rpm": speeds(config, log),
         "doubts": odd,
     }
+    progress("writing and drawing")
     with results_in(output) as part:
         summary = write_history(part, machine.plant.layout, history, log, more, suffix)
         title, by = f"heats in {log_path.name}", f"by {options.method}"

@@ -36,6 +36,7 @@ def calibrate(
     from observer.installation import write_back
 
     config = load(config_path)
+    progress("reading logs")
     searched = config_path.read_bytes()
     runs, odd, _ = _runs(log_paths, config)
     with results_in(output) as part:

@@ -10,15 +10,21 @@ import typer
 
 from observer.cli import clients, logs, machines
 from observer.cli.fleet import fleet
+from observer.cli.options import quietable
 from observer.cli.output import say
 from observer.errors import UserError
 from observer.process import shutdown
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
+_SHOWING = {"demo", "run", "check", "place", "watch", "health", "arm", "disarm", "reset", "acknowledge"}
+"""The verbs whose output is what they are for; the others can be told to be quiet."""
+for _verbs in (machines.verbs, logs.verbs, clients.verbs, fleet):
+    for _info in _verbs.registered_commands:
+        if _info.callback is not None and (_info.name or _info.callback.__name__) not in _SHOWING:
+            _info.callback = quietable(_info.callback)
 for _verbs in (machines.verbs, logs.verbs, clients.verbs):
     app.add_typer(_verbs)
 app.add_typer(fleet, name="fleet")

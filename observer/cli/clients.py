@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -17,6 +17,7 @@ from observer.cli.options import (
     ClientOption,
     ConnectOption,
     HashOption,
+    JsonOption,
     MachineOption,
     OneAxisOption,
     OneMachineOption,
@@ -62,8 +63,9 @@ def health(
     axis: AxisOption = "*",
     timeout_s: TimeoutOption = 5.0,
     client: ClientOption = None,
+    as_json: JsonOption = False,
 ) -> None:
-    """Ask the running service for its health; exit code 0 if it gives estimates, else 1."""
+    """Ask the running service how it is; exit code 0 if it gives estimates, else 1."""
     from observer.publish.ask import ask, ask_health, gives_estimates
     from observer.publish.watch import health_table
 
@@ -72,18 +74,18 @@ def health(
 
     def table(report: dict[str, Any]) -> RenderableType:
         alarms = ask(connect, *answer.source, "alarms", timeout_s, who)
-        return health_table(report, alarms.document or {}, "/".join(answer.source))
+        return health_table(report, alarms.document or {}, "/".join(answer.source), time.time())
 
-    _print_answer(answer, gives_estimates, table)
+    _print_answer(answer, gives_estimates, None if as_json else table)
 
 
 def _print_answer(
     answer: Reply,
     is_good: Callable[[dict[str, Any]], bool],
-    for_people: Callable[[dict[str, Any]], RenderableType] = json.dumps,
+    for_people: Callable[[dict[str, Any]], RenderableType] | None = None,
 ) -> NoReturn:
-    """Print the answer of a service, in a terminal for people, and leave with 0 if that is good, else 1."""
-    if answer.document is not None and sys.stdout.isatty():
+    """Print the answer of a service, for people or as JSON, and leave with 0 if that is good, else 1."""
+    if answer.document is not None and for_people is not None:
         from rich.console import Console
 
         Console(highlight=False, markup=False).print(for_people(answer.document))

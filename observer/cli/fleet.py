@@ -45,15 +45,16 @@ WorkersOption = Annotated[
 MemoryOption = Annotated[
     float | None,
     typer.Option(
-        "--memory-GB", min=0.5, help="Of each process; one that needs more is ended. By default its share."
+        "--memory-GB", min=0.5, help="GB for each process; one that needs more is ended. Else its share."
     ),
 ]
 LimitOption = Annotated[
-    float, typer.Option(min=1.0, help="The longest that a piece of work may take before it is given up.")
+    float, typer.Option(min=1.0, help="Seconds that a piece of work may take before it is given up.")
 ]
 FormatOption = Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")]
 MethodOption = Annotated[
-    Literal["smoother", "tikhonov", "conjugate-gradient"], typer.Option(help="How the heats are found.")
+    Literal["smoother", "tikhonov", "conjugate-gradient"],
+    typer.Option(metavar="METHOD", help="How heats are found: smoother, tikhonov or conjugate-gradient."),
 ]
 Verb = Literal["replay", "identify", "calibrate", "discover"]
 MOST_SHOWN = 20
@@ -133,7 +134,7 @@ def _run(
     from observer.fleet.run import run
 
     try:
-        with counting(f"fleet {options.verb}") as progress:
+        with counting(f"fleet {options.verb}", "logs done", "report") as progress:
             rows, before = run(
                 jobs,
                 options,

@@ -33,7 +33,7 @@ def replay(
     from observer import app as parts
     from observer.installation import load
 
-    with counting("replay") as progress:
+    with counting("replay", "estimating", "writing and drawing") as progress:
         summary = parts.replay(
             log,
             load(config),
@@ -65,14 +65,16 @@ def forecast(
         Path | None,
         typer.Option(help="What runs next, a log of the input channels, repeated; else as the log ends."),
     ] = None,
-    hours: Annotated[float | None, typer.Option(min=0.05, max=24.0, help="How far ahead.")] = None,
+    hours: Annotated[
+        float | None, typer.Option(min=0.05, max=24.0, help="Hours ahead; else as configured.")
+    ] = None,
     **accept: Any,
 ) -> None:
     """Say what comes after a log: temperatures and thermal error with sigma, and when it has settled."""
     from observer import app as parts
     from observer.installation import load
 
-    with counting("forecast") as progress:
+    with counting("forecast", "estimating", "looking ahead") as progress:
         lines = parts.forecast(
             log,
             load(config),
@@ -94,7 +96,8 @@ def identify(
     config: ConfigOption,
     output: OutputOption,
     method: Annotated[
-        Literal["smoother", "tikhonov", "conjugate-gradient"], typer.Option(help="How the heats are found.")
+        Literal["smoother", "tikhonov", "conjugate-gradient"],
+        typer.Option(metavar="METHOD", help="How heats are found: smoother, tikhonov or conjugate-gradient."),
     ] = "smoother",
     regularisation: Annotated[
         float | None,
@@ -102,7 +105,10 @@ def identify(
     ] = None,
     parameter_choice: Annotated[
         Literal["discrepancy", "gcv", "l-curve", "ico"] | None,
-        typer.Option(help="How tikhonov chooses that weight; gcv by default."),
+        typer.Option(
+            metavar="RULE",
+            help="How tikhonov chooses that weight: discrepancy, gcv (default), l-curve or ico.",
+        ),
     ] = None,
     order: Annotated[
         int | None,
@@ -110,7 +116,9 @@ def identify(
     ] = None,
     gradient: Annotated[
         Literal["adjoint", "central-differences"] | None,
-        typer.Option(help="Of the conjugate gradients; adjoint by default."),
+        typer.Option(
+            metavar="HOW", help="Of the conjugate gradients: adjoint (default) or central-differences."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
     **accept: Any,
@@ -146,7 +154,7 @@ def simulate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .csv, .csv.gz or .parquet.")],
     start_degC: Annotated[
         float | None,
-        typer.Option(help="Screw temperature at the start; else by sensors or ambient."),
+        typer.Option(help="Screw temperature at the start in °C; else by sensors or ambient."),
     ] = None,
 ) -> None:
     """Predict a run from the heat laws alone, as a log with overview.png beside it."""
@@ -154,7 +162,7 @@ def simulate(
     from observer.installation import load
 
     settings, doubts = load(config), list[str]()
-    with counting("simulate") as progress:
+    with counting("simulate", "predicting", "writing and drawing") as progress:
         last = parts.simulate(program, settings, output, start_degC, progress, doubts.extend)
     ends = ", ".join(f"{s.name} {t:.2f} °C" for s, t in zip(settings.sensor, last, strict=True))
     typer.echo(f"at the end: {ends}")

@@ -37,7 +37,9 @@ def demo(
     listen: Annotated[
         str, typer.Option(help="Where the demo's Zenoh router listens.", callback=endpoint)
     ] = DEFAULT_ENDPOINT,
-    plain: Annotated[bool, typer.Option(help="One line a second in place of the live table.")] = False,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="One line a second in place of the live table.")
+    ] = False,
     page: Annotated[
         str | None, typer.Option(help="Where the page listens; by itself the first free port from 8080 on.")
     ] = None,
@@ -110,6 +112,17 @@ _QUESTIONS = {
     "speed_signal": "The screw's speed in rpm likewise, if there is one",
 }
 """Each is an option of `init`, and is asked where that is not given."""
+_USUAL = {
+    "machine": "machine",
+    "axis": "x",
+    "screw": "40x10",
+    "steel": "bearing",
+    "module": "wago_750_458",
+    "ambient": "input",
+    "control": "none",
+    "position_register": "0",
+}
+"""Their defaults, as `Answers` has them, which is slow to import."""
 
 
 def init(
@@ -136,7 +149,8 @@ def init(
 
 
 def _option(name: str) -> Parameter:
-    kind = Annotated[str | None, typer.Option(help=_QUESTIONS[name])]
+    usual = f"; default {_USUAL[name]}" if name in _USUAL else ""
+    kind = Annotated[str | None, typer.Option(help=_QUESTIONS[name] + usual)]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
 
 
@@ -147,11 +161,12 @@ verbs.command()(with_parameters(init, map(_option, _QUESTIONS)))
 def check(
     config: ConfigOption,
     wires: Annotated[
-        bool, typer.Option(help="Instead, read every device once; exit code 0 if every channel came.")
+        bool,
+        typer.Option("--wires", help="Instead, read every device once; exit code 0 if every channel came."),
     ] = False,
     plot: Annotated[
         Path | None,
-        typer.Option(help="Draw poles, step and frequency response into this file (.png, .svg or .pdf)."),
+        typer.Option(help="Also draw poles, step and frequency response into this file (.png, .svg, .pdf)."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -193,7 +208,9 @@ def _wires(config: Installation) -> dict[str, Any]:
 def place(
     config: ConfigOption,
     sensors: Annotated[int, typer.Option(min=1, max=32, help="How many sensors to place.")],
-    spacing_m: Annotated[float | None, typer.Option(min=1e-4, help="Spacing of the candidates.")] = None,
+    spacing_m: Annotated[
+        float | None, typer.Option(min=1e-4, help="Spacing of the candidates in m; else 41 places.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Rank sensor positions by how well they determine field and heats (conditioning, not rank)."""

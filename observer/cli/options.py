@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable
+from contextlib import nullcontext
+from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from observer.cli.output import silent
 from observer.errors import UserError
 
 
@@ -30,7 +33,9 @@ ConfigOption = Annotated[Path, typer.Option("--config", "-c", help="Configuratio
 OutputOption = Annotated[
     Path, typer.Option("--output", "-o", help="Folder for the results; made if missing.")
 ]
-SecondsOption = Annotated[float | None, typer.Option(min=0, help="Stop by itself after this many seconds.")]
+SecondsOption = Annotated[
+    float | None, typer.Option(min=0, help="Stop by itself after this many seconds; else run on.")
+]
 
 
 def endpoint(option: typer.CallbackParam, text: str) -> str:
@@ -59,7 +64,7 @@ MachineOption = Annotated[str, typer.Option(help="Machine; * for whichever is th
 AxisOption = Annotated[str, typer.Option(help="Axis; * for whichever is there.", callback=_name)]
 OneMachineOption = Annotated[str, typer.Option("--machine", help="Which machine.", callback=_name)]
 OneAxisOption = Annotated[str, typer.Option("--axis", help="Which axis.", callback=_name)]
-TimeoutOption = Annotated[float, typer.Option(min=0.1, help="How long to wait for an answer.")]
+TimeoutOption = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for an answer.")]
 ClientOption = Annotated[
     Path | None, typer.Option("--client", help="Who asks: certificates and password (TOML).")
 ]
@@ -72,16 +77,29 @@ HashOption = Annotated[
 ]
 
 
+def _flag(name: str, option: str, words: str) -> Parameter:
+    """A parameter that is off unless its option is given."""
+    annotation = Annotated[bool, typer.Option(option, help=words)]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
+
+
+def quietable(verb: Callable[..., None]) -> Callable[..., None]:
+    """Let a verb be told to print nothing but warnings and errors."""
+
+    @wraps(verb)
+    def run(*, quiet: bool, **given: Any) -> None:
+        with silent() if quiet else nullcontext():
+            verb(**given)
+
+    more = _flag("quiet", "--quiet", "Print nothing but warnings and errors.")
+    return with_parameters(run, [more], without=())
+
+
 def accepting(verb: Callable[..., None]) -> Callable[..., None]:
     """Let a verb that hands `**accept` to the reader of logs show what that may accept."""
     options = {
         "accept_truncated": "Drop a last row that was cut off.",
         "accept_damaged": "Drop rows whose checksum is wrong.",
     }
-    more = [
-        Parameter(
-            name, Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, typer.Option(help=words)]
-        )
-        for name, words in options.items()
-    ]
+    more = [_flag(name, f"--{name.replace('_', '-')}", words) for name, words in options.items()]
     return with_parameters(verb, more, without=("accept",))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -43,12 +44,36 @@ def warn_of_paths(regimes: dict[str, str]) -> None:
             typer.echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
 
 
+class _Shown:
+    """Whether anything but warnings and errors is shown."""
+
+    progress = True
+
+
 @contextmanager
-def counting(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar for work of known length: call with the rows done and their total."""
+def silent() -> Iterator[None]:
+    """Show no progress and print no prose; warnings and errors, on standard error, remain."""
+    _Shown.progress = False
+    try:
+        with redirect_stdout(StringIO()):
+            yield
+    finally:
+        _Shown.progress = True
+
+
+@contextmanager
+def counting(name: str, doing: str, then: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar for work of known length: call with the rows done and their total; `doing` and `then` name
+    what is being done until they are all done, and afterwards.
+    """
     with _bar() as bar:
-        task = bar.add_task(name, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        task = bar.add_task(f"{name}: reading", total=None)
+
+        def update(done: int, total: int) -> None:
+            phase = doing if done < total else then
+            bar.update(task, completed=done, total=total, description=f"{name}: {phase}")
+
+        yield update
 
 
 @contextmanager
@@ -68,7 +93,8 @@ def _bar() -> Progress:
 
     console = Console(stderr=True)
     columns = *Progress.get_default_columns(), TimeElapsedColumn()
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    watched = console.is_terminal and _Shown.progress
+    return Progress(*columns, console=console, transient=True, disable=not watched)
 
 
 def show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:

@@ -140,16 +140,16 @@ def search(
     chosen: list[FittedCandidate] = []
     ranking: tuple[FittedCandidate, ...] = ()
     while len(chosen) < MOST_EFFECTS:
+        progress(f"round {len(chosen) + 1} of candidates", 0.3 + 0.2 * len(chosen))
         trials = tried(null, fit, found, [t.candidate for t in chosen], pool)
         ranking = ranking or trials
-        progress(f"effects found: {len(chosen)}", 0.3 + 0.2 * len(chosen))
         best = _best(trials)
         if best is None:
             break
         chosen.append(best)
         fit = best.fit
     fit, chosen = _pruned(null, fit, chosen, pool)
-    progress("rivals", 0.9)
+    progress("rivals of what was found", 0.9)
     rivals: list[tuple[FittedCandidate, ...]] = []
     if len(chosen) == 1:
         alone = replace(chosen[0], fit=fit, drop=null.deviance - fit.deviance)

@@ -117,36 +117,61 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     return Group(*parts, *_reasons(health), *_alarms(latest.get("alarms", {})))
 
 
-def health_table(health: Mapping[str, Any], alarms: Mapping[str, Any], axis: str) -> RenderableType:
-    """A health report for people: state and reasons, channels, drivers, where it is recorded, and alarms."""
-    state, quality = _word(health.get("state")), _word(health.get("quality"))
+def health_table(
+    health: Mapping[str, Any], alarms: Mapping[str, Any], axis: str, now_s: float
+) -> RenderableType:
+    """A health report for people: state, why, what to do, channels and drivers, and how old all that is."""
+    state, quality, time_s = (
+        _word(health.get("state")),
+        _word(health.get("quality")),
+        _float(health.get("time_s")),
+    )
     title = Text(f"{_word(axis)}   ")
     title.append(f"service {state}", style=_style(state))
     title.append(f"   estimates {quality}", style=_style(quality))
-    channels = Table("channel", "quality", "age, s", "fault")
+    if time_s is not None:
+        title.append(f"   {max(now_s - time_s, 0.0):.0f} s ago", style="dim")
+    channels, drivers = (
+        _plain(name)
+        for name in (("channel", "quality", "age, s", "fault"), ("driver", "connected", *_COUNTED))
+    )
     for name, channel in _tables(health.get("channels")):
         shown = Text(_word(channel.get("quality")), style=_style(_word(channel.get("quality"))))
         fault = Text(_word(channel.get("fault") or ""))
         channels.add_row(Text(name), shown, _number(_float(channel.get("age_s")), 1), fault)
-    drivers = Table("driver", "connected", *_COUNTED)
     for name, driver in _tables(health.get("drivers")):
         connected = Text("yes", style="green") if driver.get("connected") is True else Text("no", style="red")
         drivers.add_row(Text(name), connected, *(_number(_float(driver.get(key)), 0) for key in _COUNTED))
-    recording = Text(f"recording {_word(health.get('recording'))}", style="dim")
-    return Group(title, *_reasons(health), channels, drivers, recording, *_alarms(alarms))
+    recording = Text(f"recording  {_word(health.get('recording'))}", style="dim")
+    return Group(title, *_reasons(health), *_alarms(alarms, remedies=True), channels, drivers, recording)
+
+
+def _plain(heads: Sequence[str]) -> Table:
+    """A table without lines."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for i, head in enumerate(heads):
+        table.add_column(
+            head,
+            overflow="fold",
+            justify="right" if head in ("age, s", *_COUNTED) else "left",
+            no_wrap=i == 0,
+        )
+    return table
 
 
 def _reasons(health: Mapping[str, Any]) -> list[Text]:
     return [Text(f"• {_word(reason)}", style="yellow") for reason in _items(health.get("reasons"))]
 
 
-def _alarms(document: Mapping[str, Any]) -> list[Text]:
-    """A line for each alarm: how bad, in which state, and why."""
+def _alarms(document: Mapping[str, Any], *, remedies: bool = False) -> list[Text]:
+    """A line for each alarm: how bad, in which state, and why; below it, on demand, what to do."""
     lines = []
     for alarm in map(_table, _items(document.get("alarms"))):
         severity, state = _word(alarm.get("severity")), _word(alarm.get("state"))
         line = f"▲ {severity} {_word(alarm.get('id'))} ({state}): {_word(alarm.get('reason'))}"
         lines.append(Text(line, style="yellow" if severity == "minor" else "red"))
+        if remedies and isinstance(remedy := alarm.get("remedy"), str):
+            lines.append(Text(f"  to do: {_word(remedy)}"))
     bands = _table(document.get("bands")).items()
     learning = [
         f"{_word(n)} {_word(b['learning'])}" for n, b in bands if isinstance(b, dict) and b.get("learning")

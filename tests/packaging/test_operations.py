@@ -181,7 +181,7 @@ def _change_the_configuration(computer: Box) -> None:
 def _is_refused(computer: Box, *, wanted: bool) -> bool:
     """Whether health says, or says no more, that the key is wrong; while it reads again it may not answer."""
     try:
-        reasons = json.loads(computer.does("observer health", code=None))["reasons"]
+        reasons = json.loads(computer.does("observer health --json", code=None))["reasons"]
     except json.JSONDecodeError:
         return False
     return any("convection_W_m2K" in reason for reason in reasons) == wanted

@@ -58,13 +58,14 @@ def test_a_health_report_is_shown_with_state_reasons_channels_and_drivers():
     channels = {"t1_degC": {"quality": "good", "age_s": 0.25, "fault": None},
                 "[t2]": {"quality": "missing", "age_s": None, "fault": "open_circuit"}}  # fmt: skip
     drivers = {"amp": {"connected": False, "samples": 40, "drops": 1, "errors": 7, "reconnects": 2}}
-    alarms = {"alarms": [{"severity": "major", "reason": "it wears"}]}
+    alarms = {"alarms": [{"severity": "major", "reason": "it wears", "remedy": "grease it"}]}
     text = _shown(
-        {"state": "starting", "quality": "invalid", "reasons": ["driver amp is not connected: refused"],
+        {"time_s": 1000.0, "state": "starting", "quality": "invalid",
+         "reasons": ["driver amp is not connected: refused"],
          "channels": channels, "drivers": drivers, "recording": "/var/lib/r.csv"},
-        partial(health_table, alarms=alarms, axis="lathe-7/z"),
+        partial(health_table, alarms=alarms, axis="lathe-7/z", now_s=1012.0),
     )  # fmt: skip
-    for words in ("lathe-7/z", "▲ major", "it wears", "service starting",
+    for words in ("lathe-7/z", "▲ major", "it wears", "to do: grease it", "12 s ago", "service starting",
                   "estimates invalid", "• driver amp is not connected: refused", "0.2",
                   "t1_degC", "[t2]", "missing", "open_circuit", "no", "40", "/var/lib/r.csv"):  # fmt: skip
         assert words in text
@@ -73,7 +74,9 @@ def test_a_health_report_is_shown_with_state_reasons_channels_and_drivers():
 @pytest.mark.parametrize("value", [None, 7, "x", [1], {"a": 1}, {"a": {"quality": 5, "age_s": "old"}}, 1e400])
 def test_whatever_a_health_report_holds_it_is_shown(value):
     keys = ("state", "quality", "reasons", "channels", "drivers", "recording")
-    shown = _shown(dict.fromkeys(keys, value), partial(health_table, alarms={"alarms": value}, axis="a/b"))
+    shown = _shown(
+        dict.fromkeys(keys, value), partial(health_table, alarms={"alarms": value}, axis="a/b", now_s=0.0)
+    )
     assert "service" in shown
 
 

@@ -132,7 +132,7 @@ def test_health_is_bad_while_no_sensor_has_ever_been_heard_and_good_once_one_is(
     endpoint = f"tcp/127.0.0.1:{free_port()}"
 
     def health():
-        done = _observer("health", "--connect", endpoint, "--timeout-s", "20")
+        done = _observer("health", "--json", "--connect", endpoint, "--timeout-s", "20")
         return (done.returncode, json.loads(done.stdout)) if done.stdout.startswith("{") else None
 
     with machine() as plant:
@@ -151,14 +151,19 @@ def test_health_is_bad_while_no_sensor_has_ever_been_heard_and_good_once_one_is(
             daemon.stop()
 
 
-def test_health_is_for_people_in_a_terminal_and_one_line_of_json_in_a_pipe():
+def test_health_is_for_people_with_colour_only_in_a_terminal_and_one_line_of_json_on_demand():
     report = {"state": "good", "quality": "good", "reasons": [], "channels": {"t1_degC": {"quality": "good"}}}
     with published() as (made, endpoint):
         made.document("health", report)
-        piped = until(lambda: (done := _observer("health", "--connect", endpoint)).returncode == 0 and done)
+        words = ("health", "--json", "--connect", endpoint)
+        piped = until(lambda: (done := _observer(*words)).returncode == 0 and done)
         assert json.loads(piped.stdout) == report
         assert piped.stdout.count("\n") == 1
-        made.document("alarms", {"alarms": [{"id": "heat_high.nut", "severity": "minor", "state": "active"}]})
+        alarm = {"id": "heat_high.nut", "severity": "minor", "state": "active", "remedy": "look at the nut"}
+        made.document("alarms", {"alarms": [alarm]})
+        plain = until(lambda: "minor" in (done := _observer("health", "--connect", endpoint)).stdout and done)
+        assert "\x1b" not in plain.stdout
+        assert "  to do: look at the nut" in plain.stdout
         with Terminal("-m", "observer", "health", "--connect", endpoint) as terminal:
             assert terminal.process.wait(PATIENCE_S) == 0
             until(lambda: "minor heat_high.nut (active)" in terminal.shown())
