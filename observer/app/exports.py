@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from observer.errors import ConfigError
@@ -9,19 +10,33 @@ from observer.files.folders import results_in
 from observer.installation import Installation
 
 
-def export(config: Installation, kind: str, output: Path) -> tuple[list[str], list[str]]:
-    """Write a configuration's observer as a `kind` of code; return the files' names and sentences about it.
+def export(config: Installation, kind: str, output: Path) -> tuple[Sequence[str], list[str]]:
+    """Write a configuration's observer as a `kind` of code, or its plant; return the files' names and
+    sentences about them.
 
     Raises `ConfigError` where a controller could not follow the model.
     """
-    from observer.export.data import observer_form
-    from observer.export.write import WRITERS
-
     _refuse_learnt(config)
-    form = observer_form(config)
     with results_in(output) as part:
-        names = WRITERS[kind](form, part)
-    return names, [form.title, *form.facts]
+        if kind in ("npz", "mat", "json"):
+            from observer.export import matrices
+
+            found = matrices.plant_matrices(config)
+            write = {"npz": matrices.write_npz, "mat": matrices.write_mat, "json": matrices.write_plant_json}
+            states, inputs, outputs = (len(found[key]) for key in ("states", "inputs", "outputs"))
+            facts = [f"{states} states, {inputs} inputs, {outputs} outputs; configuration {config.digest}"]
+            return [write[kind](found, part)], facts
+        from observer.export.data import observer_form
+        from observer.export.write import WRITERS, write_fmus
+
+        form = observer_form(config)
+        facts = [form.title, *form.facts]
+        if kind != "fmu":
+            return WRITERS[kind](form, part), facts
+        from observer.export.model import model_form
+
+        names, made = write_fmus(form, model_form(config), part)
+        return names, [*facts, *made]
 
 
 def _refuse_learnt(config: Installation) -> None:

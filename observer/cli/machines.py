@@ -245,12 +245,15 @@ def export(
     config: ConfigOption,
     output: OutputOption,
     format: Annotated[
-        Literal["c99", "st"],
-        typer.Option(help="c99: C without a library; st: IEC 61131-3 structured text."),
+        Literal["c99", "st", "fmu", "npz", "mat", "json"],
+        typer.Option(
+            help="c99: C without a library; st: IEC 61131-3 structured text; fmu: FMU 3.0 of observer and "
+            "plant; npz, mat, json: the plant's matrices."
+        ),
     ] = "c99",
     single: Annotated[bool, typer.Option("--single", help="st: REAL in place of LREAL.")] = False,
 ) -> None:
-    """Write the constant-gain observer as code for a controller."""
+    """Write the constant-gain observer as code for a controller, or the plant as matrices."""
     from observer import app as parts
     from observer.installation import load
 

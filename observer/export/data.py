@@ -11,7 +11,7 @@ import numpy as np
 from observer.align.plausibility import Limits
 from observer.config import Config
 from observer.control.compensation import LATE_PERIODS, plan_of
-from observer.export import algorithm
+from observer.export import sequence
 from observer.export.exportable import refuse_unexportable
 from observer.export.form import Form, Kind, Role, Slot, identifiers
 from observer.export.gain_sets import LONG, GainSets, gain_sets
@@ -31,7 +31,7 @@ _SANE = 1e6
 """A state beyond this (K, W) is none; the observer then starts again."""
 _PARTS_OF_NUT = 4
 """Of its length, as far apart as the places at most for which a nut's columns are tabulated."""
-UNITS = {"degC": "degC", "m": "m", "rpm": "rpm", "W": "W", "K": "K", "um": "um", "s": "s"}
+UNITS = ("degC", "K", "m", "um", "rpm", "W", "s")
 
 
 class Exportable:
@@ -62,13 +62,13 @@ def observer_form(config: Config) -> Form:
     own = Exportable(config)
     gains = gain_sets(config, own.plant, own.step)
     constants = plant_constants(own) | input_constants(own) | _gain_constants(gains)
-    parts = list(algorithm.ESTIMATE)
+    parts = list(sequence.ESTIMATE)
     if own.plant.layout.has_error:
         constants |= _compensation_constants(own)
-        parts += algorithm.COMPENSATE
+        parts += sequence.COMPENSATE
         if own.plant.moving:
-            parts += algorithm.AT_NUT
-    parts.append(algorithm.beat)
+            parts += sequence.AT_NUT
+    parts.append(sequence.beat)
     return own.form("observer", constants, observer_slots(own, constants), parts, _facts(config, gains))
 
 
@@ -99,7 +99,8 @@ def plant_constants(own: Exportable) -> dict[str, Any]:
     return {
         "PERIOD_S": own.period_s, "LONG": LONG, "SANE": _SANE, "STATES": n_x, "HEATS": m_e,
         "SOURCES": len(plant.source_names), "KNOWN": len(plant.known_names), "SENSORS": rows.sensors,
-        "GRID": rows.grid, "ERRORS": errors, "ROWS": len(rows.C), "NUTS": len(plant.moving),
+        "GRID": rows.grid, "REPORTED": rows.sensors, "ERRORS": errors, "ROWS": len(rows.C),
+        "NUTS": len(plant.moving),
         "DECAY": step.decay, "HOLD": step.hold, "RAMP": step.ramp, "HEAT_DECAY": step.heat_decay,
         "COUPLE": step.couple, "HEAT_OF": np.flatnonzero(plant.estimated), "B": plant.B.T, "E": plant.E.T,
         "C": C, "F": rows.F, "LAGS": plant.lags, "UNIFORM": plant.uniform, "LAG_OF": np.array(lag_of, int),
@@ -196,7 +197,7 @@ def observer_slots(own: Exportable, c: dict[str, Any]) -> list[Slot]:
 
 def _inputs(own: Exportable) -> list[Slot]:
     channels = own.config.channels
-    labels, units = identifiers(channels), tuple(UNITS.get(name.rpartition("_")[2], "") for name in channels)
+    labels, units = identifiers(channels), tuple(map(unit_of, channels))
     size = (len(channels),)
     return [
         Slot(
@@ -214,6 +215,11 @@ def _commands(own: Exportable) -> list[Slot]:
         Slot("enable", "bool", "input", "rises to arm the compensation; false lets it go to zero"),
         Slot("heartbeat", "int", "input", "differs from step to step while who delivers the inputs is alive"),
     ]
+
+
+def unit_of(name: str) -> str:
+    """The unit that ends a channel's name; empty where it is none of ours."""
+    return name.rpartition("_")[2] if name.rpartition("_")[2] in UNITS else ""
 
 
 def _outputs(own: Exportable) -> list[Slot]:

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from observer.export import algorithm
+from observer.export import algorithm, sequence
 from observer.export.form import Form, Kind
 
 FUNCTIONS = {
     node.name: node
-    for node in ast.parse(inspect.getsource(algorithm)).body
+    for module in (algorithm, sequence)
+    for node in ast.parse(inspect.getsource(module)).body
     if isinstance(node, ast.FunctionDef)
 }
 KINDS: dict[str, Kind] = {"float": "real", "int": "int", "bool": "bool"}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from observer.export.c99 import c99_files
+from observer.export.fmu import write_fmu
 from observer.export.form import Form, Slot
 from observer.export.structured_text import block_name, structured_text
 from observer.export.subset import OperationCount
@@ -66,6 +67,13 @@ def write_st(form: Form, folder: Path, real: str = "LREAL") -> list[str]:
     more = {"first": first, "block": block_name(form), "real": real}
     texts = {f"{block_name(form)}.st": structured_text(form, real), README: readme("st.md", form, more)}
     return write_texts(folder, texts)
+
+
+def write_fmus(observer: Form, model: Form, folder: Path) -> tuple[list[str], list[str]]:
+    """Write an FMU of each; return their names and what is to be said of them."""
+    shim, first = template("fmi3.c"), "    model_step(&own->state, &own->in, &own->out);\n"
+    made = [write_fmu(observer, shim, folder), write_fmu(model, shim, folder, first)]
+    return [name for name, _ in made], [text for _, text in made]
 
 
 WRITERS: Mapping[str, Callable[[Form, Path], list[str]]] = {

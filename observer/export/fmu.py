@@ -1,0 +1,189 @@
+"""FMU 3.0 for co-simulation from a form: C source, a description, and a binary where there is a compiler."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import tempfile
+import uuid
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from observer.export.c99 import c99_files
+from observer.export.form import Form, Kind, Slot
+
+_TYPES: dict[Kind, tuple[str, str]] = {
+    "real": ("Float64", "0.0"),
+    "int": ("Int32", "0"),
+    "bool": ("Boolean", "false"),
+}
+_UNITS = {
+    "degC": {"K": "1", "offset": "273.15"}, "K": {"K": "1"}, "m": {"m": "1"},
+    "um": {"m": "1", "factor": "1e-6"}, "s": {"s": "1"}, "W": {"kg": "1", "m": "2", "s": "-3"},
+    "rpm": {"rad": "1", "s": "-1", "factor": "0.10471975511965977"},
+}  # fmt: skip
+_BOTH_WAYS = """
+Float32 Int8 UInt8 Int16 UInt16 UInt32 Int64 UInt64 String Binary Clock IntervalDecimal IntervalFraction
+ShiftDecimal ShiftFraction ContinuousStates
+"""
+_ONE_WAY = """
+GetNumberOfVariableDependencies GetVariableDependencies SerializedFMUStateSize SerializeFMUState
+DeserializeFMUState GetDirectionalDerivative GetAdjointDerivative EnterConfigurationMode
+ExitConfigurationMode EvaluateDiscreteStates UpdateDiscreteStates EnterContinuousTimeMode
+CompletedIntegratorStep SetTime GetContinuousStateDerivatives GetEventIndicators
+GetNominalsOfContinuousStates GetNumberOfEventIndicators GetNumberOfContinuousStates GetOutputDerivatives
+ActivateModelPartition
+"""
+_ABSENT = (*(f"{verb}{kind}" for verb in ("Get", "Set") for kind in _BOTH_WAYS.split()), *_ONE_WAY.split())
+"""Functions of the standard that these FMUs do not offer."""
+_COMPILERS = ("cc", "gcc", "clang")
+_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+
+
+@dataclass(frozen=True, slots=True)
+class FmuVariable:
+    """An element of an input or output: its name, its slot and place there, and its value reference."""
+
+    name: str
+    slot: Slot
+    at: int
+    reference: int
+
+
+def variables(form: Form) -> list[FmuVariable]:
+    """Every input and output of a form; value reference 0 is the time."""
+    found: list[FmuVariable] = []
+    for slot in (*form.of("input"), *form.of("output")):
+        for at in range(len(slot.labels) or 1):
+            name = _name(slot, slot.labels[at]) if slot.labels else slot.name
+            found.append(FmuVariable(name, slot, at, len(found) + 1))
+    return found
+
+
+def _name(slot: Slot, label: str) -> str:
+    """The name of an element, as a column of the estimates has it: field_50_degC, heat_nut_W."""
+    if slot.name in ("reading", "z", "value"):
+        return label
+    if slot.name == "sensor_quality":
+        return f"quality_{label}"
+    stem, _, unit = {"law_W": "heat_W"}.get(slot.name, slot.name).rpartition("_")
+    label = label.removesuffix("_mm")
+    return f"{stem}_{label}_{unit}" if slot.units and stem else f"{label}_{slot.name}"
+
+
+def write_fmu(form: Form, template: Template, folder: Path, begin: str = "") -> tuple[str, str]:
+    """Write `<name>.fmu`; return the file's name and a sentence on its binary.
+
+    `begin` is C that runs when the initialisation ends.
+    """
+    token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, form.title)}}}"
+    places = variables(form)
+    shim = template.substitute(
+        title=form.title, name=form.name, token=token, period=repr(form.period_s), begin=begin,
+        inputs=_ranges(places), absent="\n".join(f"NOT_OFFERED({name})" for name in _ABSENT),
+        **{f"{kind}s": _pointers(places, kind) for kind in _TYPES},
+    )  # fmt: skip
+    sources = {**c99_files(form), "fmi3.c": shim}
+    binary = _binary(form.name, sources)
+    path = folder / f"{form.name}.fmu"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", _model_description(form, places, token))
+        archive.writestr("sources/buildDescription.xml", _build_description(form))
+        for name, text in sources.items():
+            archive.writestr(f"sources/{name}", text)
+        if binary is not None:
+            archive.writestr(f"binaries/{binary[0]}", binary[1])
+    made = (
+        "no C compiler was found, so it has its source only"
+        if binary is None
+        else f"with a binary, {binary[0]}"
+    )
+    return path.name, f"{path.name}: {made}."
+
+
+def _ranges(places: list[FmuVariable]) -> str:
+    last = max((p.reference for p in places if p.slot.role == "input"), default=0)
+    return f"reference >= 1 && reference <= {last}"
+
+
+def _pointers(places: list[FmuVariable], kind: str) -> str:
+    """Lines that give the address of each variable of a kind, slot by slot."""
+    lines = ["    if (reference == 0) return &own->now_s;\n"] if kind == "real" else []
+    for slot in dict.fromkeys(p.slot.name for p in places if p.slot.kind == kind):
+        own = [p for p in places if p.slot.name == slot]
+        first, last = own[0].reference, own[-1].reference
+        place = f"own->{'in' if own[0].slot.role == 'input' else 'out'}.{slot}"
+        at = f"{place}[reference - {first}]" if own[0].slot.shape else place
+        lines.append(f"    if (reference >= {first} && reference <= {last}) return &{at};\n")
+    return "".join(lines) or "    (void)own; (void)reference;\n"
+
+
+def _model_description(form: Form, places: list[FmuVariable], token: str) -> bytes:
+    root = Element(
+        "fmiModelDescription", fmiVersion="3.0", modelName=f"{form.machine}.{form.axis}.{form.name}",
+        instantiationToken=token, description=form.title, version=form.version,
+        generationTool=f"ballscrew-observer {form.version}",
+    )  # fmt: skip
+    SubElement(
+        root, "CoSimulation", modelIdentifier=form.name, canHandleVariableCommunicationStepSize="true",
+        fixedInternalStepSize=repr(form.period_s), canGetAndSetFMUState="true",
+    )  # fmt: skip
+    units = SubElement(root, "UnitDefinitions")
+    for unit in dict.fromkeys(p.slot.unit(p.at) for p in places):
+        if unit:
+            SubElement(SubElement(units, "Unit", name=unit), "BaseUnit", _UNITS[unit])
+    SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(form.period_s))
+    listed, structure = SubElement(root, "ModelVariables"), Element("ModelStructure")
+    SubElement(
+        listed, "Float64", name="time", valueReference="0", causality="independent", variability="continuous"
+    )
+    for place in places:
+        kind, zero = _TYPES[place.slot.kind]
+        about = {"name": place.name, "valueReference": str(place.reference), "causality": place.slot.role,
+                 "variability": "discrete", "description": place.slot.text}  # fmt: skip
+        if place.slot.role == "input":
+            about["start"] = zero
+        if place.slot.kind == "real" and (unit := place.slot.unit(place.at)):
+            about["unit"] = unit
+        SubElement(listed, kind, about)
+    root.append(structure)
+    for tag in ("Output", "InitialUnknown"):
+        for place in places:
+            if place.slot.role == "output":
+                SubElement(structure, tag, valueReference=str(place.reference))
+    indent(root)
+    return bytes(tostring(root, encoding="UTF-8", xml_declaration=True))
+
+
+def _build_description(form: Form) -> bytes:
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    files = SubElement(
+        SubElement(root, "BuildConfiguration", modelIdentifier=form.name), "SourceFileSet", language="C99"
+    )
+    for name in (f"{form.name}.c", "fmi3.c"):
+        SubElement(files, "SourceFile", name=name)
+    indent(root)
+    return bytes(tostring(root, encoding="UTF-8", xml_declaration=True))
+
+
+def _binary(name: str, sources: dict[str, str]) -> tuple[str, bytes] | None:
+    """The place and content of a binary for this platform; None without a compiler, or one that fails."""
+    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
+    system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib")}.get(platform.system())
+    if compiler is None or system is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in sources.items():
+            (Path(folder) / file).write_text(text, encoding="utf-8")
+        made, given = Path(folder) / f"{name}.{system[1]}", [file for file in sources if file.endswith(".c")]
+        done = subprocess.run(
+            [compiler, *_FLAGS, *given, "-o", made.name], cwd=folder, capture_output=True, check=False
+        )
+        if done.returncode != 0:
+            return None
+        machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
+        return f"{machine}-{system[0]}/{made.name}", made.read_bytes()
