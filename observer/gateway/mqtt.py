@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import ssl
 import sys
+import time
 from typing import Any
 
 from paho.mqtt.client import Client
@@ -19,6 +20,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from observer.errors import ConfigError
 from observer.exchange import RETAINED
 from observer.files.regular import read_password
+from observer.gateway.home_assistant import HomeAssistantEntry
 from observer.gateway.messages import Latest
 from observer.gateway.start import Say, Start
 from observer.tables.gateway import Mqtt, host_and_port
@@ -33,7 +35,7 @@ _AT_LEAST_ONCE = 1
 async def serve(start: Start, latest: Latest, say: Say) -> None:
     """Publish until cancelled; raises `ConfigError` where a file of password or authority cannot be used."""
     assert start.mqtt is not None
-    outlet = _Broker(start.mqtt, start.prefix, latest, say)
+    outlet = _Broker(start, start.mqtt, latest, say)
     looking = asyncio.create_task(outlet.look())
     try:
         async for key, payload in latest.messages():
@@ -46,9 +48,10 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
 class _Broker:
     """The connection to a broker, which a thread of the library keeps up."""
 
-    def __init__(self, settings: Mqtt, prefix: str, latest: Latest, say: Say) -> None:
+    def __init__(self, start: Start, settings: Mqtt, latest: Latest, say: Say) -> None:
         self._settings, self._latest, self._say = settings, latest, say
-        self._topic = f"{settings.prefix}/{prefix}" if settings.prefix else prefix
+        self._topic = f"{settings.prefix}/{start.prefix}" if settings.prefix else start.prefix
+        self._home = HomeAssistantEntry(settings.home_assistant, start, latest, self._topic)
         self._quality: str | None = None
         self._let_in = False
         self._loop = asyncio.get_running_loop()
@@ -81,12 +84,15 @@ class _Broker:
             )
 
     async def look(self) -> None:
-        """Publish the quality whenever it changes, for ever."""
+        """Publish the quality, and what Home Assistant shows, whenever they change, for ever."""
         while True:
             quality = "stale" if self._latest.is_stale else self._latest.document("heat").get("quality")
             if quality != self._quality and quality is not None and self._client.is_connected():
                 self._quality = quality
                 self._client.publish(f"{self._topic}/quality", quality, _AT_LEAST_ONCE, retain=True)
+            if self._client.is_connected():
+                for topic, payload in self._home.news(time.monotonic()):
+                    self._client.publish(topic, payload, _AT_LEAST_ONCE, retain=True)
             await asyncio.sleep(_LOOK_S)
 
     def close(self) -> None:
@@ -108,6 +114,7 @@ class _Broker:
 
     def _begin(self) -> None:
         self._quality = None
+        self._home.begin()
         self._client.publish(f"{self._topic}/alive", "true", _AT_LEAST_ONCE, retain=True)
         for key in RETAINED:
             if (payload := self._latest.payload(key)) is not None:

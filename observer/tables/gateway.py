@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.quantities import File, Name, Section, together
+from observer.tables.quantities import File, Flag, Name, Section, together
 
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
 _OPCUA = "opc.tcp://"
@@ -102,6 +102,10 @@ class Mqtt(Section):
     password_file: File | None = None  #: a file whose first line is the password
     #: PEM file of the authority that signed the broker's certificate; the connection is then encrypted
     ca: File | None = None
+
+    #: `true` describes the machine to [Home Assistant](../how-to/plant.md#home-assistant), text under another
+    #: prefix than `homeassistant`; `false` removes it again; – does neither
+    home_assistant: Flag | Topic | None = None
 
     _pair = together("user", "password_file")
 
