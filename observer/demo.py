@@ -8,6 +8,7 @@ import select
 import subprocess
 import sys
 import sysconfig
+import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,13 +22,18 @@ from observer.tables.gateway import Page, host_and_port
 START_S = 20.0
 VIEW_END_S = 0.5
 PORTS = 100
+SYNC_S = 1.0
+"""What is recorded is soon to be seen on the page."""
 SHOW_CURSOR = "\x1b[?25h"
 
 
-def run_demo(seconds: float | None, listen: str, plain: bool, page: Page | None) -> int:
+def run_demo(
+    seconds: float | None, listen: str, plain: bool, page: Page | None, record: Path | None = None
+) -> int:
     """Run the demo until Ctrl-C or for `seconds`; returns the exit code. Raises `UserError`.
 
-    `page` is where its page listens, by its default on the first free port; None is without.
+    `page` is where its page listens, by its default on the first free port; None is without. It records into
+    the folder `record`, or into one that is removed at the end.
     """
     import logging
 
@@ -43,10 +49,20 @@ def run_demo(seconds: float | None, listen: str, plain: bool, page: Page | None)
     page = free_page() if page is not None and "listen" not in page.model_fields_set else page
     if page is not None:
         refuse_taken((f"tcp/{page.listen}",), "--page")
-    with simulated_machine("--zenoh", listen, "--key", key, "--can-stamps") as wires:
-        config = connected(config, wires, listen).model_copy(update={"page": page})
+    with (
+        recordings(record) as folder,
+        simulated_machine("--zenoh", listen, "--key", key, "--can-stamps") as wires,
+    ):
+        config = connected(config, wires, listen).model_copy(
+            update={
+                "page": page,
+                "record": config.record.model_copy(update={"directory": folder, "sync_s": SYNC_S}),
+                "checkpoint": config.checkpoint.model_copy(update={"enabled": False}),
+            }
+        )
         print(
             *([f"page: http://{page.listen}/\n"] if page is not None else []),
+            *([f"recordings: {folder}\n"] if record is not None else []),
             f"simulated machine: Modbus TCP on 127.0.0.1:{wires['modbus_port']}, CAN on {wires['can_device']}"
             f"; estimates on {listen} under ballscrew/{name}/{axis}/\n"
             f"from another terminal: observer watch --connect {listen} --machine {name} --axis {axis}\n"
@@ -58,6 +74,20 @@ def run_demo(seconds: float | None, listen: str, plain: bool, page: Page | None)
             serve(config, seconds)
     print("demo ended", flush=True)
     return 0
+
+
+@contextlib.contextmanager
+def recordings(record: Path | None) -> Iterator[Path]:
+    """Give the folder to record into, `record` or one that is removed. Raises `UserError`."""
+    if record is None:
+        with tempfile.TemporaryDirectory(prefix="observer-demo-") as folder:
+            yield Path(folder)
+        return
+    try:
+        record.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--record {record}: cannot be made ({error.strerror}); name a folder") from None
+    yield record.absolute()
 
 
 def free_page() -> Page | None:

@@ -44,6 +44,10 @@ def demo(
         str | None, typer.Option(help="Where the page listens; by itself the first free port from 8080 on.")
     ] = None,
     no_page: Annotated[bool, typer.Option("--no-page", help="Without the page.")] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="Keep the recordings in this folder; without, they are not kept."),
+    ] = None,
 ) -> None:
     """Run the main job on a simulated machine: real Modbus and CAN, estimates beside the truth."""
     from pydantic import ValidationError
@@ -57,7 +61,7 @@ def demo(
         raise typer.BadParameter(
             str(error.errors()[0]["msg"]).removeprefix("Value error, "), param_hint="--page"
         ) from None
-    shutdown.leave(run_demo(seconds, listen, plain or not sys.stdout.isatty(), shown))
+    shutdown.leave(run_demo(seconds, listen, plain or not sys.stdout.isatty(), shown, record))
 
 
 @verbs.command()

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import difflib
 import json
 import mimetypes
 import os
-import shlex
+import re
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from http.client import HTTPException as ClientError
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -39,9 +38,13 @@ from observer.files.regular import read_users
 from observer.gateway.messages import Latest
 from observer.gateway.server import served
 from observer.gateway.start import Say, Start
+from observer.page.axes import Neighbour, summaries, tell_of
 from observer.page.guard import COOKIE, REPORT_POLICY, Guard, Logins
 from observer.page.history import Digests, history
+from observer.page.notes import Notes
+from observer.page.reports import report_html, reports
 from observer.page.stream import Stream
+from observer.page.viewers import event
 from observer.record.spans import Recorded, recordings
 from observer.tables.gateway import host_and_port
 
@@ -50,16 +53,28 @@ _MOST_FORM_BYTES = 4096
 _MOST_FIELDS = 10
 _MOST_NAME = 200
 _POINTS = 600
+_OF_AN_AXIS = re.compile(
+    r"(recent|recordings|history|reports)\.json|reports/[^/]+/report\.html|acknowledge|notes"
+)
 _GIVES_WAY = 10
 _IN_THE_CLEAR = (
     '<p class="hint plain">This connection is not encrypted: whoever is on the way can read the password.</p>'
 )
 
 
-def application(start: Start, stream: Stream, login: Logins | None, acknowledge: Acknowledge) -> ASGIApp:
-    """The page of an axis, for users of `login`; `acknowledge(id, by)` reports an acknowledged alarm."""
+def application(
+    start: Start,
+    stream: Stream,
+    login: Logins | None,
+    acknowledge: Acknowledge,
+    axes: Sequence[Neighbour] = (),
+) -> ASGIApp:
+    """The page of an axis, for users of `login`; `acknowledge(id, by)` reports an acknowledged alarm.
+
+    `axes` are the others that it shows.
+    """
     assert start.page is not None
-    pages = _Pages(start, stream, login, acknowledge)
+    pages = _Pages(start, stream, login, acknowledge, axes)
     app = Starlette(
         routes=[
             Route("/", pages.index),
@@ -71,6 +86,10 @@ def application(start: Start, stream: Stream, login: Logins | None, acknowledge:
             Route("/reports.json", pages.reports),
             Route("/reports/{name}/report.html", pages.report),
             Route("/acknowledge", pages.acknowledge, methods=["POST"]),
+            Route("/notes", pages.note, methods=["POST"]),
+            Route("/axes.json", pages.axes),
+            Route("/axes/{k:int}/events", pages.axis_events),
+            Route("/axes/{k:int}/{path:path}", pages.axis, methods=["GET", "POST"]),
             Route("/login", pages.login, methods=["GET", "POST"]),
             Route("/logout", pages.logout, methods=["POST"]),
         ]
@@ -83,10 +102,19 @@ def application(start: Start, stream: Stream, login: Logins | None, acknowledge:
 class _Pages:
     """What is answered."""
 
-    def __init__(self, start: Start, stream: Stream, login: Logins | None, acknowledge: Acknowledge) -> None:
+    def __init__(
+        self,
+        start: Start,
+        stream: Stream,
+        login: Logins | None,
+        acknowledge: Acknowledge,
+        axes: Sequence[Neighbour],
+    ) -> None:
         assert start.page is not None
         self._start, self._page, self._stream = start, start.page, stream
         self._login, self._acknowledge = login, acknowledge
+        self._axes, self._notes = axes, Notes(start.recordings, f"{start.machine}-{start.axis}")
+        self._tell_notes()
         # one reader for all viewers: what they ask for together takes neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
         self._digests, self._turn = Digests(), asyncio.Lock()
@@ -174,11 +202,60 @@ class _Pages:
 
     async def acknowledge(self, request: Request) -> Response:
         """Report to the service that somebody has acknowledged an alarm."""
-        alarm = (await _form(request)).get("id", "")
+        form = await _form(request)
+        alarm = form.get("id", "")
         if not alarm or len(alarm) > _MOST_NAME or not alarm.isprintable():
             return PlainTextResponse("which alarm? give its id\n", 400)
-        self._acknowledge(alarm, request.scope["user"])
+        self._acknowledge(alarm, self._by(request, form))
         return JSONResponse({"acknowledged": alarm})
+
+    async def note(self, request: Request) -> Response:
+        """Keep a note, and show it to all."""
+        form = await _form(request)
+        try:
+            await run_in_threadpool(
+                self._notes.add, form.get("time_s", ""), form.get("text", ""), self._by(request, form)
+            )
+        except ValueError as error:
+            return PlainTextResponse(f"{error}\n", 400)
+        self._tell_notes()
+        return JSONResponse({"noted": True})
+
+    def _by(self, request: Request, form: dict[str, str]) -> str:
+        """Who asks: the user, or, where nobody logs in, whoever another axis's page says."""
+        said = form.get("by", "")
+        trusted = self._login is None and 0 < len(said) <= _MOST_NAME and said.isprintable()
+        return said if trusted else str(request.scope["user"])
+
+    def _tell_notes(self) -> None:
+        self._stream.tell("notes", event("notes", json.dumps({"notes": self._notes.listed()}).encode()))
+
+    async def axes(self, _: Request) -> Response:
+        """This axis and the others, in words."""
+        return JSONResponse(summaries(self._stream.documents(), self._axes))
+
+    async def axis_events(self, request: Request) -> Response:
+        """The events of another axis."""
+        if (axis := self._axis(request)) is None or axis.is_full:
+            return PlainTextResponse("no such axis, or too many viewers of it\n", 503)
+        return StreamingResponse(axis.viewer(), media_type="text/event-stream")
+
+    async def axis(self, request: Request) -> Response:
+        """What the page of another axis answers."""
+        path, axis = request.path_params["path"], self._axis(request)
+        if axis is None or not _OF_AN_AXIS.fullmatch(path):
+            return PlainTextResponse("no such axis, or nothing of it under that name\n", 404)
+        form = {**await _form(request), "by": request.scope["user"]} if request.method == "POST" else None
+        try:
+            status, kind, body = await run_in_threadpool(axis.ask, path, request.url.query, form)
+        except (OSError, ClientError) as error:
+            return PlainTextResponse(f"the page of that axis does not answer: {error}\n", 502)
+        policy = {"content-security-policy": REPORT_POLICY} if kind == "text/html" else None
+        return Response(body, status, policy, kind)
+
+    def _axis(self, request: Request) -> Neighbour | None:
+        k = request.path_params["k"]
+        return self._axes[k - 1] if 1 <= k <= len(self._axes) else None
 
     async def login(self, request: Request) -> Response:
         """The login form, and its evaluation."""
@@ -243,9 +320,13 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     users = read_users(page.users_file, "page.users_file") if page.users_file is not None else None
     login = None if users is None else Logins(users, secure=secure)
     stream = Stream(latest, start, login is not None)
-    app = application(start, stream, login, acknowledge)
+    axes = [Neighbour(address, login is not None) for address in page.axes]
+    app = application(start, stream, login, acknowledge, axes)
     async with served(app, "page", page.listen, page.certificate, page.key) as serving:
         feeding = asyncio.create_task(stream.run())
+        telling = asyncio.create_task(tell_of(axes, stream, stream.documents))
+        for axis in axes:
+            axis.follow(asyncio.get_running_loop())
         say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
         try:
             done, _ = await asyncio.wait([serving, feeding], return_when=asyncio.FIRST_COMPLETED)
@@ -253,76 +334,12 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
                 task.result()
         finally:
             feeding.cancel()
-            stream.end()
+            telling.cancel()
+            for viewers in (stream, *axes):
+                viewers.end()
 
 
 def acknowledge(alarm: str, by: str) -> None:
     """Report to the service that somebody has acknowledged an alarm, by its `id`."""
     sys.stdout.write(json.dumps({"acknowledge": alarm, "by": by}) + "\n")
     sys.stdout.flush()
-
-
-_MOST_REPORTS = 100
-_MOST_REPORT_BYTES = 20_000_000
-_CONTEXT = 3
-
-
-def reports(folder: Path, config_file: Path | None) -> list[dict[str, Any]]:
-    """The reports in a folder, the newest first; a folder that is not there has none.
-
-    Each has `name`, `time_s`, `verdict`, `effects` (their kinds), `has_report`, and, where a configuration is
-    proposed, `diff` against the one in force and the `command` that adopts it.
-    """
-    try:
-        results = [path for path in folder.glob("*/result.json") if _is_own(path)]
-        timed = sorted(((path.stat().st_mtime, path) for path in results), reverse=True)
-    except OSError:
-        return []
-    return [_report(time_s, path, config_file) for time_s, path in timed[:_MOST_REPORTS]]
-
-
-def report_html(folder: Path, name: str) -> bytes | None:
-    """The report of one of the folders, None where there is none."""
-    path = folder / name / "report.html"
-    if "/" in name or name in {"", ".", ".."}:
-        return None
-    try:
-        return path.read_bytes() if _is_own(path) and path.stat().st_size <= _MOST_REPORT_BYTES else None
-    except OSError:  # a name that is too long for a file, or one that nobody here may read
-        return None
-
-
-def _is_own(path: Path) -> bool:
-    """Whether a file of a report lies in its folder, in place of a link to elsewhere."""
-    return path.is_file() and not path.is_symlink() and not path.parent.is_symlink()
-
-
-def _report(time_s: float, path: Path, config_file: Path | None) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "name": path.parent.name,
-        "time_s": time_s,
-        "verdict": "not readable",
-        "effects": [],
-        "has_report": _is_own(path.with_name("report.html")),
-        "diff": None,
-        "command": None,
-    }
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-        found["verdict"] = str(result["verdict"])
-        found["effects"] = [str(effect["kind"]) for effect in result["effects"]]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return found
-    proposed = path.with_name("config.toml")
-    if config_file is not None and _is_own(proposed):
-        found["diff"] = _diff(config_file, proposed)
-        found["command"] = shlex.join(["observer", "adopt", str(path.parent), "--config", str(config_file)])
-    return found
-
-
-def _diff(before: Path, after: Path) -> list[str]:
-    try:
-        one, other = (path.read_text(encoding="utf-8").splitlines() for path in (before, after))
-    except (OSError, UnicodeDecodeError) as error:
-        return [f"cannot be compared: {error}"]
-    return list(difflib.unified_diff(one, other, "in force", "proposed", n=_CONTEXT, lineterm=""))

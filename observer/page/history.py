@@ -1,9 +1,9 @@
-"""Recordings: the list of files, and minimum and maximum of each channel over a span.
+"""Recordings: the list of files, and minimum, mean and maximum of each channel over a span.
 
 The files are long: only the rows asked for are read, a block at a time, so memory depends neither on the size
-of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps minimum
-and maximum of each channel in bins of seconds or minutes. It grows for as long as there is time, and
-continues when it is asked again, from the end of a file that has grown meanwhile too.
+of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps minimum,
+maximum, sum and count of each channel in bins of seconds or minutes. It grows for as long as there is time,
+and continues when it is asked again, from the end of a file that has grown meanwhile too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,32 @@ _MOST_BYTES = 24 << 20
 """Of all bins together: fine ones of a week of a machine with a dozen channels, coarse ones of a year."""
 _MERGED = 64
 Values = NDArray[np.floating[Any]]
-_Extremes = tuple[NDArray[np.float64], Values, Values]
+
+
+class ChannelBins(NamedTuple):
+    """Of each channel (n, channels) least, most, sum and number of the values in each of n bins."""
+
+    least: Values
+    most: Values
+    total: Values
+    number: Values
+
+    @classmethod
+    def of(cls, values: Values) -> ChannelBins:
+        """Each row (n, channels) a bin of its own; NaN is no value."""
+        known = np.isfinite(values)
+        return cls(values, values, np.where(known, values, 0.0), known.astype(np.float32))
+
+    def at(self, rows: slice | NDArray[Any]) -> ChannelBins:
+        """Some of the bins."""
+        return ChannelBins(*(column[rows] for column in self))
+
+    def kept(self, kind: type[np.floating[Any]]) -> ChannelBins:
+        """The same in other floats."""
+        return ChannelBins(*(column.astype(kind) for column in self))
+
+
+_Timed = tuple[NDArray[np.float64], ChannelBins]
 
 
 def history(
@@ -49,12 +74,12 @@ def history(
     digests: Digests | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> dict[str, Any]:
-    """Minimum and maximum of each channel in each of `points` equal parts of a span.
+    """Minimum, mean and maximum of each channel in each of `points` equal parts of a span.
 
-    `{"from_s", "to_s", "read", "time_s": [the middle of each part], "channels": {name: {"least", "most"}}}`;
-    a part without a reading is None. Where the parts are long, they consist of bins that `digests` keeps, a
-    bin belonging to the part in which its middle is; what cannot be read within 0.35 s is left to the next
-    call, and `read` is the share that has been. Raises `ValueError` for a span that is none.
+    `{"from_s", "to_s", "read", "time_s": [the middle of each part], "channels"}` with, by name, `least`,
+    `mean` and `most`; a part without a reading is None. Where the parts are long, they consist of bins that
+    `digests` keeps, a bin belonging to the part in which its middle is; what cannot be read within 0.35 s is
+    left to the next call, and `read` is the share that has been. Raises `ValueError` for a span that is none.
     """
     if not (-_MOST_S <= from_s <= to_s - _LEAST_S < to_s <= _MOST_S and 1 <= points <= MOST_POINTS):
         raise ValueError(
@@ -84,34 +109,38 @@ def history(
 
 
 class _Parts:
-    """Minimum and maximum of each channel in each part."""
+    """Minimum, mean and maximum of each channel in each part."""
 
     def __init__(self, points: int) -> None:
         self._points = points
-        self._found: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+        self._found: dict[str, NDArray[np.float64]] = {}
 
-    def take(self, names: list[str], found: _Extremes, from_s: float, part_s: float) -> None:
-        """Take times (n), and the least and the most (n, channels) at each of them."""
-        time_s, least, most = found
+    def take(self, names: list[str], found: _Timed, from_s: float, part_s: float) -> None:
+        """Take times (n), and the bins at each of them."""
+        time_s, bins = found
         part = np.floor((time_s - from_s) / part_s)
         here = (part >= 0) & (part < self._points)  # false for NaN
         if not here.any():
             return
-        keys, least, most = extremes(part[here].astype(np.int64), least[here], most[here])
+        keys, bins = merged(part[here].astype(np.int64), bins.at(here))
+        empty = np.array([[np.nan], [np.nan], [0.0], [0.0]])
         for k, name in enumerate(names):
             if name not in self._found:
-                self._found[name] = np.full(self._points, np.nan), np.full(self._points, np.nan)
-            low, high = self._found[name]
-            low[keys] = np.fmin(low[keys], least[:, k])
-            high[keys] = np.fmax(high[keys], most[:, k])
+                self._found[name] = np.repeat(empty, self._points, axis=1)
+            low, high, total, count = self._found[name]
+            low[keys] = np.fmin(low[keys], bins.least[:, k])
+            high[keys] = np.fmax(high[keys], bins.most[:, k])
+            total[keys] += bins.total[:, k]
+            count[keys] += bins.number[:, k]
 
     def document(self) -> dict[str, dict[str, list[float | None]]]:
         """By channel, for JSON; channels without any value are left out."""
-        return {
-            name: {"least": _known(least), "most": _known(most)}
-            for name, (least, most) in self._found.items()
-            if np.isfinite(least).any()
-        }
+        told = {}
+        for name, (least, most, total, count) in self._found.items():
+            if count.any():
+                mean = np.divide(total, count, out=np.full(self._points, np.nan), where=count > 0)
+                told[name] = {"least": _known(least), "mean": _known(mean), "most": _known(most)}
+        return told
 
 
 def _known(values: NDArray[np.float64]) -> list[float | None]:
@@ -140,12 +169,12 @@ def _grow(
     return grown, read / sizes if sizes else 1.0
 
 
-def _rows(path: Path, from_s: float, to_s: float) -> Iterator[tuple[list[str], _Extremes]]:
+def _rows(path: Path, from_s: float, to_s: float) -> Iterator[tuple[list[str], _Timed]]:
     """The channels' names, and the rows around a span, a block of the file at a time."""
     columns, begin = header(path)
     names = channels_of(columns)
     for block in blocks(path, columns, offset(path, begin, from_s - _MARGIN_S)):
-        yield names, (block.time_s, block.values, block.values)
+        yield names, (block.time_s, ChannelBins.of(block.values))
         if block.time_s[-1] > to_s + _MARGIN_S:
             return
 
@@ -175,26 +204,25 @@ def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
                 yield RowBlock(table[:count, 0], table[:count, 1:], end)
 
 
-def extremes(
-    keys: NDArray[np.int64], least: Values, most: Values
-) -> tuple[NDArray[np.int64], Values, Values]:
-    """Minimum and maximum (keys, channels) of the rows with the same key; NaN where none has a value."""
+def merged(keys: NDArray[np.int64], bins: ChannelBins) -> tuple[NDArray[np.int64], ChannelBins]:
+    """The bins with the same key as one; NaN where none has a value."""
     if np.any(keys[1:] < keys[:-1]):
         order = np.argsort(keys, kind="stable")
-        keys, least, most = keys[order], least[order], most[order]
+        keys, bins = keys[order], bins.at(order)
     first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
-    return keys[first], np.fmin.reduceat(least, first), np.fmax.reduceat(most, first)
+    ways = (np.fmin, np.fmax, np.add, np.add)
+    return keys[first], ChannelBins(*(way.reduceat(c, first) for way, c in zip(ways, bins, strict=True)))
 
 
 class Digest:
-    """Minimum and maximum of each channel of a file (n, channels) in bins, as far as it has been read."""
+    """What is kept of each channel of a file in bins, as far as it has been read."""
 
     def __init__(self, path: Path, bin_s: float) -> None:
         self._path, self._bin_s = path, bin_s
         self._columns, self.end = header(path)
         self.inode = path.stat().st_ino
         self.channels = channels_of(self._columns)
-        self._parts: list[tuple[NDArray[np.int64], Values, Values]] = []
+        self._parts: list[tuple[NDArray[np.int64], ChannelBins]] = []
 
     def grow(self) -> Iterable[None]:
         """Take what has not been read yet, a block at each step."""
@@ -202,32 +230,33 @@ class Digest:
             known = np.isfinite(block.time_s)
             keys = np.floor(block.time_s[known] / self._bin_s).astype(np.int64)
             if keys.size:
-                keys, least, most = extremes(keys, block.values[known], block.values[known])
-                self._parts.append((keys, least.astype(np.float32), most.astype(np.float32)))
+                keys, bins = merged(keys, ChannelBins.of(block.values[known]))
+                self._parts.append((keys, bins.kept(np.float32)))
             if len(self._parts) > _MERGED:
                 self._merge()
             self.end = block.end
             yield
 
     def _merge(self) -> None:
-        keys, least, most = (np.concatenate(column) for column in zip(*self._parts, strict=True))
-        self._parts = [extremes(keys, least, most)]
+        keys = np.concatenate([keys for keys, _ in self._parts])
+        columns = zip(*(bins for _, bins in self._parts), strict=True)
+        self._parts = [merged(keys, ChannelBins(*(np.concatenate(column) for column in columns)))]
 
-    def within(self, from_s: float, to_s: float) -> _Extremes:
-        """Centres (n) of the bins in a span, with minimum and maximum (n, channels) of each."""
+    def within(self, from_s: float, to_s: float) -> _Timed:
+        """Centres (n) of the bins in a span, and the bins."""
         if not self._parts:
-            return np.empty(0), np.empty((0, 0)), np.empty((0, 0))
+            return np.empty(0), ChannelBins(*[np.empty((0, 0))] * 4)
         if len(self._parts) > 1:
             self._merge()
-        keys, least, most = self._parts[0]
+        keys, bins = self._parts[0]
         middle_s = (keys.astype(np.float64) + 0.5) * self._bin_s
         here = slice(*np.searchsorted(middle_s, [from_s, to_s]))
-        return middle_s[here], least[here].astype(np.float64), most[here].astype(np.float64)
+        return middle_s[here], bins.at(here).kept(np.float64)
 
     @property
     def size(self) -> int:
         """Bytes."""
-        return sum(array.nbytes for part in self._parts for array in part)
+        return sum(keys.nbytes + sum(column.nbytes for column in bins) for keys, bins in self._parts)
 
 
 class Digests:

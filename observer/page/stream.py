@@ -1,6 +1,4 @@
-"""Server-sent events for viewers: each message is encoded once for all, and a slow viewer gets the newest of
-each kind. A plain `StreamingResponse` does: sse-starlette's events and pings are per viewer, here shared.
-"""
+"""What viewers of this axis are sent: the service's messages, and the last hour."""
 
 from __future__ import annotations
 
@@ -9,25 +7,25 @@ import json
 import math
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from observer.exchange import KEYS, Key
-from observer.gateway.messages import Latest, Pending
+from observer.gateway.messages import Latest
 from observer.gateway.start import Start
+from observer.page.viewers import Viewers, event
 from observer.publish.codec import decode_estimate
+from observer.report import appearance
 
 _BEAT_S = 1.0
 _AGAIN = b"retry: 1000\n\n"
 """A browser that has lost the connection retries each second; its default is three."""
-_TOGETHER_S = 0.02  # the messages of one step arrive within this
 _KEPT = ("time_s", "sequence", "instance", "quality", "sources", "law_W", "sensors", "sensor_quality")
 _DIGITS = 6
-_MOST_VIEWERS = 60
 
 
-class Stream:
+class Stream(Viewers):
     """Events for any number of viewers; `run` feeds it."""
 
     def __init__(
@@ -37,21 +35,21 @@ class Stream:
         login: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        super().__init__()
         self._latest = latest
         self._clock = clock
         hello = start.model_dump(include={"machine", "axis", "period_s", "laws", "forecast_s"})
         hello["login"] = login
-        self._newest: dict[str, bytes] = {"hello": event("hello", json.dumps(hello).encode()) + _AGAIN}
+        self.tell("hello", event("hello", json.dumps(hello).encode()) + _AGAIN)
+        self._hello = hello
         self._sent_s: dict[str, float] = {}
-        self._viewers: set[Pending] = set()
-        self._ended = False
         self._innovations = Innovations()
         self.recent = Recent()
 
-    @property
-    def is_full(self) -> bool:
-        """Whether there are as many viewers as are served."""
-        return len(self._viewers) >= _MOST_VIEWERS
+    def documents(self) -> dict[str, Any]:
+        """The newest documents of which a summary is made."""
+        said = {key: self._latest.document(key) for key in ("health", "alarms")}
+        return {**said, "hello": self._hello, "beat": {"stale": self._latest.is_stale}}
 
     async def run(self) -> None:
         """Pass on the service's messages as they arrive, for ever, and a heartbeat each second."""
@@ -78,44 +76,12 @@ class Stream:
         except ValueError:
             return  # of another version; what the page shows goes stale
         self._sent_s[key] = now_s
-        self._tell(key, event(key, data))
-
-    def end(self) -> None:
-        """End every viewer's events, so that the server can end too."""
-        self._ended = True
-        self._tell("end", b"")
-
-    async def viewer(self) -> AsyncIterator[bytes]:
-        """The events for one viewer: the newest of each kind, then new ones."""
-        awake = asyncio.Event()
-        pending = Pending(awake.set)
-        for key, data in self._newest.items():
-            pending.put(key, data)
-        self._viewers.add(pending)
-        try:
-            while await awake.wait():
-                if self._ended:
-                    return
-                await asyncio.sleep(_TOGETHER_S)
-                awake.clear()
-                yield b"".join(data for _, data in pending.take())
-        finally:
-            self._viewers.discard(pending)
+        self.tell(key, event(key, data))
 
     async def _beat(self) -> None:
         while True:
-            self._tell("beat", event("beat", json.dumps({"stale": self._latest.is_stale}).encode()))
+            self.tell("beat", event("beat", json.dumps({"stale": self._latest.is_stale}).encode()))
             await asyncio.sleep(_BEAT_S)
-
-    def _tell(self, key: str, data: bytes) -> None:
-        self._newest[key] = data
-        for viewer in self._viewers:
-            viewer.put(key, data)
-
-
-def event(name: str, data: bytes) -> bytes:
-    """A server-sent event; JSON as the service writes it has no line breaks."""
-    return b"event: " + name.encode() + b"\ndata: " + data + b"\n\n"
 
 
 def shown(estimate: Mapping[str, Any], innovations: Innovations) -> bytes:
@@ -158,8 +124,13 @@ class Recent:
             self._rows.append(self._row(document))
 
     def document(self) -> dict[str, Any]:
-        """The rows, the oldest first, and the keys of which the page hears."""
-        return {"every_s": _EVERY_S, "rows": list(self._rows), "keys": list(KEYS)}
+        """The rows, the oldest first, the keys of which the page hears, and how it is to look."""
+        return {
+            "every_s": _EVERY_S,
+            "rows": list(self._rows),
+            "keys": list(KEYS),
+            "appearance": appearance.document(),
+        }
 
     def _is_due(self, field: dict[str, Any]) -> bool:
         if not self._rows:
@@ -175,15 +146,27 @@ class Recent:
         return {
             "time_s": field["time_s"],
             "quality": field["quality"],
-            "temperature_degC": _rounded(field["temperature_degC"]),
-            "error_um": _rounded(error.get("error_um") or []),
-            "sigma_um": _rounded(error.get("sigma_um") or []),
-            "heat_W": {name: entry["heat_W"] for name, entry in heat.get("sources", {}).items()},
-            "sigma_W": {name: entry["sigma_W"] for name, entry in heat.get("sources", {}).items()},
+            **{key: _rounded(field.get(key) or []) for key in ("temperature_degC", "sigma_K", "bound_K")},
+            **{key: _rounded(error.get(key) or []) for key in ("error_um", "sigma_um", "bound_um")},
+            **{
+                key: {name: entry.get(key) for name, entry in heat.get("sources", {}).items()}
+                for key in ("heat_W", "sigma_W", "bound_W")
+            },
             "law_W": dict(zip(estimate.get("sources", []), estimate.get("law_W", []), strict=False)),
             "channels": {name: entry["value"] for name, entry in readings.get("channels", {}).items()},
+            "crossed": {
+                name: quality
+                for name, quality in zip(
+                    estimate.get("sensors", []), estimate.get("sensor_quality", []), strict=False
+                )
+                if quality in CROSSED
+            },
             "lost": [n for n, entry in readings.get("channels", {}).items() if entry["quality"] != "good"],
         }
+
+
+CROSSED = ("missing", "stale", "rejected", "excluded")
+"""Qualities of a sensor whose reading is not used now."""
 
 
 def _rounded(values: list[float | None]) -> list[float | None]:

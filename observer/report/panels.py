@@ -10,6 +10,7 @@ import numpy as np
 from observer.config import Config
 from observer.forecast.document import thinned
 from observer.frames import EstimateQuality, FloatArray, Quality
+from observer.report.appearance import MM_PER_M, TEMPERATURE_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -23,7 +24,6 @@ QUALITY = ("#cfe8dc", "#E69F00", "#D55E00", "#444444")
 """Of a sensor, by rising severity."""
 ESTIMATE_QUALITY = ("#cfe8dc", "#9ecae9", *QUALITY[1:])
 """The same of an estimate, which may also be starting."""
-FIELD_MAP = "inferno"
 ORDERED_MAP = "viridis"
 
 RC: dict[Any, Any] = {
@@ -88,7 +88,6 @@ def duration_text(seconds: float) -> str:
 
 
 Z95 = 1.96
-MM_PER_M = 1000.0
 LANE = 0.38
 DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2)), "alpha": 0.9}
 _BAD = (Quality.MISSING, Quality.STALE, Quality.REJECTED)
@@ -175,10 +174,13 @@ def laws(panel: Panel, names: Sequence[str], law_W: FloatArray) -> None:
 
 def field(panel: Panel, position_m: FloatArray, field_degC: FloatArray, config: Config) -> None:
     """The temperature over time and position, with the sensors' positions and the nuts' strokes."""
+    from matplotlib.colors import LinearSegmentedColormap  # noqa: PLC0415 - slow to import
+
     axes = panel.axes
     image = axes.pcolormesh(
-        panel.t, position_m * MM_PER_M, field_degC.T, cmap=FIELD_MAP, shading="gouraud", rasterized=True
-    )
+        panel.t, position_m * MM_PER_M, field_degC.T, shading="gouraud", rasterized=True,
+        cmap=LinearSegmentedColormap.from_list("temperature", TEMPERATURE_COLOURS),
+    )  # fmt: skip
     axes.grid(visible=False)
     for sensor in config.sensor:
         if sensor.position_m is None:

@@ -39,6 +39,14 @@ def _checked(address: str) -> str:
     return address
 
 
+def _checked_nearby(address: str) -> str:
+    if not is_loopback(address):
+        raise ValueError(
+            f"{address} is not on this computer; let each axis's page listen on 127.0.0.1 and name that"
+        )
+    return address
+
+
 def _checked_opcua(url: str) -> str:
     address = url.removeprefix(_OPCUA)
     if address == url:
@@ -51,6 +59,7 @@ Address = Annotated[str, Field(max_length=300), AfterValidator(_checked)]
 
 
 OpcuaAddress = Annotated[str, Field(max_length=300), AfterValidator(_checked_opcua)]
+Nearby = Annotated[Address, AfterValidator(_checked_nearby)]
 Topic = Annotated[str, Field(pattern=r"^[^#+\s/][^#+\s]*$", max_length=200)]
 
 
@@ -63,6 +72,8 @@ class Page(Section):
     certificate: File | None = None  #: PEM file; the page is then served by TLS
     key: File | None = None  #: its key
     reports: File | None = None  #: a folder of the folders that `observer discover` wrote
+    #: the pages of other axes on this computer, `host:port` each, shown on this one too
+    axes: Annotated[tuple[Nearby, ...], Field(max_length=50)] = ()
 
     _pair = together("certificate", "key")
 

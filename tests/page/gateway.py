@@ -83,6 +83,8 @@ def gateway(
     forecast_s: float | None = None,
     documents: Mapping[str, Any] = DOCUMENTS,
     law_W: float = math.nan,
+    recordings: Path | None = None,
+    machine: str = "lathe",
     **page: Any,
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """The gateway's process with a page of these documents, by TLS where it is given an authority.
@@ -91,8 +93,8 @@ def gateway(
     """
     listen = f"127.0.0.1:{free_port()}"
     first = Start(
-        machine="lathe", axis="z", period_s=60.0, page=Page(listen=listen, **page), config_file=config_file,
-        laws=laws, forecast_s=forecast_s,
+        machine=machine, axis="z", period_s=60.0, page=Page(listen=listen, **page), config_file=config_file,
+        laws=laws, forecast_s=forecast_s, recordings=recordings,
     )  # fmt: skip
     trusted = None if ca is None else ssl.create_default_context(cafile=ca)
     url = f"http{'' if ca is None else 's'}://{listen}/"
@@ -129,6 +131,7 @@ def tell_all(process: subprocess.Popen[bytes], documents: Mapping[str, Any], est
     """Tell a running gateway of another machine."""
     assert process.stdin is not None
     process.stdin.write(framed("estimate", estimate))
+    process.stdin.flush()
     for key, document in documents.items():
         tell(process, key, document)
 

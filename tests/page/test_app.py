@@ -179,7 +179,7 @@ def test_no_kind_is_told_more_than_ten_times_a_second():
     now = [0.0]
     stream = Stream(Latest(0.01), _start(0.01), clock=lambda: now[0])
     told = []
-    stream._tell = lambda key, data: told.append(key)
+    stream.tell = lambda key, data: told.append(key)
     for _ in range(1000):
         now[0] += 0.01
         stream.take("heat", b"{}")
@@ -221,7 +221,7 @@ def test_the_last_innovation_stays_with_its_age_and_is_late_when_the_next_one_is
 def test_no_innovation_is_lost_between_the_steps_that_are_told():
     now, told = [0.0], []
     stream = Stream(Latest(0.05), _start(0.05), clock=lambda: now[0])
-    stream._tell = lambda key, data: told.append(json.loads(data.split(b"data: ")[1]))
+    stream.tell = lambda key, data: told.append(json.loads(data.split(b"data: ")[1]))
     for sequence in range(100):
         now[0] += 0.05
         values = {"innovation_K": math.nan if sequence % 20 != 1 else 1.0}

@@ -117,7 +117,8 @@ def test_documents_are_shown_and_never_run(anna, sealed):
         page.wait_for_selector("#c-forecast canvas")
         page.wait_for_selector("tr[data-sensor=t3]")
         assert page.inner_text("#state") == "Degraded"
-        assert page.inner_text("#reasons") == NASTY
+        assert page.inner_text("#hero-alarm b") == NASTY
+        assert page.inner_text("#reasons") == ""  # which the alarm says already
         assert page.locator("main img").count() == 0
         assert "open circuit" in page.inner_text("#sensors")
         assert page.inner_text("tr[data-sensor=t3] [data-field=reading]") == "– °C"

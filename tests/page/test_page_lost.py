@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 import pytest
 
 from tests.page.browser import CHROMIUM, chromium
-from tests.page.gateway import DOCUMENTS, HEAD, gateway, tell
+from tests.page.gateway import DOCUMENTS, HEAD, estimate, gateway, tell, tell_all
 
 pytestmark = [
     pytest.mark.system,
@@ -48,28 +48,32 @@ def _page(browser, **more):
         yield page, process
 
 
-@pytest.mark.parametrize("quality", ["rejected", "missing", "stale"])
-def test_a_sensor_that_fell_out_says_nothing_on_the_screw(browser, quality):
+@pytest.mark.parametrize(
+    ("quality", "word"), [("rejected", "rejected"), ("missing", "no reading"), ("stale", "stale")]
+)
+def test_a_sensor_that_fell_out_is_crossed_out_on_the_screw(browser, quality, word):
     with _page(browser) as (page, process):
         tell(process, "readings", _readings("good", 0.0))
+        tell_all(process, {}, estimate(8).replace(b"gmissing", b"dgood"))
         page.wait_for_function("() => written.some(([text]) => text === 't3 36.0')")
-        assert "now 25.0 to 27.0 °C, nut at 0.400 m" in page.get_attribute("#map", "aria-label")
-        assert "no reading" not in page.get_attribute("#map", "aria-label")
+        assert "now 25.0 to 27.0 °C, nut at 400 mm" in page.get_attribute("#screw", "aria-label")
         page.wait_for_timeout(200)  # of what comes faster than ten times a second the page leaves some out
         tell(process, "readings", _readings(quality, 660.0))
         page.wait_for_function(
-            "() => document.getElementById('map').ariaLabel.endsWith('nut at – m; no reading of t3')"
+            "() => document.getElementById('screw')"
+            f".ariaLabel.endsWith('nut at – mm; crossed out: t3 {word}')"
         )
+        assert page.inner_text("#crossed") == f"Crossed out: t3 {word}."
         page.evaluate("() => { written.length = 0; dispatchEvent(new Event('resize')); }")
         page.click("#theme")
-        page.wait_for_function("() => written.some(([text]) => text === 't3 –')")
+        page.wait_for_function(f"() => written.some(([text]) => text === 't3 {word}')")
         assert not page.evaluate("() => written.some(([text]) => text.includes('36.0'))")
-        soft, ink = page.evaluate(
+        bad, ink = page.evaluate(
             """() => { const root = getComputedStyle(document.documentElement);
-              return ['--soft', '--ink'].map(name => root.getPropertyValue(name)); }"""
+              return ['--bad', '--ink'].map(name => root.getPropertyValue(name)); }"""
         )
-        colours = page.evaluate("() => written.filter(([text]) => text === 't3 –').map(([, c]) => c)")
-        assert colours[-1] == soft.strip() != ink.strip()
+        colours = page.evaluate(f"() => written.filter(([text]) => text === 't3 {word}').map(([, c]) => c)")
+        assert colours[-1] == bad.strip() != ink.strip()
         row = page.locator("tr[data-sensor=t3]")
         assert row.locator("[data-field=reading]").inner_text() == "36.00 °C"
         assert "11 min old" in row.inner_text()

@@ -1,10 +1,13 @@
-// Curves with bands, drawn by uPlot in the colours of the page.
-import { clock, css } from "./format.js";
+// Curves with bands, drawn by uPlot in the colours of the page, with what the cursor is at in words below.
+import { clock, css, make, number, when } from "./format.js";
+import { gestures } from "./gestures.js";
+import { drawNotes, notesNear } from "./notes.js";
 
 const all = new Set();
+const HINT = "← → read the values; the wheel or + − zoom, dragging moves, a double click shows all.";
 
 // larger where the page is: a wall is read from afar
-const big = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 15;
+export const big = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 15;
 
 function axis(label, size, more = {}) {
   const font = `${Math.round(12 * big())}px system-ui, sans-serif`;
@@ -22,21 +25,36 @@ const times = () => {
   return (_, ticks, __, ___, increment) => ticks.map((t) => (increment >= 86400 ? day : increment < 60 ? seconds : short).format(t * 1000));
 };
 
-// element, {x, y: labels, isTime, series, bands, hooks}; returns {set(data), plot}
-export function chart(element, { x, y, isTime = false, series, bands = [], draw = null, select = null, range = null, legend = true, height = null }) {
-  const size = () => ({ width: Math.max(200, element.clientWidth), height: Math.max(120, height ?? element.clientHeight) - (legend ? 30 : 0) });
+// element, {x, y: labels, isTime, series, bands, draw, range: of y, view: of x, read(index, plot): words at the cursor}
+export function chart(element, { x, y, isTime = false, series, bands = [], draw = null, range = null, legend = true, view, read, padding = null, labels = true }) {
+  const size = () => ({ width: Math.max(200, element.clientWidth), height: Math.max(120, element.clientHeight) - (legend ? 30 : 0) });
+  const readout = make("p", { class: "readout hint", text: "" });
+  const place = (at) => (isTime ? (view.days?.() ? when(at) : clock(at)) : `${number(at, 0)} mm`);
+  function tell(plot) {
+    const index = plot.cursor.idx, at = plot.data[0][index];
+    if (plot.cursor.left < 0 || at === undefined) { readout.textContent = document.activeElement === element ? HINT : ""; return; }
+    const written = isTime ? notesNear(plot, at).map(({ text, by }) => `note by ${by}: ${text}`) : [];
+    readout.textContent = [`${place(at)}: ${read(index, plot)}`, ...written].join(" · ");
+  }
   const options = {
-    ...size(), series: [{ label: isTime ? "time" : x, value: (_, v) => (v == null ? "–" : isTime ? clock(v) : v.toFixed(3)) }, ...series],
+    ...size(), series: [{ label: isTime ? "time" : x }, ...series], ...(padding ? { padding } : {}),
     bands, legend: { show: legend, live: false },
-    scales: { x: { time: isTime }, y: range ? { range } : {} },
-    axes: [axis(isTime ? null : x, 24, isTime ? { values: times(), space: 95 * big() } : {}), axis(y, 48)],
-    cursor: { drag: { x: Boolean(select), y: false, setScale: false }, points: { size: 6 } },
-    hooks: { draw: draw ? [draw] : [], setSelect: select ? [(u) => u.select.width > 8 && select(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"), u)] : [] },
+    scales: { x: { time: isTime, range: (_, low, high) => view.get() ?? (low < high ? [low, high] : [low - 1, high + 1]) }, y: range ? { range } : {} },
+    axes: [axis(isTime ? null : x, 24, isTime ? { values: times(), space: 75 * big() } : {}), axis(y, 52)],
+    cursor: { drag: { x: false, y: false, setScale: false }, points: { size: 6 } },
+    hooks: { draw: [...(draw ? [draw] : []), ...(isTime ? [(u) => drawNotes(u, labels)] : [])], setCursor: [tell] },
   };
+  element.tabIndex = 0;
+  element.setAttribute("role", "group");
+  element.setAttribute("aria-label", `Chart in ${y}; arrow keys read it, plus and minus zoom, Home shows all`);
+  element.after(readout);
   const plot = new uPlot(options, [[], ...series.map(() => [])], element);
+  gestures(plot, element, view);
+  element.addEventListener("focus", () => { readout.setAttribute("aria-live", "polite"); tell(plot); });
+  element.addEventListener("blur", () => { readout.removeAttribute("aria-live"); tell(plot); });
   const watch = new ResizeObserver(() => { const s = size(); if (s.width !== plot.width || s.height !== plot.height) plot.setSize(s); });
   watch.observe(element);
-  const made = { plot, set: (data) => plot.setData(data), end: () => { watch.disconnect(); plot.destroy(); all.delete(made); } };
+  const made = { plot, set: (data) => { plot.setData(data); if (plot.cursor.left >= 0) tell(plot); }, again: () => plot.setData(plot.data), end: () => { watch.disconnect(); plot.destroy(); readout.remove(); all.delete(made); } };
   all.add(made);
   return made;
 }

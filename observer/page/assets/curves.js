@@ -1,8 +1,14 @@
 // Heats over time, the error along the travel, and what is to come.
 import { again, chart, edge, line, redraw, tidyLegend } from "./charts.js";
-import { byId, clock, colour, css, fade, known, make, number, say, span } from "./format.js";
-import { hasLaw, nutChannel, onNews, store, view } from "./store.js";
+import { byId, clock, colour, css, fade, known, make, number, say, span, withDoubt } from "./format.js";
+import { along } from "./hero.js";
+import { hasLaw, mm, nutChannel, onNews, store, view } from "./store.js";
+import { liveTable, offer } from "./tools.js";
+import { live, newView } from "./views.js";
 
+const errorView = newView("p3", "span-error", () => [store.documents.error?.position_m[0], store.documents.error?.position_m.at(-1)].map(mm));
+const aheadView = newView("p6", "span-forecast", () => [store.documents.forecast?.at_s[0], store.documents.forecast?.at_s.at(-1)]);
+export const views = { p1: live, p2: live, p3: errorView, p6: aheadView };
 let heats = null, names = "", error = null, hasCompensation = null, forecast = null;
 const plus = (a, b, k) => (known(a) && known(b) ? a + k * b : null);
 const orNull = (x) => (known(x) ? x : null);
@@ -28,7 +34,9 @@ function drawHeats() {
     }));
     const series = found.flatMap((name, i) => [line(name.replaceAll("_", " "), () => colour(i), again(i)), edge("_"), edge("_"), line("_law", () => colour(i), { width: 1, dash: [5, 4] })]);
     const bands = found.map((_, i) => ({ series: [4 * i + 2, 4 * i + 3], fill: () => fade(colour(i), 0.18) }));
-    heats = chart(byId("c-heats"), { x: "time", y: "W", isTime: true, series, bands, draw: (u) => store.held && mark(u, store.held.time_s, clock(store.held.time_s)), legend: false });
+    heats = chart(byId("c-heats"), { x: "time", y: "W", isTime: true, series, bands, draw: (u) => store.held && mark(u, store.held.time_s, clock(store.held.time_s)), legend: false, view: live,
+      read: (k) => found.map((name) => `${name.replaceAll("_", " ")} ${withDoubt(store.rows[k]?.heat_W[name], store.rows[k]?.sigma_W[name], store.rows[k]?.bound_W?.[name], "W")}`).join("; ") });
+    drawHeatsPast();
   }
   const sequence = store.held ? "" : String(store.documents.heat?.sequence ?? "");
   byId("heats").dataset.sequence = sequence;
@@ -47,14 +55,6 @@ function drawHeatsPast() {
   ])]);
 }
 
-function nearest(xs, ys, x) {
-  if (!xs?.length || x < xs[0] || x > xs.at(-1)) return null;
-  let i = 1;
-  while (i < xs.length - 1 && xs[i] < x) i++;
-  const f = xs[i] === xs[i - 1] ? 0 : (x - xs[i - 1]) / (xs[i] - xs[i - 1]);
-  return ys[i - 1] + f * (ys[i] - ys[i - 1]);
-}
-
 function drawError() {
   const now = view(), position_m = store.documents.error?.position_m, held = Boolean(store.held);
   const compensation = held ? null : store.documents.compensation;
@@ -67,15 +67,29 @@ function drawError() {
   if (!error || has !== hasCompensation) {
     error?.end(); box.replaceChildren(); hasCompensation = has;
     const series = [line("thermal error", () => colour(0)), edge("_"), edge("_"), ...(has ? [line("compensation", () => colour(1), { dash: [7, 4] })] : [])];
-    error = chart(box, { x: "position in m", y: "µm", series, bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, view().lost?.includes(nutChannel()) ? null : view().channels[nutChannel()], "nut"),
+    error = chart(box, { x: "position, mm", y: "µm", series, bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, view().lost?.includes(nutChannel()) || !known(view().channels[nutChannel()]) ? null : mm(view().channels[nutChannel()]), "nut"), view: errorView,
+      read: (k) => withDoubt(view().error_um[k], view().sigma_um[k], view().bound_um?.[k], "µm"),
       range: (_, low, high) => { const pad = Math.max(1, (high - low) * 0.1); return [Math.min(0, low - pad), high + pad]; }, legend: has });
     if (has) tidyLegend(box);
   }
-  const data = [position_m, now.error_um.map(orNull), now.error_um.map((e, i) => plus(e, now.sigma_um[i], 2)), now.error_um.map((e, i) => plus(e, now.sigma_um[i], -2))];
-  if (has) data.push(position_m.map((x) => orNull(nearest(compensation.position_m, compensation.error_um, x))));
+  const data = [position_m.map(mm), now.error_um.map(orNull), now.error_um.map((e, i) => plus(e, now.sigma_um[i], 2)), now.error_um.map((e, i) => plus(e, now.sigma_um[i], -2))];
+  if (has) data.push(position_m.map((x) => along(compensation.position_m, compensation.error_um, x)));
   error.set(data);
   box.dataset.sequence = held ? "" : String(store.documents.error.sequence);
   say("comp-words", compensation ? (compensation.armed ? "compensation armed" : `compensation off: ${compensation.reason ?? "not armed"}`) : "");
+}
+
+// of all places the one that moves most
+function liveliest(table) {
+  const moves = (i) => Math.abs(table.at(-1)[i] - table[0][i]);
+  return table[0].reduce((best, _, i) => (moves(i) > moves(best) ? i : best), 0);
+}
+
+function aheadNow() {
+  const ahead = store.documents.forecast, table = ahead?.error_um ?? ahead?.temperature_degC;
+  if (!table?.length) return { mean: [], sigma: [] };
+  const at = liveliest(table), sigma = (ahead.error_um ? ahead.error_sigma_um : ahead.sigma_K) ?? [];
+  return { at, mean: table.map((row) => orNull(row[at])), sigma: sigma.map((row) => row[at]), unit: ahead.error_um ? "um" : "degC" };
 }
 
 function drawForecast() {
@@ -85,32 +99,40 @@ function drawForecast() {
     if (store.hello) say("forecast-words", known(comes) ? `No forecast yet: a new one comes every ${span(comes)}.` : "No forecast comes: every estimated heat needs a law, or [forecast] enabled is false.");
     return;
   }
-  const table = ahead.error_um ?? ahead.temperature_degC, sigma = ahead.error_um ? ahead.error_sigma_um : ahead.sigma_K;
+  const table = ahead.error_um ?? ahead.temperature_degC;
   if (ahead.reason || !table?.length) { say("forecast-words", ahead.reason ?? "No forecast yet."); box.hidden = true; return; }
   const unit = ahead.error_um ? "µm" : "°C";
-  // of all places the one that moves most
-  const width = table[0].length, moves = (i) => Math.abs(table.at(-1)[i] - table[0][i]);
-  let at = 0;
-  for (let i = 1; i < width; i++) if (moves(i) > moves(at)) at = i;
+  const at = liveliest(table), shown = (k) => { const { mean, sigma: s } = aheadNow(); return [mean[k], s[k], null]; };
   box.hidden = false;
   if (!forecast || forecast.unit !== unit) {
     forecast?.end(); box.replaceChildren();
-    forecast = chart(box, { x: "time", y: unit, isTime: true, series: [line("expected", () => colour(0)), edge("_"), edge("_")], bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, store.documents.forecast.settled_at_s, "settled"), legend: false });
+    forecast = chart(box, { x: "time", y: unit, isTime: true, series: [line("expected", () => colour(0)), edge("_"), edge("_")], bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, store.documents.forecast.settled_at_s, "settled"), legend: false, view: aheadView,
+      read: (k) => withDoubt(...shown(k), unit) });
     forecast.unit = unit;
   }
-  const mean = table.map((row) => orNull(row[at])), width_of = (sigma ?? []).map((row) => row[at]);
+  const { mean, sigma: width_of } = aheadNow();
   forecast.set([ahead.at_s, mean, mean.map((m, i) => plus(m, width_of[i], 2)), mean.map((m, i) => plus(m, width_of[i], -2))]);
   const [early, late] = ahead.settled_between_s ?? [], sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}. ` : "");
   const between = known(early) ? `, between ${clock(early)} and ${clock(late)}` : "";
   const settled = known(ahead.settled_at_s) ? `Settled within ${number(ahead.settles_within_um)} µm at ${clock(ahead.settled_at_s)}${between}. ` : "";
-  const place = `${ahead.error_um ? "Error" : "Temperature"} at ${number(ahead.position_m[at], 2)} m, where most is to come. `;
+  const place = `${ahead.error_um ? "Error" : "Temperature"} at ${number(mm(ahead.position_m[at]), 0)} mm, where most is to come. `;
   say("forecast-words", `${settled}${place}${sentence(ahead.program?.text)}${sentence(ahead.warm_up?.text)}`.trim());
 }
 
+const heatTable = () => liveTable(() => names.split(",").flatMap((n) => [`heat_${n}_W`, `heat_${n}_sigma_W`, `heat_${n}_bound_W`, `law_${n}_W`]),
+  (row) => names.split(",").flatMap((n) => [row.heat_W[n], row.sigma_W[n], row.bound_W?.[n], hasLaw(n) ? row.law_W[n] : null]));
+const places = () => store.documents.field?.position_m.map((x) => Number(mm(x).toFixed(3))) ?? [];
+const fieldTable = () => liveTable(() => places().flatMap((x) => [`field_${x}_degC`, `field_${x}_sigma_K`, `field_${x}_bound_K`]),
+  (row) => places().flatMap((_, i) => [row.temperature_degC[i], row.sigma_K?.[i], row.bound_K?.[i]]));
+const errorTable = () => ({ columns: ["position_mm", "error_um", "sigma_um", "bound_um"], rows: (store.documents.error?.position_m ?? []).map((x, i) => [Number(mm(x).toFixed(3)), view().error_um[i], view().sigma_um[i], view().bound_um?.[i]]) });
+const aheadTable = () => { const { at, mean, sigma, unit } = aheadNow(), { at_s, position_m } = store.documents.forecast ?? {}; return { columns: ["time_s", "position_mm", `expected_${unit}`, "sigma"], rows: mean.map((m, k) => [at_s[k], mm(position_m[at]), m, sigma[k]]) }; };
+
 export function startCurves() {
+  offer("p1", { table: fieldTable, view: live, isTime: true }); offer("p2", { table: heatTable, view: live, isTime: true });
+  offer("p3", { table: errorTable, view: errorView }); offer("p6", { table: aheadTable, view: aheadView });
   onNews(["heat", "estimate", "view", "hello"], drawHeats);
-  onNews(["rows", "heat", "hello"], drawHeatsPast);
-  onNews(["error", "compensation", "view", "rows"], drawError);
-  onNews(["forecast", "hello"], drawForecast);
-  onNews(["theme", "view"], redraw);
+  onNews(["rows", "heat", "hello", "span"], drawHeatsPast);
+  onNews(["error", "span-error", "compensation", "view", "rows"], drawError);
+  onNews(["forecast", "span-forecast", "hello"], drawForecast);
+  onNews(["theme", "view", "notes"], redraw);
 }

@@ -7,6 +7,9 @@ const DAY = new Intl.DateTimeFormat([], { day: "numeric", month: "short", year: 
 export const clock = (s) => (known(s) ? SECONDS.format(s * 1000) : "–");
 export const minute = (s) => MINUTES.format(s * 1000);
 export const when = (s) => (known(s) ? DAY.format(s * 1000) : "–");
+export const local = (s) => { const d = new Date(s * 1000); return new Date(d - d.getTimezoneOffset() * 60000).toISOString().slice(0, 19); };
+// "1.2 ± 0.1 W, bound 3 W", as much of it as is known
+export const withDoubt = (value, sigma, bound, unit, digits = 1, doubtUnit = unit) => `${number(value, digits)}${known(sigma) ? ` ± ${number(sigma, digits)}` : ""} ${unit}${known(bound) ? `, bound ${number(bound, digits)} ${doubtUnit}` : ""}`;
 export const byId = (id) => document.getElementById(id);
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 export const colour = (i) => css(`--c${i % 7}`);

@@ -1,18 +1,22 @@
-import { startCurves } from "./curves.js";
+import { startAlarms } from "./alarms.js";
+import { chooseAxis, startAxes } from "./axes.js";
+import { startCurves, views } from "./curves.js";
 import { byId } from "./format.js";
 import { startHeatmap } from "./heatmap.js";
+import { startHero } from "./hero.js";
 import { startKeys } from "./keys.js";
-import { startPast } from "./past.js";
+import { startNotes } from "./notes.js";
+import { openPast, startPast } from "./past.js";
 import { startReports } from "./reports.js";
+import { startScrew } from "./screw.js";
 import { connect, onNews, store } from "./store.js";
 import { startTables } from "./tables.js";
+import { startTools } from "./tools.js";
+import { restore } from "./views.js";
 
-startTables();
-startHeatmap();
-startCurves();
-startKeys();
-startPast();
-startReports();
+await chooseAxis();
+for (const start of [startHero, startTables, startAlarms, startScrew, startHeatmap, startCurves, startNotes, startAxes, startKeys, startPast, startReports, startTools]) start();
+restore(views, openPast);
 onNews(["hello"], () => { byId("logout").hidden = !store.hello.login; });
 byId("logout").addEventListener("submit", async (event) => {
   event.preventDefault();

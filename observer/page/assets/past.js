@@ -1,17 +1,26 @@
 // The recordings: a span of them, another laid over it.
 import { again, chart, edge, line, tidyLegend } from "./charts.js";
-import { byId, colour, fade, make, number, say, span, when } from "./format.js";
+import { byId, colour, fade, known, local, make, number, say, span, when } from "./format.js";
+import { address, onNews, store } from "./store.js";
+import { offer } from "./tools.js";
+import { newView, note } from "./views.js";
 
-const UNITS = { degC: "°C", m: "m", rpm: "rpm", W: "W", um: "µm", mm: "mm" };
-let files = [], to_s = null, length_s = 3600, charts = [], shown = "", asked = new AbortController();
+const LEAST_S = 2, MOST_S = 31e6;
+let files = [], to_s = null, length_s = 3600, charts = [], shown = "", last = null, asked = new AbortController();
+export const pastView = Object.assign(newView("p8", "span-past"), {
+  get: () => (to_s === null ? null : [to_s - length_s, to_s]), days: () => length_s > 86400,
+  set: (range) => { if (range === null) whole(); else move(...range); },
+});
 
+// positions are shown in one unit everywhere
+const shownIn = (unit) => (unit === "m" ? ["mm", store.appearance.mm_per_m] : [store.appearance.symbols[unit] ?? unit, 1]);
+const titleOf = (name) => name.slice(0, name.lastIndexOf("_")).replaceAll("_", " ");
+const times = (values, by) => (by === 1 ? values : values.map((v) => (v === null ? null : v * by)));
 const unitOf = (name) => name.slice(name.lastIndexOf("_") + 1);
-const middle = (least, most) => least.map((l, k) => (l === null ? null : (l + most[k]) / 2));
-const local = (s) => { const d = new Date(s * 1000); return new Date(d - d.getTimezoneOffset() * 60000).toISOString().slice(0, 19); };
 
 async function read(from_s, until_s, signal) {
   const points = Math.min(800, Math.max(200, byId("c-past").clientWidth));
-  const answer = await fetch(`/history.json?from=${from_s}&to=${until_s}&points=${points}`, { signal });
+  const answer = await fetch(`${address("history.json")}?from=${from_s}&to=${until_s}&points=${points}`, { signal });
   if (!answer.ok) throw new Error((await answer.text()).trim());
   return answer.json();
 }
@@ -39,21 +48,22 @@ async function show() {
       draw(first, second);
       const empty = Object.keys(first.channels).length === 0;
       const dashed = second ? `; dashed, laid over it: ${span(Math.abs(over_s))} ${over_s > 0 ? "earlier" : "later"}` : "";
-      say("past-words", share < 1 ? `Reading: ${Math.floor(100 * share)} % of what is there.` : empty ? "Nothing was recorded in this span." : `${when(from_s)} to ${when(from_s + length_s)} (${span(length_s)})${dashed}. Drag to zoom.`);
+      say("past-words", share < 1 ? `Reading: ${Math.floor(100 * share)} % of what is there.` : empty ? "Nothing was recorded in this span." : `${when(from_s)} to ${when(from_s + length_s)} (${span(length_s)})${dashed}. Mean, and the band from least to most.`);
     }
     byId("c-past").dataset.from = String(from_s); byId("c-past").dataset.over = over_s ? String(over_s) : "";
   } catch (error) { if (!signal.aborted) say("past-words", error.message); }
 }
 
 function draw(first, second) {
+  last = first;
   const groups = new Map();
   for (const name of Object.keys(first.channels)) groups.set(unitOf(name), [...(groups.get(unitOf(name)) ?? []), name]);
   const drawn = JSON.stringify([[...groups], Object.keys(second?.channels ?? {})]);
   if (drawn !== shown) { shown = drawn; build(groups, second); }
-  [...groups.values()].forEach((names, k) => {
+  [...groups].forEach(([unit, names], k) => {
     charts[k].set([first.time_s, ...names.flatMap((name) => {
-      const { least, most } = first.channels[name], other = second?.channels[name];
-      return [middle(least, most), most, least, ...(other ? [middle(other.least, other.most)] : [])];
+      const { least, mean, most } = first.channels[name], other = second?.channels[name];
+      return [mean, most, least, ...(other ? [other.mean] : [])].map((values) => times(values, shownIn(unit)[1]));
     })]);
   });
 }
@@ -64,37 +74,63 @@ function build(groups, second) {
   const box = byId("c-past");
   box.replaceChildren();
   charts = [...groups].map(([unit, names]) => {
-    const element = make("div", { class: "chart", "data-unit": unit }), series = [], bands = [];
-    box.append(element);
+    const element = make("div", { class: "chart", "data-unit": unit }), labels = !box.firstChild, series = [], bands = [];
+    box.append(make("div", {}, element));
     names.forEach((name, i) => {
       const at = series.length + 1;
-      series.push(line(name, () => colour(i), { width: 1.5, spanGaps: true, ...again(i) }), edge("_"), edge("_"));
+      series.push(line(titleOf(name), () => colour(i), { width: 1.5, spanGaps: true, ...again(i) }), edge("_"), edge("_"));
       bands.push({ series: [at + 1, at + 2], fill: () => fade(colour(i), 0.25) });
       if (second?.channels[name]) series.push(line("_over", () => colour(i), { width: 1.5, dash: [5, 4], spanGaps: true }));
     });
-    const made = chart(element, { x: "time", y: UNITS[unit] ?? unit, isTime: true, series, bands, select: zoomTo });
+    const made = chart(element, { x: "time", y: shownIn(unit)[0], isTime: true, series, bands, view: pastView, labels, read: (k) => names.map((name) => words(name, k, unit)).join("; ") });
     tidyLegend(element);
     return made;
   });
 }
 
-function zoomTo(from, to, plot) { plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false); if (to - from >= 2) { length_s = to - from; to_s = to; show(); } }
+function words(name, k, unit) {
+  const { least, mean, most } = last?.channels[name] ?? {};
+  if (!known(mean?.[k])) return `${titleOf(name)} –`;
+  const [symbol, by] = shownIn(unit), between = most[k] > least[k] ? ` (${number(least[k] * by, 2)} to ${number(most[k] * by, 2)})` : "";
+  return `${titleOf(name)} ${number(mean[k] * by, 2)} ${symbol}${between}`;
+}
+
+let waiting = 0;
+// what is there is moved at once, and read anew once a gesture rests
+function move(from, to) {
+  length_s = Math.min(MOST_S, Math.max(LEAST_S, to - from)); to_s = (from + to + length_s) / 2;
+  note("p8", [from, to]);
+  for (const made of charts) made.again();
+  clearTimeout(waiting);
+  waiting = setTimeout(show, 120);
+}
+function whole() { if (files.length) move(Math.min(...files.map((f) => f.from_s)), Math.max(...files.map((f) => f.to_s), files[0].from_s + LEAST_S)); }
 export function pan(by) { if (to_s !== null) { to_s += by * length_s / 4; show(); } }
-export function zoom(by) { if (to_s !== null) { const middle = to_s - length_s / 2; length_s = Math.min(31e6, Math.max(2, length_s * by)); to_s = middle + length_s / 2; show(); } }
+export function zoom(by) { if (to_s !== null) { const middle = to_s - length_s / 2; move(middle - length_s * by / 2, middle + length_s * by / 2); } }
+export function openPast(from, to) { length_s = Math.min(MOST_S, Math.max(LEAST_S, to - from)); to_s = to; if (seen) { seen.disconnect(); seen = null; } list(false).then(() => byId("p8").scrollIntoView({ behavior: "instant" })); }
+
+function table() {
+  const names = Object.keys(last?.channels ?? {});
+  return { columns: ["time_s", "time", ...names.flatMap((n) => [`${n}_least`, `${n}_mean`, `${n}_most`])], rows: (last?.time_s ?? []).map((t, k) => [t, new Date(t * 1000).toISOString(), ...names.flatMap((n) => ["least", "mean", "most"].map((e) => last.channels[n][e][k]))]) };
+}
 
 async function list(thenNewest) {
-  const listed = await (await fetch("/recordings.json")).json();
+  if (!store.appearance) await new Promise((heard) => { onNews(["rows"], heard); });
+  const listed = await (await fetch(address("recordings.json"))).json();
   files = listed.files;
   if (!files.length) { say("past-words", listed.reason ?? "Nothing has been recorded yet."); return; }
   if (to_s === null || thenNewest) {
     to_s = files.at(-1).to_s;
-    const whole = to_s - files[0].from_s;
-    if (!thenNewest) length_s = whole < 3600 ? Math.max(60, whole) : 3600;
+    const all_s = to_s - files[0].from_s;
+    if (!thenNewest) length_s = all_s < 3600 ? Math.max(60, all_s) : 3600;
   }
   await show();
 }
 
+let seen = null;
 export function startPast() {
+  offer("p8", { table, view: pastView, isTime: true });
+  onNews(["theme"], () => { for (const made of charts) made.again(); });
   byId("spans").addEventListener("click", (event) => {
     const { span: chosen } = event.target.dataset;
     if (chosen) { length_s = Number(chosen); if (to_s === null) list(false); else show(); }
@@ -104,6 +140,6 @@ export function startPast() {
   byId("newest").addEventListener("click", () => list(true));
   byId("until").addEventListener("change", (event) => { const at = Date.parse(event.target.value) / 1000; if (Number.isFinite(at)) { to_s = at; show(); } });
   for (const id of ["over", "over-until"]) byId(id).addEventListener("change", () => { if (to_s !== null) show(); });
-  const seen = new IntersectionObserver((entries) => { if (entries.some((e) => e.isIntersecting)) { seen.disconnect(); list(false); } });
+  seen = new IntersectionObserver((entries) => { if (entries.some((e) => e.isIntersecting)) { seen.disconnect(); seen = null; list(false); } });
   seen.observe(byId("p8"));
 }

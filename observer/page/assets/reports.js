@@ -1,11 +1,12 @@
 // What discover found, and what it would change.
 import { byId, make, when } from "./format.js";
+import { address } from "./store.js";
 
 const EVERY_MS = 60000;
 let shown = "";
 
 function show(name) {
-  byId("report-frame").src = `/reports/${encodeURIComponent(name)}/report.html`;
+  byId("report-frame").src = address(`reports/${encodeURIComponent(name)}/report.html`);
   byId("report").showModal();
 }
 
@@ -31,7 +32,7 @@ function entry(report, open) {
 async function list() {
   const box = byId("reports");
   try {
-    const answer = await (await fetch("/reports.json")).text();
+    const answer = await (await fetch(address("reports.json"))).text();
     if (answer === shown) return;
     shown = answer;
     const { folder, reports } = JSON.parse(answer);

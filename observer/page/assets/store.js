@@ -2,9 +2,12 @@
 import { known } from "./format.js";
 
 const HOUR_S = 3600;
+// of a sensor whose reading is not used now
+const CROSSED = ["missing", "stale", "rejected", "excluded"];
 export const store = {
-  hello: null, documents: {}, rows: [], held: null, heard: 0, beat: 0, config: null, serverSaysStale: false,
+  base: "/", appearance: null, hello: null, documents: {}, rows: [], held: null, heard: 0, beat: 0, config: null, serverSaysStale: false,
 };
+export const address = (path) => store.base + path;
 const wanted = new Map();
 const dirty = new Set();
 let waiting = false;
@@ -28,21 +31,25 @@ export function news(key) {
 document.addEventListener("visibilitychange", () => news("view"));
 
 export function source(name) { return store.config?.source?.find((s) => s.name === name); }
-export function nutChannel() { return store.config?.source?.find((s) => s.position_channel)?.position_channel ?? null; }
+const nut = () => store.config?.source?.find((s) => s.position_channel);
+export function nutChannel() { return nut()?.position_channel ?? null; }
+export const strokeOfNut = () => nut()?.stroke_m ?? null;
+export const mm = (x_m) => x_m * store.appearance.mm_per_m;
 
 // without a law the estimate says 0 W of it, which is no law
 export function hasLaw(name) { return store.hello?.laws.includes(name) ?? false; }
 
 function live() {
   const { field, heat, error, estimate, readings } = store.documents;
-  const heats = heat?.sources ?? {};
+  const heats = heat?.sources ?? {}, of = (key) => Object.fromEntries(Object.entries(heats).map(([name, h]) => [name, h[key]]));
   return {
     time_s: estimate?.time_s ?? field?.time_s, quality: estimate?.quality,
-    temperature_degC: field?.temperature_degC ?? [], error_um: error?.error_um ?? [], sigma_um: error?.sigma_um ?? [],
-    heat_W: Object.fromEntries(Object.entries(heats).map(([name, h]) => [name, h.heat_W])),
-    sigma_W: Object.fromEntries(Object.entries(heats).map(([name, h]) => [name, h.sigma_W])),
+    temperature_degC: field?.temperature_degC ?? [], sigma_K: field?.sigma_K ?? [], bound_K: field?.bound_K ?? [],
+    error_um: error?.error_um ?? [], sigma_um: error?.sigma_um ?? [], bound_um: error?.bound_um ?? [],
+    heat_W: of("heat_W"), sigma_W: of("sigma_W"), bound_W: of("bound_W"),
     law_W: Object.fromEntries((estimate?.sources ?? []).map((name, i) => [name, estimate.law_W?.[i]]).filter(([name]) => hasLaw(name))),
     channels: Object.fromEntries(Object.entries(readings?.channels ?? {}).map(([name, c]) => [name, c.value])),
+    crossed: Object.fromEntries((estimate?.sensors ?? []).map((name, i) => [name, estimate.sensor_quality[i]]).filter(([, quality]) => CROSSED.includes(quality))),
     lost: Object.entries(readings?.channels ?? {}).filter(([, c]) => c.quality !== "good").map(([name]) => name),
   };
 }
@@ -74,13 +81,14 @@ function remember() {
 export async function connect() {
   let keys;
   try {
-    const answer = await fetch("/recent.json");
+    const answer = await fetch(address("recent.json"));
     if (answer.status === 401) { location.assign("/login"); return; }
-    ({ rows: store.rows, keys } = await answer.json());
+    if (!answer.ok) throw new Error(await answer.text());
+    ({ rows: store.rows, keys, appearance: store.appearance } = await answer.json());
   } catch { setTimeout(connect, 1000); return; }
   news("rows");
-  const events = new EventSource("/events");
-  for (const key of [...keys, "hello", "beat"]) {
+  const events = new EventSource(address("events"));
+  for (const key of [...keys, "hello", "beat", "notes", "axes"]) {
     events.addEventListener(key, (event) => take(key, JSON.parse(event.data)));
   }
   events.addEventListener("error", () => {

@@ -1,47 +1,8 @@
-// Health in words, sensors, what has been learnt, alarms.
-import { byId, clock, colour, css, known, make, number, say, span, when } from "./format.js";
-import { nutChannel, onNews, silence, store, view } from "./store.js";
-
-const WORDS = {
-  good: ["✓", "Good", "Every sensor and input is used, and all heats are estimated."],
-  starting: ["…", "Starting", "Not all heats are estimated yet; bands are still wide."],
-  degraded: ["!", "Degraded", "Some input is missing or in doubt; bands are wider."],
-  stale: ["×", "Stale", "No fresh measurement; the model runs alone."],
-  invalid: ["×", "Invalid", "There is no estimate to rely on."],
-};
-// the service is gone: nobody reckons on
-const SILENT = ["×", "Stale", "Nothing comes from the service; what is shown is the last that it said."];
-const reasonsOf = () => store.documents.health?.reasons ?? [];
-
-function drawState() {
-  const { health, estimate } = store.documents;
-  if (!health && !estimate) return;
-  const silent = silence() !== null, state = silent ? "stale" : health?.state ?? estimate.quality;
-  const [sign, word, words] = silent ? SILENT : WORDS[state] ?? ["?", state, ""];
-  document.body.dataset.state = state;
-  say("sign", sign); say("state", word); say("words", words);
-  const reasons = reasonsOf().join("\n");
-  if (byId("reasons").dataset.shown !== reasons) {
-    byId("reasons").dataset.shown = reasons;
-    byId("reasons").replaceChildren(...reasonsOf().map((reason) => make("li", { text: reason })));
-  }
-  document.title = `${sign} ${word} – ${store.hello?.machine ?? ""} ${store.hello?.axis ?? ""}`;
-}
-
-function drawFigures() {
-  const now = view(), { field, error, compensation, readings } = store.documents;
-  const most = (values, by) => values.reduce((best, v, i) => (known(v) && (best < 0 || by(v) > by(values[best])) ? i : best), -1);
-  const hot = most(now.temperature_degC, (t) => t), far = most(now.error_um, Math.abs);
-  const figure = (id, value, more) => { const text = `${value}|${more}`; const e = byId(id); if (e.dataset.shown !== text) { e.dataset.shown = text; e.replaceChildren(value, make("small", { text: more })); } };
-  if (hot >= 0) figure("f-hot", `${number(now.temperature_degC[hot])} °C`, ` at ${number(field.position_m[hot], 2)} m`);
-  if (far >= 0) figure("f-error", `${number(now.error_um[far])} µm`, ` at ${number(error.position_m[far], 2)} m`);
-  const heats = Object.values(now.heat_W).filter(known);
-  if (heats.length) figure("f-heat", `${number(heats.reduce((a, b) => a + b, 0))} W`, ` from ${heats.length}`);
-  const speed = Object.keys(readings?.channels ?? {}).find((name) => name.endsWith("_rpm"));
-  if (now.lost?.includes(nutChannel())) figure("f-nut", "–", " position lost");
-  else if (known(now.channels[nutChannel()])) figure("f-nut", `${number(now.channels[nutChannel()], 3)} m`, speed ? ` ${number(now.channels[speed], 0)} rpm` : "");
-  figure("f-comp", compensation ? (compensation.armed ? "armed" : "off") : "not set up", "");
-}
+// Sensors, what has been learnt, further keys, and whether the service is silent.
+import { byId, clock, colour, css, known, make, number, say, span } from "./format.js";
+import { drawState } from "./hero.js";
+import { mm, onNews, silence, store } from "./store.js";
+import { offer } from "./tools.js";
 
 function deviation(innovation, sigma) {
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), bar = document.createElementNS(svg.namespaceURI, "rect"), mid = document.createElementNS(svg.namespaceURI, "rect");
@@ -67,7 +28,7 @@ function drawSensors() {
     const fault = health?.channels?.[channel]?.fault;
     const lost = reading && reading.quality !== "good", old = lost && known(reading.age_s) && known(reading.value);
     rows.push(make("tr", { "data-sensor": name },
-      make("th", { scope: "row" }, make("b", { text: name }), known(sensor?.position_m) ? ` ${number(sensor.position_m, 2)} m` : ""),
+      make("th", { scope: "row" }, make("b", { text: name }), known(sensor?.position_m) ? ` ${number(mm(sensor.position_m), 0)} mm` : ""),
       make("td", { class: "n", "data-late": lost ? "" : null }, make("small", { class: "age", text: old ? `${span(reading.age_s)} old` : "" }),
         make("span", { "data-field": "reading", text: `${number(reading?.value, 2)} ${unit}` })),
       make("td", { class: "n", "data-late": last?.late ? "" : null }, make("small", { class: "age", text: last?.late ? `${span(last.age_s)} old` : "" }),
@@ -100,39 +61,6 @@ function drawMore() {
   byId("more").replaceChildren(make("table", {}, make("tbody", {}, ...rows)));
 }
 
-async function acknowledge(id, button) {
-  button.disabled = true;
-  const answer = await fetch("/acknowledge", { method: "POST", body: new URLSearchParams({ id }) });
-  button.textContent = answer.ok ? "sent" : `refused (${answer.status})`;
-  if (!answer.ok) button.disabled = false;
-}
-
-function drawAlarms() {
-  const published = store.documents.alarms, box = byId("alarms");
-  if (!published) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "This service publishes no alarms; the reasons are at the top." })); return; }
-  const key = JSON.stringify(published.alarms) + JSON.stringify(published.bands ?? {});
-  if (box.dataset.shown === key) return;
-  box.dataset.shown = key;
-  const held = box.contains(document.activeElement) ? document.activeElement.closest("[data-alarm]")?.dataset.alarm : null;
-  const alarms = published.alarms.map((alarm) => {
-    const item = make("div", { class: "alarm", "data-severity": alarm.severity, "data-state": alarm.state, "data-alarm": alarm.id },
-      make("b", { text: alarm.reason }), make("p", { text: alarm.remedy }),
-      make("p", { class: "hint", text: `${alarm.severity}, ${alarm.state}, since ${when(alarm.since_s)}` }));
-    if (alarm.state === "unacknowledged") {
-      const button = make("button", { type: "button", text: "Acknowledge", onclick: () => acknowledge(alarm.id, button) });
-      item.append(button, " ", make("code", { text: `observer acknowledge ${alarm.id}` }));
-    }
-    return item;
-  });
-  const bands = Object.entries(published.bands ?? {}).map(([name, band]) => make("tr", {}, make("th", { scope: "row", text: name.replaceAll("_", " ") }), ...(band.known ? [
-    make("td", { class: "n", text: `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual` }),
-    make("td", { class: "n", text: known(band.trend_per_day) ? `${number(100 * band.trend_per_day, 2)} %/day` : "" }),
-  ] : [make("td", { colspan: "2", class: "hint", text: `still learning what is usual: ${band.learning ?? `${number(band.running_h)} h of running`}` })])));
-  box.replaceChildren(...(alarms.length ? alarms : [make("p", { class: "calm", text: "No alarm." })]), ...(bands.length ? [make("div", { class: "scroll" }, make("table", {}, make("tbody", {}, ...bands)))] : []));
-  // who was about to press something is still there
-  if (held) (box.querySelector(`[data-alarm="${CSS.escape(held)}"] button`) ?? byId("p5")).focus({ preventScroll: true });
-}
-
 function drawFoot() {
   const { estimate, health } = store.documents;
   if (store.hello) { say("machine", store.hello.machine); say("axis", `axis ${store.hello.axis}`); }
@@ -148,12 +76,21 @@ export function watchSilence() {
   if (!was) { document.body.dataset.silent = ""; banner.hidden = false; drawState(); }
 }
 
+function sensorTable() {
+  const { estimate, readings } = store.documents;
+  return { columns: ["sensor", "channel", "position_mm", "reading", "unit", "residual", "residual_sigma", "quality"], rows: (estimate?.sensors ?? []).map((name, i) => {
+    const sensor = store.config?.sensor?.find((s) => s.name === name), last = estimate.innovations?.[name], unit = sensor?.kind === "displacement" ? "um" : "degC";
+    return [name, sensor?.channel, known(sensor?.position_m) ? mm(sensor.position_m) : null, readings?.channels[sensor?.channel]?.value, unit, last?.value, last?.sigma, estimate.sensor_quality[i]];
+  }) };
+}
+
+const learntTable = () => ({ columns: ["parameter", "value", "sigma"], rows: Object.entries(store.documents.learned?.parameters ?? {}).map(([key, { value, sigma }]) => [key, value, sigma]) });
+const alarmTable = () => ({ columns: ["id", "severity", "state", "since_s", "reason", "remedy"], rows: (store.documents.alarms?.alarms ?? []).map((a) => [a.id, a.severity, a.state, a.since_s, a.reason, a.remedy]) });
+
 export function startTables() {
-  onNews(["health", "estimate", "hello"], drawState);
-  onNews(["view", "field", "readings", "compensation"], drawFigures);
+  offer("p4", { table: sensorTable }); offer("p5", { table: alarmTable }); offer("p7", { table: learntTable });
   onNews(["estimate", "readings", "config", "theme"], drawSensors);
   onNews(["learned", "hello"], drawLearnt);
-  onNews(["alarms", "hello"], drawAlarms);
   onNews(["more"], drawMore);
   onNews(["estimate", "hello"], drawFoot);
   setInterval(watchSilence, 100);

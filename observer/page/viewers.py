@@ -1,0 +1,60 @@
+"""Server-sent events for any number of viewers: each is encoded once for all, and a slow viewer gets the
+newest of each kind. A plain `StreamingResponse` does: sse-starlette's events and pings are per viewer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+
+from observer.gateway.messages import Pending
+
+_TOGETHER_S = 0.02  # the messages of one step arrive within this
+_MOST_VIEWERS = 60
+
+
+def event(name: str, data: bytes) -> bytes:
+    """A server-sent event; JSON as the service writes it has no line breaks."""
+    return b"event: " + name.encode() + b"\ndata: " + data + b"\n\n"
+
+
+class Viewers:
+    """Those who look at an axis, and the newest event of each kind for who comes later."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, bytes] = {}
+        self._viewers: set[Pending] = set()
+        self._ended = False
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there are as many viewers as are served."""
+        return len(self._viewers) >= _MOST_VIEWERS
+
+    def tell(self, key: str, data: bytes) -> None:
+        """Pass an event on to all, as bytes of its stream."""
+        self._newest[key] = data
+        for viewer in self._viewers:
+            viewer.put(key, data)
+
+    def end(self) -> None:
+        """End every viewer's events, so that the server can end too."""
+        self._ended = True
+        self.tell("end", b"")
+
+    async def viewer(self) -> AsyncIterator[bytes]:
+        """The events for one viewer: the newest of each kind, then new ones."""
+        awake = asyncio.Event()
+        pending = Pending(awake.set)
+        for key, data in self._newest.items():
+            pending.put(key, data)
+        self._viewers.add(pending)
+        try:
+            while await awake.wait():
+                if self._ended:
+                    return
+                await asyncio.sleep(_TOGETHER_S)
+                awake.clear()
+                yield b"".join(data for _, data in pending.take())
+        finally:
+            self._viewers.discard(pending)

@@ -1,0 +1,23 @@
+"""What pictures, reports and the page share: the colours of temperature, units, and what runs where.
+
+Time runs to the right, and position upwards beside it; position runs to the right where there is no time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+TEMPERATURE_COLOURS = (
+    "#000004", "#0b0724", "#210c4a", "#3d0965", "#57106e", "#71196e", "#8a226a", "#a32c61", "#bc3754",
+    "#d24644", "#e45a31", "#f1731d", "#f98e09", "#fcac11", "#f9cb35", "#f2ea69", "#fcffa4",
+)  # fmt: skip
+"""From cold to hot: inferno (van der Walt and Smith, 2015), at sixteenths."""
+MM_PER_M = 1000.0
+"""Positions are shown in mm."""
+SYMBOLS = {"degC": "°C", "um": "µm", "Nm": "N m", "m_s": "m/s", "W_m2K": "W/(m² K)"}
+"""How a unit at the end of a name is written, where it is not written alike."""
+
+
+def document() -> dict[str, Any]:
+    """Return the same for the page's script, as plain data."""
+    return {"temperature": list(TEMPERATURE_COLOURS), "symbols": SYMBOLS, "mm_per_m": MM_PER_M}

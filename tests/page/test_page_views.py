@@ -1,0 +1,321 @@
+"""What one does with the page in a real browser: acknowledge, read, zoom, save, note, look at other axes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from contextlib import closing
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from tests.page.browser import CHROMIUM, SIZES, chromium
+from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, gateway, tell, tell_all
+from tests.patience import PATIENCE_S
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
+]
+
+NASTY = '<img src=x onerror=alert(1)> it\'s "hot"'
+MACHINE = 'lathe\'s-"7"<b>'
+ROWS, STEP_S = 300, 10.0
+POINTS = 100_000
+GOOD = {
+    **HEAD,
+    "channels": {
+        "t3_degC": {"value": 36.0, "quality": "good", "age_s": 0.0},
+        "nut_position_m": {"value": 0.4, "quality": "good", "age_s": 0.0},
+    },
+}
+ERROR = {**DOCUMENTS["error"], "error_um": [0.0, 20.0, -41.0], "bound_um": [5.0, 5.0, 9.0]}
+
+
+def _row(k: int) -> dict:
+    time_s = NOW_S - (ROWS - k) * STEP_S
+    return {
+        "time_s": time_s, "quality": "good", "temperature_degC": [25.0 + k / 100, 26.0, 27.0],
+        "sigma_K": [0.1] * 3, "bound_K": [0.5] * 3, "error_um": [0.0, 20.0, 41.0], "sigma_um": [1.0] * 3,
+        "bound_um": [5.0] * 3, "heat_W": {"nut": 10.0 + k}, "sigma_W": {"nut": 0.5}, "bound_W": {"nut": 3.0},
+        "law_W": {}, "channels": {"nut_position_m": 0.4}, "crossed": {}, "lost": [],
+    }  # fmt: skip
+
+
+PAST = [_row(k) for k in range(ROWS)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A recording of 100,000 rows."""
+    path = tmp_path_factory.mktemp("recordings")
+    time_s = NOW_S - 2.0 * POINTS + 2.0 * np.arange(POINTS)
+    rows = "".join(f"{t:.3f},{20 + k % 100},{0.5},,,\n" for k, t in enumerate(time_s.tolist()))
+    file = path / f"{MACHINE}-z-20261101T000000Z.csv"
+    file.write_text(f"time_s,t3_degC,nut_position_m,step,late_s,flags\n{rows}", encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def served(folder):
+    """A machine of a hostile name with an hour behind it; its address and its process."""
+    with gateway(documents={**DOCUMENTS, "error": ERROR}, recordings=folder, machine=MACHINE) as given:
+        yield given
+
+
+@pytest.fixture
+def opened(browser, served):
+    """Open the page at a hash, with an hour behind it; nothing may complain."""
+    url, process = served
+    tell(process, "readings", GOOD)
+    problems = []
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    context.grant_permissions(["clipboard-read", "clipboard-write"])
+
+    def at(words: str = ""):
+        page = context.new_page()
+        page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("dialog", lambda dialog: problems.append(dialog.message))
+        page.route("**/recent.json", lambda r: r.fulfill(json={**r.fetch().json(), "rows": PAST}))
+        page.goto(f"{url}{words}" if words.startswith("#") or not words else words)
+        page.wait_for_selector("tr[data-sensor=t3]")
+        page.wait_for_selector("#c-heats canvas")
+        return page
+
+    with closing(context):
+        yield at
+        assert problems == []
+
+
+def _saved(page, panel: str, kind: str) -> bytes:
+    with page.expect_download() as saved:
+        page.click(f"#{panel} .tools button:text-is('{kind}')")
+    assert '"' not in saved.value.suggested_filename
+    return Path(saved.value.path()).read_bytes()
+
+
+def _table(data: bytes) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(data.decode())))
+
+
+def _words(page, place: str) -> str:
+    return " ".join(page.inner_text(place).split())
+
+
+def _over(page, chart: str, share: float) -> None:
+    """Point at a place of a chart, a share of its width from the left."""
+    page.locator(chart).scroll_into_view_if_needed()
+    box = page.locator(f"{chart} .u-over").bounding_box()
+    page.mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
+
+
+def test_the_first_look_says_verdict_alarm_and_errors_with_their_bounds(opened):
+    page = opened()
+    assert page.inner_text("#state") == "Degraded"
+    # at 400 mm between 0 µm and 20 µm at 500 mm; the 41 µm at 1000 mm are beyond the stroke
+    page.wait_for_function("() => document.getElementById('f-here').innerText.startsWith('16.0 µm')")
+    assert _words(page, "#f-here") == "16.0 µm ± 1.0, bound 5.0 µm"
+    assert _words(page, "#f-error") == "20.0 µm at 500 mm, ± 1.0, bound 5.0 µm"
+    assert page.inner_text("#f-error-name") == "largest error within the stroke"
+    assert "mend the cable" in page.inner_text("#hero-alarm")
+
+
+def test_an_acknowledged_alarm_is_quiet_and_one_that_comes_back_is_new(opened, served):
+    _, process = served
+    page = opened()
+    (alarm,) = DOCUMENTS["alarms"]["alarms"]
+    try:
+        page.click("#hero-alarm button")
+        said = json.loads(process.stdout.readline())
+        assert said == {"acknowledge": "sensor.t3.open_circuit", "by": "page"}
+        other = {**alarm, "id": "b", "severity": "minor", "reason": "another"}
+        tell(
+            process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}, other]}
+        )
+        page.wait_for_function("() => document.querySelector('#hero-alarm b').textContent === 'another'")
+        tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}]})
+        page.wait_for_selector("#hero-alarm [data-state=acknowledged]")
+        assert page.locator("#hero-alarm button").count() == 0
+        assert page.is_visible("#hero-alarm b")
+        tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
+        page.wait_for_selector("#hero-alarm", state="hidden")
+    finally:
+        tell(process, "alarms", DOCUMENTS["alarms"])
+    page.wait_for_selector("#hero-alarm button")
+
+
+def test_the_cursor_reads_value_sigma_and_bound(opened):
+    page = opened()
+    _over(page, "#c-heats", 0.5)
+    read = page.wait_for_selector("#c-heats + .readout:not(:empty)").inner_text()
+    value = float(read.split("nut ")[1].split()[0])
+    assert read.endswith(f"nut {value:.1f} ± 0.5 W, bound 3.0 W")
+    assert abs(value - 10.0 - ROWS / 2) < 6
+    _over(page, "#c-map", 0.5)
+    read = page.wait_for_selector("#c-map + .readout:not(:empty)").inner_text()
+    assert "26.00 ± 0.10 °C, bound 0.50 K, at 500 mm" in read
+    page.focus("#c-error")
+    page.keyboard.press("End")
+    page.keyboard.press("ArrowLeft")
+    read = "500 mm: 20.0 ± 1.0 µm, bound 5.0 µm"
+    page.wait_for_function(f"() => document.querySelector('#c-error + .readout').innerText === '{read}'")
+
+
+def test_a_view_is_zoomed_linked_restored_and_reset(opened):
+    page = opened()
+    page.click("#c-heats .u-over")
+    _over(page, "#c-heats", 0.5)
+    for _ in range(3):
+        page.mouse.wheel(0, -100)
+    page.wait_for_function("() => location.hash.includes('from=')")
+    page.click("#p2 .tools button:text-is('Link')")
+    page.wait_for_function("() => document.querySelector('#p2 .tools').innerText.includes('Copied')")
+    link = page.evaluate("() => navigator.clipboard.readText()")
+    seen = _table(_saved(page, "p2", "CSV"))
+    assert 100 < len(seen) < 200
+    other = opened(link)
+    other.wait_for_function("() => document.activeElement.id === 'p2'")
+    assert _table(_saved(other, "p2", "CSV")) == seen
+    assert other.evaluate("() => location.href") == link
+    other.dblclick("#c-heats .u-over")
+    assert len(_table(_saved(other, "p2", "CSV"))) >= ROWS
+
+
+def test_what_is_dragged_moves(opened):
+    page = opened(f"#panel=p2&from={PAST[100]['time_s']}&to={PAST[200]['time_s']}")
+    page.wait_for_function("() => document.activeElement.id === 'p2'")
+    before = _table(_saved(page, "p2", "CSV"))
+    _over(page, "#c-heats", 0.3)
+    page.mouse.down()
+    _over(page, "#c-heats", 0.6)
+    page.mouse.up()
+    after = _table(_saved(page, "p2", "CSV"))
+    assert float(before[0]["time_s"]) - float(after[0]["time_s"]) == pytest.approx(
+        30 * STEP_S, abs=3 * STEP_S
+    )
+
+
+def test_what_is_saved_is_what_there_is(opened):
+    page = opened()
+    heats = _table(_saved(page, "p2", "CSV"))[:ROWS]
+    assert [float(row["heat_nut_W"]) for row in heats] == [row["heat_W"]["nut"] for row in PAST]
+    assert [float(row["time_s"]) for row in heats] == [row["time_s"] for row in PAST]
+    assert {row["heat_nut_bound_W"] for row in heats} == {"3"}
+    field = _table(_saved(page, "p1", "CSV"))[:ROWS]
+    assert [float(row["field_0_degC"]) for row in field] == [row["temperature_degC"][0] for row in PAST]
+    along = _table(_saved(page, "p3", "CSV"))
+    assert [float(row["error_um"]) for row in along] == ERROR["error_um"]
+    assert [float(row["position_mm"]) for row in along] == [1000 * x for x in PLACES_M]
+    (alarm,) = _table(_saved(page, "p5", "CSV"))
+    assert alarm["remedy"] == "mend the cable"
+    (sensor,) = _table(_saved(page, "p4", "CSV"))
+    assert (sensor["sensor"], sensor["reading"]) == ("t3", "36")
+    ahead = _table(_saved(page, "p6", "CSV"))
+    assert [float(row["expected_um"]) for row in ahead] == [41.0, 50.0, 52.0]
+
+
+@pytest.mark.parametrize("panel", ["p1", "p2", "p3", "p4", "p5", "p6", "p7"])
+def test_a_picture_shows_something(opened, panel):
+    from matplotlib.image import imread
+
+    picture = imread(io.BytesIO(_saved(opened(), panel, "PNG")))
+    assert len(np.unique(picture.reshape(-1, picture.shape[-1]), axis=0)) > 20
+
+
+def test_a_sensor_is_crossed_out_in_words_where_it_sits(opened, served):
+    page = opened()
+    # of the estimate: missing, of which there is a reading again
+    page.wait_for_function(
+        "() => document.getElementById('crossed').innerText === 'Crossed out: t3 no reading.'"
+    )
+    _, process = served
+    excluded = estimate(8).replace(b"gmissing", b"hexcluded")
+    tell_all(process, {}, excluded)
+    page.wait_for_function(
+        "() => document.getElementById('crossed').innerText === 'Crossed out: t3 excluded.'"
+    )
+    assert page.get_attribute("#screw", "aria-label").endswith("crossed out: t3 excluded")
+
+
+def test_a_note_is_kept_for_all_and_is_only_text(opened):
+    page, other = opened(), opened()
+    page.click("#p2 .tools button:text-is('Note')")
+    page.fill("#note-text", f"={NASTY}")
+    page.click("#note-form button[type=submit]")
+    other.wait_for_function("() => document.querySelectorAll('#notes-list li').length === 1")
+    later = opened()
+    later.wait_for_function("() => document.querySelectorAll('#notes-list li').length === 1")
+    for shown in (page, other, later):
+        assert shown.text_content("#notes-list li").endswith(f"page: ={NASTY}")
+        assert shown.locator("main img").count() == 0
+    noted = [row["note"] for row in _table(_saved(later, "p2", "CSV")) if row["note"]]
+    assert noted == [f"'={NASTY}"]  # no formula for a spreadsheet
+
+
+def test_a_hundred_thousand_points_are_trends_with_their_mean(opened):
+    page = opened(f"#panel=p8&from={NOW_S - 2 * POINTS}&to={NOW_S}")
+    page.wait_for_selector("#c-past[data-from] [data-unit=degC] canvas", timeout=PATIENCE_S * 1000)
+    assert page.inner_text("#machine") == MACHINE
+    found = [row for row in _table(_saved(page, "p8", "CSV")) if row["t3_degC_mean"]]
+    assert 200 <= len(found) <= 800
+    for row in found[2:-2]:
+        assert float(row["t3_degC_least"]) == 20.0
+        assert float(row["t3_degC_most"]) == 119.0
+        # 100 values in a saw, of which a part has one more or less at either end
+        assert float(row["t3_degC_mean"]) == pytest.approx(69.5, abs=20.0)
+    assert page.evaluate("() => document.querySelector('[data-unit=m] + .readout') !== null")
+
+
+def test_two_axes_stand_side_by_side_and_one_is_looked_at_through_the_other(browser, folder, tmp_path):
+    users = tmp_path / "users"
+    users.write_text("anna:right\n", encoding="utf-8")
+    users.chmod(0o600)
+    with gateway(machine="mill", recordings=tmp_path) as (there, far):
+        address = there.split("/")[2]
+        with gateway(users_file=users, axes=(address,)) as (here, _), closing(browser.new_page()) as page:
+            page.goto(here)
+            page.fill("[name=user]", "anna")
+            page.fill("[name=password]", "right")
+            page.keyboard.press("Enter")
+            page.wait_for_selector("#axes [data-axis='mill/z']")
+            assert page.locator("#axes a").count() == 2
+            page.click("#axes [data-axis='mill/z']")
+            page.wait_for_function("() => document.getElementById('machine')?.textContent === 'mill'")
+            assert page.is_visible("#logout")
+            page.click("#hero-alarm button")
+            assert json.loads(far.stdout.readline())["by"] == "anna"
+            page.click("#p1 .tools button:text-is('Note')")
+            page.fill("#note-text", "seen from afar")
+            page.click("#note-form button[type=submit]")
+            page.wait_for_function("() => document.querySelectorAll('#notes-list li').length === 1")
+            assert json.loads((tmp_path / "mill-z.notes.jsonl").read_text())["by"] == "anna"
+            with httpx.Client(base_url=here) as stranger:
+                for path in ("axes.json", "axes/1/events", "axes/1/recent.json"):
+                    assert stranger.get(f"/{path}").status_code == 401
+            far.stdin.close()
+            page.wait_for_function(
+                "() => document.querySelector('#axes [data-axis=\"mill/z\"]').dataset.state === 'stale'"
+            )
+            assert "nothing comes from" in page.inner_text("#axes [data-axis='mill/z']")
+            far.stdin = io.BytesIO()  # the helper closes it again
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_with_all_there_is_nothing_stands_out(opened, size):
+    page = opened()
+    width, height = SIZES[size]
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_function(f"() => innerWidth === {width}")
+    out = """() => [...document.querySelectorAll('html, header, .hero, .panel, .tools, h2, #crossed')]
+      .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className || e.tagName)"""
+    assert page.evaluate(out) == []
