@@ -1,7 +1,17 @@
 """The composition root of the commands for logs: one function for each."""
 
-from observer.app.exports import export
+from observer.app.exports import export, export_table
 from observer.app.logs import forecast, identify, replay, simulate
 from observer.app.models import calibrate, discover, learned
 
-__all__ = ["calibrate", "discover", "export", "forecast", "identify", "learned", "replay", "simulate"]
+__all__ = [
+    "calibrate",
+    "discover",
+    "export",
+    "export_table",
+    "forecast",
+    "identify",
+    "learned",
+    "replay",
+    "simulate",
+]

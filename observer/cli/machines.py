@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from inspect import Parameter
 from pathlib import Path
@@ -19,7 +20,7 @@ from observer.cli.options import (
     endpoint,
     with_parameters,
 )
-from observer.cli.output import say, show
+from observer.cli.output import counting, say, show
 from observer.errors import UserError
 from observer.process import shutdown
 
@@ -249,25 +250,41 @@ def export(
     config: ConfigOption,
     output: OutputOption,
     format: Annotated[
-        Literal["c99", "st", "fmu", "npz", "mat", "json"],
+        Literal["c99", "st", "fmu", "npz", "mat", "json", "table"],
         typer.Option(
             help="c99: C without a library; st: IEC 61131-3 structured text; fmu: FMU 3.0 of observer and "
-            "plant; npz, mat, json: the plant's matrices."
+            "plant; npz, mat, json: the plant's matrices; table: the compensation of a log's end."
         ),
     ] = "c99",
+    log: Annotated[
+        Path | None,
+        typer.Option(help="c99, st, fmu: run the reference over this log as well; table: the log."),
+    ] = None,
+    control: Annotated[
+        Literal["linuxcnc", "klipper", "sinumerik"], typer.Option(help="table: which control reads it.")
+    ] = "linuxcnc",
+    axis: Annotated[str, typer.Option(help="table: the axis as the control names it.")] = "X",
     single: Annotated[bool, typer.Option("--single", help="st: REAL in place of LREAL.")] = False,
 ) -> None:
-    """Write the constant-gain observer as code for a controller, or the plant as matrices."""
+    """Write the constant-gain observer as code for a controller, the plant, or a table."""
     from observer import app as parts
     from observer.installation import load
 
     if single and format != "st":
         raise UserError("export: --single belongs to --format st; C99 has a macro for it")
-    kind = f"{format}-single" if single else format
-    names, facts = parts.export(load(config), kind, output)
-    for line in facts:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", axis):
+        raise UserError(f"export: --axis {axis!r} is no name of an axis, which is of letters and digits")
+    with counting("export", "estimating", "comparing and writing") as progress:
+        if format == "table":
+            if log is None:
+                raise UserError("export: --format table needs --log, the log at whose end the table holds")
+            made = parts.export_table(load(config), control, axis, log, output, progress)
+        else:
+            kind = f"{format}-single" if single else format
+            made = parts.export(load(config), kind, output, log, progress)
+    for line in made.facts:
         typer.echo(line)
-    typer.echo(f"written to {output}: {', '.join(names)}")
+    typer.echo(f"written to {output}: {', '.join(made.names)}")
 
 
 @verbs.command()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.errors import LogError
+from observer.export.fmu import variables
 from observer.export.form import Form, FormRunner
 from observer.files.logs import Log
 from observer.frames import BoolArray, FloatArray
@@ -58,3 +59,17 @@ def run(form: Form, samples: Samples) -> dict[str, NDArray[Any]]:
         rows.append(runner.step(inputs))
         armed = rows[-1]["quality"] == 0
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def columns_of(form: Form, samples: Samples, found: dict[str, NDArray[Any]]) -> dict[str, FloatArray]:
+    """Inputs and outputs of a run as columns, an empty cell where nothing came."""
+    slots = {slot.name: slot for slot in form.slots}
+    columns = {
+        label: np.where(samples.fresh[:, j], samples.reading[:, j], np.nan)
+        for j, label in enumerate(slots["reading"].labels)
+    }
+    for place in variables(form):
+        if place.slot.role == "output":
+            values = found[place.slot.name]
+            columns[place.name] = values[:, place.at] if place.slot.shape else values
+    return columns

@@ -1,0 +1,76 @@
+"""`observer export` from the command line."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from observer.files.writer import write_log
+
+pytestmark = pytest.mark.system
+RIG = Path(__file__).parents[1] / "data" / "rig" / "config.toml"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten minutes of a machine that stands and is as warm as the air, then works."""
+    path, time_s = tmp_path_factory.mktemp("log") / "log.csv", np.arange(0.0, 900.0, 0.5)
+    rng = np.random.default_rng(3)
+    columns = {f"t{i}_degC": 22.0 + 0.05 * rng.normal(size=len(time_s)) for i in range(1, 6)}
+    columns |= {"ambient_degC": np.full(len(time_s), 22.0), "screw_speed_rpm": np.zeros(len(time_s)),
+                "nut_position_m": np.full(len(time_s), 0.4)}  # fmt: skip
+    write_log(path, time_s, columns)
+    return path
+
+
+def export(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "observer", "export", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_reference_runs_over_a_log_beside_the_estimator(log: Path, tmp_path: Path) -> None:
+    done = export("--config", RIG, "--output", tmp_path, "--log", log)
+    assert done.returncode == 0, done.stderr
+    assert "steps at which both are good" in done.stdout
+    rows = list(csv.DictReader((tmp_path / "reference.csv").read_text().splitlines()))
+    assert len(rows) == 1800
+    assert rows[-1]["quality"] == "0"
+    assert abs(float(rows[-1]["field_500_degC"]) - 22.0) < 0.2  # two of its σ, by the steady covariance
+
+
+@pytest.mark.parametrize(("control", "name"), [("linuxcnc", "x1-thermal.comp"), ("sinumerik", "x1_eec.ini"),
+                                               ("klipper", "z_thermal_adjust.cfg")])  # fmt: skip
+def test_a_table_is_written_of_the_logs_end(log: Path, tmp_path: Path, control: str, name: str) -> None:
+    given = ["--format", "table", "--log", log, "--control", control, "--axis", "X1"]
+    done = export("--config", RIG, "--output", tmp_path, *given)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--format", "table"], "needs --log"),
+        (["--single"], "belongs to --format st"),
+        (["--format", "table", "--log", "x.csv", "--axis", "X 1"], "no name of an axis"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path: Path, arguments: list[str], words: str) -> None:
+    done = export("--config", RIG, "--output", tmp_path / "none", *arguments)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_model_that_varies_is_refused(tmp_path: Path) -> None:
+    config = tmp_path / "c.toml"
+    config.write_text(RIG.read_text() + '\n[[effect]]\nkind = "speed_convection"\ngain = 0.1\n')
+    done = export("--config", config, "--output", tmp_path / "none")
+    assert done.returncode == 2
+    assert "constant matrices; remove it" in done.stderr
