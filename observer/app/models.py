@@ -107,8 +107,8 @@ def discover(
     from observer.discovery.result import discovery_result
     from observer.discovery.suspects import Suspect
     from observer.discovery.workers import WorkerPool
+    from observer.report.advice import next_step
     from observer.report.discovery import write_discovery_report
-    from observer.report.wording import next_step
 
     config = load(config_path)
     progress("reading logs", 0.0)
@@ -136,7 +136,7 @@ def _write_configurations(folder: Path, config_path: Path, found: Discovery, res
     """Write what was named as `config.toml`, or what explains most of an unknown as `candidate.toml`."""
     from observer.discovery.result import CANDIDATE, calibrated_of
     from observer.installation import with_effects, write_back
-    from observer.report.wording import candidate_comment
+    from observer.report.advice import candidate_comment
 
     partial = result["partial"]
     if found.verdict.kind == "named":
@@ -163,10 +163,11 @@ class _Runs(NamedTuple):
 def _runs(log_paths: Sequence[Path], config: Installation, *, rightly: bool = False) -> _Runs:
     """Read logs; `rightly`, those in which a channel is in another unit in the one expected."""
     from observer.align.unit_errors import read_rightly
+    from observer.fit.parameters import lawless
 
     _refuse_twice(log_paths)
     plan, runs = AlignPlan.of(config), []
-    odd: list[str] = []
+    odd = [words] if (words := lawless(config)) is not None else []
     misread: dict[Misread, None] = {}
     for path in log_paths:
         log = channels_of(path, config)

@@ -19,9 +19,9 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-_SHOWING = {"demo", "run", "check", "place", "watch", "health", "arm", "disarm", "reset", "acknowledge"}
-"""The verbs whose output is what they are for; the others can be told to be quiet."""
-for _verbs in (machines.verbs, logs.verbs, clients.verbs, fleet):
+_SHOWING = {"demo", "run", "check", "place"}
+"""The verbs whose output is what they are for, as is that of all clients; the others can be quiet."""
+for _verbs in (machines.verbs, logs.verbs, fleet):
     for _info in _verbs.registered_commands:
         if _info.callback is not None and (_info.name or _info.callback.__name__) not in _SHOWING:
             _info.callback = quietable(_info.callback)

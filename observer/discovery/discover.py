@@ -20,9 +20,9 @@ from observer.discovery.suspects import Suspect, about_the_air, suspects
 from observer.discovery.verdict import Partial, Proof, Verdict, decide, partial_of, prove, under_suspicion
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.discovery.worth import Worth, worth_of
-from observer.errors import LogError
+from observer.errors import ConfigError, LogError
 from observer.fit.hypothesis import Fit
-from observer.fit.parameters import free_keys
+from observer.fit.parameters import free_keys, lawless
 from observer.fit.problem import Problem
 from observer.fit.runs import LEAST_S, prepare_all
 from observer.frames import FrameBlock
@@ -67,6 +67,8 @@ def discover(
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
     keys = free_keys(config)
+    if all(source.law is None for source in config.source):
+        raise ConfigError(f"source: {lawless(config)}")
     prepared = prepare_all(config, runs)
     if max(run.duration_s for run in prepared) < LEAST_S:
         raise LogError(f"the logs are shorter than {LEAST_S:.0f} s; record a longer one")

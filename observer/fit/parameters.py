@@ -77,6 +77,20 @@ def free_keys(config: Config) -> tuple[str, ...]:
     return keys
 
 
+def lawless(config: Config) -> str | None:
+    """Return why heats that only an estimator knows are no part of a prediction; None where every one has a
+    law.
+    """
+    without = [s.name for s in config.source if s.law is None]
+    if not without:
+        return None
+    every = "no heat has" if len(without) == len(config.source) else f"{', '.join(without)}: without"
+    return (
+        f"{every} a law, so a prediction takes it as 0 W and what it does to the screw counts as the "
+        "model's error; give speed_channel with torque_Nm (a nut) or heat_W_rpm (a bearing), or power_channel"
+    )
+
+
 def free_problems(config: Config) -> list[str]:
     """Return why keys that the configuration declares free cannot be, a sentence each."""
     return list(_unknown(config, dict.fromkeys(config.calibrate.free or ())))

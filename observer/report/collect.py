@@ -75,15 +75,13 @@ class ReplaySamples(Decimator):
 
     With m_e estimated sources, g grid points and s sensors, the columns are `time_s` (n,); `heat_W`,
     `heat_sigma_W`, `law_W` (n, m_e); `field_degC`, `field_sigma_K` (n, g); `error_um`, `error_sigma_um`
-    (n, g) or (n, 0); `surprise`, innovation / σ, and `sensor_quality` (n, s); `quality` (n,).
+    (n, g) or (n, 0); `innovation_K` and `sensor_quality` (n, s); `quality` (n,).
     """
 
     def __init__(self, config: Config, layout: Layout) -> None:
         super().__init__()
         self.layout = layout
         self._estimated = np.flatnonzero([s.estimate for s in config.source])
-        self._sensor_m = np.array([np.nan if s.position_m is None else s.position_m for s in config.sensor])
-        self._noise_K = np.array([s.noise_K for s in config.sensor])
         self._good = 0
 
     @property
@@ -96,27 +94,14 @@ class ReplaySamples(Decimator):
         self._good += int(np.count_nonzero(estimates.quality == 0))
         columns = {name: getattr(estimates, name) for name in _OF_ESTIMATES}
         columns["law_W"] = inputs.law_W[:, self._estimated]
-        columns["surprise"] = estimates.innovation_K / self._innovation_sigma_K(estimates)
         columns["sensor_quality"] = estimates.sensor_quality.astype(float)
         columns["quality"] = estimates.quality.astype(float)
         self.add(columns)
 
-    def _innovation_sigma_K(self, estimates: EstimateBlock) -> FloatArray:
-        """σ of the innovations (K, s) by the sensors' noise and the field's σ around them; that of a sensor
-        beside the screw by its noise alone.
-        """
-        grid_m = self.layout.position_m
-        right = np.clip(np.searchsorted(grid_m, self._sensor_m), 1, len(grid_m) - 1)
-        share = (self._sensor_m - grid_m[right - 1]) / (grid_m[right] - grid_m[right - 1])
-        share, beside = np.clip(share, 0.0, 1.0), np.isnan(self._sensor_m)
-        sigma_K = (
-            estimates.field_sigma_K[:, right - 1] * (1 - share) + estimates.field_sigma_K[:, right] * share
-        )
-        return np.asarray(np.sqrt(np.where(beside, 0.0, sigma_K) ** 2 + self._noise_K**2))
-
 
 _OF_ESTIMATES = (
     "time_s", "heat_W", "heat_sigma_W", "field_degC", "field_sigma_K", "error_um", "error_sigma_um",
+    "innovation_K",
 )  # fmt: skip
 
 

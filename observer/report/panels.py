@@ -225,18 +225,22 @@ def at_positions(
     panel.explain(shades, ["95 %"] * len(shades), title="at")
 
 
-def surprises(
-    panel: Panel, names: Sequence[str], extremes: tuple[FloatArray, FloatArray], quality: FloatArray,
-    gate: float,
+def innovations(
+    panel: Panel, names: Sequence[str], extremes_K: tuple[FloatArray, FloatArray], quality: FloatArray,
+    noise_K: float,
 ) -> None:  # fmt: skip
-    """Innovation / σ, each sensor in its own lane between its gates, and a bar where it was not good."""
+    """Innovations in K, each sensor in its own lane on one scale, and a bar where it was not good.
+
+    The scale holds nearly all values, and three times the noise at least; what is beyond is drawn at its end.
+    """
     t, axes, lanes = panel.t, panel.axes, len(names)
+    limit_K = scale_limit(extremes_K, 3.0 * noise_K)
     for i in range(lanes):
         centre, ink = lanes - 1 - i, colour(i)
         axes.axhline(centre, color="#d3d7dd", lw=0.7, zorder=1)
         for edge in (-LANE, LANE):
             axes.axhline(centre + edge, color=QUIET, lw=0.7, ls=(0, (1, 2)), zorder=1)
-        bottom, top = (centre + np.clip(v[:, i] * LANE / gate, -LANE, LANE) for v in extremes)
+        bottom, top = (centre + np.clip(v[:, i] * LANE / limit_K, -LANE, LANE) for v in extremes_K)
         panel.band(bottom, top, ink, 0.45)
         axes.plot(t, (bottom + top) / 2, color=ink, lw=0.7)
         for level in _BAD:
@@ -245,11 +249,19 @@ def surprises(
     axes.set_yticks(range(lanes), names[::-1])
     axes.set_ylim(-0.55, lanes - 0.45)
     axes.grid(visible=False, axis="y")
-    axes.set_title("Innovations, in standard deviations between the gates")
+    axes.set_title("Innovations: measured less predicted one step before, K")
     seen = [level for level in _BAD if np.any(quality == int(level))]
     bars = [panel.sample(marker="s", ls="", ms=7, color=QUALITY[int(level)]) for level in seen]
-    gates = panel.sample(color=QUIET, lw=0.7, ls=(0, (1, 2)))
-    panel.explain([gates, *bars], [f"gate, ±{gate:g} σ", *(level.label for level in seen)])
+    edges = panel.sample(color=QUIET, lw=0.7, ls=(0, (1, 2)))
+    panel.explain([edges, *bars], [f"±{limit_K:g} K", *(level.label for level in seen)])
+
+
+def scale_limit(values: Sequence[FloatArray], least: float) -> float:
+    """The end of a scale that nearly all values lie within, a round number."""
+    size = np.concatenate([np.abs(v[np.isfinite(v)]) for v in values])
+    most = max(float(np.quantile(size, 0.995)) if len(size) else 0.0, least)
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(next(r * power for r in (1, 1.5, 2, 3, 4, 5, 7.5, 10) if r * power >= 0.999 * most))
 
 
 def quality_strip(panel: Panel, quality: FloatArray) -> None:

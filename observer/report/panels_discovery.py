@@ -16,7 +16,7 @@ import numpy as np
 from observer.fit.evidence import PROOF, UNUSED, Evidence
 from observer.fit.runs import TICK_S, TICKS_IN_MEAN
 from observer.frames import FloatArray
-from observer.report.panels import CATEGORIES, FAINT, INK, QUIET, RC, elapsed
+from observer.report.panels import CATEGORIES, FAINT, INK, QUIET, RC, elapsed, scale_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -174,14 +174,6 @@ _STYLES: tuple[dict[str, Any], ...] = (
     {"color": BEFORE, "lw": 1.2, "ls": (0, (4, 2))},
     {"color": AFTER, "lw": 1.3},
 )
-
-
-def scale_limit(values: Sequence[FloatArray], least_K: float) -> float:
-    """The end of a scale that nearly all values lie within, a round number."""
-    size = np.concatenate([np.abs(v[np.isfinite(v)]) for v in values])
-    most = max(float(np.quantile(size, 0.995)) if len(size) else 0.0, least_K)
-    power = 10.0 ** np.floor(np.log10(most))
-    return float(next(r * power for r in (1, 1.5, 2, 3, 4, 5, 7.5, 10) if r * power >= 0.999 * most))
 
 
 def coloured(error_K: FloatArray, limit_K: float) -> FloatArray:

@@ -29,7 +29,7 @@ def write_overview(path: Path, config: Config, samples: ReplaySamples, title: st
     """Draw heats, field, thermal error and innovations of a replay; `title` says of what."""
     layout, last, note = samples.layout, samples.last, f"{100 * samples.good:.1f} % of good quality"
     with page_of(path, config, title, samples, note, (3.0, 3.2, 2.6, 2.6, 0.28)) as page:
-        heats, field, error, surprises, quality = page
+        heats, field, error, innovations, quality = page
         inks = [colour(i) for i in range(len(layout.sources))]
         panels.heats(
             heats, layout.sources, inks, last("heat_W"), last("heat_sigma_W"), last("law_W"),
@@ -40,9 +40,9 @@ def write_overview(path: Path, config: Config, samples: ReplaySamples, title: st
         panels.at_positions(
             error, layout.position_m, last(shown), last(sigma), *_error_or_field(layout.has_error, config)
         )
-        panels.surprises(
-            surprises, layout.sensors, (samples.low("surprise"), samples.high("surprise")),
-            samples.high("sensor_quality"), config.estimator.gate_sigma,
+        panels.innovations(
+            innovations, layout.sensors, (samples.low("innovation_K"), samples.high("innovation_K")),
+            samples.high("sensor_quality"), max(s.noise_K for s in config.sensor),
         )  # fmt: skip
         panels.quality_strip(quality, samples.high("quality"))
 

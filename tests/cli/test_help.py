@@ -10,11 +10,15 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from observer.cli import _SHOWING, app, machines
+from observer.cli import _SHOWING, app, clients, machines
 from observer.installation.catalogue import Answers
 
 UNITS = {"s": "econds", "m": " m", "GB": "GB", "degC": "°C", "hours": "our"}
 """By the end of an option's name, what its help must say."""
+
+
+ASKING = {info.name or info.callback.__name__ for info in clients.verbs.registered_commands}  # type: ignore[union-attr]
+"""The verbs that ask a service."""
 
 
 def walk(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -75,4 +79,5 @@ def test_the_defaults_of_init_are_those_of_its_answers() -> None:
 def test_every_verb_that_tells_can_be_quiet() -> None:
     for path, command in EVERY.items():
         quiet = "--quiet" in {option for p in command.params for option in p.opts}
-        assert quiet == (bool(path) and not hasattr(command, "commands") and path[-1] not in _SHOWING)
+        shows = not path or hasattr(command, "commands") or path[-1] in _SHOWING | ASKING
+        assert quiet == (not shows), path

@@ -10,7 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from observer.cli import app
+from observer.discovery.discover import discover
 from observer.errors import UserError
+from observer.fit.parameters import lawless
 from observer.installation import first_configuration, parse
 from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS, Answers
 from observer.installation.examine import examine
@@ -82,6 +84,15 @@ def test_every_screw_of_every_steel_loads(screw):
 def test_the_ambient_may_be_the_modules_next_input():
     config = parse(tomllib.loads(compose(answers(GIVEN | {"ambient": "input"}, None))))
     assert config.drivers["thermocouples"].channels == {"t1_degC": 0, "t2_degC": 1, "ambient_degC": 2}
+
+
+def test_without_a_control_the_heats_have_no_law_and_a_search_says_so():
+    config = parse(tomllib.loads(compose(answers(GIVEN, None))))
+    assert str(lawless(config)).startswith("no heat has a law, so a prediction takes it as 0 W")
+    with pytest.raises(UserError, match="no heat has a law"):
+        discover(config, [])
+    whole = {"control": "modbus", "control_at": "h", "counts_per_m": "1e6", "speed_register": "2"}
+    assert lawless(parse(tomllib.loads(compose(answers(GIVEN | whole, None))))) is None
 
 
 def test_a_register_pair_is_scaled_to_metres():
@@ -159,7 +170,7 @@ def test_every_question_is_an_option_and_every_option_a_question():
     import typer
 
     command = typer.main.get_command(app).commands["init"]
-    options = {p.opts[0] for p in command.params} - {"--output", "--help"}
+    options = {p.opts[0] for p in command.params} - {"--output", "--quiet", "--help"}
     assert options == {option(name) for name in Answers.model_fields}
 
 

@@ -24,9 +24,11 @@ from observer.discovery.worth import Worth
 from observer.effects.catalogue import BY_KIND, LIBRARY
 from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
+from observer.report.advice import next_step
 from observer.report.discovery import _suspects, site, write_discovery_report
-from observer.report.panels_discovery import coloured, scale_limit, shortened, tracks_of
-from observer.report.wording import as_sentences, headline, interval, kelvin, next_step, partial_sentence
+from observer.report.panels import scale_limit
+from observer.report.panels_discovery import coloured, shortened, tracks_of
+from observer.report.wording import as_sentences, headline, interval, kelvin, partial_sentence
 from observer.tables.sections import Sensor
 from tests.logs.machines import machine
 from tests.logs.simulated import made_log

@@ -13,7 +13,7 @@ from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from observer.report.collect import Decimator, ReplaySamples, simulated
-from observer.report.panels import duration_text, elapsed
+from observer.report.panels import LANE, Panel, duration_text, elapsed, innovations
 from observer.report.pictures import write_overview, write_simulation_overview
 from tests.logs.machines import machine, rig
 from tests.logs.simulated import made_log
@@ -129,3 +129,16 @@ def test_time_is_counted_from_the_start_in_a_unit_that_fits() -> None:
     t, unit = elapsed(np.array([1.7e9, 1.7e9 + 7200.0, 1.7e9 + 36_000.0]))
     assert unit == "h"
     np.testing.assert_array_equal(t, [0.0, 2.0, 10.0])
+
+
+def test_innovations_are_drawn_in_kelvin_on_one_scale(samples: tuple[ReplaySamples, Decimator]) -> None:
+    innovation_K = samples[0].high("innovation_K")
+    assert 0.05 < np.nanmedian(innovation_K) < 0.2  # the largest of some steps' noise of 0.05 K, in K
+    axes, key = Figure().subplots(1, 2)
+    shown_K = np.zeros((200, 2))
+    shown_K[100:110, 1] = 0.36
+    quality = np.zeros((200, 2))
+    innovations(Panel(np.arange(200.0), axes, key), ("a", "b"), (-shown_K, shown_K), quality, 0.05)
+    assert [text.get_text() for text in key.get_legend().get_texts()] == ["±0.4 K"]
+    lane = axes.collections[1].get_paths()[0].vertices[:, 1]
+    assert (lane.min(), lane.max()) == pytest.approx((-LANE * 0.9, LANE * 0.9))

@@ -1,0 +1,57 @@
+"""What is to be done after a search, in sentences and commands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import fill
+from typing import Any
+
+from observer.report.wording import during, kelvin, name_of, um
+
+
+def look_sentence(partial: dict[str, Any], logs: Sequence[str]) -> str:
+    """Which sensor, log and phase to look at for what an effect leaves, without a full stop."""
+    doing = "" if partial["phase"] is None else f" {during(partial['phase'])}"
+    return f"Look at {partial['most_on']} in {logs[partial['log'] - 1]}{doing}, where most of it remains"
+
+
+def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> dict[str, str | None]:
+    """What to do next, as `text`, and the `command` for it, None where there is none yet."""
+    again = f"observer discover {logs} --config {config} --output {output}"
+    adopt = f"observer adopt {output} --config {config}"
+    verdict, partial = result["verdict"], result["partial"]
+    text, command = "Record a longer or more varied log, and search again with it", None
+    if result["suspects"] and not result["effects"]:
+        text, command = "Correct what is wrong with the logs, then search again", again
+    elif verdict == "named":
+        text, command = "Put it in force; a running service watches whether the gap shrinks", adopt
+    elif partial is not None:
+        text = look_sentence(partial, result["logs"])
+        if partial["candidate"] is not None:
+            text += (
+                f"; {partial['candidate']} explains most, and can be put in force if you can say what it is"
+            )
+            command = f"{adopt} --candidate"
+    elif result["experiment"] is not None:
+        text = "Record the test as a log, NEW, and search again with it"
+        command = None if logs.startswith("--") else again.replace(" --config", " NEW --config", 1)
+    elif verdict == "none":
+        text = "Nothing is to be added; to keep the calibrated values, write them"
+        fitted = f"observer calibrate {logs} --config {config} --output {output}"
+        command = None if logs.startswith("--") else fitted
+    return {"text": text, "command": command}
+
+
+def candidate_comment(partial: dict[str, Any]) -> str:
+    """The head of a candidate's configuration: that it is none that was found, and what it leaves."""
+    proof, worth = partial["proof"], partial["worth"]
+    before_K, after_K = (kelvin(proof[f"{key}_rms_K"]) for key in ("before", "after"))
+    leaves = f"the gap on data held back goes from {before_K} to {after_K} rms"
+    if worth is not None:
+        leaves += f", as thermal error from {um(worth['before_rms_um'])} to {um(worth['after_rms_um'])}"
+    text = (
+        f"A candidate, not a result: {name_of(partial)} explains {100 * partial['share']:.0f} % of what this "
+        f"model lacks, and something else remains; {leaves}. "
+        "`observer adopt` takes it only with --candidate."
+    )
+    return fill(text, 100, initial_indent="# ", subsequent_indent="# ") + "\n\n"
