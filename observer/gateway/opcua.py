@@ -28,6 +28,7 @@ from asyncua.ua.status_codes import StatusCodes
 from observer.exchange import KEYS, KeyFigure
 from observer.gateway.messages import Latest
 from observer.gateway.opcua_server import guarded
+from observer.gateway.process_values import ProcessValueTree, process_signals
 from observer.gateway.start import Say, Start
 
 # asyncua logs every client error with a traceback, which would fill the service's log.
@@ -62,6 +63,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     index = await server.register_namespace(NAMESPACE)
     machine = await server.nodes.objects.add_object(index, start.machine)
     axis = await machine.add_object(index, start.axis)
+    process_values = await ProcessValueTree.below(server, index, axis)
     try:
         await server.start()
     except OSError as error:
@@ -74,6 +76,8 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
         while True:
             for value in values(latest):
                 await tree.write(value)
+            for signal in process_signals(latest):
+                await process_values.write(signal, _data(signal.value, signal.quality, signal.time_s))
             await asyncio.sleep(PERIOD_S)
     finally:
         await server.stop()
@@ -131,12 +135,9 @@ class _Tree:
         if self._written.get(value.path) == (value.quality, value.time_s):
             return
         self._written[value.path] = (value.quality, value.time_s)
-        known = not (isinstance(value.value, float) and math.isnan(value.value))
-        status = STATUS[value.quality] if known else StatusCodes.BadNoData
-        variant = _variant(value.value)
-        node = self._variables.get(value.path) or await self._made(value.path, variant)
-        at = ua.DateTime.fromtimestamp(value.time_s, UTC).replace(tzinfo=None)
-        data = ua.DataValue(variant, ua.StatusCode(ua.UInt32(status)), SourceTimestamp=at)
+        data = _data(value.value, value.quality, value.time_s)
+        assert data.Value is not None
+        node = self._variables.get(value.path) or await self._made(value.path, data.Value)
         await self._server.write_attribute_value(node.nodeid, data)
 
     async def _made(self, path: tuple[str, ...], variant: ua.Variant) -> Node:
@@ -148,6 +149,15 @@ class _Tree:
         node = await folder.add_variable(self._index, path[-1], variant)
         self._variables[path] = node
         return node
+
+
+def _data(value: Any, quality: str, time_s: float) -> ua.DataValue:
+    """A value with its quality as status, BadNoData where it is not known, and its own time."""
+    known = not (value is None or (isinstance(value, float) and math.isnan(value)))
+    status = STATUS[quality] if known else StatusCodes.BadNoData
+    at = ua.DateTime.fromtimestamp(time_s, UTC).replace(tzinfo=None)
+    variant = _variant(_plain(value))
+    return ua.DataValue(variant, ua.StatusCode(ua.UInt32(status)), SourceTimestamp=at)
 
 
 def _variant(value: Any) -> ua.Variant:
