@@ -25,7 +25,7 @@ from observer.process.shutdown import leave
 _RETRY_S = 1.0
 log = structlog.get_logger()
 _MODULES = {
-    "page": ("observer.page.app", "page"),
+    "page": ("observer.page.outlet", "page"),
     "metrics": ("observer.gateway.metrics", "plant"),
     "mqtt": ("observer.gateway.mqtt", "plant"),
     "opcua": ("observer.gateway.opcua", "plant"),

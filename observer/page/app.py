@@ -1,4 +1,4 @@
-"""The page: its routes, and the outlet that serves it."""
+"""The page: its routes, and what is answered."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import json
 import mimetypes
 import os
 import re
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,11 +33,8 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from observer.errors import LogError
-from observer.files.regular import read_users
-from observer.gateway.messages import Latest
-from observer.gateway.server import served
-from observer.gateway.start import Say, Start
-from observer.page.axes import Neighbour, summaries, tell_of
+from observer.gateway.start import Start
+from observer.page.axes import Neighbour, summaries
 from observer.page.guard import COOKIE, REPORT_POLICY, Guard, Logins
 from observer.page.history import Digests, history
 from observer.page.notes import Notes
@@ -53,9 +49,10 @@ _MOST_FORM_BYTES = 4096
 _MOST_FIELDS = 10
 _MOST_NAME = 200
 _POINTS = 600
-_OF_AN_AXIS = re.compile(
-    r"(recent|recordings|history|reports)\.json|reports/[^/]+/report\.html|acknowledge|notes"
-)
+_OF_AN_AXIS = {
+    "GET": re.compile(r"(recent|recordings|history|reports)\.json|reports/[^/]+/report\.html"),
+    "POST": re.compile(r"acknowledge|notes"),
+}
 _GIVES_WAY = 10
 _IN_THE_CLEAR = (
     '<p class="hint plain">This connection is not encrypted: whoever is on the way can read the password.</p>'
@@ -243,7 +240,7 @@ class _Pages:
     async def axis(self, request: Request) -> Response:
         """What the page of another axis answers."""
         path, axis = request.path_params["path"], self._axis(request)
-        if axis is None or not _OF_AN_AXIS.fullmatch(path):
+        if axis is None or not _OF_AN_AXIS["POST" if request.method == "POST" else "GET"].fullmatch(path):
             return PlainTextResponse("no such axis, or nothing of it under that name\n", 404)
         form = {**await _form(request), "by": request.scope["user"]} if request.method == "POST" else None
         try:
@@ -310,36 +307,3 @@ async def _form(request: Request) -> dict[str, str]:
     except ValueError:
         raise HTTPException(400, f"a form has at most {_MOST_FIELDS} fields\n") from None
     return {name: values[0] for name, values in fields.items()}
-
-
-async def serve(start: Start, latest: Latest, say: Say) -> None:
-    """Serve the page until cancelled; raises `OSError` or `ConfigError` with one sentence if it cannot."""
-    assert start.page is not None
-    page = start.page
-    secure = page.certificate is not None
-    users = read_users(page.users_file, "page.users_file") if page.users_file is not None else None
-    login = None if users is None else Logins(users, secure=secure)
-    stream = Stream(latest, start, login is not None)
-    axes = [Neighbour(address, login is not None) for address in page.axes]
-    app = application(start, stream, login, acknowledge, axes)
-    async with served(app, "page", page.listen, page.certificate, page.key) as serving:
-        feeding = asyncio.create_task(stream.run())
-        telling = asyncio.create_task(tell_of(axes, stream, stream.documents))
-        for axis in axes:
-            axis.follow(asyncio.get_running_loop())
-        say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
-        try:
-            done, _ = await asyncio.wait([serving, feeding], return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
-        finally:
-            feeding.cancel()
-            telling.cancel()
-            for viewers in (stream, *axes):
-                viewers.end()
-
-
-def acknowledge(alarm: str, by: str) -> None:
-    """Report to the service that somebody has acknowledged an alarm, by its `id`."""
-    sys.stdout.write(json.dumps({"acknowledge": alarm, "by": by}) + "\n")
-    sys.stdout.flush()

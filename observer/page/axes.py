@@ -10,7 +10,6 @@ import asyncio
 import json
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from http.client import HTTPConnection, HTTPException
 from typing import Any
 from urllib.parse import urlencode
@@ -22,14 +21,14 @@ _PATIENCE_S = 5.0
 """A page sends a heartbeat each second; one that is silent for so long is gone."""
 _MOST_BYTES = 32 << 20
 _LINE_BYTES = 4 << 20
-_SEVERITIES = ("invalid", "major", "minor")
+_SEVERITIES = {"invalid": 0, "major": 1, "minor": 2}
 
 
 def worst_alarm(alarms: list[dict[str, Any]]) -> dict[str, Any] | None:
     """The alarm to look at first: one that nobody has acknowledged, of the highest severity."""
     return min(
         alarms,
-        key=lambda a: (a["state"] == "acknowledged", _SEVERITIES.index(a["severity"])),
+        key=lambda a: (a["state"] == "acknowledged", _SEVERITIES.get(a["severity"], 0)),
         default=None,
     )
 
@@ -57,6 +56,7 @@ class Neighbour(Viewers):
         self.address = address
         self._login = login
         self._documents: dict[str, Any] = {}
+        self._said = summary({})
         self._reason: str | None = f"nothing has come from {address} yet"
         self._closing = threading.Event()
 
@@ -71,9 +71,8 @@ class Neighbour(Viewers):
 
     def summary(self) -> dict[str, Any]:
         """What is said of it among other axes; `reason` says why nothing comes."""
-        told = summary(self._documents)
         gone = {"state": "stale", "reason": self._reason} if self._reason else {"reason": None}
-        return {**told, "address": self.address, **gone}
+        return {**self._said, "address": self.address, **gone}
 
     def ask(self, path: str, query: str, form: dict[str, str] | None) -> tuple[int, str, bytes]:
         """Ask its page: status, media type and content. Raises `OSError` or `HTTPException`."""
@@ -122,8 +121,12 @@ class Neighbour(Viewers):
     def _take(self, key: str, data: bytes) -> None:
         self._reason = None
         if key in {"hello", "health", "alarms", "beat"}:
-            with suppress(ValueError):
-                self._documents[key] = json.loads(data)
+            try:
+                documents = {**self._documents, key: json.loads(data)}
+                self._said = summary(documents)
+            except (ValueError, KeyError, TypeError, AttributeError):
+                return  # of another version; what is shown of it goes stale
+            self._documents = documents
         if key == "hello":
             data = json.dumps({**self._documents.get("hello", {}), "login": self._login}).encode()
         self.tell(key, event(key, data))

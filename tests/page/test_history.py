@@ -166,7 +166,7 @@ def test_bins_are_given_up_for_those_that_are_wanted(day):
 def test_looking_back_does_not_make_the_process_large(day):
     """Nothing large is imported for it, and what is read is not kept."""
     script = (
-        "import sys\nfrom pathlib import Path\nimport observer.gateway.process, observer.page.app\n"
+        "import sys\nfrom pathlib import Path\nimport observer.gateway.process, observer.page.outlet\n"
         "from observer.page.history import Digests, history\nfrom observer.record.spans import recordings\n"
         f"files, digests = recordings(Path({str(day)!r}), 'lathe-z'), Digests()\n"
         f"while history(files, 1000.0, {1000.0 + 1.5 * DAY_S}, 800, digests)['read'] < 1.0: pass\n"

@@ -10,7 +10,7 @@ import pytest
 from observer.errors import ConfigError
 from observer.gateway.messages import Latest
 from observer.gateway.start import Start
-from observer.page.app import serve
+from observer.page.outlet import serve
 from observer.tables.gateway import Page
 from tests.publish.people import Authority
 from tests.publish.router import free_port

@@ -78,7 +78,9 @@ def opened(browser, served):
     url, process = served
     tell(process, "readings", GOOD)
     problems = []
-    context = browser.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    context = browser.new_context(
+        viewport={"width": 1280, "height": 800}, accept_downloads=True, has_touch=True
+    )
     context.grant_permissions(["clipboard-read", "clipboard-write"])
 
     def at(words: str = ""):
@@ -203,6 +205,38 @@ def test_what_is_dragged_moves(opened):
     assert float(before[0]["time_s"]) - float(after[0]["time_s"]) == pytest.approx(
         30 * STEP_S, abs=3 * STEP_S
     )
+
+
+def test_two_fingers_zoom_and_one_moves(opened):
+    page = opened()
+    page.locator("#c-heats").scroll_into_view_if_needed()
+    box = page.locator("#c-heats .u-over").bounding_box()
+    touch = page.context.new_cdp_session(page)
+
+    def send(kind: str, *shares: float) -> None:
+        y = box["y"] + box["height"] / 2
+        points = [{"x": box["x"] + s * box["width"], "y": y, "id": k} for k, s in enumerate(shares)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def rows() -> list[float]:
+        return [float(row["time_s"]) for row in _table(_saved(page, "p2", "CSV"))]
+
+    send("touchStart", 0.4, 0.6)
+    for apart in (0.15, 0.2, 0.25):
+        send("touchMove", 0.5 - apart, 0.5 + apart)
+    send("touchEnd")
+    page.wait_for_function("() => location.hash.includes('from=')")
+    zoomed = rows()
+    # fingers 0.2 of the width apart are 0.5 apart at the end
+    assert len(zoomed) == pytest.approx(ROWS * 0.4, abs=ROWS * 0.05)
+    send("touchStart", 0.3)
+    for share in (0.4, 0.5, 0.6):
+        send("touchMove", share)
+    send("touchEnd")
+    moved = rows()
+    assert len(moved) == pytest.approx(len(zoomed), abs=2)
+    assert moved[0] < zoomed[0] - 0.2 * (zoomed[-1] - zoomed[0])
+    assert page.inner_text("#c-heats + .readout").count("nut ") == 1
 
 
 def test_what_is_saved_is_what_there_is(opened):

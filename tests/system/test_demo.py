@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ast
+import json
+import os
 import re
 import subprocess
 import sys
+import urllib.request
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import pytest
 
+from observer.demo import recordings
+from observer.errors import UserError
 from tests.patience import PATIENCE_S
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Subscriber, children_of, is_alive, until
@@ -33,6 +38,12 @@ def _readme_subscriber() -> str:
     return str(code)
 
 
+def _recorded(page: str) -> list[str]:
+    """The names of the recordings that a page lists, none while there are none."""
+    with urllib.request.urlopen(f"{page}recordings.json", timeout=PATIENCE_S) as answer:
+        return [file["name"] for file in json.load(answer)["files"]]
+
+
 def _off_sigma(heat: dict[str, Any], truths: list[dict[str, Any]]) -> dict[str, float]:
     """How many σ each heat is from the truth of its time."""
     truth = min(truths, key=lambda t: abs(t["time_s"] - heat["time_s"]))
@@ -51,8 +62,9 @@ def demo(tmp_path_factory):
     command = ["demo", "--seconds", str(SECONDS), "--plain", "--listen", endpoint]
     with (folder / "out").open("wb") as out, (folder / "err").open("wb") as err:
         process = subprocess.Popen(
-            [sys.executable, "-m", "observer", *command], cwd=ROOT, stdout=out, stderr=err
-        )
+            [sys.executable, "-m", "observer", *command], cwd=ROOT, stdout=out, stderr=err,
+            env={**os.environ, "TMPDIR": str(folder)},
+        )  # fmt: skip
     try:
         with Subscriber(endpoint) as seen:
             until(lambda: "heat" in seen.documents)
@@ -64,12 +76,15 @@ def demo(tmp_path_factory):
                 timeout=PATIENCE_S,
             )
             children = children_of(process.pid)
+            page = until(lambda: re.search(r"^page: (\S+)$", (folder / "out").read_text(), re.M))[1]
+            recorded = until(lambda: _recorded(page))
             code = process.wait(SECONDS + PATIENCE_S)
     finally:
         process.kill()
         process.wait(PATIENCE_S)
     return {
-        "code": code, "children": children, "readme": readme, "documents": seen.documents,
+        "code": code, "recorded": recorded, "left": list(folder.glob("observer-demo-*")),
+        "children": children, "readme": readme, "documents": seen.documents,
         "out": (folder / "out").read_text(), "err": (folder / "err").read_text(),
     }  # fmt: skip
 
@@ -80,6 +95,21 @@ def test_it_ends_by_itself_and_leaves_nothing_behind(demo):
     assert demo["out"].endswith("demo ended\n")
     assert len(demo["children"]) == 3  # the simulated machine, the page and the view
     assert not any(is_alive(pid) for pid in demo["children"])
+
+
+def test_its_page_has_a_recording_which_is_gone_at_the_end(demo):
+    (name,) = demo["recorded"]
+    assert name.startswith("demo-x-")
+    assert demo["left"] == []
+
+
+def test_what_is_to_be_kept_is_recorded_where_it_is_said(tmp_path):
+    with recordings(tmp_path / "new" / "folder") as folder:
+        assert folder.is_dir()
+    assert folder.is_dir()
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match="name a folder"), recordings(tmp_path / "file" / "below"):
+        pass
 
 
 def test_the_live_view_shows_estimates_beside_the_truth(demo):

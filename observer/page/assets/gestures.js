@@ -4,7 +4,8 @@ const FINEST = 1e-6;
 
 export function gestures(plot, frame, view) {
   const { over } = plot, at = new Map();
-  const range = () => [plot.scales.x.min, plot.scales.x.max];
+  // of several moves between two paintings each goes on from the one before
+  const range = () => view.get() ?? [plot.scales.x.min, plot.scales.x.max];
   const xOf = (event) => event.clientX - over.getBoundingClientRect().left;
   function set(low, high) {
     const whole = view.whole?.();
@@ -14,7 +15,7 @@ export function gestures(plot, frame, view) {
     if (high - low > FINEST) view.set([low, high]);
   }
   function zoom(by, x = over.clientWidth / 2) {
-    const [low, high] = range(), middle = plot.posToVal(x, "x");
+    const [low, high] = range(), middle = low + x / over.clientWidth * (high - low);
     set(middle - (middle - low) * by, middle + (high - middle) * by);
   }
   function pan(share) { const [low, high] = range(), by = (high - low) * share; set(low + by, high + by); }

@@ -1,0 +1,49 @@
+"""The page as an outlet of the gateway: served until cancelled, with what it reports back to the service."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+
+from observer.files.regular import read_users
+from observer.gateway.messages import Latest
+from observer.gateway.server import served
+from observer.gateway.start import Say, Start
+from observer.page.app import application
+from observer.page.axes import Neighbour, tell_of
+from observer.page.guard import Logins
+from observer.page.stream import Stream
+
+
+async def serve(start: Start, latest: Latest, say: Say) -> None:
+    """Serve the page until cancelled; raises `OSError` or `ConfigError` with one sentence if it cannot."""
+    assert start.page is not None
+    page = start.page
+    secure = page.certificate is not None
+    users = read_users(page.users_file, "page.users_file") if page.users_file is not None else None
+    login = None if users is None else Logins(users, secure=secure)
+    stream = Stream(latest, start, login is not None)
+    axes = [Neighbour(address, login is not None) for address in page.axes]
+    app = application(start, stream, login, acknowledge, axes)
+    async with served(app, "page", page.listen, page.certificate, page.key) as serving:
+        feeding = asyncio.create_task(stream.run())
+        telling = asyncio.create_task(tell_of(axes, stream, stream.documents))
+        for axis in axes:
+            axis.follow(asyncio.get_running_loop())
+        say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
+        try:
+            done, _ = await asyncio.wait([serving, feeding, telling], return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            feeding.cancel()
+            telling.cancel()
+            for viewers in (stream, *axes):
+                viewers.end()
+
+
+def acknowledge(alarm: str, by: str) -> None:
+    """Report to the service that somebody has acknowledged an alarm, by its `id`."""
+    sys.stdout.write(json.dumps({"acknowledge": alarm, "by": by}) + "\n")
+    sys.stdout.flush()
