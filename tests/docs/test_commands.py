@@ -18,7 +18,7 @@ PAGES = [
     p for p in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))] if p.exists() and commands(p)
 ]
 # What a reader has in the directory where the commands are typed.
-COPIED = ("config", "tests/data", "Makefile")
+COPIED = ("config", "tests/data", "docs/examples", "Makefile")
 
 
 def _name(page: Path) -> str:

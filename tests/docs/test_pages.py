@@ -82,6 +82,12 @@ def _check(table: dict[str, Any], place: str) -> None:
             SECTIONS[name].model_validate(section)
 
 
+def test_a_program_that_a_page_shows_is_the_one_beside_it() -> None:
+    shown = {body for page in PAGES for _, language, body in blocks(page) if language == "c"}
+    for example in (DOCS / "examples").glob("*.c"):
+        assert example.read_text(encoding="utf-8").rstrip("\n") in shown
+
+
 @pytest.mark.parametrize("page", ["path-of-a-reading.md", "verification.md"])
 def test_files_named_in_a_page_exist(page: str) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
