@@ -134,6 +134,7 @@ def predict(c: Any, v: Any) -> None:
 def start(c: Any, v: Any) -> None:
     """With the first reading: a screw of one temperature, the median of the sensors, lags at rest."""
     v.opened = False
+    v.judged = False
     v.count = 0
     for i in range(c.SENSORS):
         v.usable[i] = v.ready and v.came[c.SENSOR_AT[i]]
@@ -189,12 +190,12 @@ def level(c: Any, v: Any) -> None:
 
 
 def choose(c: Any, v: Any) -> None:
-    """The gain for the sensors that are neither late nor refused; a wide one where the state was opened."""
+    """The gain for sensors not late and, once judged, not refused; a wide one for a state that was opened."""
     first: int = c.SENSORS
     second: int = c.SENSORS
     absent: int = 0
     for i in range(c.SENSORS):
-        if v.late[c.SENSOR_AT[i]] or v.suspect[i] > 0:
+        if v.late[c.SENSOR_AT[i]] or (v.judged and v.suspect[i] > 0):
             if absent == 0:
                 first = i
             else:
@@ -223,6 +224,7 @@ def gate(c: Any, v: Any) -> None:
                     refused += 1
             else:
                 v.suspect[i] = 0
+    v.judged = True
     if 2 * refused > present:
         for i in range(c.SENSORS):
             v.accepted[i] = v.usable[i]

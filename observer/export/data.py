@@ -269,7 +269,8 @@ def _remembered(c: dict[str, Any]) -> list[Slot]:
         ("law_now", "real", (m,)), ("law_W", "real", (m,)), ("begun", "bool", ()),
         ("weight", "real", (places + 1 if nuts else 0,)), ("located", "bool", (nuts,)),
         ("nut_m", "real", (nuts,)), ("usable", "bool", (s,)), ("count", "int", ()), ("started", "bool", ()),
-        ("opened", "bool", ()), ("since", "int", ()), ("level_degC", "real", (s,)), ("suspect", "int", (s,)),
+        ("opened", "bool", ()), ("judged", "bool", ()), ("since", "int", ()),
+        ("level_degC", "real", (s,)), ("suspect", "int", (s,)),
         ("chosen", "int", ()), ("accepted", "bool", (s,)), ("row", "real", (c["ROWS"],)),
         ("silent", "int", ()), ("beats", "int", ()),
     ]  # fmt: skip

@@ -22,8 +22,6 @@ from observer.frames import FloatArray
 from observer.model.discretise import StepMatrices
 from observer.model.plant import Plant
 
-UNGATED_K2 = 1e30
-"""What no innovation's square is beyond."""
 _MOST_GAINS = 40_000
 """Numbers in the table of gains up to which two absent sensors have gains, too: 320 kB in double."""
 _GROWTH_AT_MOST_1_S = 1e-3
@@ -37,7 +35,7 @@ class GainSets(NamedTuple):
     """Gains `K` (2 G + 1, s, n) and the largest squares of innovations that pass, `gate_K2` (2 G + 1, s).
 
     The first G are the steady ones, the next G those of the first correction and of a state that is opened,
-    the last is nothing. `number` (s + 1, s + 1) says which set remains without the sensors i and j, where s
+    the last has no gain. `number` (s + 1, s + 1) says which set remains without the sensors i and j, where s
     is none. After `settled` steps the heats are known as well as they will be; `refused` names the sets
     without a gain.
     """
@@ -87,9 +85,9 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
         steady.append((K, _variance(plant, found.P_pred) + offset_K2))
         wide.append((K0, S0 + offset_K2))
     number[number < 0] = 2 * len(steady)
-    nothing = (np.zeros((n, s)), np.full(s, UNGATED_K2))
+    nothing = (np.zeros((n, s)), steady[0][1])  # without a gain readings are judged all the same
     K_all, S_all = zip(*steady, *wide, nothing, strict=True)
-    gate_K2 = np.minimum(config.estimator.gate_sigma**2 * np.array(S_all), UNGATED_K2)
+    gate_K2 = config.estimator.gate_sigma**2 * np.array(S_all)
     gains = np.array(K_all).transpose(0, 2, 1)
     return GainSets(gains, gate_K2, number, min(most_absent, s), settled, tuple(refused))
 

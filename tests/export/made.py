@@ -50,6 +50,7 @@ def nut_machine(**changes: Any) -> Config:
                  "estimate": False},
             ],
             "sensor": [*given["sensor"], given["sensor"][0] | FOURTH],
+            "tolerance": {"offset_K": 0.3},
             "compensation": {"points": 7, "rate_limit_um_s": 0.3, "gradient_limit_um_m": 40.0},
         }
         | changes
