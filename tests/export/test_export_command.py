@@ -6,11 +6,15 @@ import csv
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from observer import app as parts
+from observer.errors import ConfigError
 from observer.files.writer import write_log
+from observer.installation import load
 
 pytestmark = pytest.mark.system
 RIG = Path(__file__).parents[1] / "data" / "rig" / "config.toml"
@@ -74,3 +78,17 @@ def test_a_model_that_varies_is_refused(tmp_path: Path) -> None:
     done = export("--config", config, "--output", tmp_path / "none")
     assert done.returncode == 2
     assert "constant matrices; remove it" in done.stderr
+
+
+def test_what_the_service_has_learnt_is_not_left_out_in_silence(tmp_path: Path, monkeypatch: Any) -> None:
+    config = tmp_path / "c.toml"
+    config.write_text(f'{RIG.read_text()}\n[checkpoint]\ndirectory = "{tmp_path}"\n')
+    installed = load(config)
+    assert installed.checkpoint_file is not None
+    installed.checkpoint_file.write_text("of another program")
+    parts.export(installed, "json", tmp_path / "made", None, lambda _done, _total: None)
+    assert (tmp_path / "made" / "plant.json").exists(), "what fits no service in force is nothing learnt"
+    monkeypatch.setattr("observer.estimate.checkpoint.load", lambda _file, _fit: object())
+    with pytest.raises(ConfigError, match="observer learned"):
+        parts.export(installed, "json", tmp_path / "other", None, lambda _done, _total: None)
+    assert not (tmp_path / "other").exists()
