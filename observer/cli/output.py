@@ -7,7 +7,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from io import StringIO
-from typing import TYPE_CHECKING, Any
+from shutil import get_terminal_size
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
@@ -28,13 +30,32 @@ _REGIMES = {
 def say(error: UserError) -> None:
     """Print the sentence at which a command ends."""
     sys.stdout.flush()
-    print(f"observer: {error}", file=sys.stderr)
+    print(_fitted(f"observer: {error}", sys.stderr), file=sys.stderr)
 
 
 def warn(sentences: list[str]) -> None:
     """Print what is doubtful about a result."""
     for sentence in sentences:
-        typer.echo(f"warning: {sentence}", err=True)
+        typer.echo(_fitted(f"warning: {sentence}", sys.stderr), err=True)
+
+
+def tell(sentence: str) -> None:
+    """Print a sentence."""
+    typer.echo(_fitted(sentence, sys.stdout))
+
+
+def _fitted(text: str, stream: TextIO) -> str:
+    """A text without words broken at the end of a terminal's lines; elsewhere as it is."""
+    if not stream.isatty():
+        return text
+    width = get_terminal_size().columns
+    return "\n".join(
+        fill(
+            line, width, subsequent_indent=" " * (len(line) - len(line.lstrip())), break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for line in text.split("\n")
+    )  # fmt: skip
 
 
 def warn_of_paths(regimes: dict[str, str]) -> None:

@@ -38,7 +38,10 @@ def as_text(found: dict[str, Any]) -> RenderableType:
         table.add_row("supports", _held(found["supports"]))
     for name, node in found["nodes"].items():
         seconds, rise = node["time_constant_s"], node["rise_K_W"]
-        table.add_row(f"node {name}", f"follows within {seconds:.3g} s; 1 W warms it by {rise:.3g} K")
+        table.add_row(
+            f"node {name}",
+            f"follows within {seconds:{'.0f' if seconds >= 1000 else '.3g'}} s; 1 W warms it by {rise:.3g} K",
+        )
     table.add_row("tolerances", SHIFT_SAID)
     table.add_row("improve first", Text(advice(found["improve_first"])))
     if found["not_screened"]:

@@ -51,6 +51,22 @@ def test_a_bar_names_its_phase_and_a_quiet_one_is_none(monkeypatch: pytest.Monke
     assert len(drawn.getvalue()) == before
 
 
+def test_sentences_are_wrapped_between_words_in_a_terminal_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv("COLUMNS", "40")
+    sentence = "  on data held back the gap goes from 2.29 K to 0.11 K rms-free"
+    for stream, lines in ((Terminal(), 2), (io.StringIO(), 1)):
+        monkeypatch.setattr(sys, "stdout", stream)
+        output.tell(sentence)
+        told = stream.getvalue().splitlines()
+        assert len(told) == lines
+        assert max(map(len, told)) <= 40 or lines == 1
+        assert " ".join("".join(f"{line} " for line in told).split()) == " ".join(sentence.split())
+
+
 @pytest.mark.system
 def test_bash_completes_verbs_and_options(tmp_path: Path) -> None:
     program = tmp_path / "observer"
