@@ -123,3 +123,15 @@ def _columns(plant: Any, form: Form, nut_m: float, steps: int) -> Any:
     left = (1.0 - c["SETTLE"][0]) ** np.arange(1, steps + 1)
     C = there + left[:, None] * (mean - there)
     return np.tile(c["NUT_B"][0][place], (steps, 1, 1)), C[:, None]
+
+
+def test_without_a_compiler_it_has_its_source_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("observer.export.fmu.shutil.which", lambda _name: None)
+    config = machine()
+    names, facts = write_fmus(observer_form(config), model_form(config), tmp_path)
+    with zipfile.ZipFile(tmp_path / names[0]) as archive:
+        assert not any(name.startswith("binaries/") for name in archive.namelist())
+        assert "sources/observer.c" in archive.namelist()
+    assert "no C compiler was found" in facts[0]
