@@ -1,6 +1,81 @@
-"""Ballscrew Observer: a ball screw's temperature field, heat inputs and thermal error, in real time."""
+"""Ballscrew Observer: a ball screw's temperature field, heat inputs and thermal error, in real time.
 
+    import observer
+
+    machine = observer.load("machine.toml")
+    estimates = machine.replay("run.csv")
+    estimates["heat_nut_W"]
+
+What is in `__all__` is documented and stable; everything else is private.
+"""
+
+import importlib
 import os
+from typing import TYPE_CHECKING
 
 # Matrices here are small: BLAS' threads would only wait for each other, and the more so beside other work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+if TYPE_CHECKING:  # `import observer` alone loads nothing, for the service starts by it too
+    from observer.errors import ConfigError, LogError, UserError
+    from observer.files.logs import Log
+    from observer.library.findings import CheckFindings, FoundEffect, FoundValue, SensorPlaces
+    from observer.library.given import read_log
+    from observer.library.heats import IdentifiedHeats
+    from observer.library.machine import CalibrationResult, DiscoveryResult, Machine, discover, load
+    from observer.library.predicting import ForecastRun, SimulatedRun
+    from observer.library.replaying import Estimates
+    from observer.library.signals import SignalTable
+
+    __version__: str
+
+__all__ = [
+    "CalibrationResult",
+    "CheckFindings",
+    "ConfigError",
+    "DiscoveryResult",
+    "Estimates",
+    "ForecastRun",
+    "FoundEffect",
+    "FoundValue",
+    "IdentifiedHeats",
+    "Log",
+    "LogError",
+    "Machine",
+    "SensorPlaces",
+    "SignalTable",
+    "SimulatedRun",
+    "UserError",
+    "__version__",
+    "discover",
+    "load",
+    "read_log",
+]
+
+_MODULES = {
+    "errors": ("ConfigError", "LogError", "UserError"),
+    "files.logs": ("Log",),
+    "library.findings": ("CheckFindings", "FoundEffect", "FoundValue", "SensorPlaces"),
+    "library.given": ("read_log",),
+    "library.heats": ("IdentifiedHeats",),
+    "library.machine": ("CalibrationResult", "DiscoveryResult", "Machine", "discover", "load"),
+    "library.predicting": ("ForecastRun", "SimulatedRun"),
+    "library.replaying": ("Estimates",),
+    "library.signals": ("SignalTable",),
+}
+
+
+def __getattr__(name: str) -> object:
+    """Load what is asked for."""
+    if name == "__version__":
+        from importlib.metadata import version  # noqa: PLC0415 - only who asks for it pays
+
+        return version("ballscrew-observer")
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"observer.{module}"), name)
+    raise AttributeError(f"module 'observer' has no attribute {name!r}", name=name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from observer.app.logs import Progress, channels_of
+from observer.app.logs import Progress
 from observer.errors import ConfigError, LogError
 from observer.files.folders import results_in
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray
 from observer.installation import Installation
+from observer.library.given import channels_of
 
 if TYPE_CHECKING:
     from observer.export.control_tables import ControlTable

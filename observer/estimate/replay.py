@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,8 @@ from observer.config import Config
 from observer.errors import LogError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, recent
 from observer.estimate.pipeline import Pipeline
-from observer.files.folders import write_json
-from observer.files.logs import SUFFIXES, TIME, Log, read_log
-from observer.files.writer import Column, TableWriter
+from observer.files.logs import SUFFIXES, TIME, Log
+from observer.files.writer import Column, TableSink
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Inputs, Layout, Quality
 from observer.history.history import HeatHistory
 from observer.model.drive import Drive
@@ -145,7 +143,7 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
 
 
 def write_estimates(
-    path: Path,
+    sink: TableSink,
     log: Log,
     plan: AlignPlan,
     pipeline: Pipeline[Any],
@@ -153,22 +151,20 @@ def write_estimates(
     start: Snapshot | None = None,
     follow: Callable[[FrameBlock, EstimateBlock], None] = lambda _frames, _block: None,
 ) -> dict[str, Any]:
-    """Write the estimates of a log to a file, which appears complete or not at all; return them in numbers.
+    """Write the estimates of a log into a table; return them in numbers.
 
-    `follow` gets every block with its frames. Raises `LogError` where the file cannot be written, or when
-    there is no estimate to write.
+    `follow` gets every block with its frames. Raises `LogError` when there is no estimate to write.
     """
     layout, not_good = pipeline.layout, NotGood(plan.channels)
     counts, times = [], []
-    with TableWriter(path) as writer:
-        for frames, block in estimates_of(log, plan, pipeline, progress, start):
-            writer.write(result_columns(layout, block))
-            counts.append(_counts(block))
-            times += block.time_s[[0, -1]].tolist()
-            not_good.take(frames, block)
-            follow(frames, block)
-        if not counts:
-            raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
+    for frames, block in estimates_of(log, plan, pipeline, progress, start):
+        sink.write(result_columns(layout, block))
+        counts.append(_counts(block))
+        times += block.time_s[[0, -1]].tolist()
+        not_good.take(frames, block)
+        follow(frames, block)
+    if not counts:
+        raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
     not_good.note(pipeline.history)
     return {
         **_summary(layout, counts, times[-1] - times[0]),
@@ -208,15 +204,10 @@ def inputs_of(log: Iterable[FrameBlock], drive: Drive) -> list[Inputs]:
     return blocks
 
 
-def write_history(
-    output: Path,
-    layout: Layout,
-    history: HeatHistory,
-    log: Log,
-    more: Mapping[str, Any],
-    suffix: str = ".csv",
+def history_summary(
+    layout: Layout, history: HeatHistory, log: Log, more: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Write `heat` + suffix and `summary.json` into `output`; return the content of the latter.
+    """The heats over a log in numbers, with `more` that is known of them.
 
     Raises `LogError` where the log holds nothing to learn a heat from.
     """
@@ -225,10 +216,8 @@ def write_history(
             f"{log.path}: no sensor has a value while all inputs are known, so no heat can be estimated; "
             "check the sensors' channels"
         )
-    with TableWriter(output / f"heat{suffix}") as writer:
-        writer.write(heat_columns(layout, history))
     names = layout.sources
-    summary = {
+    return {
         "log": log.path.name,
         "rows": len(history),
         "duration_s": float(history.time_s[-1] - history.time_s[0]),
@@ -245,8 +234,6 @@ def write_history(
         "warnings": list(history.warnings),
         **more,
     }
-    write_json(output / "summary.json", summary)
-    return summary
 
 
 def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | None]:
@@ -316,12 +303,11 @@ class OpenLoopGap:
         return {name: math.sqrt(s / n) if n else None for name, s, n in sums}
 
 
-def read_program(path: Path, config: Config) -> Log:
-    """Read a program; sensors that it does not hold count as missing."""
+def program_of(log: Log, config: Config) -> Log:
+    """The program that a log is; sensors that it does not hold count as missing. Raises `LogError`."""
     sensors = {s.channel for s in config.sensor}
-    log = read_log(path)
     needed = [c for c in config.channels if c not in sensors or c in log.channels]
-    log = read_log(path, needed)
+    log = log.with_channels(needed)
     values = {c: log.values[:, i] for i, c in enumerate(log.channels)}
     nothing = np.full(len(log), np.nan)
     return replace(

@@ -10,9 +10,8 @@ import numpy as np
 
 from observer.config import Config
 from observer.export.data import Exportable, unit_of
-from observer.export.model import known_columns
 from observer.files.folders import write_json
-from observer.model.generator import generator
+from observer.model.generator import generator, known_columns, output_names
 
 
 def plant_matrices(config: Config) -> dict[str, Any]:
@@ -22,12 +21,9 @@ def plant_matrices(config: Config) -> dict[str, Any]:
     that moves is spread over its stroke. Raises `ConfigError` for a plant that varies otherwise.
     """
     own = Exportable(config)
-    plant, step, layout = own.plant, own.step, own.plant.layout
+    plant, step = own.plant, own.step
     beside = len(plant.decay_1_s) - plant.lag_slice.stop
-    outputs = [f"sensor_{name}_degC" for name in layout.sensors]
-    outputs += list(layout.along(field__degC=np.zeros((1, len(layout.position_m)))))
-    if layout.has_error:
-        outputs += list(layout.along(error__um=np.zeros((1, len(layout.position_m)))))
+    outputs = output_names(plant)
     inputs = [*(f"heat_{name}_W" for name in plant.source_names), *known_columns(plant)]
     states = [*(f"mode {n}" for n in plant.mode_index), *(f"lag {name}" for name in plant.source_names)]
     states += [f"beside {n + 1}" for n in range(beside)]

@@ -10,7 +10,7 @@ from observer.config import Config
 from observer.export import sequence
 from observer.export.data import Exportable, plant_constants, unit_of
 from observer.export.form import Form, Kind, Slot, identifiers
-from observer.model.plant import OFFSET, Plant
+from observer.model.generator import known_columns
 
 
 def model_form(config: Config) -> Form:
@@ -24,11 +24,6 @@ def model_form(config: Config) -> Form:
         "The screw begins at start_degC, all lags at rest under the first heats.",
     ]
     return own.form("model", constants, _slots(own, constants), sequence.MODEL, facts)
-
-
-def known_columns(plant: Plant) -> tuple[str, ...]:
-    """Names of the known inputs with their units."""
-    return tuple(f"{name}_{'K' if name.startswith(OFFSET) else 'degC'}" for name in plant.known_names)
 
 
 def _slots(own: Exportable, c: dict[str, Any]) -> list[Slot]:

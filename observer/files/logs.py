@@ -11,7 +11,7 @@ import difflib
 import io
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,40 @@ class Log:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def __getitem__(self, channel: str) -> FloatArray:
+        """A channel's values (n,), NaN where there is none."""
+        return self.values[:, self.channels.index(channel)]
+
+    def with_channels(self, needed: Sequence[str]) -> Log:
+        """Return the log with the channels `needed` alone. Raises `LogError` where one is missing."""
+        kept = [name for name in _wanted(self.path, [TIME, *self.channels], needed) if name != TIME]
+        columns = [self.channels.index(name) for name in kept]
+        words = tuple(words for words in self.words if words.column in kept)
+        return replace(self, channels=tuple(kept), values=self.values[:, columns], words=words)
+
+
+def log_of(columns: Mapping[str, Any], name: str = "log") -> Log:
+    """Return the log that columns of n numbers are, `time_s` among them; `name` is what errors call it.
+
+    Raises `LogError` as for a file.
+    """
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
+
+    path, arrays = Path(name), dict[str, FloatArray]()
+    for key in [TIME, *(key for key in columns if key not in (TIME, STEP, FLAGS, LATE))]:
+        if key not in columns:
+            raise LogError(f"{path}: has no {key}; give the seconds of its rows as {key}")
+        try:
+            arrays[str(key)] = np.asarray(columns[key], dtype=np.float64)
+        except (TypeError, ValueError):
+            raise LogError(f'{path}: column "{key}" does not hold numbers; give it as numbers') from None
+        if arrays[str(key)].shape != arrays[TIME].shape or arrays[TIME].ndim != 1:
+            raise LogError(
+                f'{path}: column "{key}" does not have one value a row; give them as one-dimensional'
+            )
+    log = _checked(path, pa.table(arrays), lambda row: f"row {row + 1}")
+    return replace(log, words=infinite_in(_columns(log)))
 
 
 def read_log(

@@ -7,7 +7,7 @@ import io
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,37 @@ from observer.files.logs import TIME, suffix_of
 from observer.frames import FloatArray
 
 Column = NDArray[np.float64] | NDArray[np.str_]
+
+
+class TableSink(Protocol):
+    """What takes the blocks of a table."""
+
+    def write(self, columns: Mapping[str, Column]) -> None:
+        """Append rows; every block has the same columns in the same order."""
+
+
+class MemoryTable:
+    """Keeps the blocks of a table as one of Arrow."""
+
+    def __init__(self) -> None:
+        self._blocks: list[Any] = []
+
+    def write(self, columns: Mapping[str, Column]) -> None:
+        """Append rows; every block has the same columns in the same order."""
+        self._blocks.append(_arrow(columns))
+
+    @property
+    def table(self) -> Any:
+        """The blocks so far, a `pyarrow.Table`."""
+        import pyarrow as pa  # noqa: PLC0415
+
+        return pa.concat_tables(self._blocks)
+
+
+def _arrow(columns: Mapping[str, Column]) -> Any:
+    import pyarrow as pa  # noqa: PLC0415
+
+    return pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
 
 
 class TableWriter:
@@ -49,13 +80,14 @@ class TableWriter:
 
     def write(self, columns: Mapping[str, Column]) -> None:
         """Append rows; every block has the same columns in the same order."""
-        import pyarrow as pa  # noqa: PLC0415
+        self.write_arrow(_arrow(columns))
 
-        names = tuple(columns)
+    def write_arrow(self, table: Any) -> None:
+        """Append the rows of a `pyarrow.Table`."""
+        names = tuple(table.column_names)
         first, self._names = self._names is None, self._names or names
         if names != self._names:
             raise ValueError("a block has other columns than the first one")
-        table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
         try:
             self._write_parquet(table) if self._suffix == ".parquet" else self._write_csv(table, first)
         except OSError as error:

@@ -6,7 +6,6 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,8 @@ from observer.align.aligner import frames_of_log
 from observer.errors import LogError
 from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import MachineModel
-from observer.estimate.replay import read_program
 from observer.estimators.protocol import EstimatorState
+from observer.files.logs import Log
 from observer.forecast.document import Forecast, document, forecast, none
 from observer.forecast.program import Bins, binned, joined, learnt
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, Layout
@@ -124,21 +123,17 @@ class Forecaster(StepObserver):
         return document(found, plant, quality, self._instance, within_um)
 
 
-def program_bins(path: Path, machine: MachineModel) -> Bins:
-    """The bins of a program that is given as a log of the input channels.
-
-    Raises `LogError` where it cannot be read or an input never has a value.
-    """
-    log_ = read_program(path, machine.config)
+def program_bins(program: Log, machine: MachineModel) -> Bins:
+    """The bins of a program (see `program_of`). Raises `LogError` where an input never has a value."""
     moving, state, parts = [m.index for m in machine.plant.moving], machine.drive.initial(), []
-    for frames in frames_of_log(log_, machine.plan):
+    for frames in frames_of_log(program, machine.plan):
         state, inputs = machine.drive.run(state, frames)
         found = binned(inputs, None, moving)
         if len(found.dt_s):
             free = machine.plant.estimated
             parts.append(found._replace(**{n: getattr(found, n)[:, free] for n in _ESTIMATED}))
     if not parts:
-        raise LogError(f"{path}: an input that the model needs never has a value; fill its column")
+        raise LogError(f"{program.path}: an input that the model needs never has a value; fill its column")
     return Bins(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

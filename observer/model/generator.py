@@ -8,16 +8,18 @@ the whole matrix, with nuts over their strokes and a time-varying loss where one
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.kernels.layout import packed
 from observer.model.coupling import Coupling, no_coupling
 from observer.model.discretise import StepMatrices, augmented
-from observer.model.plant import Basis, Plant
+from observer.model.plant import OFFSET, Basis, Plant
 
 if TYPE_CHECKING:
     import control
@@ -98,29 +100,56 @@ def augmented_step(plant: Plant, dt_s: float, loss_1_s: float = 0.0) -> tuple[Fl
 
 
 def state_space(plant: Plant) -> control.StateSpace:
-    """Return the plant with fixed footprints as a continuous-time system.
+    """Return the plant with fixed footprints as a continuous-time system with named inputs and outputs.
 
     Inputs are the heats in W and the known inputs, outputs the rows in °C and µm; a moving nut is spread
     over its stroke, and losses that change with speed or temperature are left out. For design and study with
-    python-control; the estimators step the plant by their own exact formulas.
+    python-control; the estimators step the plant by their own exact formulas. Raises `ConfigError` where the
+    thermal error is no linear output.
     """
     import control  # noqa: PLC0415  (takes two seconds: only who asks for it pays)
 
     rows, first = plant.rows, plant.lag_slice.stop
-    sources = [name.replace(".", "_") for name in plant.source_names]  # control allows no dot in a name
+    outputs = output_names(plant)
+    if len(outputs) != len(rows.C):
+        raise ConfigError(
+            "supports: with pre-tension or a gap the thermal error is no linear output; leave [supports] out "
+            "of the configuration that this is asked of"
+        )
+    states = [*(f"mode_{n}" for n in plant.mode_index), *(f"lag_{name}" for name in plant.source_names)]
+    states += [f"beside_{i + 1}" for i in range(len(plant.decay_1_s) - first)]
+    if plant.basis is not None:
+        states = [f"own_mode_{i + 1}" for i in range(len(states))]
+    inputs = [*(f"heat_{name}_W" for name in plant.source_names), *known_columns(plant)]
     return control.ss(
         generator(plant),
         np.hstack([plant.B, plant.E]),
         rows.C,
         np.hstack([np.zeros((len(rows.C), len(plant.source_names))), rows.F]),
-        states=[
-            *(f"mode {n}" for n in plant.mode_index),
-            *(f"lag {name}" for name in sources),
-            *(f"beside {i + 1}" for i in range(len(plant.decay_1_s) - first)),
-        ],
-        inputs=[*sources, *(name.replace(".", "_") for name in plant.known_names)],
-        outputs=[f"row {r}" for r in range(len(rows.C))],
+        states=_without_dots(states),
+        inputs=_without_dots(inputs),
+        outputs=_without_dots(outputs),
     )
+
+
+def output_names(plant: Plant) -> list[str]:
+    """Names of the output rows with their units, those along the screw as in `estimates.csv`."""
+    places = np.zeros((1, plant.rows.grid))
+    return [
+        *(f"sensor_{name}_degC" for name in plant.layout.sensors),
+        *plant.layout.along(field__degC=places),
+        *(plant.layout.along(error__um=places) if plant.layout.has_error else ()),
+    ]
+
+
+def known_columns(plant: Plant) -> tuple[str, ...]:
+    """Names of the known inputs with their units."""
+    return tuple(f"{name}_{'K' if name.startswith(OFFSET) else 'degC'}" for name in plant.known_names)
+
+
+def _without_dots(names: Sequence[str]) -> list[str]:
+    """Names as control allows them."""
+    return [name.replace(".", "_") for name in names]
 
 
 APART = 1e-8

@@ -12,6 +12,7 @@ from observer.errors import LogError
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of, result_columns, write_estimates
 from observer.files.logs import Log, read_log
+from observer.files.writer import TableWriter
 from observer.frames import Reading
 from tests.live.fakes import FakeDrive, FakeEstimator
 from tests.logs.recordings import CHANNELS, plan, play, write
@@ -32,9 +33,8 @@ def _blocks(log: Log):
 def _replay(log: Log, output: Path, suffix: str = ".csv", told=None):
     told = [] if told is None else told
     pipeline = Pipeline(FakeDrive(), FakeEstimator())
-    return write_estimates(
-        output / f"estimates{suffix}", log, plan(), pipeline, lambda done, total: told.append((done, total))
-    )
+    with TableWriter(output / f"estimates{suffix}") as sink:
+        return write_estimates(sink, log, plan(), pipeline, lambda done, total: told.append((done, total)))
 
 
 def test_columns_are_those_of_the_contract(tmp_path):
@@ -121,8 +121,8 @@ def test_a_failure_in_the_middle_leaves_nothing(tmp_path):
     def fail(done, total):
         estimator.fail = True
 
-    with pytest.raises(ZeroDivisionError):
-        write_estimates(tmp_path / "estimates.csv", log, plan(), Pipeline(FakeDrive(), estimator), fail)
+    with pytest.raises(ZeroDivisionError), TableWriter(tmp_path / "estimates.csv") as sink:
+        write_estimates(sink, log, plan(), Pipeline(FakeDrive(), estimator), fail)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.app.models import _write_configurations
 from observer.config import Config
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery, discover
@@ -24,6 +23,7 @@ from observer.discovery.worth import Worth
 from observer.effects.catalogue import BY_KIND, LIBRARY
 from observer.fit.evidence import PROOF, UNUSED
 from observer.frames import FrameBlock
+from observer.library.searching import configurations
 from observer.report.advice import next_step
 from observer.report.discovery import _suspects, site, write_discovery_report
 from observer.report.panels import scale_limit
@@ -219,11 +219,9 @@ def test_what_explains_most_of_an_unknown_is_offered_as_a_candidate(found: Disco
     assert partial["candidate"] == "candidate.toml"
     assert partial["log"] == 1
     assert partial["proof"]["after_rms_K"] < 0.2 * partial["proof"]["before_rms_K"]
-    given = tmp_path / "machine.toml"
-    given.write_text("[surface]\nconvection_W_m2K = 1.0\n", encoding="utf-8")
-    _write_configurations(tmp_path, given, unknown, result)
-    assert not (tmp_path / "config.toml").exists()
-    text = (tmp_path / "candidate.toml").read_text(encoding="utf-8")
+    texts = configurations("[surface]\nconvection_W_m2K = 1.0\n", unknown, result)
+    assert list(texts) == ["candidate.toml"]
+    text = texts["candidate.toml"]
     assert text.startswith("# A candidate, not a result: sensor_bias at b explains ")
     assert f"to {kelvin(partial['proof']['after_rms_K'])} rms" in text.replace("\n# ", " ")
     (effect,) = tomllib.loads(text)["effect"]

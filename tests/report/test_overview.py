@@ -14,7 +14,7 @@ from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from observer.report.collect import Decimator, ReplaySamples, simulated
 from observer.report.panels import LANE, Panel, duration_text, elapsed, innovations
-from observer.report.pictures import write_overview, write_simulation_overview
+from observer.report.pictures import draw_overview, draw_simulation, written
 from tests.logs.machines import machine, rig
 from tests.logs.simulated import made_log
 
@@ -58,7 +58,8 @@ def _shown(pixels: np.ndarray, hex_colour: str) -> int:
 def test_the_overview_of_a_replay_shows_all_its_panels(samples, tmp_path: Path) -> None:
     config, _ = rig()
     path = tmp_path / "overview.png"
-    write_overview(path, config, samples[0], "replay")
+    with written(path) as figure:
+        draw_overview(figure, config, samples[0], "replay")
     assert _size(path) == (1600, 1200)
     pixels = _pixels(path)
     for top, bottom in BANDS:
@@ -73,7 +74,8 @@ def test_the_overview_of_a_replay_shows_all_its_panels(samples, tmp_path: Path) 
 def test_the_overview_of_a_simulation_shows_all_its_panels(samples, tmp_path: Path) -> None:
     config, _ = rig()
     path = tmp_path / "overview.png"
-    write_simulation_overview(path, config, samples[1], "simulation")
+    with written(path) as figure:
+        draw_simulation(figure, config, samples[1], "simulation")
     assert _size(path) == (1600, 1200)
     pixels = _pixels(path)
     for top, bottom in BANDS:
@@ -98,7 +100,8 @@ def test_one_sensor_one_step_and_no_expansion_make_a_picture_too(tmp_path: Path)
     _, estimates = estimator.run(estimator.initial(), inputs)
     samples = ReplaySamples(config, estimator.layout)
     samples.take(inputs, estimates)
-    write_overview(tmp_path / "one.png", config, samples, "one step")
+    with written(tmp_path / "one.png") as figure:
+        draw_overview(figure, config, samples, "one step")
     assert _size(tmp_path / "one.png") == (1600, 1200)
 
 
@@ -106,8 +109,8 @@ def test_nothing_half_written_is_left(samples, tmp_path: Path, monkeypatch: pyte
     config, _ = rig()
     broken = copy.copy(samples[0])
     broken._kept = broken._kept | {"heat_sigma_W": broken._kept["heat_sigma_W"][:, :-1]}
-    with pytest.raises(ValueError, match="broadcast"):
-        write_overview(tmp_path / "overview.png", config, broken, "broken")
+    with pytest.raises(ValueError, match="broadcast"), written(tmp_path / "overview.png") as figure:
+        draw_overview(figure, config, broken, "broken")
     assert list(tmp_path.iterdir()) == []
 
     def full(_figure: Figure, part: Path, **_options: object) -> None:
@@ -115,8 +118,8 @@ def test_nothing_half_written_is_left(samples, tmp_path: Path, monkeypatch: pyte
         raise OSError("no space left on device")
 
     monkeypatch.setattr(Figure, "savefig", full)
-    with pytest.raises(OSError, match="no space"):
-        write_overview(tmp_path / "overview.png", config, samples[0], "full disk")
+    with pytest.raises(OSError, match="no space"), written(tmp_path / "overview.png") as figure:
+        draw_overview(figure, config, samples[0], "full disk")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,87 @@
+"""What a fit, a search, a check and a ranking say, as values of the library."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from observer.report.wording import interval, unit_text
+
+
+@dataclass(frozen=True, slots=True)
+class FoundValue:
+    """A value that was found, its unit, and the interval in which it is with 95 %."""
+
+    value: float
+    ci95: tuple[float, float]
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{interval(self.value, *self.ci95)} {unit_text(self.unit)}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEffect:
+    """A physical effect that was named, where it is (None where it can be in one place only), and how
+    strong.
+    """
+
+    kind: str
+    target: str | None
+    parameters: Mapping[str, FoundValue]
+
+
+def values_in(table: Mapping[str, Mapping[str, Any]]) -> dict[str, FoundValue]:
+    """The values of a document by their keys."""
+    return {key: FoundValue(v["value"], (v["ci95"][0], v["ci95"][1]), v["unit"]) for key, v in table.items()}
+
+
+def effects_in(effects: Iterable[Mapping[str, Any]]) -> tuple[FoundEffect, ...]:
+    """The effects of a document."""
+    return tuple(FoundEffect(e["kind"], e["target"], values_in(e["parameters"])) for e in effects)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPlaces:
+    """Positions for sensors: `score_K` is the least that a sensor sees of what they tell apart, `condition`
+    how unevenly they do (infinite where something is not seen).
+    """
+
+    positions_m: tuple[float, ...]
+    score_K: float
+    condition: float
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether something stays unseen."""
+        return not math.isfinite(self.condition)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class CheckFindings:
+    """What a configuration means; `document` is what `observer check --json` prints."""
+
+    document: Mapping[str, Any]
+
+    @property
+    def usable(self) -> bool:
+        """Whether an estimator can be made of it."""
+        return bool(self.document["verdict"]["usable"])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to look at, a sentence each."""
+        return tuple(self.document["warnings"])
+
+    def __getitem__(self, key: str) -> Any:
+        """An entry of the document."""
+        return self.document[key]
+
+    def __repr__(self) -> str:
+        return "\n".join([self.document["verdict"]["text"], *self.warnings])
+
+    def _repr_html_(self) -> str:
+        return "".join(f"<p>{html.escape(line)}</p>" for line in repr(self).splitlines())

@@ -1,0 +1,101 @@
+"""Calibration: logs as runs, the fit, and the configuration with what was fitted."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from observer.align.aligner import AlignPlan, doubts, frames_of_log
+from observer.align.unit_errors import Misread, read_rightly
+from observer.errors import LogError
+from observer.files.folders import write_json
+from observer.files.logs import Log
+from observer.fit.parameters import lawless
+from observer.frames import FrameBlock
+from observer.installation import Installation, write_back
+
+
+class RunsOfLogs(NamedTuple):
+    """The frames of each log, what is doubtful about the logs as they are, and what was in another unit."""
+
+    frames: list[list[FrameBlock]]
+    odd: list[str]
+    misread: tuple[Misread, ...] = ()
+
+
+def runs_of(logs: Sequence[Log], config: Installation, *, rightly: bool = False) -> RunsOfLogs:
+    """The runs of logs; `rightly`, those in which a channel is in another unit in the one expected."""
+    _refuse_twice(logs)
+    plan, runs = AlignPlan.of(config), []
+    odd = [words] if (words := lawless(config)) is not None else []
+    misread: dict[Misread, None] = {}
+    for log in logs:
+        frames = list(frames_of_log(log, plan))
+        paths = [block.path for block in frames]
+        odd += [f"{log.path.name}: {sentence}" for sentence in doubts(log, paths, config)]
+        right, found = read_rightly(log, config, paths) if rightly else (log, ())
+        misread |= dict.fromkeys(found)
+        runs.append(list(frames_of_log(right, plan)) if found else frames)
+    return RunsOfLogs(runs, odd, tuple(misread))
+
+
+def _refuse_twice(logs: Sequence[Log]) -> None:
+    """Raise `LogError` where two logs are one: it would be the proof of what was found in it."""
+    seen: dict[bytes, Path] = {}
+    for log in logs:
+        content = hashlib.sha256(log.time_s.tobytes())
+        content.update(log.values.tobytes())
+        if content.digest() in seen:
+            before = seen[content.digest()]
+            raise LogError(f"{log.path}: holds the same as {before}; give each log once")
+        seen[content.digest()] = log.path
+
+
+def text_of(source: bytes) -> str:
+    """The text of a configuration's file, whatever ends its lines."""
+    return source.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def about(source: bytes, names: Sequence[str]) -> dict[str, Any]:
+    """What a result was made of: program, logs, and the text of the configuration."""
+    return {
+        "version": version("ballscrew-observer"),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "logs": list(names),
+        "config_sha256": hashlib.sha256(source).hexdigest(),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class FittedLogs:
+    """What a calibration found: the content of `calibration.json`, and the text of `config.toml`."""
+
+    document: dict[str, Any]
+    text: str
+
+    def write(self, folder: Path) -> None:
+        """Write both into a folder."""
+        (folder / "config.toml").write_text(self.text, encoding="utf-8")
+        write_json(folder / "calibration.json", self.document)
+
+
+def fitted(
+    config: Installation, source: bytes, logs: Sequence[Log], progress: Callable[[str], None]
+) -> FittedLogs:
+    """Fit the free parameters and the process noise. Raises `ConfigError` or `LogError`."""
+    from observer.discovery.result import calibration_result
+    from observer.fit.calibrate import calibrate as fit
+    from observer.fit.process_noise import fit_noise
+
+    runs = runs_of(logs, config)
+    found = fit(config, runs.frames, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+    progress("process noise by maximum likelihood")
+    noise = fit_noise(found.config, runs.frames)
+    result = calibration_result(found, noise) | {"doubts": runs.odd}
+    result = about(source, [log.path.name for log in logs]) | result
+    return FittedLogs(result, write_back(text_of(source), found.values | found.left | noise))

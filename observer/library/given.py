@@ -1,0 +1,86 @@
+"""Logs as a user of the library has them: files, tables of pandas, columns, results of a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from observer.align.aligner import refuse_empty
+from observer.errors import LogError
+from observer.files.logs import TIME, Log, log_of
+from observer.files.logs import read_log as read_file
+from observer.installation import Installation
+from observer.library.packages import in_words
+from observer.library.signals import SignalTable
+
+GivenLog = str | Path | Log | SignalTable | Mapping[str, Any] | Any
+"""A log's path, a `Log`, the result of a simulation, columns by name, or a `pandas.DataFrame`."""
+
+
+@in_words
+def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged: bool = False) -> Log:
+    """Read a log, with all of its channels.
+
+    `accept_truncated` drops a last row that was cut off, `accept_damaged` the rows of a recording that do not
+    have the checksum they were recorded with. Raises `LogError` with one sentence that names the file, the
+    row or column, and the remedy.
+    """
+    return read_file(path, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
+
+
+def channels_of(path: Path, config: Installation, **accept: bool) -> Log:
+    """A log of channels, each input of which has a value somewhere."""
+    log = read_file(path, config.channels, rows_apart_s=config.log.rows_apart_s, **accept)
+    refuse_empty(log, config, sensors=True)
+    return log
+
+
+def recorded(path: Path, config: Installation, **accept: bool) -> Log:
+    """A log of channels, or a recording of a CAN bus."""
+    from observer.record.recent import is_can_recording, read_can_log
+
+    if is_can_recording(path):
+        return read_can_log(path, config)
+    return channels_of(path, config, **accept)
+
+
+def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
+    """Return what was given as a log of a configuration's channels. Raises `LogError`."""
+    if isinstance(given, str | Path):
+        return recorded(Path(given), config)
+    log = _in_memory(given, name).with_channels(config.channels)
+    refuse_empty(log, config, sensors=True)
+    return log
+
+
+def as_whole_log(given: GivenLog, name: str = "log") -> Log:
+    """Return what was given as a log with all of its channels. Raises `LogError`."""
+    return read_file(given) if isinstance(given, str | Path) else _in_memory(given, name)
+
+
+def as_several(given: GivenLog | Sequence[GivenLog], config: Installation) -> list[Log]:
+    """Return one or more logs, each once. Raises `LogError`."""
+    several = given if isinstance(given, list | tuple) else [given]
+    if not several:
+        raise LogError("no log was given; give one or more")
+    return [as_log(one, config, f"log {i}") for i, one in enumerate(several, 1)]
+
+
+def _in_memory(given: Any, name: str) -> Log:
+    if isinstance(given, Log):
+        return given
+    if isinstance(given, SignalTable):
+        return log_of({signal: given[signal] for signal in (TIME, *given.signals)}, name)
+    if isinstance(given, Mapping):
+        return log_of(given, name)
+    columns = getattr(given, "columns", None)
+    if columns is None or not hasattr(given, "__getitem__"):
+        raise LogError(
+            f"{name}: a {type(given).__name__} is no log; give a path, a Log, a DataFrame or a dict of its "
+            "columns"
+        )
+    table = {str(column): given[column] for column in columns}
+    if TIME not in table and getattr(given.index, "name", None) == TIME:
+        table[TIME] = given.index
+    return log_of(table, name)

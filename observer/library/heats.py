@@ -1,0 +1,90 @@
+"""The heats over a whole log at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from observer.align.aligner import doubts, frames_of_log
+from observer.config import Output
+from observer.errors import LogError, UserError
+from observer.estimate.pipeline import MachineModel
+from observer.estimate.replay import heat_columns, history_summary, inputs_of, nut_paths, speeds
+from observer.files.folders import results_in, write_json
+from observer.files.logs import Log
+from observer.files.writer import MemoryTable
+from observer.frames import Inputs
+from observer.history.history import HeatHistory, MethodOptions
+from observer.history.identify import heat_history
+from observer.history.tolerances import changes_within
+from observer.installation import Installation
+from observer.library.packages import in_words
+from observer.library.signals import SignalTable
+from observer.report.panels import Panel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentifiedHeats(SignalTable):
+    """The heats over a log, each from all of its measurements: `heat_<source>_W` and `heat_<source>_sigma_W`.
+
+    `summary` is what `observer identify` writes as `summary.json`.
+    """
+
+    summary: Mapping[str, Any]
+    _config: Installation
+    _history: HeatHistory
+    _blocks: Sequence[Inputs]
+
+    def _draw(self, figure: Figure) -> list[Panel]:
+        from observer.report.pictures import draw_heat_history
+
+        by = f"by {self.summary['method']}"
+        return draw_heat_history(figure, self._config, self._history, self._blocks, self._title, by)
+
+    @in_words
+    def write(self, folder: str | Path, format: str = "csv", *, picture: bool = True) -> None:
+        """Write `heat.csv` (or `.parquet` by `format`), `summary.json` and `heat.png` into a folder.
+
+        Raises `UserError` where that cannot be.
+        """
+        with results_in(Path(folder)) as part:
+            self._write_table(part / f"heat.{format}")
+            write_json(part / "summary.json", self.summary)
+            if picture:
+                self._write_picture(part / "heat.png")
+
+
+def identified_heats(
+    log: Log, config: Installation, options: MethodOptions, progress: Callable[[str], None]
+) -> IdentifiedHeats:
+    """Estimate the heats over a whole log at once. Raises `LogError`, `ConfigError` or `UserError`."""
+    # no field is reported, so the inputs of a long log need not carry its rows
+    ends_only = Output(positions_m=(0.0, config.screw.length_m))
+    machine = MachineModel.of(config.model_copy(update={"output": ends_only}))
+    frames = list(frames_of_log(log, machine.plan))
+    blocks = inputs_of(frames, machine.drive)
+    odd = doubts(log, [block.path for block in frames], config)
+    progress(f"heats by {options.method}, and their σ")
+    try:
+        history = heat_history(
+            machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, blocks)
+        )
+    except UserError as error:
+        raise LogError(f"{log.path}: {error}") from None
+    layout = machine.plant.layout
+    more: dict[str, Any] = {
+        "config": config.digest,
+        "method": options.method,
+        "nut_path": nut_paths(config, log),
+        "speed_mean_rpm": speeds(config, log),
+        "doubts": odd,
+    }
+    summary, table = history_summary(layout, history, log, more), MemoryTable()
+    table.write(heat_columns(layout, history))
+    return IdentifiedHeats(table.table, f"heats in {log.path.name}", summary, config, history, tuple(blocks))

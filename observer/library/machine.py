@@ -1,0 +1,283 @@
+"""A machine by its configuration, and all that can be asked of it."""
+
+from __future__ import annotations
+
+import html
+import shlex
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from observer.estimate.pipeline import MachineModel
+from observer.files.folders import results_in
+from observer.history.history import Method, MethodOptions
+from observer.installation import Installation, parse
+from observer.installation import load as load_file
+from observer.library.findings import (
+    CheckFindings,
+    FoundEffect,
+    FoundValue,
+    SensorPlaces,
+    effects_in,
+    values_in,
+)
+from observer.library.fitting import FittedLogs, fitted, runs_of
+from observer.library.given import GivenLog, as_log, as_several, as_whole_log
+from observer.library.heats import IdentifiedHeats, identified_heats
+from observer.library.packages import in_words
+from observer.library.predicting import ForecastRun, SimulatedRun, forecast_run, simulated_run
+from observer.library.replaying import Estimates, estimates_of_log, quietly
+
+if TYPE_CHECKING:
+    import control
+
+    from observer.library.searching import SearchedLogs
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Machine:
+    """A machine and its sensors as a configuration describes them; `observer.load` reads one.
+
+    Wherever a log is asked for, give a path, an `observer.Log`, a `pandas.DataFrame` with `time_s` as a
+    column or as its index, a dict of columns, or the result of `simulate`. What cannot be used raises
+    `observer.UserError` with one sentence that names the place and the remedy.
+    """
+
+    config: Installation
+    """The configuration, checked; its fields are those of the file."""
+    source: bytes
+    """The text of the configuration's file."""
+    file: str = "configuration"
+    """What errors call it."""
+
+    def __repr__(self) -> str:
+        machine = self.config.machine
+        sensors = ", ".join(sensor.name for sensor in self.config.sensor)
+        return f"<Machine {machine.name}, axis {machine.axis}: sensors {sensors}>"
+
+    @classmethod
+    def of_text(cls, text: str, file: str = "configuration") -> Machine:
+        """Return the machine of a configuration's text (TOML). Raises `ConfigError`."""
+        return cls(parse(tomllib.loads(text), file), text.encode(), file)
+
+    @cached_property
+    def _model(self) -> MachineModel:
+        return MachineModel.of(self.config, learns=True)
+
+    @in_words
+    def replay(self, log: GivenLog) -> Estimates:
+        """Run a log through the path that live readings take, and return the estimates.
+
+        Raises `LogError` or `ConfigError`.
+        """
+        return estimates_of_log(as_log(log, self.config), self.config, self._model)
+
+    @in_words
+    def simulate(self, program: GivenLog, *, start_degC: float | None = None) -> SimulatedRun:
+        """Predict a run from the heat laws alone.
+
+        The program is a log of the input channels; where it also holds the sensors' channels, their first
+        values give the initial field, else `start_degC`, else the ambient. Raises `LogError`.
+        """
+        return simulated_run(as_whole_log(program, "program"), self.config, start_degC, quietly)
+
+    @in_words
+    def forecast(
+        self, log: GivenLog, *, program: GivenLog | None = None, hours: float | None = None
+    ) -> ForecastRun:
+        """Say what comes after a log: temperatures and thermal error, and when they have settled.
+
+        What runs next is learnt from the log's end, or is the `program`, a log of the input channels that is
+        repeated. Raises `LogError`.
+        """
+        follows = None if program is None else as_whole_log(program, "program")
+        return forecast_run(as_log(log, self.config), self.config, follows, hours, quietly)
+
+    @in_words
+    def identify(self, log: GivenLog, method: Method = "smoother", **options: Any) -> IdentifiedHeats:
+        """Estimate the heats over a whole log at once, each from all measurements before and after it.
+
+        `options` are `regularisation`, `parameter_choice`, `order`, `gradient` and `seed`, as of `observer
+        identify`. Raises `LogError` or `UserError`.
+        """
+        asked = MethodOptions(method, **options)
+        asked.check()
+        return identified_heats(as_log(log, self.config), self.config, asked, lambda _text: None)
+
+    @in_words
+    def calibrate(
+        self, logs: GivenLog | Sequence[GivenLog], *, progress: Callable[[str], None] = lambda _text: None
+    ) -> CalibrationResult:
+        """Fit what the configuration declares free to a log, or to a list of them. Raises `UserError`."""
+        found = fitted(self.config, self.source, as_several(logs, self.config), progress)
+        return CalibrationResult(self.of_text(found.text, self.file), found)
+
+    @in_words
+    def discover(
+        self,
+        logs: GivenLog | Sequence[GivenLog],
+        *,
+        progress: Callable[[str, float], None] = lambda _text, _done: None,
+        alone: bool = False,
+    ) -> DiscoveryResult:
+        """Find the physical effect that the model lacks, and prove that the gap shrinks; some minutes.
+
+        The last of several logs, or the end of a single one, is kept as proof. `progress(what, part done)`
+        follows the work, half of which is done by a process beside this one unless `alone`. Raises
+        `ConfigError` or `LogError`.
+        """
+        from observer.library.searching import searched
+
+        several = as_several(logs, self.config)
+        runs, names = runs_of(several, self.config, rightly=True), [log.path.name for log in several]
+        found = searched(self.config, self.source, runs, names, progress, alone=alone)
+        machines = {name: self.of_text(text, self.file) for name, text in found.texts.items()}
+        words = shlex.join(str(log.path) for log in several)
+        return DiscoveryResult(machines, self.file, words, found)
+
+    @in_words
+    def place(self, count: int, *, spacing_m: float | None = None) -> tuple[SensorPlaces, ...]:
+        """Rank positions for 1 to `count` sensors by how well they determine field and heats.
+
+        Candidates are `spacing_m` apart, 41 of them without it. Raises `UserError`.
+        """
+        from observer.estimators.design.observability import best_places
+
+        found = best_places(self.config, count, spacing_m)
+        return tuple(SensorPlaces(tuple(at), one.score_K, one.condition) for at, one in found)
+
+    @in_words
+    def check(self) -> CheckFindings:
+        """Say what the configuration means: modes, observability, poles, noise gain, warnings.
+
+        Raises `UserError` where no estimator can be designed.
+        """
+        from observer.report.check import findings
+
+        return CheckFindings(findings(self.config))
+
+    @in_words
+    def state_space(self) -> control.StateSpace:
+        """Return the plant as a continuous-time `control.StateSpace` with named inputs, outputs and states.
+
+        Inputs are `heat_<source>_W` and the known temperatures in °C, outputs `sensor_<name>_degC` and, as in
+        `estimates.csv`, `field_<mm>_degC` and `error_<mm>_um` (a `.` in a name is `_`). A nut that moves is
+        spread over its stroke; losses that change with speed or temperature are left out. Raises
+        `ConfigError` for supports with play, of which the error is no linear output.
+        """
+        from observer.model.build import build_plant
+        from observer.model.generator import state_space
+
+        return state_space(build_plant(self.config))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationResult:
+    """What a calibration found: `machine` is the one with the fitted values."""
+
+    machine: Machine
+    _found: FittedLogs
+
+    @property
+    def values(self) -> dict[str, FoundValue]:
+        """The fitted parameters by their keys, with unit and 95 % interval."""
+        return values_in(self.document["calibrated"])
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """The content of `calibration.json`."""
+        return self._found.document
+
+    @in_words
+    def write(self, folder: str | Path) -> None:
+        """Write `config.toml` and `calibration.json` into a folder. Raises `UserError`."""
+        with results_in(Path(folder)) as part:
+            self._found.write(part)
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{key} = {value}" for key, value in self.values.items())
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(repr(self))}</pre>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiscoveryResult:
+    """What a search found; printed, it says so in sentences."""
+
+    _machines: Mapping[str, Machine]
+    _file: str
+    _logs: str
+    _found: SearchedLogs
+
+    @property
+    def verdict(self) -> str:
+        """The verdict: `named`, `none`, `unknown`, `ambiguous` or `not_identifiable`."""
+        return str(self.document["verdict"])
+
+    @property
+    def machine(self) -> Machine | None:
+        """The machine with the effects that were named, None where none was."""
+        return self._machines.get("config.toml")
+
+    @property
+    def candidate(self) -> Machine | None:
+        """Of an unknown, the machine with the effect that explains most of it, None where none does."""
+        return self._machines.get("candidate.toml")
+
+    @property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """The effects that were named, each with its parameters."""
+        return effects_in(self.document["effects"])
+
+    @property
+    def values(self) -> dict[str, FoundValue]:
+        """The parameters calibrated beside the effects, by their keys."""
+        return values_in(self.document["calibrated"])
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """The content of `result.json`, but for the next command."""
+        return self._found.document
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, in words."""
+        from observer.report.wording import as_sentences
+
+        return tuple(as_sentences(self._found.found, self._found.document))
+
+    @in_words
+    def write(self, folder: str | Path) -> None:
+        """Write `result.json`, `report.html` and what there is of `config.toml` or `candidate.toml` into a
+        folder. Raises `UserError`.
+        """
+        with results_in(Path(folder)) as part:
+            self._found.write(part, self._logs, self._file, str(folder), report=True)
+
+    def __repr__(self) -> str:
+        return "\n".join(self.sentences)
+
+    def _repr_html_(self) -> str:
+        return "".join(f"<p>{html.escape(sentence)}</p>" for sentence in self.sentences)
+
+
+def load(path: str | Path) -> Machine:
+    """Read a configuration file (TOML) and return its machine.
+
+    Raises `ConfigError`, a sentence for each problem that names the file, the key and the remedy.
+    """
+    return Machine(load_file(Path(path)), Path(path).read_bytes(), str(path))
+
+
+def discover(
+    machine: Machine | str | Path, logs: GivenLog | Sequence[GivenLog], **options: Any
+) -> DiscoveryResult:
+    """Find the physical effect that a machine's model lacks; the same as `load(machine).discover(logs)`.
+
+    Raises `ConfigError` or `LogError`.
+    """
+    return (machine if isinstance(machine, Machine) else load(machine)).discover(logs, **options)

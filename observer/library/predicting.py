@@ -1,0 +1,156 @@
+"""What comes: a run by the heat laws alone, and what follows the end of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from observer.align.aligner import frames_of_log, refuse_empty
+from observer.errors import LogError
+from observer.estimate.checkpoint import CheckpointFit
+from observer.estimate.pipeline import MachineModel
+from observer.estimate.replay import OpenLoop, estimates_of, program_of, simulated_columns, start_of
+from observer.files.folders import results_in, write_json
+from observer.files.logs import TIME, Log
+from observer.files.writer import MemoryTable
+from observer.forecast.document import Forecast, document, sentences
+from observer.forecast.document import forecast as look_ahead
+from observer.forecast.program import given, learnt
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray
+from observer.installation import Installation
+from observer.library.packages import in_words
+from observer.library.replaying import Progress
+from observer.library.signals import SignalTable
+from observer.live.forecasting import Learner, forecast_columns, program_bins
+from observer.report.collect import Decimator, simulated
+from observer.report.panels import Panel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedRun(SignalTable):
+    """A run predicted by the heat laws alone; it can be given wherever a log is asked for.
+
+    Its signals are the channels, `heat_<source>_W`, `field_<mm>_degC` and `error_<mm>_um`. `doubts` are
+    sentences about the program.
+    """
+
+    doubts: tuple[str, ...]
+    _config: Installation
+    _samples: Decimator
+
+    def _draw(self, figure: Figure) -> list[Panel]:
+        from observer.report.pictures import draw_simulation
+
+        return draw_simulation(figure, self._config, self._samples, self._title)
+
+    @property
+    def last_degC(self) -> FloatArray:
+        """What each sensor (s,) reads at the end."""
+        return np.array([self[sensor.channel][-1] for sensor in self._config.sensor])
+
+    @in_words
+    def write(self, folder: str | Path, name: str = "simulated.csv") -> None:
+        """Write the log, by its `name` as CSV or Parquet, and `overview.png` into a folder.
+
+        Raises `UserError` where that cannot be.
+        """
+        with results_in(Path(folder)) as part:
+            self._write_table(part / name)
+            self._write_picture(part / "overview.png")
+
+
+def simulated_run(
+    program: Log, config: Installation, start_degC: float | None, progress: Progress
+) -> SimulatedRun:
+    """Predict a run from the heat laws alone. Raises `LogError`."""
+    machine, log = MachineModel.of(config), program_of(program, config)
+    refuse_empty(log, config, sensors=False)
+    samples = Decimator()
+    parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    done = 0
+    loop = OpenLoop(machine.plant, machine.drive, start_degC)
+    for frames in frames_of_log(log, machine.plan):
+        if (found := loop.run(frames)) is None:
+            continue
+        inputs, rows = found
+        samples.add(simulated(inputs, rows, machine.plant.rows))
+        parts.append((inputs.time_s, inputs.law_W, rows))
+        done += len(inputs)
+        progress(done, len(log))
+    if not parts:
+        raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
+    time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
+    table = MemoryTable()
+    table.write({TIME: time_s, **simulated_columns(config, machine.plant, log, time_s, law_W, rows)})
+    words = tuple(words.text for words in log.words)
+    return SimulatedRun(table.table, f"open-loop prediction of {log.path.name}", words, config, samples)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForecastRun(SignalTable):
+    """What comes after a log: temperatures and thermal error with their sigma, and when they have settled.
+
+    `sentences` say it in words, `document` is the content of `forecast.json`.
+    """
+
+    sentences: tuple[str, ...]
+    document: Mapping[str, Any]
+    _found: Forecast
+    _position_m: FloatArray
+    _within_um: float
+
+    def _draw(self, figure: Figure) -> list[Panel]:
+        from observer.report.pictures import draw_forecast
+
+        return draw_forecast(figure, self._title, self._position_m, self._found, self._within_um)
+
+    @in_words
+    def write(self, folder: str | Path) -> None:
+        """Write `forecast.csv`, `forecast.json` and `forecast.png` into a folder. Raises `UserError`."""
+        with results_in(Path(folder)) as part:
+            self._write_table(part / "forecast.csv")
+            write_json(part / "forecast.json", self.document)
+            self._write_picture(part / "forecast.png")
+
+
+def forecast_run(
+    log: Log, config: Installation, program: Log | None, hours: float | None, progress: Progress
+) -> ForecastRun:
+    """Replay a log and forecast from its end.
+
+    The program is learnt from the log's end, or given as a log of the input channels. Raises `LogError`.
+    """
+    settings, machine = config.forecast, MachineModel.of(config, learns=True)
+    pipeline, learner, layout = machine.pipeline(), Learner(machine), machine.plant.layout
+    start, _ = start_of(log, CheckpointFit.of(machine))
+    last: EstimateBlock | None = None
+    for _, block in estimates_of(log, machine.plan, pipeline, progress, start):
+        learner.take(pipeline.inputs, block)
+        last = block
+    if last is None:
+        raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
+    try:
+        ran = learner.bins
+        if program is None:
+            does = learnt(ran)
+        else:
+            does = given(program_bins(program_of(program, config), machine), ran)
+        state = pipeline.snapshot()[1]
+        found = look_ahead(config, machine.plant, state, does, hours or settings.hours, settings.within_um)
+    except ValueError as error:
+        raise LogError(f"{log.path}: no forecast from its end: {error}") from None
+    told = document(found, machine.plant, EstimateQuality(int(last.quality[-1])), "", settings.within_um)
+    lines = sentences(found, machine.plant, settings.within_um)
+    if told["reason"] is not None:
+        lines.append(f"Doubtful: {told['reason']}.")
+    table = MemoryTable()
+    table.write({TIME: found.now_s + found.ahead.time_s, **forecast_columns(layout, found)})
+    title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log.path.name}"
+    return ForecastRun(table.table, title, tuple(lines), told, found, layout.position_m, settings.within_um)

@@ -1,0 +1,103 @@
+"""A log through the live path, into memory or into files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from observer.align.aligner import doubts
+from observer.estimate.checkpoint import CheckpointFit
+from observer.estimate.pipeline import MachineModel
+from observer.estimate.replay import OpenLoopGap, nut_paths, speeds, start_of, write_estimates
+from observer.files.folders import results_in, write_json
+from observer.files.logs import Log
+from observer.files.writer import MemoryTable, TableSink
+from observer.frames import EstimateBlock, FrameBlock, NutPath
+from observer.installation import Installation
+from observer.library.packages import in_words
+from observer.library.signals import SignalTable
+from observer.report.collect import ReplaySamples
+from observer.report.panels import Panel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Progress = Callable[[int, int], None]
+
+
+def quietly(_done: int, _total: int) -> None:
+    """Show no progress."""
+
+
+def replayed(
+    log: Log, config: Installation, sink: TableSink, progress: Progress, machine: MachineModel, samples: bool
+) -> tuple[dict[str, Any], ReplaySamples | None]:
+    """Write the estimates of a log into a table; return the summary and, if asked for, what a picture shows.
+
+    Raises `LogError`.
+    """
+    pipeline = machine.pipeline()
+    start, kind_of_start = start_of(log, CheckpointFit.of(machine))
+    kept = ReplaySamples(config, pipeline.layout) if samples else None
+    open_loop, paths = OpenLoopGap(machine.plant, machine.drive), list[Mapping[str, NutPath]]()
+
+    def follow(frames: FrameBlock, block: EstimateBlock) -> None:
+        open_loop.take(frames)
+        paths.append(frames.path)
+        if kept is not None:
+            kept.take(pipeline.inputs, block)
+
+    numbers = write_estimates(sink, log, machine.plan, pipeline, progress, start, follow)
+    return {
+        "log": log.path.name,
+        "config": config.digest,
+        **numbers,
+        "nut_path": nut_paths(config, log),
+        "speed_mean_rpm": speeds(config, log),
+        "open_loop_rms_K": open_loop.rms_K,
+        "doubts": doubts(log, paths, config),
+        "start": kind_of_start,
+    }, kept
+
+
+def title_of_replay(log: Log) -> str:
+    """What the picture of a replay is called."""
+    return f"replay of {log.path.name}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimates(SignalTable):
+    """The estimates of a whole log; signals are the columns of `estimates.csv`.
+
+    `summary` is the content of `summary.json`: rows, qualities, mean heats, reasons, doubts.
+    """
+
+    summary: Mapping[str, Any]
+    _config: Installation
+    _samples: ReplaySamples
+
+    def _draw(self, figure: Figure) -> list[Panel]:
+        from observer.report.pictures import draw_overview
+
+        return draw_overview(figure, self._config, self._samples, self._title)
+
+    @in_words
+    def write(self, folder: str | Path, format: str = "csv") -> None:
+        """Write `estimates.csv` (or `.parquet` by `format`), `summary.json` and `overview.png` into a folder.
+
+        Raises `UserError` where that cannot be.
+        """
+        with results_in(Path(folder)) as part:
+            self._write_table(part / f"estimates.{format}")
+            write_json(part / "summary.json", self.summary)
+            self._write_picture(part / "overview.png")
+
+
+def estimates_of_log(log: Log, config: Installation, machine: MachineModel) -> Estimates:
+    """Return the estimates of a log. Raises `LogError`."""
+    sink = MemoryTable()
+    summary, samples = replayed(log, config, sink, quietly, machine, samples=True)
+    assert samples is not None
+    return Estimates(sink.table, title_of_replay(log), summary, config, samples)

@@ -1,0 +1,79 @@
+"""The search for what a model lacks: its result, and the configurations and the report that follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from observer.discovery.discover import Discovery
+from observer.discovery.discover import discover as find
+from observer.discovery.result import CANDIDATE, calibrated_of, discovery_result
+from observer.discovery.suspects import Suspect
+from observer.discovery.workers import WorkerPool
+from observer.files.folders import write_json
+from observer.installation import Installation, with_effects, write_back
+from observer.library.fitting import RunsOfLogs, about, text_of
+from observer.report.advice import candidate_comment, next_step
+
+
+@dataclass(frozen=True, slots=True)
+class SearchedLogs:
+    """What a search found, the content of `result.json` but for the next step, and the configurations by the
+    names of their files.
+    """
+
+    found: Discovery
+    document: dict[str, Any]
+    texts: dict[str, str]
+
+    def write(self, folder: Path, logs: str, config: str, output: str, *, report: bool) -> dict[str, Any]:
+        """Write what there is into a folder; return the content of `result.json`.
+
+        `logs`, `config` and `output` are how a shell would name them, for the next command.
+        """
+        from observer.report.discovery import write_discovery_report
+
+        result = self.document | {"next": next_step(self.document, logs, config, output)}
+        for name, text in self.texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        write_json(folder / "result.json", result)
+        if report:
+            write_discovery_report(folder / "report.html", self.found, result, result["logs"])
+        return result
+
+
+def searched(
+    config: Installation,
+    source: bytes,
+    runs: RunsOfLogs,
+    names: Sequence[str],
+    progress: Callable[[str, float], None],
+    *,
+    alone: bool,
+) -> SearchedLogs:
+    """Find the effect that a model lacks, in runs of which the logs are called `names`.
+
+    `alone`, in this process only. Raises `ConfigError` or `LogError`.
+    """
+    corrected = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
+    with WorkerPool(alone=alone) as pool:
+        found = find(config, runs.frames, progress, pool, corrected)
+    document = about(source, names) | discovery_result(found) | {"doubts": runs.odd}
+    return SearchedLogs(found, document, configurations(text_of(source), found, document))
+
+
+def configurations(given: str, found: Discovery, result: dict[str, Any]) -> dict[str, str]:
+    """What was named as `config.toml`, or what explains most of an unknown as `candidate.toml`, if any."""
+    partial = result["partial"]
+    if found.verdict.kind == "named":
+        name, fit, comment = "config.toml", found.verdict.fit, ""
+    elif found.partial is not None and partial is not None and partial["candidate"] is not None:
+        name, fit = CANDIDATE, found.partial.trial.fit
+        comment = candidate_comment(partial)
+    else:
+        return {}
+    values = {key: entry["value"] for key, entry in calibrated_of(fit).items()}
+    text = with_effects(write_back(given, values), fit.config.effect[len(found.problem.config.effect) :])
+    return {name: comment + text}

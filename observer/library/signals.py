@@ -1,0 +1,143 @@
+"""What a result over time is: named signals, Arrow underneath."""
+
+from __future__ import annotations
+
+import html
+import re
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from observer.files.logs import TIME
+from observer.files.writer import TableWriter
+from observer.frames import FloatArray
+from observer.library.packages import in_words
+from observer.report.panels import Panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ALONG = re.compile(r"(field|error)_([\d.]+)_(.+)")
+_UNITS = {"degC", "K", "W", "um", "m", "rpm", "s", "Nm"}
+_SHOWN = 12
+
+
+def unit_of(name: str) -> str:
+    """The unit that ends a signal's name, empty where none does."""
+    last = name.rpartition("_")[2]
+    return last if last in _UNITS else ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SignalTable(ABC):
+    """SignalTable over one time, by the names of the columns in the files that commands write.
+
+    `result["heat_nut_W"]` is a column (n,), `result.signals` their names, `result.time_s` their time.
+    """
+
+    _table: Any
+    _title: str
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The names of the signals."""
+        return tuple(name for name in self._table.column_names if name != TIME)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """The time (n,) of each row, in seconds."""
+        return np.asarray(self[TIME])
+
+    def __getitem__(self, name: str) -> Any:
+        """A signal (n,): numbers, NaN where nothing is known, or words. Raises `KeyError`."""
+        if name not in self._table.column_names:
+            raise KeyError(f"{name!r} is no signal of this result; .signals has their names")
+        return self._table.column(name).to_numpy()
+
+    def __len__(self) -> int:
+        return int(self._table.num_rows)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._title}; {len(self)} rows, {len(self.signals)} signals>"
+
+    def to_arrow(self) -> Any:
+        """Return a `pyarrow.Table` with `time_s` and a column for each signal."""
+        return self._table
+
+    @in_words
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` with `time_s` as its index. Raises `UserError` without pandas."""
+        return self._table.to_pandas().set_index(TIME)
+
+    @in_words
+    def to_xarray(self) -> Any:
+        """Return an `xarray.Dataset` over `time_s` and, for field and thermal error, `position_m`.
+
+        Units are attributes. Raises `UserError` without xarray.
+        """
+        import xarray
+
+        variables: dict[str, Any] = {}
+        along: dict[str, dict[float, Any]] = {}
+        for name in self.signals:
+            if (found := _ALONG.fullmatch(name)) is None:
+                variables[name] = (TIME, self[name], {"units": unit_of(name)})
+            else:
+                kind, millimetres, rest = found.groups()
+                along.setdefault(f"{kind}_{rest}", {})[float(millimetres) / 1000.0] = self[name]
+        for name, columns in along.items():
+            values = np.column_stack(list(columns.values()))
+            variables[name] = ((TIME, "position_m"), values, {"units": unit_of(name)})
+        coordinates: dict[str, Any] = {TIME: (TIME, self.time_s, {"units": "s"})}
+        if along:
+            places = next(iter(along.values()))
+            coordinates["position_m"] = ("position_m", list(places), {"units": "m"})
+        return xarray.Dataset(variables, coordinates, {"title": self._title})
+
+    @in_words
+    def plot(self) -> list[Axes]:
+        """Draw the picture that the command writes, as a figure of pyplot, and return its axes from the top.
+
+        Raises `UserError` without matplotlib.
+        """
+        from observer.report.pictures import shown
+
+        with shown() as figure:
+            return [panel.axes for panel in self._draw(figure)]
+
+    @abstractmethod
+    def _draw(self, figure: Figure) -> list[Panel]:
+        """Draw it on an empty figure."""
+
+    def _write_picture(self, path: Path) -> None:
+        from observer.report.pictures import written
+
+        with written(path) as figure:
+            self._draw(figure)
+
+    def _write_table(self, path: Path) -> None:
+        with TableWriter(path) as writer:
+            for batch in self._table.to_batches():
+                writer.write_arrow(self._table.from_batches([batch]))
+
+    def _repr_html_(self) -> str:
+        """A table of the signals with their means, for notebooks."""
+        first = [(html.escape(name), _mean(self[name])) for name in self.signals[:_SHOWN]]
+        rows = "".join(f"<tr><td>{name}</td><td>{mean}</td></tr>" for name, mean in first)
+        more = len(self.signals) - _SHOWN
+        note = f"<p>and {more} more signals</p>" if more > 0 else ""
+        head = f"<p><b>{html.escape(self._title)}</b>, {len(self)} rows</p>"
+        return f"{head}<table><tr><th>signal</th><th>mean</th></tr>{rows}</table>{note}"
+
+
+def _mean(values: Any) -> str:
+    """The mean of a signal in words; of words, the one that is there most often."""
+    if values.dtype.kind not in "fiu":
+        words, counts = np.unique(values.astype(str), return_counts=True)
+        return html.escape(str(words[np.argmax(counts)]))
+    known = np.isfinite(values)
+    return f"{values[known].mean():.4g}" if known.any() else "unknown"
