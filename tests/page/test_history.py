@@ -57,6 +57,8 @@ def test_each_part_has_the_least_and_the_most_of_its_readings(folder, monkeypatc
         position = np.sin(time_s[part == k])
         assert told["channels"]["nut_position_m"]["least"][k] == pytest.approx(position.min(), abs=1e-6)
         assert told["channels"]["nut_position_m"]["most"][k] == pytest.approx(position.max(), abs=1e-6)
+        assert told["channels"]["nut_position_m"]["mean"][k] == pytest.approx(position.mean(), abs=1e-6)
+        assert told["channels"]["t1_degC"]["mean"][k] == 220.5 + 2 * k
         assert told["channels"]["t1_degC"]["least"][k] == 220.0 + 2 * k
         assert told["channels"]["t1_degC"]["most"][k] == 221.0 + 2 * k
     assert told["time_s"][0] == START_S + 1.0
@@ -109,7 +111,7 @@ def test_days_are_told_from_bins_as_from_the_file(day, points):
     told = _whole(files, from_s, to_s, points, Digests())
     exact = history(files, from_s, to_s, points)
     bin_s = COARSE_S if points == 60 else FINE_S
-    for end in ("least", "most"):
+    for end in ("least", "mean", "most"):
         ours, theirs = (np.array(t["channels"]["t1_degC"][end]) for t in (told, exact))
         # a bin belongs to the part in which its middle is
         assert np.abs(ours - theirs).max() <= (bin_s / 2 + 2) / 1000
