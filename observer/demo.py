@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import select
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -22,6 +23,7 @@ from observer.tables.gateway import Page, host_and_port
 START_S = 20.0
 VIEW_END_S = 0.5
 PORTS = 100
+TERMINATED = 128 + signal.SIGTERM
 SYNC_S = 1.0
 """What is recorded is soon to be seen on the page."""
 SHOW_CURSOR = "\x1b[?25h"
@@ -80,8 +82,13 @@ def run_demo(
 def recordings(record: Path | None) -> Iterator[Path]:
     """Give the folder to record into, `record` or one that is removed. Raises `UserError`."""
     if record is None:
-        with tempfile.TemporaryDirectory(prefix="observer-demo-") as folder:
-            yield Path(folder)
+        # until the service hears signals itself; without this the folder would stay
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
+        try:
+            with tempfile.TemporaryDirectory(prefix="observer-demo-") as folder:
+                yield Path(folder)
+        finally:
+            signal.signal(signal.SIGTERM, before)
         return
     try:
         record.mkdir(parents=True, exist_ok=True)
