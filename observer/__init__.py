@@ -19,10 +19,20 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if TYPE_CHECKING:  # `import observer` alone loads nothing, for the service starts by it too
     from observer.errors import ConfigError, LogError, UserError
     from observer.files.logs import Log
+    from observer.library.client import ServiceClient, ServiceStream, connect
     from observer.library.findings import CheckFindings, FoundEffect, FoundValue, SensorPlaces
     from observer.library.given import read_log
     from observer.library.heats import IdentifiedHeats
     from observer.library.machine import CalibrationResult, DiscoveryResult, Machine, discover, load
+    from observer.library.messages import (
+        ServiceAlarm,
+        ServiceAlarms,
+        ServiceField,
+        ServiceHealth,
+        ServiceHeat,
+        ServiceThermalError,
+        SourceHeat,
+    )
     from observer.library.predicting import ForecastRun, SimulatedRun
     from observer.library.replaying import Estimates
     from observer.library.signals import SignalTable
@@ -43,10 +53,20 @@ __all__ = [
     "LogError",
     "Machine",
     "SensorPlaces",
+    "ServiceAlarm",
+    "ServiceAlarms",
+    "ServiceClient",
+    "ServiceField",
+    "ServiceHealth",
+    "ServiceHeat",
+    "ServiceStream",
+    "ServiceThermalError",
     "SignalTable",
     "SimulatedRun",
+    "SourceHeat",
     "UserError",
     "__version__",
+    "connect",
     "discover",
     "load",
     "read_log",
@@ -55,10 +75,20 @@ __all__ = [
 _MODULES = {
     "errors": ("ConfigError", "LogError", "UserError"),
     "files.logs": ("Log",),
+    "library.client": ("ServiceClient", "ServiceStream", "connect"),
     "library.findings": ("CheckFindings", "FoundEffect", "FoundValue", "SensorPlaces"),
     "library.given": ("read_log",),
     "library.heats": ("IdentifiedHeats",),
     "library.machine": ("CalibrationResult", "DiscoveryResult", "Machine", "discover", "load"),
+    "library.messages": (
+        "ServiceAlarm",
+        "ServiceAlarms",
+        "ServiceField",
+        "ServiceHealth",
+        "ServiceHeat",
+        "ServiceThermalError",
+        "SourceHeat",
+    ),
     "library.predicting": ("ForecastRun", "SimulatedRun"),
     "library.replaying": ("Estimates",),
     "library.signals": ("SignalTable",),

@@ -15,7 +15,7 @@ import pytest
 import observer
 
 ROOT = Path(__file__).parents[2]
-PROMISED = {"load", "read_log", "discover", "__version__"}
+PROMISED = {"load", "read_log", "discover", "connect", "__version__"}
 METHODS = {
     "replay", "simulate", "calibrate", "discover", "identify", "forecast", "place", "check", "state_space",
 }  # fmt: skip

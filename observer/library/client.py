@@ -1,0 +1,186 @@
+"""An asynchronous client of a running service over Zenoh."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+import zenoh
+
+from observer.errors import UserError
+from observer.library.messages import (
+    ServiceAlarms,
+    ServiceField,
+    ServiceHealth,
+    ServiceHeat,
+    ServiceThermalError,
+    documents_of,
+    message_from,
+)
+from observer.publish.ask import ask
+from observer.publish.codec import decode_estimate
+from observer.publish.session import client_config, close_within
+
+Told = TypeVar("Told", ServiceHeat, ServiceField, ServiceThermalError, ServiceHealth, ServiceAlarms)
+_STEP_S, _REPORT_S = 3.0, 15.0
+"""What should have been renewed by then is stale, unless three of its usual gaps are longer."""
+
+
+class ServiceStream(Generic[Told]):
+    """The messages of one kind: `async for message in stream`, beginning with the last one if there is any.
+
+    A slow reader gets the newest and is never behind. Where nothing is heard for a while, the last message
+    comes once more with the quality `stale`, as it is in `last` from then on.
+    """
+
+    def __init__(self, kind: type[Told], silent_s: float) -> None:
+        self._kind: type[Told] = kind
+        self._silent_s = silent_s
+        self._message: Told | None = None
+        self._count, self._arrived_s, self._gap_s = 0, 0.0, 0.0
+        self._arrived = asyncio.Event()
+
+    @property
+    def last(self) -> Told | None:
+        """The last message, None before the first."""
+        if self._message is None or time.monotonic() < self._stale_s:
+            return self._message
+        if isinstance(self._message, ServiceHealth):
+            reasons = ("nothing heard from the service",)
+            return replace(self._message, quality="stale", state="stale", reasons=reasons)
+        return replace(self._message, quality="stale")
+
+    @property
+    def _stale_s(self) -> float:
+        return self._arrived_s + max(self._silent_s, 3.0 * self._gap_s)
+
+    def _take(self, data: bytes | Mapping[str, Any]) -> None:
+        """Take a message, in the thread of the loop."""
+        message = message_from(self._kind, data)
+        if message is None:
+            return
+        now_s = time.monotonic()
+        self._gap_s = now_s - self._arrived_s if self._count else 0.0
+        self._message, self._arrived_s = message, now_s
+        self._count += 1
+        arrived, self._arrived = self._arrived, asyncio.Event()
+        arrived.set()
+
+    async def __aiter__(self) -> AsyncIterator[Told]:
+        seen, was_stale = 0, False
+        while True:
+            arrived, last = self._arrived, self.last
+            is_stale = last is not None and last is not self._message
+            if last is not None and (self._count != seen or (is_stale and not was_stale)):
+                seen, was_stale = self._count, is_stale
+                yield last
+                continue
+            wait_s = None if self._message is None or is_stale else self._stale_s - time.monotonic()
+            try:
+                await asyncio.wait_for(arrived.wait(), None if wait_s is None else max(wait_s, 0.0) + 0.01)
+            except TimeoutError:
+                continue
+
+
+class ServiceClient:
+    """A running service: `async with observer.connect(…) as service`.
+
+    `machine` and `axis` are whose it is. `heat`, `field`, `error`, `health` and `alarms` are streams, each
+    with its `last` message, there from the beginning where the service has one.
+    """
+
+    machine: str
+    axis: str
+
+    def __init__(self, endpoint: str, machine: str, axis: str, timeout_s: float) -> None:
+        self._endpoint, self._timeout_s = endpoint, timeout_s
+        self.machine, self.axis = machine, axis
+
+    async def __aenter__(self) -> ServiceClient:
+        self.heat = ServiceStream(ServiceHeat, _STEP_S)
+        self.field = ServiceStream(ServiceField, _STEP_S)
+        self.error = ServiceStream(ServiceThermalError, _STEP_S)
+        self.health = ServiceStream(ServiceHealth, _REPORT_S)
+        self.alarms = ServiceStream(ServiceAlarms, _REPORT_S)
+        health = await self._ask("health", self._timeout_s)
+        self._session = await asyncio.to_thread(self._open)
+        try:
+            self._subscribe(asyncio.get_running_loop())
+            self.health._take(health)
+            for name, document in (await asyncio.to_thread(self._estimate)).items():
+                self._join(getattr(self, name), document)
+            if (alarms := await asyncio.to_thread(self._answer, "alarms")) is not None:
+                self._join(self.alarms, alarms)
+        except BaseException:
+            await self.__aexit__(None, None, None)
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await asyncio.to_thread(close_within, self._session, 1.0)
+
+    async def _ask(self, wanted: str, timeout_s: float) -> dict[str, Any]:
+        reply = await asyncio.to_thread(ask, self._endpoint, self.machine, self.axis, wanted, timeout_s, None)
+        if reply.document is None:
+            raise UserError(reply.problem)
+        self.machine, self.axis = reply.source
+        return reply.document
+
+    def _open(self) -> zenoh.Session:
+        try:
+            return zenoh.open(client_config((self._endpoint,), None))
+        except zenoh.ZError:
+            raise UserError(f"the service at {self._endpoint} answered and is gone; connect again") from None
+
+    def _subscribe(self, loop: asyncio.AbstractEventLoop) -> None:
+        def into(take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
+            def hand_over(sample: zenoh.Sample) -> None:
+                if not loop.is_closed():
+                    loop.call_soon_threadsafe(take, sample.payload.to_bytes())
+
+            return hand_over
+
+        for name in ("heat", "field", "error", "health", "alarms"):
+            stream: ServiceStream[Any] = getattr(self, name)
+            self._session.declare_subscriber(f"{self._prefix}/{name}", into(stream._take))
+
+    @property
+    def _prefix(self) -> str:
+        return f"ballscrew/{self.machine}/{self.axis}"
+
+    def _answer(self, key: str) -> bytes | None:
+        """The last message of a key, None where nobody has one."""
+        for reply in self._session.get(f"{self._prefix}/{key}", timeout=self._timeout_s):
+            if reply.ok is not None:
+                return bytes(reply.ok.payload.to_bytes())
+        return None
+
+    def _estimate(self) -> dict[str, dict[str, Any]]:
+        data = self._answer("estimate")
+        try:
+            return {} if data is None else documents_of(decode_estimate(data))
+        except ValueError:
+            return {}
+
+    @staticmethod
+    def _join(stream: ServiceStream[Any], data: bytes | Mapping[str, Any]) -> None:
+        """Begin with the last message, unless a newer one has come already."""
+        if stream.last is None:
+            stream._take(data)
+
+
+def connect(
+    endpoint: str = "tcp/127.0.0.1:7447", machine: str = "*", axis: str = "*", *, timeout_s: float = 10.0
+) -> ServiceClient:
+    """Connect to a running service: `async with observer.connect() as service`.
+
+    Without `machine` and `axis` it is the one that answers first at the endpoint. Entering raises
+    `UserError`, a sentence, where none answers within `timeout_s`, with the axes that do.
+    """
+    return ServiceClient(endpoint, machine, axis, timeout_s)

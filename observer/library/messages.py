@@ -1,0 +1,121 @@
+"""What a running service tells, as typed objects; a message that is not what it should be is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter
+
+Message = TypeVar("Message")
+
+
+@dataclass(frozen=True, slots=True)
+class SourceHeat:
+    """The heat of a source, its standard deviation and its bound; None where not known."""
+
+    heat_W: float | None
+    sigma_W: float | None
+    bound_W: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceHeat:
+    """The heats of one step by the names of their sources, to be trusted where `quality` is `good`."""
+
+    time_s: float
+    quality: str
+    sources: Mapping[str, SourceHeat]
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceField:
+    """The temperature (g,) along the screw at `position_m` (g,), with sigma and bound."""
+
+    time_s: float
+    quality: str
+    position_m: tuple[float, ...]
+    temperature_degC: tuple[float | None, ...]
+    sigma_K: tuple[float | None, ...]
+    bound_K: tuple[float | None, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceThermalError:
+    """The thermal error (g,) along the screw at `position_m` (g,), with sigma and bound."""
+
+    time_s: float
+    quality: str
+    position_m: tuple[float, ...]
+    error_um: tuple[float | None, ...]
+    sigma_um: tuple[float | None, ...]
+    bound_um: tuple[float | None, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceHealth:
+    """The state of a service, and the reasons where it or its estimates are not good.
+
+    `channels` and `drivers` are as in the message.
+    """
+
+    time_s: float
+    state: str
+    quality: str
+    reasons: tuple[str, ...]
+    channels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    drivers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceAlarm:
+    """What somebody should come and look for, and what is to be done."""
+
+    id: str
+    severity: str
+    state: str
+    reason: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceAlarms:
+    """The alarms that are raised; `quality` is `stale` where the service has not been heard."""
+
+    time_s: float
+    alarms: tuple[ServiceAlarm, ...]
+    quality: str = "good"
+
+
+def message_from(kind: type[Message], data: bytes | Mapping[str, Any]) -> Message | None:
+    """A message of a kind from JSON or from a document, None where it is none."""
+    try:
+        adapter = TypeAdapter(kind)
+        return adapter.validate_json(data) if isinstance(data, bytes) else adapter.validate_python(data)
+    except ValueError:
+        return None
+
+
+def documents_of(estimate: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The documents of heat, field and error in a decoded estimate, so far as it holds them."""
+    known = {key: _numbers(value) for key, value in estimate.items() if isinstance(value, np.ndarray | list)}
+    about = {key: estimate.get(key) for key in ("time_s", "quality")}
+    columns = zip(*(known.get(key, []) for key in ("heat_W", "heat_sigma_W", "heat_bound_W")), strict=False)
+    heats = [dict(zip(("heat_W", "sigma_W", "bound_W"), row, strict=True)) for row in columns]
+    found = {"heat": about | {"sources": dict(zip(estimate.get("sources", ()), heats, strict=False))}}
+    along = about | {"position_m": known.get("position_m", [])}
+    for name, keys in (
+        ("field", {"temperature_degC": "field_degC", "sigma_K": "field_sigma_K", "bound_K": "field_bound_K"}),
+        ("error", {"error_um": "error_um", "sigma_um": "error_sigma_um", "bound_um": "error_bound_um"}),
+    ):
+        found[name] = along | {key: known[column] for key, column in keys.items() if column in known}
+    return found
+
+
+def _numbers(values: Any) -> list[Any]:
+    """Plain values, None in place of what is no number."""
+    plain = np.asarray(values).tolist()
+    return [None if isinstance(v, float) and not math.isfinite(v) else v for v in plain]
