@@ -19,6 +19,7 @@ from observer.effects.catalogue import Effect, effect_class
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
 from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Tolerance
+from observer.tables.logs import Logs
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
 from observer.tables.sections import Description
@@ -88,17 +89,6 @@ class Output(Section):
     reference_degC: quantities.Air | None = None
 
 
-class Logs(Section):
-    """How to read logs that others wrote."""
-
-    #: a [log](log.md#a-log) whose rows are mostly further apart is refused, because its times look like
-    #: milliseconds; recorders write a row a minute, some one in five minutes
-    rows_apart_s: quantities.Positive = 600.0
-    #: how often sensors have a value, where they are slower than the rows: of all, `4.0`, or by name, `{ t1
-    #: = 4.0, t2 = 20.0 }`; learnt from the log where not given
-    sensor_period_s: quantities.Duration | dict[quantities.Name, quantities.Duration] | None = None
-
-
 class ChannelLimits(Section):
     """Limits of one channel, in its own unit; what is not given has a default by what it measures."""
 
@@ -157,7 +147,7 @@ class Config(Description):
             *_names_twice(self),
             *_heats_unknown(self),
             *_limits_unknown(self),
-            *_periods_unknown(self),
+            *_logs_unknown(self),
         ]
 
     def remade(self, table: dict[str, Any]) -> Self:
@@ -218,11 +208,14 @@ def _beyond_the_screw(config: Config) -> Iterator[str]:
             )
 
 
-def _periods_unknown(config: Config) -> Iterator[str]:
+def _logs_unknown(config: Config) -> Iterator[str]:
     given, known = config.log.sensor_period_s, [s.name for s in config.sensor]
     for name in given if isinstance(given, dict) else ():
         if name not in known:
             yield f'log: sensor_period_s: "{name}" is no sensor; give one of {", ".join(known)}'
+    for name in config.log.columns:
+        if name not in config.channels:
+            yield f'log: columns: the model reads no channel "{name}"; it reads {", ".join(config.channels)}'
 
 
 def _limits_unknown(config: Config) -> Iterator[str]:

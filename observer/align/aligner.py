@@ -268,6 +268,7 @@ def doubts(log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config) -> 
     ]
     slow = [] if (times := doubt_of_times(log, config)) is None else [times]
     return [
+        *log.doubts,
         *slow,
         *dead,
         *words,

@@ -20,6 +20,8 @@ REGULAR = 0.9
 """The least part of the times between values that lies within half of the usual one, for it to be the usual
 one. Of values that are missing at random no more than 0.8 do.
 """
+MOST = 0.95
+"""Part of the times between irregular values that are no gaps."""
 ROWS_FROM_S = 5.0
 """Milliseconds make of rows that are nearer together, 5 ms, what every recorder writes."""
 SLOWEST_S = 2 * 86_400.0
@@ -37,17 +39,23 @@ def intervals_s(log: Log, channels: tuple[str, ...], given_s: FloatArray) -> Flo
     for j in np.flatnonzero(np.isnan(given_s)):
         if channels[j] in log.channels:
             there = np.isfinite(log.values[:, log.channels.index(channels[j])])
-            found_s[j] = _learnt_s(log.time_s, there)
+            found_s[j] = _learnt_s(log.time_s, there, joined=log.joined)
     return found_s
 
 
-def _learnt_s(time_s: FloatArray, there: BoolArray) -> float:
-    """The usual time between values that are regularly rarer than the rows; NaN where they are not."""
+def _learnt_s(time_s: FloatArray, there: BoolArray, *, joined: bool) -> float:
+    """The usual time between values that are regularly rarer than the rows; NaN where they are not.
+
+    Where rows of several clocks were joined it is any channel's own, and that of irregular values the time
+    within which most of them come.
+    """
     rows = np.flatnonzero(there)
-    if len(rows) <= LEAST_VALUES or np.median(np.diff(rows)) < 2:
+    if len(rows) <= LEAST_VALUES or (not joined and np.median(np.diff(rows)) < 2):
         return np.nan
     apart_s = np.diff(time_s[rows])
     usual_s = float(np.median(apart_s))
+    if joined:
+        return max(usual_s, float(np.quantile(apart_s, MOST)) / OVERDUE)
     regular = float(np.mean(np.abs(apart_s - usual_s) <= 0.5 * usual_s)) >= REGULAR
     return usual_s if regular else np.nan
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import results_in, write_json
-from observer.files.logs import read_log, suffix_of
+from observer.files.logs import suffix_of
 from observer.files.writer import TableWriter
 from observer.frames import FloatArray
 from observer.history.history import MethodOptions
 from observer.installation import Installation
-from observer.library.given import recorded
+from observer.library.given import program_of, recorded
 
 Progress = Callable[[int, int], None]
 
@@ -67,7 +67,7 @@ def forecast(
     from observer.library.predicting import forecast_run
 
     log = recorded(log_path, config, **accept)
-    follows = None if program is None else read_log(program)
+    follows = None if program is None else program_of(program, config)
     found = forecast_run(log, config, follows, hours, progress)
     found.write(output)
     return list(found.sentences)
@@ -116,7 +116,7 @@ def simulate(
     from observer.library.predicting import simulated_run
 
     suffix_of(output)
-    run = simulated_run(read_log(program), config, start_degC, progress)
+    run = simulated_run(program_of(program, config), config, start_degC, progress)
     warn(list(run.doubts))
     run.write(output.parent, output.name)
     return run.last_degC

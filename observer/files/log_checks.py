@@ -28,6 +28,7 @@ _UNITS = ((1e17, "nanoseconds", 1e9), (1e14, "microseconds", 1e6), (LATEST_S, "m
 MISSING_WORDS = ("NaN", "nan", "NA", "N/A", "null", "NULL")
 """Words that stand for a missing value; an infinite number is one as well."""
 MOST_LISTED = 3
+MOST_PROBLEMS = 10
 _ANY = re.compile(rb"[,\n\"][ \t]*[+-]?(?:nan|inf|infinity|na|n/a|null)[ \t]*(?=[,\r\n\"]|\Z)", re.IGNORECASE)
 
 
@@ -149,3 +150,14 @@ def infinite_in(columns: Mapping[str, FloatArray]) -> tuple[Words, ...]:
     """Return what stands for missing values in columns (n,) that were numbers already: infinite ones."""
     counts = {name: int(np.isinf(values).sum()) for name, values in columns.items()}
     return tuple(Words(name, count, ("inf",)) for name, count in counts.items() if count)
+
+
+def several(path: Path | str, problems: Sequence[str]) -> LogError:
+    """The error that tells all problems of a file, each with its place and remedy."""
+    found = list(dict.fromkeys(problems))
+    if len(found) == 1:
+        return LogError(f"{path}: {found[0]}")
+    lines = [f"  {problem}" for problem in found[:MOST_PROBLEMS]]
+    if len(found) > MOST_PROBLEMS:
+        lines.append(f"  and {len(found) - MOST_PROBLEMS} more; fix these first")
+    return LogError("\n".join([f"{path}: {len(found)} problems:", *lines]))

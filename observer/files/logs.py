@@ -21,11 +21,13 @@ import numpy as np
 from observer.errors import LogError, UserError
 from observer.files.log_checks import (
     MISSING_WORDS,
+    MOST_PROBLEMS,
     Words,
     damaged,
     infinite_in,
     refuse_other_units,
     rows_of,
+    several,
     without,
     words_in,
 )
@@ -47,7 +49,9 @@ class Log:
     `time_s` (n,) strictly increasing; `values` (n, c) in the order of `channels`, NaN where a cell is empty.
     `step` (n,) and `flags` (n,) are there in the service's own recordings only: which rows are ticks, and
     the faults of each row as text; in newer ones also `late_s` (n,), how long before its row a reading was
-    true, NaN for not at all. `words`: the cells that were read as missing because of what they say.
+    true, NaN for not at all. `words`: the cells that were read as missing because of what they say; `doubts`:
+    what else its reader was not sure of, sentences. `joined`: its rows come from several clocks, so that an
+    empty cell says only that a channel was not sampled then.
     """
 
     path: Path
@@ -58,6 +62,8 @@ class Log:
     flags: tuple[str | None, ...] | None = None
     late_s: FloatArray | None = None
     words: tuple[Words, ...] = ()
+    doubts: tuple[str, ...] = ()
+    joined: bool = False
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -142,7 +148,7 @@ def suffix_of(path: Path) -> str:
 
 
 def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool, accept_damaged: bool) -> Log:
-    data, cut = _bytes_of(path)
+    data, cut = bytes_of(path)
     header = _header(path, data)
     wanted = _wanted(path, header, needed)
     data = _without_cut_row(path, data, header, cut, accept_truncated)
@@ -179,12 +185,12 @@ def _parsed(path: Path, data: bytes, header: list[str], wanted: list[str]) -> Lo
             ),
         )
     except pa.ArrowInvalid as error:
-        raise LogError(_first_problem(path, data, header, wanted, error)) from None
+        raise several(path, _problems(data, header, wanted, error)) from None
     log = _checked(path, table, lambda row: _place(data, row))
     return replace(log, words=words_in(data, numbered, _columns(log)))
 
 
-def _bytes_of(path: Path) -> tuple[bytes, bool]:
+def bytes_of(path: Path) -> tuple[bytes, bool]:
     """The text of a log, and whether it ends before its end: compressed data cut, or blank disk blocks."""
     data = path.read_bytes()
     if not path.name.endswith(".gz"):
@@ -300,23 +306,26 @@ def _place(data: bytes, row: int) -> str:
     return f"row {row + 1} (line {lines[row + 1]})" if row + 1 < len(lines) else f"row {row + 1}"
 
 
-def _first_problem(path: Path, data: bytes, header: list[str], wanted: list[str], error: Exception) -> str:
-    """Find the first cell that is no number, or the first row of another length, and say so."""
+def _problems(data: bytes, header: list[str], wanted: list[str], error: Exception) -> list[str]:
+    """A sentence for each cell that is no number, and each row of another length."""
     numeric = [i for i, name in enumerate(header) if name in wanted and not _is_flags(name, header)]
-    rows = (row for row in csv.reader(io.StringIO(data.decode("utf-8", "replace"), newline="")) if row)
-    for number, row in enumerate(rows):
+    reader = csv.reader(io.StringIO(data.decode("utf-8", "replace"), newline=""))
+    found, lines = list[str](), [n for n, line in enumerate(data.splitlines(), 1) if line.strip()]
+    for number, row in enumerate(row for row in reader if row):
         if number == 0:
             continue
-        place = f"{path}: {_place(data, number - 1)}"
+        place = f"row {number} (line {lines[number]})" if number < len(lines) else f"row {number}"
         if len(row) != len(header):
-            return f"{place} has {len(row)} cells where the header names {len(header)}; fix or remove it"
+            cells = f"{len(row)} cells where the header names {len(header)}"
+            found.append(f"{place} has {cells}; fix or remove it")
+            continue
         for i in numeric:
             cell = row[i].strip()
             if cell not in EMPTY_CELLS and not _is_number(cell):
-                return (
+                found.append(
                     f'{place}, column "{header[i]}": {cell[:40]!r} is not a number; fix it or leave it empty'
                 )
-    return f"{path}: not readable as CSV ({str(error).splitlines()[0]}); fix that row"
+    return found or [f"not readable as CSV ({str(error).splitlines()[0]}); fix that row"]
 
 
 def _is_number(cell: str) -> bool:
@@ -385,11 +394,11 @@ def _check_time(path: Path, time_s: FloatArray, place: Callable[[int], str]) -> 
     bad = np.flatnonzero(~np.isfinite(time_s))
     if len(bad):
         raise LogError(f"{path}: {place(int(bad[0]))}: {TIME} is empty or not finite; give seconds there")
-    back = np.flatnonzero(np.diff(time_s) <= 0)
-    if len(back):
-        row = int(back[0]) + 1
+    problems = list[str]()
+    for row in np.flatnonzero(np.diff(time_s) <= 0) + 1:
         before_s, after_s = float(time_s[row - 1]), float(time_s[row])
         what = "repeats" if after_s == before_s else f"goes back from {before_s!r} to"
-        raise LogError(
-            f"{path}: {place(row)}: {TIME} {what} {after_s!r}; sort the rows or split the log there"
-        )
+        where = place(int(row)) if len(problems) < MOST_PROBLEMS else ""
+        problems.append(f"{where}: {TIME} {what} {after_s!r}; sort the rows or split the log there")
+    if problems:
+        raise several(path, problems)

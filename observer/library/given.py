@@ -11,6 +11,7 @@ from observer.errors import LogError
 from observer.files.logs import TIME, Log, log_of
 from observer.files.logs import read_log as read_file
 from observer.installation import Installation
+from observer.intake.reading import read_channels
 from observer.library.packages import in_words
 from observer.library.signals import SignalTable
 
@@ -31,18 +32,24 @@ def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged
 
 def channels_of(path: Path, config: Installation, **accept: bool) -> Log:
     """A log of channels, each input of which has a value somewhere."""
-    log = read_file(path, config.channels, rows_apart_s=config.log.rows_apart_s, **accept)
+    log = read_channels(path, config, spare=(), **accept)
     refuse_empty(log, config, sensors=True)
     return log
 
 
 def recorded(path: Path, config: Installation, **accept: bool) -> Log:
     """A log of channels, or a recording of a CAN bus."""
+    from observer.intake.readers import holds_signals
     from observer.record.recent import is_can_recording, read_can_log
 
-    if is_can_recording(path):
+    if is_can_recording(path) and not holds_signals(path):
         return read_can_log(path, config)
     return channels_of(path, config, **accept)
+
+
+def program_of(path: Path, config: Installation) -> Log:
+    """A log of what a machine is told to do, the channels of its inputs; those of sensors may be missing."""
+    return read_channels(path, config, spare={s.channel for s in config.sensor})
 
 
 def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
@@ -54,9 +61,9 @@ def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
     return log
 
 
-def as_whole_log(given: GivenLog, name: str = "log") -> Log:
-    """Return what was given as a log with all of its channels. Raises `LogError`."""
-    return read_file(given) if isinstance(given, str | Path) else _in_memory(given, name)
+def as_program(given: GivenLog, config: Installation, name: str = "log") -> Log:
+    """Return what was given as a log of inputs. Raises `LogError`."""
+    return program_of(Path(given), config) if isinstance(given, str | Path) else _in_memory(given, name)
 
 
 def as_several(given: GivenLog | Sequence[GivenLog], config: Installation) -> list[Log]:

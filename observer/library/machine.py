@@ -25,7 +25,7 @@ from observer.library.findings import (
     values_in,
 )
 from observer.library.fitting import FittedLogs, fitted, runs_of
-from observer.library.given import GivenLog, as_log, as_several, as_whole_log
+from observer.library.given import GivenLog, as_log, as_program, as_several
 from observer.library.heats import IdentifiedHeats, identified_heats
 from observer.library.packages import in_words
 from observer.library.predicting import ForecastRun, SimulatedRun, forecast_run, simulated_run
@@ -82,7 +82,7 @@ class Machine:
         The program is a log of the input channels; where it also holds the sensors' channels, their first
         values give the initial field, else `start_degC`, else the ambient. Raises `LogError`.
         """
-        return simulated_run(as_whole_log(program, "program"), self.config, start_degC, quietly)
+        return simulated_run(as_program(program, self.config, "program"), self.config, start_degC, quietly)
 
     @in_words
     def forecast(
@@ -93,7 +93,7 @@ class Machine:
         What runs next is learnt from the log's end, or is the `program`, a log of the input channels that is
         repeated. Raises `LogError`.
         """
-        follows = None if program is None else as_whole_log(program, "program")
+        follows = None if program is None else as_program(program, self.config, "program")
         return forecast_run(as_log(log, self.config), self.config, follows, hours, quietly)
 
     @in_words

@@ -7,9 +7,9 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from observer.config import Logs
 from observer.errors import LogError
 from observer.files.logs import read_log
+from observer.tables.logs import Logs
 
 MOST_S = Logs().rows_apart_s
 

@@ -15,7 +15,10 @@ from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for, write
 
 ROOT = Path(__file__).parents[2]
-NAMES = {"prometheus-client": "prometheus_client", "paho-mqtt": "paho"}
+NAMES = {
+    "prometheus-client": "prometheus_client", "paho-mqtt": "paho", "charset-normalizer": "charset_normalizer",
+    "python-calamine": "python_calamine",
+}  # fmt: skip
 HIDING = f"""
 import sys
 class Hidden:
@@ -42,7 +45,7 @@ def test_the_extras_are_those_of_the_project():
         for extra, lines in table.items()
         if extra != "all"
     }
-    for extra in ("page", "fleet"):
+    for extra in ("page", "fleet", "logs"):
         declared[extra] -= declared["analysis"]
     assert declared == {extra: set(modules) for extra, modules in EXTRAS.items()}
 

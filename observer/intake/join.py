@@ -1,0 +1,59 @@
+"""Channels on clocks of their own, joined to the rows of one log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.frames import BoolArray, FloatArray
+
+SAME_S = 2e-6
+"""Times that are nearer are one: a double of seconds since 1970 has no finer digits to spare."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelSamples:
+    """The values (n,) of a channel at increasing times (n,); `held`: each is true until the next one."""
+
+    channel: str
+    time_s: FloatArray
+    values: FloatArray
+    held: bool = False
+
+
+def joined(parts: Sequence[ChannelSamples]) -> tuple[FloatArray, FloatArray, bool]:
+    """The rows (n,) at which any channel has a sample, the values (n, c), NaN where one has none, and whether
+    the channels have different clocks.
+    """
+    clocks = {id(part.time_s): part.time_s for part in parts}
+    if len(clocks) == 1:
+        return parts[0].time_s, np.column_stack([part.values for part in parts]), False
+    every_s = np.sort(np.concatenate(list(clocks.values())))
+    time_s = every_s[np.concatenate([[True], np.diff(every_s) > SAME_S])]
+    values = np.full((len(time_s), len(parts)), np.nan)
+    places = {key: np.searchsorted(time_s, own_s + SAME_S, side="right") - 1 for key, own_s in clocks.items()}
+    for j, part in enumerate(parts):
+        values[places[id(part.time_s)], j] = part.values
+        if part.held:
+            newest = np.searchsorted(part.time_s, time_s + SAME_S, side="right") - 1
+            values[:, j] = np.where(newest >= 0, part.values[np.maximum(newest, 0)], np.nan)
+    return time_s, values, any(len(own_s) != len(time_s) for own_s in clocks.values())
+
+
+def with_steps(time_s: FloatArray, values: FloatArray, inputs: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Rows with one put in just before each at which an input changes, in which the inputs are as they were.
+
+    `inputs` (c,) are the channels that hold their value until the next row; the others have none in such a
+    row.
+    """
+    if len(time_s) < 2 or not inputs.any():
+        return time_s, values
+    before, after = values[:-1, inputs], values[1:, inputs]
+    changes = np.flatnonzero(((before != after) & np.isfinite(before) & np.isfinite(after)).any(axis=1)) + 1
+    extra = np.full((len(changes), values.shape[1]), np.nan)
+    extra[:, inputs] = values[changes - 1][:, inputs]
+    just_s = np.minimum(np.nextafter(time_s[changes], -np.inf), time_s[changes] - SAME_S / 2.0)
+    just_s = np.maximum(just_s, np.nextafter(time_s[changes - 1], np.inf))
+    return np.insert(time_s, changes, just_s), np.insert(values, changes, extra, axis=0)

@@ -1,0 +1,146 @@
+"""Where a table begins in a file: preamble, header, row of units, data; and by what its cells are parted."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from observer.intake.units import known_unit, split_name
+
+SAMPLE_LINES = 400
+_NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?%?$")
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[ '’.,]\d{3})+(?:[.,]\d+)?$")
+_TIME = re.compile(
+    r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{2,4}|\d{1,4}[-. ][A-Za-zä]{3,9}\.?[-. ]\d{2,4}|\d{8}T?|)"
+    r"[T ,]*(?:\d{1,3}:\d{2}(?::\d{2})?(?:[.,:]\d+)?|\d{6}(?:[.,]\d+)?)?\s*"
+    r"(?:[AP]M)?\s*(?:Z|UTC|GMT|[+-]\d{2}:?\d{2})?$",
+    re.I,
+)
+_SEPARATORS = (";", "\t", ",", "|", " ")
+_FORMAT = re.compile(r"[ymdhsfn/:.\- ]{4,}$", re.I)
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell is a number or a time."""
+    cell = cell.strip()
+    if not cell or not any(c.isdigit() for c in cell):
+        return False
+    return bool(_NUMBER.match(cell) or _GROUPED.match(cell) or _TIME.match(cell))
+
+
+@dataclass(frozen=True, slots=True)
+class TableLayout:
+    """Rows of a table by number: its header and row of units (−1: none), the first of its data; how many
+    columns it has."""
+
+    header: int
+    units: int
+    data: int
+    width: int
+
+
+def split_lines(lines: Sequence[str], separator: str) -> list[list[str]]:
+    """The cells of lines; a separator of one blank stands for any number of them."""
+    if separator == " ":
+        return [line.split() for line in lines]
+    return list(csv.reader(lines, delimiter=separator)) if lines else []
+
+
+def separator_of(lines: Sequence[str]) -> str:
+    """The character that parts the columns in most lines so that most cells are values."""
+    return max(_SEPARATORS, key=lambda mark: (_score(split_lines(lines, mark)), -_SEPARATORS.index(mark)))
+
+
+def _score(rows: Sequence[Sequence[str]]) -> float:
+    """How much of some rows is a table of values: its cells that are, less those that are not, by rows."""
+    begin, end, width = data_block(rows)
+    if width < 2:
+        return 0.0
+    cells = [cell for row in rows[begin:end] for cell in row if cell.strip()]
+    good = sum(map(is_value, cells)) / max(len(cells), 1)
+    return good**4 * (end - begin) + 1e-3 * good
+
+
+def data_block(rows: Sequence[Sequence[str]]) -> tuple[int, int, int]:
+    """The longest run of rows of one width with values in them: its begin, its end, its width.
+
+    Blank rows, and marks of another width between two runs, are no end of it; text of the same width is.
+    """
+    filled = [(i, row) for i, row in enumerate(rows) if any(cell.strip() for cell in row)]
+    runs: list[tuple[int, int, int]] = []  # begin, end, width
+    last: dict[int, int] = {}  # the last run of a width, -1 after text of that width
+    for (width, valued), run in groupby(filled, key=lambda each: (len(each[1]), _has_values(each[1]))):
+        numbers = [i for i, _ in run]
+        if not valued:
+            last[width] = -1
+        elif (before := last.get(width, -1)) >= 0:
+            runs[before] = (runs[before][0], numbers[-1] + 1, width)
+        else:
+            last[width] = len(runs)
+            runs.append((numbers[0], numbers[-1] + 1, width))
+    wide = [run for run in runs if run[2] > 1] or runs
+    return max(wide, key=lambda run: run[1] - run[0], default=(0, 0, 0))
+
+
+def _has_values(row: Sequence[str]) -> bool:
+    """Whether a row is one of data: its first cell or half of them are values."""
+    filled = [cell for cell in row if cell.strip()]
+    values = sum(map(is_value, filled))
+    return values > 0 and (is_value(filled[0]) or 2 * values >= len(filled))
+
+
+def layout_of(
+    rows: Sequence[Sequence[str]], skip_rows: int | None = None, units_row: bool | None = None
+) -> TableLayout:
+    """Where things are in the first rows of a table, as far as it is not given."""
+    begin, _, width = data_block(rows)
+    if skip_rows is not None:
+        header = skip_rows
+        below = rows[header + 1] if header + 1 < len(rows) else []
+        units = header + 1 if (_is_units(below) if units_row is None else units_row) else -1
+        return TableLayout(
+            header, units, max(header, units) + 1, max(width, len(rows[header]) if header < len(rows) else 0)
+        )
+    above = [i for i in range(begin - 1, max(begin - 6, -1), -1) if any(cell.strip() for cell in rows[i])]
+    if not above or len(rows[above[0]]) < 2 <= width:
+        return TableLayout(-1, -1, begin, width)
+    header, units = above[0], -1
+    second = above[1] if len(above) > 1 and len(rows[above[1]]) >= 2 else -1
+    if second >= 0 and (_is_units(rows[header]) if units_row is None else units_row):
+        header, units = second, header
+    return TableLayout(header, units, begin, width)
+
+
+def _is_units(row: Sequence[str]) -> bool:
+    """Whether most cells of a row are units, or say how a time is written."""
+    cells = [cell.strip().strip("[]()") for cell in row if cell.strip()]
+    known = sum(1 for cell in cells if known_unit(cell) or _FORMAT.match(cell) or cell in "-")
+    return bool(cells) and 2 * known > len(cells) - 1 and any(known_unit(cell) for cell in cells)
+
+
+def names_of(header: Sequence[str], units: Sequence[str], width: int) -> list[tuple[str, str]]:
+    """A name and a unit (as written, empty for none) for each column; unnamed ones are numbered."""
+    found: list[tuple[str, str]] = []
+    for i in range(width):
+        name = header[i].strip() if i < len(header) else ""
+        unit = units[i].strip().strip("[]()") if i < len(units) else ""
+        name = name or f"column {i + 1}"
+        if any(name == other for other, _ in found):
+            name = f"{name} ({i + 1})"
+        found.append((name, unit if not split_name(name)[1] else ""))
+    return found
+
+
+def decimal_of(rows: Sequence[Sequence[str]]) -> str:
+    """What parts the decimals of the numbers in some rows."""
+    cells = [cell.strip() for row in rows for cell in row]
+    commas = sum(
+        bool(re.match(r"[+-]?(?:\d{1,3}(?:\.\d{3})+|\d*),\d+(?:[eE][+-]?\d+)?%?$", c)) for c in cells
+    )
+    points = sum(
+        bool(re.match(r"[+-]?(?:\d{1,3}(?:,\d{3})+|\d*)\.\d+(?:[eE][+-]?\d+)?%?$", c)) for c in cells
+    )
+    return "," if commas > points else "."

@@ -1,0 +1,232 @@
+"""Sheets to a log: each channel's column, in the channel's unit, on one clock; all problems told at once."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from observer.align.plausibility import ChannelKind, kinds_of
+from observer.config import Config
+from observer.errors import LogError
+from observer.files.log_checks import Words, refuse_other_units, several
+from observer.files.logs import Log
+from observer.frames import FloatArray
+from observer.intake.cells import numbers_of
+from observer.intake.join import ChannelSamples, joined, with_steps
+from observer.intake.sheets import RawColumn, full_name
+from observer.intake.sources import Sources, TimedSheet, sources_of
+from observer.intake.units import converted, fits, resolved, shown_unit, split_name, unit_of_channel
+from observer.tables.logs import LogColumn, Logs
+
+MOST_WORDS = 0.5
+"""Part of a column's cells that may be words; more, and it is no column of numbers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """A channel's column in a sheet, the unit that it is in and the channel's, as `resolved` gives them."""
+
+    channel: str
+    source: TimedSheet
+    column: RawColumn
+    unit: str
+    to: str
+
+
+def read_foreign(
+    paths: Sequence[Path], config: Config, *, spare: Collection[str] = (), accept_truncated: bool = False
+) -> Log:
+    """Read files as others wrote them, by `[log]` and by what is plain; channels in `spare` may be missing.
+
+    Raises `LogError` with all problems.
+    """
+    how = config.log
+    return mapped(sources_of(paths, how, accept_truncated=accept_truncated), paths, config, how, spare)
+
+
+def mapped(
+    sources: Sources, paths: Sequence[Path], config: Config, how: Logs, spare: Collection[str] = ()
+) -> Log:
+    """The log that sheets are by a mapping. Raises `LogError` with all problems."""
+    name = " + ".join(map(str, paths))
+    problems, doubts = list(sources.problems), list(sources.doubts)
+    if not sources.timed:
+        raise several(name, problems or [no_clock(sources, how)])
+    placed, missing = placed_columns(sources, config, how, problems)
+    if missing := [name for name in missing if name not in spare]:
+        problems.append(_without(missing, sources))
+    problems += unlike_clocks([p.source for parts in placed.values() for p in parts])
+    samples, words = list[ChannelSamples](), list[Words]()
+    kinds = kinds_of(config)
+    for channel, parts in placed.items():
+        found = [_values(p, problems, words) for p in parts]
+        held = parts[0].source.held and kinds[channel] not in (ChannelKind.SCREW, ChannelKind.NODE)
+        if len(found) == 1:
+            samples.append(ChannelSamples(channel, parts[0].source.clock.time_s, found[0], held))
+        else:
+            samples.append(_one_after_another(channel, parts, found, problems))
+    if problems or not samples:
+        raise several(name, problems or ["holds no channel of the configuration"])
+    time_s, values, of_several = joined(samples)
+    if how.hold:
+        inputs = [keeps_its_value(kinds[s.channel]) for s in samples]
+        rows = len(time_s)
+        time_s, values = with_steps(time_s, values, np.array(inputs))
+        of_several = of_several or len(time_s) > rows
+    column = next((c for p in sources.timed for c in p.clock.columns), "the time")
+    refuse_other_units(paths[0], column, time_s, how.rows_apart_s)
+    channels = tuple(s.channel for s in samples)
+    return Log(
+        paths[0],
+        time_s,
+        channels,
+        values,
+        words=tuple(words),
+        doubts=tuple(dict.fromkeys(doubts)),
+        joined=of_several,
+    )
+
+
+def keeps_its_value(kind: ChannelKind) -> bool:
+    """Whether a channel of a kind may keep its value until the next row: what is commanded, not what warms
+    or moves.
+    """
+    return kind not in (ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.POSITION)
+
+
+def no_clock(sources: Sources, how: Logs) -> str:
+    """The sentence for files in which no time was found."""
+    names = ", ".join(f'"{full_name(c)}"' for sheet in sources.without for c in sheet.columns[:12])
+    if how.time is not None or how.time_format is not None:
+        given = how.time if isinstance(how.time, str) else " and ".join(how.time or ("the time",))
+        return (
+            f'[log] time: no column "{given}" with times in it as [log] time_format says; there are {names}'
+        )
+    return f'no column of increasing times was found; name it with [log] time = "…", one of {names}'
+
+
+def placed_columns(
+    sources: Sources, config: Config, how: Logs, problems: list[str]
+) -> tuple[dict[str, list[Placed]], list[str]]:
+    """Where each channel's values are, and the channels that are nowhere."""
+    kinds, placed, missing = kinds_of(config), dict[str, list[Placed]](), list[str]()
+    for channel in config.channels:
+        given = how.columns.get(channel)
+        to = unit_of_channel(channel, kinds[channel])
+        parts = [(s, c) for s in sources.timed if (c := _column(s, channel, given)) is not None]
+        if not parts:
+            missing.append(channel if given is None else f"{channel} = {given.column}")
+            continue
+        first = parts[0][1]
+        same = [(s, c) for s, c in parts if full_name(c) == full_name(first)]
+        try:
+            unit = resolved(given.unit) if given is not None and given.unit else unit_of_column(first, to)
+            own = resolved(to) if to else ""
+            if not fits(unit, own):
+                raise LogError(
+                    f'column "{full_name(first)}" is in {shown_unit(unit)}, which cannot be '
+                    f"{shown_unit(own)}; name another in [log.columns] {channel}"
+                )
+        except LogError as error:
+            problems.append(f"{channel}: {error}")
+            continue
+        placed[channel] = [Placed(channel, s, c, unit, own) for s, c in same]
+    return placed, missing
+
+
+def unit_of_column(column: RawColumn, to: str) -> str:
+    """The unit that a file says a column is in; that of its channel where it says none."""
+    written = column.unit or split_name(column.name)[1]
+    if not written:
+        return to
+    try:
+        unit = resolved(written)
+    except LogError:
+        return to
+    return unit
+
+
+def _column(source: TimedSheet, channel: str, given: LogColumn | None) -> RawColumn | None:
+    """A channel's column in a sheet, where that is given or plain."""
+    sheet = source.sheet
+    if given is not None:
+        return sheet.named(given.column)
+    if (found := sheet.named(channel)) is not None:
+        return found
+    stem = plain_name(split_name(channel)[0])
+    alike = [
+        c
+        for c in sheet.columns
+        if plain_name(split_name(c.name)[0]) == stem and (c.unit or split_name(c.name)[1])
+    ]
+    return alike[0] if len(alike) == 1 else None
+
+
+def plain_name(name: str) -> str:
+    """A name without what people write differently: letters and digits in lower case."""
+    return "".join(c for c in name.casefold() if c.isalnum())
+
+
+def _without(missing: Sequence[str], sources: Sources) -> str:
+    """The sentence for channels that no column is plainly meant for."""
+    spare = [
+        full_name(c) for s in sources.timed for c in s.sheet.columns if full_name(c) not in s.clock.columns
+    ]
+    names = []
+    for channel in missing:
+        close = difflib.get_close_matches(channel, spare, n=1)
+        names.append(f'"{channel}"' + (f' (did you mean "{close[0]}"?)' if close else ""))
+    noun, verb = ("column", "is") if len(names) == 1 else ("columns", "are")
+    there = ", ".join(dict.fromkeys(spare[:12])) + (", …" if len(spare) > 12 else "")
+    return (
+        f"{noun} {', '.join(names)} {verb} missing; say which are meant in [log.columns], or let "
+        f"`observer import` find out; there are {there}"
+    )
+
+
+def unlike_clocks(sources: Sequence[TimedSheet]) -> Iterator[str]:
+    """Why clocks cannot be joined."""
+    since = {s.clock.since_1970 for s in sources}
+    if len(since) > 1:
+        own = next(s.sheet for s in sources if not s.clock.since_1970)
+        yield (
+            f"{own.path.name}{f' ({own.name})' if own.name else ''} counts from its own beginning and "
+            "the others from 1970, so they cannot be joined; export it with dates"
+        )
+
+
+def _values(placed: Placed, problems: list[str], words: list[Words]) -> FloatArray:
+    """A channel's values (n,) in its unit."""
+    sheet, column = placed.source.sheet, placed.column
+    values, said = numbers_of(column, sheet.decimal)
+    if column.is_moments or said.cells > MOST_WORDS * (said.cells + int(np.isfinite(values).sum())):
+        cells = "dates" if column.is_moments else ", ".join(repr(word[:20]) for word in said.say[:3])
+        row = 0 if column.is_moments else int(np.flatnonzero(~np.isfinite(values))[0])
+        problems.append(
+            f'{sheet.place(row)}, column "{full_name(column)}": holds {cells} where '
+            f"{placed.channel} needs numbers; name another in [log.columns] {placed.channel}"
+        )
+    if said.cells:
+        words.append(Words(placed.channel, said.cells, said.say))
+    return converted(values, placed.unit, placed.to)
+
+
+def _one_after_another(
+    channel: str, parts: Sequence[Placed], values: Sequence[FloatArray], problems: list[str]
+) -> ChannelSamples:
+    """The samples of a channel that goes on from file to file."""
+    order = sorted(range(len(parts)), key=lambda i: float(parts[i].source.clock.time_s[0]))
+    times = [parts[i].source.clock.time_s for i in order]
+    if any(b[0] <= a[-1] for a, b in itertools.pairwise(times)):
+        places = ", ".join(dict.fromkeys(p.source.sheet.name or p.source.sheet.path.name for p in parts))
+        problems.append(
+            f'column "{full_name(parts[0].column)}" for {channel} is in {places} at the same times; name one '
+            'with its group before it in [log.columns], as "group/name"'
+        )
+    held = parts[0].source.held
+    return ChannelSamples(channel, np.concatenate(times), np.concatenate([values[i] for i in order]), held)

@@ -1,0 +1,79 @@
+"""One reader a format; each returns the sheets of a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from observer.errors import LogError
+from observer.files.regular import one_line, refuse_irregular
+from observer.intake.sheets import Sheet
+from observer.tables.logs import Logs
+
+WORKBOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
+ARROW = (".parquet", ".arrow", ".feather", ".ipc")
+MEASUREMENTS = (".mf4", ".mdf", ".dat")
+EVERY = (".csv", ".txt", ".tsv", ".dat", ".lvm", *WORKBOOKS, *ARROW, ".mf4", ".mdf", ".tdms")
+
+
+def holds_signals(path: Path) -> bool:
+    """Whether a path names an MDF file of signals, and not of the frames of a bus."""
+    if kind_of(path) not in MEASUREMENTS or not path.is_file() or not _begins(path, b"MDF "):
+        return False
+    from observer.intake.readers.mdf import has_signals  # noqa: PLC0415 - each format has its own package
+
+    return has_signals(path)
+
+
+def kind_of(path: Path) -> str:
+    """The suffix of a file without that of its compression, in lower case."""
+    name = path.name.lower().removesuffix(".gz")
+    return Path(name).suffix
+
+
+def read_sheets(path: Path, how: Logs, accept_truncated: bool = False) -> list[Sheet]:
+    """Read every table of a file; `accept_truncated`, without a last row that was cut off.
+
+    Raises `LogError`, or `ModuleNotFoundError` for a format's package.
+    """
+    kind = kind_of(path)
+    if kind not in EVERY:
+        raise LogError(f"{path}: unknown kind of log; give one of {', '.join(EVERY)}")
+    try:
+        refuse_irregular(path, "a readable log")
+        sheets = _read(path, kind, how, accept_truncated)
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file; give the path of a log") from None
+    except OSError as error:
+        reason = error.strerror or one_line(str(error))
+        raise LogError(f"{path}: cannot be read ({reason}); give a readable log") from None
+    sheets = [sheet for sheet in sheets if sheet.columns and len(sheet.columns[0])]
+    if not sheets:
+        raise LogError(f"{path}: holds no table of values; give a log with at least one sample")
+    return sheets
+
+
+def _read(path: Path, kind: str, how: Logs, accept_truncated: bool) -> list[Sheet]:
+    if kind in MEASUREMENTS and _begins(path, b"MDF "):
+        from observer.intake.readers.mdf import read_mdf  # noqa: PLC0415 - each format has its own package
+
+        return read_mdf(path)
+    if kind in WORKBOOKS:
+        from observer.intake.readers.workbook import read_workbook  # noqa: PLC0415
+
+        return read_workbook(path, how)
+    if kind in ARROW:
+        from observer.intake.readers.arrow import read_arrow  # noqa: PLC0415
+
+        return read_arrow(path, kind)
+    if kind == ".tdms":
+        from observer.intake.readers.tdms import read_tdms  # noqa: PLC0415
+
+        return read_tdms(path)
+    from observer.intake.readers.text import read_text  # noqa: PLC0415
+
+    return read_text(path, how, accept_truncated)
+
+
+def _begins(path: Path, mark: bytes) -> bool:
+    with open(path, "rb") as file:
+        return file.read(len(mark)) == mark

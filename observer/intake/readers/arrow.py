@@ -1,0 +1,53 @@
+"""Parquet, Arrow and Feather, with their own types of times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.errors import LogError
+from observer.files.regular import one_line
+from observer.intake.sheets import RawColumn, Sheet
+
+
+def read_arrow(path: Path, kind: str) -> list[Sheet]:
+    """Read the one table of such a file. Raises `LogError`."""
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
+    from pyarrow import feather, parquet  # noqa: PLC0415
+
+    try:
+        table = parquet.read_table(path) if kind == ".parquet" else feather.read_table(path)
+    except pa.ArrowException as error:
+        raise LogError(f"{path}: damaged or not {kind[1:]} ({one_line(str(error))}); copy it again") from None
+    columns = [_column(field, table.column(i)) for i, field in enumerate(table.schema)]
+    return [Sheet(path, "", tuple(column for column in columns if column is not None))]
+
+
+def _column(field: Any, cells: Any) -> RawColumn | None:
+    """A column of numbers, moments or text; None for one of anything else."""
+    import pyarrow as pa  # noqa: PLC0415
+    from pyarrow import types  # noqa: PLC0415
+
+    unit = ((field.metadata or {}).get(b"unit") or b"").decode("utf-8", "replace")
+    cells = cells.combine_chunks()
+    if types.is_dictionary(cells.type):
+        cells = cells.cast(cells.type.value_type)
+    kind = cells.type
+    if types.is_timestamp(kind) or types.is_date(kind):
+        moments = cells.cast(pa.timestamp("ns", getattr(kind, "tz", None)), safe=False).to_numpy(
+            zero_copy_only=False
+        )
+        return RawColumn(
+            field.name, moments.astype("datetime64[ns]"), unit, utc=getattr(kind, "tz", None) is not None
+        )
+    if types.is_duration(kind):
+        seconds = cells.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
+        return RawColumn(field.name, np.asarray(seconds.to_numpy(zero_copy_only=False)) / 1e9, "s")
+    if types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_boolean(kind):
+        numbers = cells.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+        return RawColumn(field.name, np.asarray(numbers, dtype=np.float64), unit)
+    if types.is_string(kind) or types.is_large_string(kind):
+        return RawColumn(field.name, cells.cast(pa.string()), unit)
+    return None

@@ -1,0 +1,116 @@
+"""LabVIEW measurements (.lvm): segments, each with a header of its own."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from observer.errors import LogError
+from observer.frames import FloatArray
+from observer.intake.sheets import RawColumn, Sheet
+
+_END = "***End_of_Header***"
+
+
+def read_lvm(path: Path, text: str) -> list[Sheet]:
+    """Read the segments of a LabVIEW measurement, those of the same channels as one sheet.
+
+    Raises `LogError`.
+    """
+    lines = text.splitlines()
+    mark = "," if "Separator\tComma" in text or "Separator,Comma" in text else "\t"
+    cells = [line.split(mark) for line in lines]
+    ends = [i for i, row in enumerate(cells) if row[0].strip() == _END]
+    if not ends:
+        raise LogError(f"{path}: has no {_END}, which a LabVIEW measurement has; export it again")
+    head = {row[0].strip(): row[1].strip() for row in cells[: ends[0]] if len(row) > 1}
+    decimal = head.get("Decimal_Separator") or ("," if head.get("Separator") == "," else ".")
+    starts = ends[1:] or ends[:1]
+    sheets: dict[tuple[str, ...], list[tuple[FloatArray, list[list[str]]]]] = {}
+    units: dict[tuple[str, ...], Sequence[str]] = {}
+    for k, end in enumerate(starts):
+        above = cells[(ends[k] if len(ends) > 1 else 0) + 1 : end]
+        about = {row[0].strip(): row[1:] for row in above if row[0].strip()} if len(ends) > 1 else {}
+        names = [name.strip() for name in cells[end + 1]]
+        last = starts[k + 1] if k + 1 < len(starts) else len(cells)
+        rows = [row for row in cells[end + 2 : last] if _is_row(row)]
+        if not rows:
+            continue
+        time_s, first = _clock(head, about, names, rows, decimal)
+        columns = tuple(n for n in names[first:] if n and n not in ("Comment", "X_Value"))
+        at = [names.index(name) for name in columns]
+        sheets.setdefault(columns, []).append(
+            (time_s, [[row[i] if i < len(row) else "" for i in at] for row in rows])
+        )
+        units[columns] = about.get("Y_Unit_Label", [])
+    since_1970 = "Date" in head
+    return [
+        _sheet(path, i, names, parts, units[names], decimal, since_1970)
+        for i, (names, parts) in enumerate(sheets.items())
+    ]
+
+
+def _sheet(
+    path: Path, number: int, names: tuple[str, ...], parts: list[tuple[FloatArray, list[list[str]]]],
+    units: Sequence[str], decimal: str, since_1970: bool,
+) -> Sheet:  # fmt: skip
+    rows = [row for _, part in parts for row in part]
+    columns = tuple(
+        RawColumn(
+            name,
+            pa.array([row[i].strip() or None for row in rows], pa.string()),
+            units[i].strip() if i < len(units) else "",
+        )
+        for i, name in enumerate(names)
+    )
+    time_s = np.concatenate([time_s for time_s, _ in parts])
+    return Sheet(
+        path,
+        f"segment {number + 1}" if number else "",
+        columns,
+        time_s,
+        since_1970,
+        on_wall=True,
+        decimal=decimal,
+    )
+
+
+def _is_row(row: Sequence[str]) -> bool:
+    return (
+        any(cell.strip() for cell in row)
+        and all("_" not in cell for cell in row[:1])
+        and row[0].strip() != _END
+        and (row[0].strip() == "" or row[0].strip()[0] in "0123456789+-.,")
+    )
+
+
+def _clock(
+    head: Mapping[str, str],
+    about: Mapping[str, Sequence[str]],
+    names: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    decimal: str,
+) -> tuple[FloatArray, int]:
+    """The times (n,) of a segment, since 1970 where it says when it began, and the first column of values."""
+
+    def number(cell: str) -> float:
+        return float(cell.strip().replace(decimal, "."))
+
+    columns = head.get("X_Columns", "One")
+    first = 1 if names and names[0] == "X_Value" else 0
+    if first and columns != "No" and rows[0][0].strip():
+        time_s = np.array([number(row[0]) if row[0].strip() else np.nan for row in rows])
+    else:
+        step, begin = about.get("Delta_X", ["1"])[0], about.get("X0", ["0"])[0]
+        time_s = number(begin) + number(step) * np.arange(len(rows))
+    if "Date" not in head or head.get("Time_Pref") == "Absolute":
+        return time_s, first
+    date = (about.get("Date") or [head["Date"]])[0].strip() or head["Date"]
+    clock = (about.get("Time") or [head.get("Time", "0:0:0")])[0].strip() or head.get("Time", "0:0:0")
+    day = datetime.datetime.strptime(date, "%Y/%m/%d").replace(tzinfo=datetime.UTC).timestamp()
+    hours, minutes, seconds = clock.replace(",", ".").split(":")
+    return day + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds) + time_s, first

@@ -1,0 +1,63 @@
+"""TDMS of LabVIEW and DIAdem: waveforms with a clock of their own, or columns beside one of times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.errors import LogError
+from observer.files.regular import one_line
+from observer.frames import FloatArray
+from observer.intake.sheets import RawColumn, Sheet
+
+
+def read_tdms(path: Path) -> list[Sheet]:
+    """Read the channels of a TDMS file, those of one clock in a sheet. Raises `LogError`."""
+    from nptdms import TdmsFile  # noqa: PLC0415 - of an extra
+
+    try:
+        file = TdmsFile.read(path)
+        groups = [_group(path, group) for group in file.groups()]
+    except (ValueError, EOFError, KeyError, TypeError) as error:
+        raise LogError(f"{path}: damaged or not TDMS ({one_line(str(error))}); copy it again") from None
+    return [sheet for sheets in groups for sheet in sheets]
+
+
+def _group(path: Path, group: Any) -> list[Sheet]:
+    clocks: dict[Any, tuple[FloatArray | None, bool, list[RawColumn]]] = {}
+    for channel in group.channels():
+        if not len(channel):
+            continue
+        about = channel.properties
+        start, step = about.get("wf_start_time"), about.get("wf_increment")
+        clocked = bool(step)
+        key = (len(channel), str(start) if clocked else "", step if clocked else None)
+        if key not in clocks:
+            time_s = None
+            since = float(about.get("wf_start_offset") or 0.0)
+            if clocked:
+                time_s = since + float(step) * np.arange(len(channel))
+                if start is not None:
+                    time_s += np.datetime64(start, "ns").astype(np.int64) / 1e9
+            clocks[key] = (None if time_s is None else np.asarray(time_s, np.float64), start is not None, [])
+        unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
+        clocks[key][2].append(_column(channel, unit))
+    return [
+        Sheet(
+            path, group.name if len(clocks) < 2 else f"{group.name} {i}", tuple(columns), time_s, since_1970
+        )
+        for i, (time_s, since_1970, columns) in enumerate(clocks.values(), 1)
+    ]
+
+
+def _column(channel: Any, unit: str) -> RawColumn:
+    cells = np.asarray(channel[:])
+    if cells.dtype.kind == "M":
+        return RawColumn(channel.name, cells.astype("datetime64[ns]"), unit, utc=True)
+    if cells.dtype.kind in "OUS":
+        import pyarrow as pa  # noqa: PLC0415
+
+        return RawColumn(channel.name, pa.array([str(cell) or None for cell in cells], pa.string()), unit)
+    return RawColumn(channel.name, cells.astype(np.float64), unit)

@@ -1,0 +1,183 @@
+"""Text in any dress: encoding, separator, decimals, preamble, header and row of units found by itself."""
+
+from __future__ import annotations
+
+import codecs
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.files.log_checks import several
+from observer.files.logs import bytes_of
+from observer.intake.layout import (
+    SAMPLE_LINES,
+    decimal_of,
+    is_value,
+    layout_of,
+    names_of,
+    separator_of,
+    split_lines,
+)
+from observer.intake.sheets import RawColumn, Sheet
+from observer.tables.logs import Logs
+
+_BOMS = (
+    (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"),
+)  # fmt: skip
+_WESTERN = set("°µ²³äöüßÄÖÜéèêàâçñÉ·±Ωøåæœíóúáìòù´€§«»–—’“”…")
+_WIDTHS = {"utf-16": 2, "utf-32": 4}
+_OTHERS = ["cp1250", "cp1251", "cp932", "gb18030", "cp949", "big5"]
+
+
+def read_text(path: Path, how: Logs, accept_truncated: bool = False) -> list[Sheet]:
+    """Read a text file as one sheet, or a LabVIEW measurement. Raises `LogError` with all that is wrong."""
+    data, cut = bytes_of(path)
+    encoding = how.encoding or _encoding_of(data)
+    if (wide := _WIDTHS.get(encoding.replace("_", "-").lower()[:6], 1)) > 1:
+        data, cut = data + b"\0" * (-len(data) % wide), False  # the zeros at its end are of its last sign
+    text = decoded(path, data, encoding)
+    if text.startswith("LabVIEW Measurement"):
+        from observer.intake.readers.lvm import read_lvm  # noqa: PLC0415 - the module above this one
+
+        return read_lvm(path, text)
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if accept_truncated and (cut or not text.endswith("\n")):
+        text = text[: text.rfind("\n") + 1]
+    elif cut:
+        remedy = "use the rows before it with --accept-truncated, or copy the log again"
+        raise several(path, [f"line {text.count(chr(10)) + 1} is cut off; {remedy}"])
+    return [sheet_of(path, text, how)]
+
+
+def decoded(path: Path, data: bytes, encoding: str) -> str:
+    """The text of a file in an encoding. Raises `LogError`."""
+    try:
+        return data.decode(encoding).removeprefix("\ufeff")
+    except UnicodeError:
+        raise several(path, [f"is no text in {encoding}; give [log] encoding"]) from None
+
+
+def _encoding_of(data: bytes) -> str:
+    for mark, name in _BOMS:
+        if data.startswith(mark):
+            return name
+    sample = data[:65536]
+    if (zeros := sample.count(0)) > len(sample) // 4:
+        return "utf-16-le" if sample[1::2].count(0) > zeros // 2 else "utf-16-be"
+    try:
+        data.decode("utf-8")
+        return "utf-8"
+    except UnicodeDecodeError:
+        pass
+    strange = {c for c in data.decode("cp1252", "replace") if ord(c) > 127}
+    if strange <= _WESTERN:
+        return "cp1252"
+    from charset_normalizer import from_bytes  # noqa: PLC0415 - only where nothing plainer fits
+
+    best = from_bytes(data[:200_000], cp_isolation=["cp1252", *_OTHERS]).best()
+    return "cp1252" if best is None else best.encoding
+
+
+@dataclass(frozen=True, slots=True)
+class _Misfits:
+    """Rows that have not as many cells as the table: their lines, what they hold."""
+
+    lines: list[int]
+    texts: list[str]
+
+
+def sheet_of(path: Path, text: str, how: Logs) -> Sheet:
+    """The table in a text; `path` is named in errors (`LogError`)."""
+    lines = text.split("\n", SAMPLE_LINES)[:SAMPLE_LINES]
+    separator = how.separator or separator_of(lines)
+    rows = split_lines([line.replace("\0", "") for line in lines], separator)
+    layout = layout_of(rows, how.skip_rows, how.units_row)
+    if layout.width < 1 or (layout.width < 2 and how.separator is None):
+        raise several(
+            path, ["holds no columns of numbers and times that could be told apart; give [log] separator"]
+        )
+    header = rows[layout.header] if layout.header >= 0 else []
+    names = names_of(header, rows[layout.units] if layout.units >= 0 else [], layout.width)
+    decimal = how.decimal or decimal_of(rows[layout.data :])
+    table, misfits = _parsed(text, separator, layout.width, layout.data)
+    problems, doubts = _judged(misfits, layout.width, len(header), layout.data, separator)
+    if problems:
+        raise several(path, problems)
+    columns = [
+        RawColumn(name, column, unit)
+        for (name, unit), column in zip(names, table.columns, strict=True)
+        if not (name.startswith("column ") and column.null_count == len(column))
+    ]
+    blank = "\n\n" in text.rstrip("\n") or misfits.lines
+    numbers = None if not blank else _numbered(text, layout.data, misfits.lines, len(table))
+    columns = [RawColumn(c.name, c.values.combine_chunks(), c.unit) for c in columns]
+    return Sheet(
+        path,
+        "",
+        tuple(columns),
+        decimal=decimal,
+        first_line=layout.data + 1,
+        lines=numbers,
+        doubts=tuple(doubts),
+    )
+
+
+def _numbered(text: str, data: int, left_out: list[int], rows: int) -> Any:
+    """The numbers of the lines in which the rows stand, blank lines and those left out not being rows."""
+    out = set(left_out)
+    found = [i for i, line in enumerate(text.split("\n")[data:], data + 1) if line.strip() and i not in out]
+    return np.array(found[:rows] if len(found) >= rows else range(data + 1, data + 1 + rows), np.int64)
+
+
+def _parsed(text: str, separator: str, width: int, skip: int) -> tuple[Any, _Misfits]:
+    """The cells of a text as strings, empty ones null, and the rows that do not fit."""
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
+    from pyarrow import csv as pa_csv  # noqa: PLC0415
+
+    misfits = _Misfits([], [])
+    if separator == " ":
+        text, separator = "\n".join("\t".join(line.split()) for line in text.split("\n")), "\t"
+
+    def misfit(row: Any) -> str:
+        if row.text.strip(f"{separator} \t"):
+            misfits.lines.append(row.number or 0)
+            misfits.texts.append(row.text)
+        return "skip"
+
+    names = [str(i) for i in range(width)]
+    table = pa_csv.read_csv(
+        pa.py_buffer(text.encode()),
+        read_options=pa_csv.ReadOptions(column_names=names, skip_rows=skip, use_threads=False),
+        parse_options=pa_csv.ParseOptions(delimiter=separator, invalid_row_handler=misfit),
+        convert_options=pa_csv.ConvertOptions(
+            column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=[""]
+        ),
+    )
+    return table, misfits
+
+
+def _judged(
+    misfits: _Misfits, width: int, named: int, data: int, separator: str
+) -> tuple[list[str], list[str]]:
+    """What is wrong with rows that do not fit, and what is only doubtful: text below the table."""
+    if named and width > named and separator == ",":
+        return [
+            f"line {data + 1} has {width} cells where the header names {named}, which looks like decimal "
+            "commas in columns that are parted by commas; export it with semicolons, or with points"
+        ], []
+    problems, doubts = [], []
+    for line, text in zip(misfits.lines, misfits.texts, strict=True):
+        cells = split_lines([text], separator)[0]
+        if any(map(is_value, cells)) and len(cells) > 1:
+            extra = ", as decimal commas make them" if separator == "," and len(cells) > width else ""
+            problems.append(
+                f"line {line} has {len(cells)} cells where the table has {width}{extra}; fix or remove it"
+            )
+        else:
+            doubts.append(f"line {line} is no row of the table and was left out: {text[:40]!r}")
+    if len(doubts) > 3:
+        doubts = [*doubts[:2], f"{len(doubts) - 2} more lines are no rows of the table and were left out"]
+    return problems, doubts

@@ -1,0 +1,100 @@
+"""The one way in which commands read a log: in our own form as it stands, any other by `[log]`."""
+
+from __future__ import annotations
+
+import csv
+import zlib
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from observer.align.plausibility import ChannelKind, kinds_of
+from observer.config import Config
+from observer.files.logs import FLAGS, STEP, SUFFIXES, TIME, Log, read_log
+from observer.intake.join import with_steps
+from observer.intake.layout import is_value
+from observer.intake.mapped import keeps_its_value, read_foreign
+from observer.tables.logs import Logs
+
+_HEAD = 65_536
+
+
+def read_channels(
+    path: Path,
+    config: Config,
+    *,
+    spare: Collection[str] = (),
+    **accept: bool,
+) -> Log:
+    """Read the channels of a configuration from a log.
+
+    Channels in `spare` may be missing in it; `accept` is that of `read_log`. Raises `LogError`, and
+    `ModuleNotFoundError` where a format's package is not installed.
+    """
+    how = config.log
+    header = own_header(path, how)
+    if header is None:
+        return read_foreign(
+            [path], config, spare=spare, accept_truncated=accept.get("accept_truncated", False)
+        )
+    needed = [name for name in config.channels if name in header or name not in spare]
+    log = read_log(path, needed, rows_apart_s=how.rows_apart_s, **accept)
+    return log if log.step is not None or not how.hold else held(log, config)
+
+
+def held(log: Log, config: Config) -> Log:
+    """A log whose inputs keep their value until the next row: rows are put in where they change."""
+    kinds = kinds_of(config)
+    keeping = np.array([keeps_its_value(kinds.get(name, ChannelKind.SCREW)) for name in log.channels])
+    time_s, values = with_steps(log.time_s, log.values, keeping)
+    return replace(log, time_s=time_s, values=values, joined=log.joined or len(time_s) > len(log))
+
+
+def own_header(path: Path, how: Logs) -> list[str] | None:
+    """The columns of a log in our own form; None for one that others wrote, or whose columns `[log]` names.
+
+    A file that cannot be read is taken for ours, so that reading it says why.
+    """
+    suffix = next((each for each in SUFFIXES if path.name.endswith(each)), None)
+    if suffix is None:
+        return None
+    try:
+        header = _parquet_header(path) if suffix == ".parquet" else _csv_header(path)
+    except OSError:
+        return [TIME]
+    if header is None or (STEP in header and FLAGS in header):
+        return header
+    ours = all(name in header and entry.column not in header for name, entry in how.columns.items())
+    return header if ours else None
+
+
+def _csv_header(path: Path) -> list[str] | None:
+    with path.open("rb") as file:
+        data = file.read(_HEAD)
+    if path.name.endswith(".gz"):
+        try:
+            data = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(data, _HEAD)
+        except zlib.error:
+            return [TIME]
+    lines = data.split(b"\n", 2)
+    try:
+        header = [cell.strip() for cell in next(csv.reader([lines[0].decode("utf-8-sig")]), [])]
+        first = lines[1].decode("utf-8").split(",", 1)[0].strip() if len(lines) > 1 else ""
+    except (UnicodeDecodeError, csv.Error):
+        return None
+    written = ":" in first and is_value(first)  # a date, though the column has our name
+    return header if header[:1] == [TIME] and not written else None
+
+
+def _parquet_header(path: Path) -> list[str] | None:
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
+    from pyarrow import parquet, types  # noqa: PLC0415
+
+    try:
+        schema = parquet.read_schema(path)
+    except pa.ArrowException:
+        return [TIME]
+    ours = schema.names[:1] == [TIME] and not types.is_temporal(schema.field(0).type)
+    return list(schema.names) if ours else None

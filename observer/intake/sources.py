@@ -1,0 +1,136 @@
+"""The sheets of files with their clocks, in order: what can be mapped to channels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from observer.errors import LogError
+from observer.frames import BoolArray
+from observer.intake.clock import HOUR_S, SheetClock, clock_of
+from observer.intake.long import long_form_of, widened
+from observer.intake.readers import read_sheets
+from observer.intake.sheets import Sheet
+from observer.tables.logs import Logs, LongForm
+
+_TWICE = (
+    "rows have the time of the row before, as where a stamp has whole seconds only, and were spread evenly"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedSheet:
+    """A sheet whose rows have increasing times; `held`: it is one signal of a file in long form."""
+
+    sheet: Sheet
+    clock: SheetClock
+    held: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """All sheets of some files; `problems` are sentences that begin with a file's name where there are
+    several.
+
+    `without` are sheets that have no clock, `long` the columns of name and value of files that are in long
+    form.
+    """
+
+    timed: tuple[TimedSheet, ...]
+    problems: tuple[str, ...]
+    doubts: tuple[str, ...]
+    without: tuple[Sheet, ...] = ()
+    long: LongForm | None = None
+
+
+def sources_of(paths: Sequence[Path], how: Logs, *, accept_truncated: bool = False) -> Sources:
+    """Read files and find the clock of each of their sheets. Raises `LogError` where one cannot be read."""
+    timed, problems, doubts, without, long = list[TimedSheet](), list[str](), list[str](), list[Sheet](), None
+    for path in paths:
+        before = f"{path.name}: " if len(paths) > 1 else ""
+        try:
+            sheets = read_sheets(path, how, accept_truncated)
+        except LogError as error:
+            if len(paths) == 1:
+                raise
+            problems.append(str(error))
+            continue
+        for sheet in sheets:
+            doubts += [before + sentence for sentence in sheet.doubts]
+            clock = clock_of(sheet, how)
+            if clock is None:
+                without.append(sheet)
+                continue
+            form = how.long or long_form_of(sheet)
+            parts = widened(sheet, form) if form else []
+            long = form if parts else long
+            if not parts:
+                timed.append(_sound(sheet, clock, problems, doubts, before))
+                continue
+            doubts += [before + sentence for sentence in clock.doubts]
+            for part, rows in parts:
+                own = replace(clock, time_s=clock.time_s[rows])
+                timed.append(_in_order(part, own))
+    return Sources(tuple(timed), tuple(problems), tuple(doubts), tuple(without), long)
+
+
+def _in_order(sheet: Sheet, clock: SheetClock) -> TimedSheet:
+    """One signal of a file in long form: by time, and of several values at once the last."""
+    order = np.argsort(clock.time_s, kind="stable")
+    time_s = clock.time_s[order]
+    last = np.isfinite(time_s) & np.append(np.diff(time_s) > 0.0, True)
+    kept = order[last]
+    return TimedSheet(_rows(sheet, kept), replace(clock, time_s=clock.time_s[kept]), held=True)
+
+
+def _sound(
+    sheet: Sheet, clock: SheetClock, problems: list[str], doubts: list[str], before: str
+) -> TimedSheet:
+    """A sheet without rows that have no time; says which go back."""
+    doubts += [before + sentence for sentence in clock.doubts]
+    there = np.isfinite(clock.time_s)
+    if not there.all():
+        first, lost = sheet.place(int(np.flatnonzero(~there)[0])), int((~there).sum())
+        which = f"{lost} rows, the first in {first}, have" if lost > 1 else f"the row in {first} has"
+        doubts.append(f"{before}{which} no time and {'were' if lost > 1 else 'was'} left out")
+        sheet, clock = _rows(sheet, np.flatnonzero(there)), replace(clock, time_s=clock.time_s[there])
+    steps = np.diff(clock.time_s)
+    if len(steps) and (steps == 0.0).any() and not (steps < 0.0).any():
+        doubts.append(f"{before}{int((steps == 0.0).sum())} {_TWICE}")
+        clock = replace(clock, time_s=_spread(clock))
+    problems += [before + text for text in _going_back(sheet, clock)]
+    return TimedSheet(sheet, clock)
+
+
+def _going_back(sheet: Sheet, clock: SheetClock) -> Iterator[str]:
+    """A sentence for each row whose time lies before that of the row above it."""
+    steps = np.diff(clock.time_s)
+    for row in np.flatnonzero(steps < 0.0):
+        if clock.on_wall and abs(steps[row] + HOUR_S) < 0.2 * HOUR_S:
+            hint = 'looks like the end of daylight saving time; say [log] timezone, as "Europe/Berlin"'
+        else:
+            hint = "sort the rows, or split the log there"
+        yield f"{sheet.place(int(row) + 1)}: the time goes back by {-steps[row]:.6g} s; {hint}"
+
+
+def _spread(clock: SheetClock) -> np.ndarray:
+    """Times of which several are equal, spread evenly until the next one."""
+    time_s = clock.time_s
+    unique, first, counts = np.unique(time_s, return_index=True, return_counts=True)
+    gaps_s = np.diff(unique, append=unique[-1] + (np.median(np.diff(unique)) if len(unique) > 1 else 1.0))
+    usual_s = float(np.median(gaps_s))
+    which = np.repeat(np.arange(len(unique)), counts)
+    part = (np.arange(len(time_s)) - first[which]) / counts[which]
+    return np.asarray(time_s + part * np.minimum(gaps_s, usual_s)[which])
+
+
+def _rows(sheet: Sheet, rows: np.ndarray | BoolArray) -> Sheet:
+    """Some rows of a sheet."""
+    columns = tuple(
+        replace(c, values=c.values.take(rows) if c.is_text else c.values[rows]) for c in sheet.columns
+    )
+    lines = sheet.lines[rows] if sheet.lines is not None else (sheet.first_line or 1) + np.asarray(rows)
+    return replace(sheet, columns=columns, lines=lines, time_s=None)

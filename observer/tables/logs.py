@@ -1,0 +1,110 @@
+"""The `[log]` table: how to read logs that others wrote, and how often their rows and sensors come."""
+
+from __future__ import annotations
+
+import codecs
+import zoneinfo
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from observer.tables import quantities
+from observer.tables.quantities import Section
+
+Text = Annotated[str, Field(min_length=1, max_length=256)]
+TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d", "excel")
+"""What a number in a time column may count; `excel` counts days since 1899-12-30 on a wall clock."""
+
+
+class LogColumn(Section):
+    """Where a channel's values are."""
+
+    #: name of the column, as the file writes it; `"group/name"` where several groups or sheets have one
+    column: Text
+    #: unit in which the file has it, as `"degF"`, `"mm"`, `"1/s"`; – is the unit that the file names, else
+    #: the channel's own
+    unit: Text | None = None
+
+
+class LongForm(Section):
+    """The columns of a file that has one signal in a row."""
+
+    #: column that names the signal
+    name: Text
+    #: column of its value
+    value: Text
+
+
+class Logs(Section):
+    """How to read logs that others wrote. What is not given is found by itself where it is plain."""
+
+    #: what parts the columns of a text file: `";"`, `","`, `"\t"`, `" "`
+    separator: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    #: what parts the decimals of a text file: `"."` or `","`
+    decimal: Literal[".", ","] | None = None
+    #: of a text file, as `"cp1252"`
+    encoding: Text | None = None
+    #: lines above the header
+    skip_rows: Annotated[quantities.Count, Field(ge=0, le=100_000)] | None = None
+    #: whether the row below the header holds units
+    units_row: quantities.Flag | None = None
+    #: column of the time, or the two of date and time
+    time: Text | Annotated[tuple[Text, ...], Field(min_length=1, max_length=2)] | None = None
+    #: how the time is written: `"%d.%m.%Y %H:%M:%S"` and the like, or what a number counts: `"s"`, `"ms"`,
+    #: `"us"`, `"ns"`, `"min"`, `"h"`, `"d"`, `"excel"`
+    time_format: Text | None = None
+    #: of times that name no zone, as `"Europe/Berlin"`
+    timezone: Text | None = None
+    #: whether inputs keep their value until the next row (`true`), or ramp to it
+    hold: quantities.Flag = False
+    #: a [log](log.md#a-log) whose rows are mostly further apart is refused, because its times look like
+    #: milliseconds; recorders write a row a minute, some one in five minutes
+    rows_apart_s: quantities.Positive = 600.0
+    #: how often sensors have a value, where they are slower than the rows: of all, `4.0`, or by name, `{ t1
+    #: = 4.0, t2 = 20.0 }`; learnt from the log where not given
+    sensor_period_s: quantities.Duration | dict[quantities.Name, quantities.Duration] | None = None
+    #: where each row holds one signal: `{ name = "dataItemId", value = "value" }`
+    long: LongForm | None = None
+    #: where a channel's values are, if not in a column of its name: `t1_degC = { column = "Temp1 [F]", unit
+    #: = "degF" }`, or the name of the column alone
+    columns: dict[quantities.Channel, LogColumn] = Field(default_factory=dict, max_length=256)
+
+    @field_validator("columns", mode="before")
+    @classmethod
+    def _names_alone(cls, given: object) -> object:
+        if not isinstance(given, dict):
+            return given
+        return {k: {"column": v} if isinstance(v, str) else v for k, v in given.items()}
+
+    @field_validator("encoding")
+    @classmethod
+    def _known_encoding(cls, name: str | None) -> str | None:
+        try:
+            codecs.lookup(name or "utf-8")
+        except LookupError:
+            raise ValueError(f'{name!r} is no encoding; give one such as "cp1252" or "utf-16"') from None
+        return name
+
+    @field_validator("timezone")
+    @classmethod
+    def _known_zone(cls, name: str | None) -> str | None:
+        try:
+            zoneinfo.ZoneInfo(name or "UTC")
+        except (ValueError, OSError, zoneinfo.ZoneInfoNotFoundError):
+            raise ValueError(f'{name!r} is no time zone; give one such as "Europe/Berlin" or "UTC"') from None
+        return name
+
+    @field_validator("time_format")
+    @classmethod
+    def _known_format(cls, text: str | None) -> str | None:
+        if text is not None and text not in TIME_UNITS and "%" not in text:
+            raise ValueError(
+                f'{text!r} is no format of times; give one such as "%d.%m.%Y %H:%M:%S", or one of '
+                f"{', '.join(TIME_UNITS)}"
+            )
+        return text
+
+    @property
+    def describes_a_file(self) -> bool:
+        """Whether anything is said of how files are written."""
+        return bool(self.model_fields_set - {"rows_apart_s", "sensor_period_s", "hold"})

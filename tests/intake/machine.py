@@ -1,0 +1,102 @@
+"""A machine with few channels and an hour of its log, which the tests write as others would."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from observer.config import Config
+from observer.files.logs import Log
+from observer.installation import load
+from observer.intake.reading import read_channels
+
+START = datetime(2026, 11, 25, 8, 0, 0, tzinfo=UTC)
+CONFIG = """
+[machine]
+name = "stranger"
+axis = "z"
+[screw]
+length_m = 1.0
+diameter_m = 0.036
+conductivity_W_mK = 50.0
+density_kg_m3 = 7800.0
+specific_heat_J_kgK = 460.0
+expansion_1_K = 11.8e-6
+[surface]
+convection_W_m2K = 15.0
+[ambient]
+channel = "ambient_degC"
+[boundary.left]
+kind = "insulated"
+[boundary.right]
+kind = "insulated"
+[[source]]
+name = "nut"
+shape = "nut"
+length_m = 0.08
+stroke_m = [0.2, 0.8]
+position_channel = "nut_position_m"
+speed_channel = "screw_speed_rpm"
+torque_Nm = 0.30
+share = 0.5
+[[sensor]]
+name = "t1"
+channel = "t1_degC"
+position_m = 0.05
+noise_K = 0.05
+[[sensor]]
+name = "t2"
+channel = "t2_degC"
+position_m = 0.5
+noise_K = 0.05
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What was: `time_s` since 1970 (n,), and each channel (n,) in the configuration's unit."""
+
+    time_s: np.ndarray
+    t1_degC: np.ndarray
+    t2_degC: np.ndarray
+    nut_position_m: np.ndarray
+    screw_speed_rpm: np.ndarray
+    ambient_degC: np.ndarray
+
+    def moments(self) -> list[datetime]:
+        return [datetime.fromtimestamp(float(t), UTC) for t in self.time_s]
+
+
+def truth(rows: int = 240, step_s: float = 1.5) -> Truth:
+    since_s = step_s * np.arange(rows)
+    share = since_s / since_s[-1]
+    return Truth(
+        time_s=START.timestamp() + since_s,
+        t1_degC=np.round(22.0 + 6.0 * share, 2),
+        t2_degC=np.round(22.5 + 9.0 * share, 2),
+        nut_position_m=np.round(0.5 + 0.25 * np.sin(since_s / 7.0), 4),
+        screw_speed_rpm=np.round(1200.0 + 300.0 * np.cos(since_s / 7.0)),
+        ambient_degC=np.round(21.5 + 0.5 * share, 2),
+    )
+
+
+def configured(folder: Path, more: str = "") -> Config:
+    """The configuration in a folder, with a `[log]` table of its own."""
+    path = folder / "machine.toml"
+    path.write_text(CONFIG + more, encoding="utf-8")
+    return load(path)
+
+
+def read(path: Path, more: str = "") -> Log:
+    return read_channels(path, configured(path.parent, more))
+
+
+def assert_is(log: Log, was: Truth, *, since_1970: bool = True, apart: float = 1e-9) -> None:
+    """Every channel says what was, within the digits in which it was written."""
+    begin_s = 0.0 if since_1970 else was.time_s[0]
+    np.testing.assert_allclose(log.time_s, was.time_s - begin_s, rtol=0.0, atol=1e-4)
+    for name, values in zip(log.channels, log.values.T, strict=True):
+        np.testing.assert_allclose(values, getattr(was, name), rtol=0.0, atol=apart, err_msg=name)
