@@ -14,6 +14,7 @@ from typing import Any
 
 import structlog
 
+from observer.archive.client import Archivist
 from observer.control.compensation import LATE_PERIODS, initial, plan_of
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
@@ -205,6 +206,7 @@ def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder 
 def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublisher:
     """Zenoh, with a gateway beside it where the configuration asks for one."""
     config, name, forecasts = ready.config, ready.config.machine, is_wanted(ready.machine)
+    folder = config.record.directory
     in_force, start = config_json(config, instance), Start.of(config, path, forecasts=forecasts)
     return ZenohPublisher(
         name.name,
@@ -216,6 +218,7 @@ def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublishe
         compensates=config.compensation.enabled,
         forecasts=forecasts,
         outlet=None if start is None else Feed(start, in_force.encode()),
+        past=None if folder is None else Archivist(in_force.encode(), folder),
     )
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple, Protocol
 
 ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
 ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
+PAGE_ENCODING = "application/cbor;ballscrew.page.v1"
 JSON_ENCODING = "application/json"
 
 
@@ -100,7 +101,7 @@ KEYS = {
         "every step",
         encoding=ESTIMATE_ENCODING,
         asked="the last estimate; `?last=N` an array of the last N, encoding "
-        "`application/cbor;ballscrew.estimates.v1`",
+        "`application/cbor;ballscrew.estimates.v1`; `?from=…;to=…` those of [a time](#the-past)",
         rated=True,
         page_every_s=0.09,
         panel=True,
@@ -129,6 +130,7 @@ KEYS = {
     "readings": Key(
         "JSON: what the estimate was made of, each channel with its quality and age",
         "every step",
+        asked="the last document; `?from=…;to=…` those of [a time](#the-past)",
         page_every_s=0.09,
         panel=True,
     ),
@@ -273,6 +275,24 @@ class Command:
 def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
     """A name as it may stand in a log: short, and of letters, digits and `_.@-` only."""
     return _STRANGE.sub("_", text[:most])
+
+
+class Reply(NamedTuple):
+    """What was found of the past; or in words why nothing was, and whether asking again goes on."""
+
+    payload: bytes
+    reason: str | None = None
+    unfinished: bool = False
+
+
+class Past(Protocol):
+    """Where the past is asked for."""
+
+    def ask(self, what: str, question: Mapping[str, Any]) -> Reply:
+        """Ask, and wait for the answer; from any thread."""
+
+    def close(self) -> None:
+        """End."""
 
 
 @dataclass(frozen=True, slots=True)

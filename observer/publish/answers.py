@@ -7,6 +7,7 @@ logged, at most every ten seconds, and the next query is answered.
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -22,9 +23,12 @@ from observer.exchange import (
     ESTIMATES_ENCODING,
     JSON_ENCODING,
     KINDS,
+    PAGE_ENCODING,
     Command,
     Key,
     Outcome,
+    Past,
+    Reply,
     plain_name,
 )
 from observer.publish.codec import array_of, to_json
@@ -35,6 +39,9 @@ _BYTES_1_S = 4e6
 _LOG_S = 10.0
 _DIGITS = 6
 _LONGEST_ID = 250
+_OF_THE_PAST = {"estimate": PAGE_ENCODING, "readings": JSON_ENCODING}
+_TOO_MUCH = "too much is asked at once; ask again in a second"
+_NOT_RECORDED = "nothing is recorded; name a folder in record.directory"
 
 log = structlog.get_logger()
 
@@ -62,8 +69,15 @@ class Budget:
 class Responder:
     """Answers queries about one axis, and takes the commands of those who may give them."""
 
-    def __init__(self, prefix: str, config_json: bytes, history: int, instance: str) -> None:
-        """Take what stays; `config_json` has the `hash` that every command must name."""
+    def __init__(
+        self, prefix: str, config_json: bytes, history: int, instance: str, past: Past | None = None
+    ) -> None:
+        """Take what stays; `config_json` has the `hash` that every command must name.
+
+        `past` answers for times gone by, None where nothing is recorded.
+        """
+        self._past = past
+        self._found_later: deque[tuple[str, Any, Reply]] = deque()
         self._prefix = prefix
         self._config = config_json
         self._digest = json.loads(config_json).get("hash")
@@ -104,6 +118,9 @@ class Responder:
         for _ in range(len(self._outcomes)):
             kind, query, outcome = self._outcomes.popleft()
             yield query, partial(self._reply_outcome, kind, outcome)
+        for _ in range(len(self._found_later)):
+            key, query, found = self._found_later.popleft()
+            yield query, partial(self._reply_past, key, found)
         for key, channel in queryables.items():
             for _ in range(_RING):
                 query = channel.try_recv()
@@ -115,9 +132,12 @@ class Responder:
         if key.startswith("command/"):
             self._take_command(key, query)
             return
+        if key in _OF_THE_PAST and any(query.parameters.get(name) is not None for name in ("from", "to")):
+            self._ask_past(key, query)
+            return
         with query:
             if self._budget.is_spent():
-                query.reply_err("too much is asked at once; ask again in a second")
+                query.reply_err(_TOO_MUCH)
                 return
             found = self._found(key, query)
             if isinstance(found, str):
@@ -126,6 +146,28 @@ class Responder:
             payload, encoding = found
             self._budget.spend(len(payload))
             query.reply(f"{self._prefix}/{key}", payload, encoding=encoding)
+
+    def _ask_past(self, key: str, query: Any) -> None:
+        """Have a thread ask about the past: nobody here waits for a disk."""
+        given = {name: query.parameters.get(name) for name in ("from", "to", "every")}
+        asked = {name: value for name, value in given.items() if value is not None}
+
+        def ask() -> None:
+            past = self._past
+            reply = Reply(b"", _NOT_RECORDED) if past is None else past.ask(key, asked)
+            self._found_later.append((key, query, reply))
+
+        threading.Thread(target=ask, name="past", daemon=True).start()
+
+    def _reply_past(self, key: str, found: Reply, query: Any) -> None:
+        with query:
+            if found.reason is not None:
+                query.reply_err(found.reason)
+            elif self._budget.is_spent():
+                query.reply_err(_TOO_MUCH)
+            else:
+                self._budget.spend(len(found.payload))
+                query.reply(f"{self._prefix}/{key}", found.payload, encoding=_OF_THE_PAST[key])
 
     def _found(self, key: str, query: Any) -> tuple[bytes, str] | str:
         """An answer with its encoding, or in words why there is none."""

@@ -222,6 +222,24 @@ def array_of(messages: Sequence[bytes]) -> bytes:
     return _array_head(len(messages)) + b"".join(messages)
 
 
+def late(message: bytes) -> bytes:
+    """An encoded estimate that says that it is sent late."""
+    return bytes((message[0] + 1,)) + message[1:] + _pair("late", True)
+
+
+def late_json(document: bytes) -> bytes:
+    """A document as JSON that says that it is sent late."""
+    return document[:-1] + b',"late":true}'
+
+
+def decode_page(data: bytes) -> dict[str, Any]:
+    """A page of the past, as the queryable answers `?from=…;to=…`; raises `ValueError`."""
+    page = _decode(data)
+    if not isinstance(page, dict) or "next" not in page:
+        raise ValueError("not a page of estimates: a map with next is expected")
+    return page
+
+
 def decode_estimate(data: bytes) -> dict[str, Any]:
     """An estimate from its CBOR; typed arrays become float32 arrays.
 

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import structlog
 import zenoh
 
-from observer.exchange import KEYS, Command, PublishStatus
+from observer.exchange import KEYS, Command, Past, PublishStatus
 from observer.frames import EstimateBlock, FrameBlock, Layout
 from observer.publish.answers import Responder
 from observer.publish.codec import EstimateEncoder, to_json
@@ -97,6 +97,7 @@ class ZenohPublisher:
         compensates: bool = False,
         forecasts: bool = False,
         outlet: Outlet | None = None,
+        past: Past | None = None,
     ) -> None:
         """Take what is published, by which instance, and whether a compensation and a forecast are.
 
@@ -112,14 +113,14 @@ class ZenohPublisher:
             "forecast": forecasts,
         }  # fmt: skip
         self._keys = {n: key for n, key in KEYS.items() if key.needs is None or there[key.needs]}
-        self._answers = Responder(self._prefix, config_json.encode(), settings.history, instance)
+        self._answers = Responder(self._prefix, config_json.encode(), settings.history, instance, past)
         self._slots: dict[str, int] = {}
         self._link: _Link | None = None
         self._connected = self._was_connected = self._settled = False
         self._published = self._dropped = self._reconnects = 0
         self._reason: str | None = "Zenoh: the session is not open yet"
         self._taken: str | None = None
-        self._outlet = outlet
+        self._outlet, self._past = outlet, past
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zenoh-open", daemon=True)
 
@@ -192,6 +193,8 @@ class ZenohPublisher:
         self._closing.set()
         link, self._link = self._link, None
         end_s = time.monotonic() + timeout_s
+        if self._past is not None:
+            self._past.close()
         if self._outlet is not None:
             self._outlet.close(timeout_s / 2)
             timeout_s /= 2

@@ -115,10 +115,14 @@ class Daemon:
     """`observer run` as a process; what it says on standard error is kept in a file."""
 
     def __init__(
-        self, folder: Path, table: dict[str, Any], launcher: tuple[str, ...] = ("-m", "observer")
+        self,
+        folder: Path,
+        table: dict[str, Any],
+        launcher: tuple[str, ...] = ("-m", "observer"),
+        **record: Any,
     ) -> None:
         self.recordings = folder / "recordings"
-        self.config = write(folder, table | {"record": {"directory": str(self.recordings)}})
+        self.config = write(folder, table | {"record": {"directory": str(self.recordings), **record}})
         self._stderr = folder / "stderr"
         command = [sys.executable, *launcher, "run", "--config", str(self.config), "--log-format", "json"]
         with self._stderr.open("wb") as stderr:

@@ -1,0 +1,98 @@
+"""Asks the archive's process, which is started at a question and ended when none comes for a minute."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from observer.exchange import Reply
+from observer.process.pipes import framed, messages
+
+FOUND, UNFINISHED = "found", "unfinished"
+_IDLE_S = 60.0
+_PATIENCE_S = 30.0
+_MOST_WAITING = 4
+
+
+class Archivist:
+    """Asks about the past of an axis; from any thread, one question after the other."""
+
+    def __init__(self, config_json: bytes, recordings: Path) -> None:
+        """Take the document `config` and the folder of the recordings."""
+        document = json.loads(config_json) | {"recordings": str(recordings)}
+        self._start = framed("start", json.dumps(document).encode())
+        self._lock, self._waiting = threading.Lock(), threading.BoundedSemaphore(_MOST_WAITING)
+        self._child: subprocess.Popen[bytes] | None = None
+        self._idle: threading.Timer | None = None
+        self._is_closed = False
+
+    def ask(self, what: str, question: Mapping[str, Any]) -> Reply:
+        """Ask, and wait for the answer."""
+        if not self._waiting.acquire(blocking=False):
+            return Reply(b"", "too much is asked at once; ask again in a second", unfinished=True)
+        try:
+            with self._lock:
+                return self._ask(framed(what, json.dumps(question).encode()))
+        finally:
+            self._waiting.release()
+
+    def close(self) -> None:
+        """End the process."""
+        self._is_closed = True
+        if (child := self._child) is not None:
+            child.kill()
+        if self._idle is not None:
+            self._idle.cancel()
+
+    def _ask(self, question: bytes) -> Reply:
+        if self._is_closed:
+            return Reply(b"", "the service ends", unfinished=True)
+        if self._idle is not None:
+            self._idle.cancel()
+        child = self._child
+        if child is None or child.poll() is not None:
+            self._child = child = subprocess.Popen(
+                (sys.executable, "-m", "observer.archive"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+            )
+            question = self._start + question
+        assert child.stdin is not None
+        assert child.stdout is not None
+        late = threading.Timer(_PATIENCE_S, child.kill)
+        late.start()
+        try:
+            child.stdin.write(question)
+            child.stdin.flush()
+            found = next(messages(child.stdout.read), None)
+        except OSError:
+            found = None
+        finally:
+            late.cancel()
+        if found is None:
+            self._end(child)
+            return Reply(b"", "the recordings could not be read in time; ask again, or for less")
+        self._idle = threading.Timer(_IDLE_S, self._end_idle, (child,))
+        self._idle.daemon = True
+        self._idle.start()
+        kind, payload = found
+        return Reply(payload) if kind == FOUND else Reply(b"", payload.decode(), kind == UNFINISHED)
+
+    def _end_idle(self, child: subprocess.Popen[bytes]) -> None:
+        with self._lock:
+            if self._idle is threading.current_thread():
+                self._end(child)
+
+    def _end(self, child: subprocess.Popen[bytes]) -> None:
+        child.kill()
+        child.wait()
+        self._child = None
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                pipe.close()

@@ -1,0 +1,179 @@
+"""One value of the estimates over time, as OPC UA's history asks for it: every value, or one an interval."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any, NamedTuple
+
+import cbor2
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.archive.pages import Span
+from observer.archive.store import Archive, Chapter
+from observer.errors import LogError
+from observer.exchange import KEYS, KeyFigure
+from observer.frames import EstimateQuality, Layout, Quality
+
+_STEP_S = 3600.0
+_WITHIN_S = 6.0
+_QUALITY = [quality.label for quality in EstimateQuality]
+_SENSOR = [quality.label for quality in Quality]
+FIGURES = tuple(f for f in KEYS["estimate"].figures if f.node is not None and f.path != "position_m")
+"""What has a history in OPC UA."""
+
+
+class _Column(NamedTuple):
+    """A figure and which of its entries, None for all of them."""
+
+    figure: KeyFigure
+    entry: int | None
+
+
+def has_history(node: tuple[str, ...]) -> bool:
+    """Whether a node, by its path below the axis, is one whose past the recordings tell."""
+    return any(_fits(figure, node) for figure in FIGURES)
+
+
+def _fits(figure: KeyFigure, node: tuple[str, ...]) -> bool:
+    parts = (figure.node or "").split("/")
+    return len(parts) == len(node) and all(p in ("{}", n) for p, n in zip(parts, node, strict=True))
+
+
+def _column(node: tuple[str, ...], layout: Layout) -> _Column | None:
+    """Where a node's values are in the estimates of a layout; None where that has none."""
+    figure = next(figure for figure in FIGURES if _fits(figure, node))
+    parts = (figure.node or "").split("/")
+    if "{}" not in parts:
+        return _Column(figure, None)
+    names = layout.sources if figure.by == "sources" else layout.sensors
+    name = node[parts.index("{}")]
+    return _Column(figure, names.index(name)) if name in names else None
+
+
+def _values(column: _Column, chapter: Chapter) -> tuple[Any, list[str]]:
+    """The values of the wanted steps of a chapter, and the quality of each."""
+    block, here = chapter.estimates, chapter.wanted
+    assert block is not None
+    quality = [_QUALITY[code] for code in block.quality[here]]
+    values = getattr(block, column.figure.path)[here]
+    if column.entry is None:
+        return values, quality
+    values = values[:, column.entry]
+    if column.figure.used is not None:
+        used = block.sensor_quality[here, column.entry] == Quality.GOOD
+        quality = [q if good else "invalid" for q, good in zip(quality, used, strict=True)]
+    return values, quality
+
+
+def series(archive: Archive, node: list[str], span: Span, most: int, *, backwards: bool) -> bytes:
+    """The first `most` values of a span, the last ones in reverse order if `backwards`, as CBOR.
+
+    `{"time_s", "values", "quality", "next"}`; `next` is the time of the value that follows, None at the end.
+    """
+    until_s, at_s = time.monotonic() + _WITHIN_S, (span.to_s if backwards else span.from_s)
+    times: list[float] = []
+    values: list[Any] = []
+    quality: list[str] = []
+    while len(times) <= most and (at_s > span.from_s if backwards else at_s < span.to_s):
+        begin_s = max(span.from_s, at_s - _STEP_S) if backwards else at_s
+        end_s = at_s if backwards else min(span.to_s, at_s + _STEP_S)
+        begin_s, end_s, at_s = _skipped(archive, begin_s, end_s, span, backwards=backwards)
+        found = _taken(archive, tuple(node), begin_s, end_s, until_s)
+        turn = slice(None, None, -1 if backwards else 1)
+        times += found[0][turn]
+        values += found[1][turn]
+        quality += found[2][turn]
+    next_s = None if len(times) <= most else times[most - 1] if backwards else times[most]
+    return cbor2.dumps(
+        {"time_s": times[:most], "values": values[:most], "quality": quality[:most], "next": next_s}
+    )
+
+
+def _skipped(
+    archive: Archive, begin_s: float, end_s: float, span: Span, *, backwards: bool
+) -> tuple[float, float, float]:
+    """A stretch, moved over a time in which nothing was recorded, and where the next one begins."""
+    files = archive.files()
+    if backwards:
+        reach = max((f.to_s for f in files if f.from_s < end_s), default=-math.inf)
+        if reach < begin_s:
+            end_s = max(span.from_s, math.nextafter(reach, math.inf))
+            begin_s = max(span.from_s, end_s - _STEP_S)
+        return begin_s, end_s, begin_s
+    reach = min((f.from_s for f in files if f.to_s >= begin_s), default=math.inf)
+    if reach > end_s:
+        begin_s = min(span.to_s, reach)
+        end_s = min(span.to_s, begin_s + _STEP_S)
+    return begin_s, end_s, end_s
+
+
+def _taken(
+    archive: Archive, node: tuple[str, ...], begin_s: float, end_s: float, until_s: float
+) -> tuple[list[float], list[Any], list[str]]:
+    """Times, values and qualities of a stretch; of NaN, which is no value, the quality is invalid."""
+    times: list[float] = []
+    values: list[Any] = []
+    quality: list[str] = []
+    for chapter in archive.read(begin_s, end_s, [], until_s=until_s):
+        column = _column(node, archive.setup(chapter.origin.used).plant.layout)
+        if column is None:
+            continue
+        found, own = _values(column, chapter)
+        times += chapter.frames.time_s[chapter.wanted].tolist()
+        values += [_SENSOR[code] for code in found] if found.dtype == np.int8 else found.tolist()
+        quality += own
+    return times, values, quality
+
+
+def aggregated(archive: Archive, node: list[str], span: Span, interval_s: float, by: str) -> bytes:
+    """Mean, least or most (`by`: average, minimum, maximum) of each interval of a span, as CBOR.
+
+    `{"time_s": [where each begins], "values", "quality"}`; of values that are invalid nothing enters. The
+    quality is the worst that entered, and `invalid` where none did. Part 13 of OPC UA, 5.4.3.5 to 5.4.3.11,
+    with PercentValues of all that are not bad; the mean is of the values, which are evenly spaced.
+    """
+    until_s, count = time.monotonic() + _WITHIN_S, math.ceil((span.to_s - span.from_s) / interval_s)
+    sums, numbers = np.zeros(count), np.zeros(count)
+    least, most, worst = np.full(count, np.inf), np.full(count, -np.inf), np.zeros(count, np.int64)
+    at_s, order = span.from_s, {name: rank for rank, name in enumerate(_RANKED)}
+    while at_s < span.to_s:
+        begin_s, end_s, at_s = _skipped(archive, at_s, min(span.to_s, at_s + _STEP_S), span, backwards=False)
+        times, values, quality = _taken(archive, tuple(node), begin_s, end_s, until_s)
+        if not times:
+            continue
+        numeric = _numbers(values)
+        ranks = np.array([order[name] for name in quality])
+        here = np.isfinite(numeric) & (ranks < order["invalid"])
+        slot = ((np.array(times) - span.from_s) // interval_s).astype(np.int64)[here]
+        np.add.at(sums, slot, numeric[here])
+        np.add.at(numbers, slot, 1.0)
+        np.minimum.at(least, slot, numeric[here])
+        np.maximum.at(most, slot, numeric[here])
+        np.maximum.at(worst, slot, ranks[here])
+    known = numbers > 0
+    mean = np.divide(sums, numbers, out=np.full(count, np.nan), where=known)
+    result = {"average": mean, "minimum": least, "maximum": most}[by]
+    return cbor2.dumps(
+        {
+            "time_s": (span.from_s + interval_s * np.arange(count)).tolist(),
+            "values": np.where(known, result, np.nan).tolist(),
+            "quality": [
+                _RANKED[rank] if there else "invalid" for rank, there in zip(worst, known, strict=True)
+            ],
+        }
+    )
+
+
+_RANKED = ("good", "degraded", "starting", "stale", "invalid")
+
+
+def _numbers(values: list[Any]) -> NDArray[np.float64]:
+    try:
+        numbers = np.array(values, float)
+    except ValueError:
+        numbers = np.empty((0, 0))
+    if numbers.ndim != 1:
+        raise LogError("an array or a text has no mean; ask for its raw values")
+    return numbers

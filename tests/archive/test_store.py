@@ -1,0 +1,200 @@
+"""What the archive gives is what was published, to the last bit; and what it is not, it says."""
+
+from __future__ import annotations
+
+import json
+import math
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from observer.archive.pages import LONGEST_S, Pages, Span, time_of
+from observer.archive.store import Archive, UnfinishedError
+from observer.errors import ConfigError, LogError
+from observer.publish.codec import decode_estimate, decode_page
+from observer.record.retention import CONFIG_SUFFIX, STATE_SUFFIX
+from tests.archive.lived import BEGIN_S, PERIOD_S, configuration, lived
+
+
+def _estimates(pages: Pages, from_s: float, to_s: float) -> tuple[list, list[dict]]:
+    """All pages of a span: the estimates, and what each page says of itself."""
+    found, heads, at_s = [], [], from_s
+    while at_s is not None:
+        page = decode_page(pages.estimates(Span(at_s, to_s)))
+        found += page.pop("estimates")
+        heads.append(page)
+        at_s = page["next"]
+    return found, heads
+
+
+def _assert_same(found: list[dict], published: list[bytes]) -> None:
+    assert [e["time_s"] for e in found] == [decode_estimate(p)["time_s"] for p in published]
+    for one, other in zip(found, map(decode_estimate, published), strict=True):
+        assert one.keys() == other.keys()
+        for key, value in other.items():
+            np.testing.assert_array_equal(one[key], value, err_msg=key)
+
+
+def _in(published: list[bytes], from_s: float, to_s: float) -> list[bytes]:
+    return [p for p in published if from_s <= decode_estimate(p)["time_s"] < to_s]
+
+
+def _all(folder, config) -> Pages:
+    return Pages(Archive(config, config.digest))
+
+
+@pytest.fixture(scope="module")
+def month(tmp_path_factory):
+    """A recording in many files, in the midst of which the estimator was reset."""
+    folder = tmp_path_factory.mktemp("month")
+    config = configuration(folder)
+    with pytest.MonkeyPatch.context() as patch:  # many blocks, as those of hours
+        patch.setattr("observer.record.recorder._BATCH_S", 0.002)
+        estimates, readings, _ = lived(config, 1200, rotate_bytes=20_000, resets=(700,))
+    assert len(list(folder.glob("*.csv"))) > 5
+    return config, estimates, readings
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 1200), (130, 131), (600, 900), (1190, 5000), (-50, 3)])
+def test_what_was_published_comes_back_to_the_last_bit(month, first, last):
+    config, estimates, readings = month
+    from_s, to_s = BEGIN_S + first * PERIOD_S, BEGIN_S + last * PERIOD_S
+    found, heads = _estimates(_all(None, config), from_s, to_s)
+    _assert_same(found, _in(estimates, from_s, to_s))
+    assert {(h["config"], h["estimated_with"], h["in_force"]) for h in heads} == {(config.digest,) * 3}
+    assert [note for head in heads for note in head["notes"]] == []
+    page = json.loads(_all(None, config).readings(Span(from_s, to_s)))
+    assert page["readings"] == [json.loads(r) for r in readings if from_s <= json.loads(r)["time_s"] < to_s]
+
+
+def test_asking_again_goes_on_from_where_a_replay_passed(month, monkeypatch):
+    config, estimates, _ = month
+    monkeypatch.setattr("observer.archive.parts._PART_BYTES", 3000)
+    pages = _all(None, config)
+    whole, _ = _estimates(pages, BEGIN_S, BEGIN_S + 600.0)
+    _assert_same(whole, estimates)
+    for first in (1100, 20, 705, 333):
+        from_s = BEGIN_S + first * PERIOD_S
+        found, _ = _estimates(pages, from_s, from_s + 30.0)
+        _assert_same(found, _in(estimates, from_s, from_s + 30.0))
+
+
+def test_a_question_that_takes_too_long_is_refused_and_ends_in_the_end(month, monkeypatch):
+    config, _, _ = month
+    monkeypatch.setattr("observer.archive.parts._PART_BYTES", 3000)
+    archive = Archive(config, config.digest, clock=lambda: 1.0)
+    last = sorted(archive.files(), key=lambda file: file.to_s - file.from_s)[-1]
+
+    def found() -> bool:
+        return bool(list(archive.read(last.to_s - 1.0, last.to_s, [], until_s=0.0)))
+
+    with pytest.raises(UnfinishedError, match="ask again"):
+        found()
+    for _ in range(20):
+        with suppress(UnfinishedError):
+            if found():
+                return
+    raise AssertionError("asking again does not go on")
+
+
+def test_one_step_of_each_interval(month):
+    config, _, _ = month
+    page = decode_page(_all(None, config).estimates(Span(BEGIN_S + 1.0, BEGIN_S + 200.0, 60.0)))
+    times_s = [estimate["time_s"] for estimate in page["estimates"]]
+    first = 60.0 * math.ceil((BEGIN_S + 1.0) / 60.0)
+    np.testing.assert_array_equal(times_s, [t for t in first + 60.0 * np.arange(4) if t < BEGIN_S + 200.0])
+
+
+def test_a_page_has_an_end_and_says_where_to_go_on(month, monkeypatch):
+    config, estimates, _ = month
+    monkeypatch.setattr("observer.archive.pages._MOST_BYTES", 100_000)
+    found, heads = _estimates(_all(None, config), BEGIN_S, BEGIN_S + 600.0)
+    _assert_same(found, estimates)
+    assert len(heads) > 5
+    (page, *_), long = heads, decode_page(_all(None, config).estimates(Span(BEGIN_S - 9000.0, BEGIN_S)))
+    assert page["to_s"] == page["next"]
+    assert long["next"] == BEGIN_S - 9000.0 + LONGEST_S
+    assert long["gaps_s"] == [[BEGIN_S - 9000.0, long["next"]]]
+
+
+def test_restarts_gaps_and_another_configuration_are_told_and_never_mixed(tmp_path):
+    config = configuration(tmp_path)
+    other = configuration(tmp_path, surface=config.surface.model_copy(update={"convection_W_m2K": 33.0}))
+    assert other.digest != config.digest
+    first, _, standing = lived(config, 200)
+    second, _, _ = lived(config, 200, begin_s=BEGIN_S + 150.0, instance="00000002", start=standing)
+    third, _, _ = lived(other, 200, begin_s=BEGIN_S + 260.0, instance="00000003")
+    found, heads = _estimates(_all(None, other), BEGIN_S, BEGIN_S + 400.0)
+    _assert_same(found, first + second + third)
+    assert [(h["config"], h["estimated_with"]) for h in heads] == [
+        (config.digest, config.digest), (other.digest, other.digest)
+    ]  # fmt: skip
+    assert all(head["in_force"] == other.digest for head in heads)
+    assert any(f"under configuration {config.digest}" in note for note in heads[0]["notes"])
+    assert heads[0]["gaps_s"][0] == [BEGIN_S + 99.5, BEGIN_S + 150.0]
+
+
+def test_without_its_configuration_or_state_a_recording_is_estimated_anew_and_that_is_told(tmp_path):
+    config = configuration(tmp_path)
+    lived(config, 600, rotate_bytes=20_000)
+    for path in [*tmp_path.glob(f"*{STATE_SUFFIX}"), *tmp_path.glob(f"*{CONFIG_SUFFIX}")]:
+        path.unlink()
+    found, heads = _estimates(_all(None, config), BEGIN_S + 200.0, BEGIN_S + 290.0)
+    assert len(found) == 180
+    notes = [note for head in heads for note in head["notes"]]
+    assert any("its configuration was not kept" in note for note in notes)
+    assert any("estimates start cold" in note for note in notes)
+    assert any("sequence numbers are counted anew" in note for note in notes)
+    assert heads[0]["config"] is None
+
+
+def test_a_damaged_block_and_a_file_that_is_gone_are_told(tmp_path):
+    config = configuration(tmp_path)
+    estimates, _, _ = lived(config, 600, rotate_bytes=20_000)
+    files = sorted(
+        tmp_path.glob("*.csv"), key=lambda path: float(path.read_text().split("\n")[1].split(",")[0])
+    )
+    data = bytearray(files[1].read_bytes())
+    data[len(data) // 2] ^= 1
+    files[1].write_bytes(data)
+    files[2].unlink()
+    pages = _all(None, config)
+    found, heads = _estimates(pages, BEGIN_S, BEGIN_S + 300.0)
+    assert any("damaged rows are left out" in note for head in heads for note in head["notes"])
+    assert any(to_s - from_s > 5.0 for head in heads for from_s, to_s in head["gaps_s"])
+    late = [p for p in estimates if decode_estimate(p)["time_s"] > BEGIN_S + 250.0]
+    _assert_same(found[-len(late) :], late)
+
+
+def test_a_recording_that_is_being_written_is_read_as_far_as_it_is_whole(tmp_path):
+    config = configuration(tmp_path)
+    estimates, _, _ = lived(config, 100)
+    (file,) = tmp_path.glob("*.csv")
+    with file.open("ab") as opened:
+        opened.write(b"1700000049.9,22.0,2")
+    found, _ = _estimates(_all(None, config), BEGIN_S, BEGIN_S + 100.0)
+    _assert_same(found, estimates)
+
+
+def test_times_are_seconds_or_iso_8601():
+    assert time_of("1700000000.5", "from") == 1_700_000_000.5
+    assert time_of("2023-11-14T22:13:20Z", "from") == 1_700_000_000.0
+    assert time_of("2023-11-14T23:13:20+01:00", "from") == 1_700_000_000.0
+    assert time_of("2023-11-14T22:13:20", "from") == 1_700_000_000.0
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [{"to": "5"}, {"from": "noon"}, {"from": "nan"}, {"from": "9", "to": "5"},
+     {"from": "1", "to": "2", "every": "-1"}, {"from": "1", "to": "2", "every": "x"}],
+)  # fmt: skip
+def test_a_span_that_is_none_is_refused_in_words(asked):
+    with pytest.raises(ConfigError, match="give"):
+        Span.of(asked, 10.0)
+
+
+def test_without_recordings_nothing_is_found_in_words():
+    config = configuration(None)
+    with pytest.raises(LogError, match=r"record\.directory"):
+        Archive(config, "").files()

@@ -1,0 +1,61 @@
+"""The past of a running service, asked by time: it is what was published, and no tick waits for it."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+import zenoh
+
+from observer.publish.codec import decode_page
+from observer.publish.session import session_config
+from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
+from tests.system.plant import PREFIX, Daemon, Subscriber, machine, table_for
+
+pytestmark = pytest.mark.system
+
+
+def _ask(session: zenoh.Session, selector: str) -> bytes:
+    """The answer to a query; raises `LookupError` with the words of a refusal."""
+    for reply in session.get(f"{PREFIX}/{selector}", timeout=PATIENCE_S):
+        if reply.ok is None:
+            raise LookupError(reply.err.payload.to_string())
+        return reply.ok.payload.to_bytes()
+    raise LookupError("no answer")
+
+
+def test_a_running_service_tells_its_past_over_several_files(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        with Daemon(tmp_path, table, rotate_MB=0.03) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            until(lambda: len(list(daemon.recordings.glob("*.csv"))) >= 3)
+            seen.wait_for_more(20)
+            published = seen.estimates[2:]
+            first_s, last_s = published[0]["time_s"], published[-1]["time_s"]
+            at = datetime.fromtimestamp(first_s, UTC).isoformat()
+            with zenoh.open(session_config("client", (endpoint,), ())) as session:
+
+                def all_there() -> bool:  # the newest rows are on their way to the disk
+                    page = decode_page(_ask(session, f"estimate?from={at};to={last_s + 0.01}"))
+                    return page["estimates"][-1]["time_s"] == last_s and page
+
+                page = until(all_there)
+                readings = json.loads(_ask(session, f"readings?from={first_s};to={last_s + 0.01}"))
+                with pytest.raises(LookupError, match="ISO 8601"):
+                    _ask(session, "estimate?from=noon")
+                assert json.loads(_ask(session, "readings"))["time_s"] >= last_s
+            found = {e["sequence"]: e for e in page["estimates"]}
+            assert page["notes"] == []
+            assert page["gaps_s"] == []
+            assert len(readings["readings"]) == len(page["estimates"])
+            for one in published:
+                for key, value in one.items():
+                    np.testing.assert_array_equal(found[one["sequence"]][key], value, err_msg=key)
+            told = {d["sequence"]: d for d in seen.documents["readings"]}
+            assert all(told[d["sequence"]] == d for d in readings["readings"][2:])
+            daemon.stop()
