@@ -277,7 +277,7 @@ def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
     return _STRANGE.sub("_", text[:most])
 
 
-class Reply(NamedTuple):
+class PastReply(NamedTuple):
     """What was found of the past; or in words why nothing was, and whether asking again goes on."""
 
     payload: bytes
@@ -288,7 +288,7 @@ class Reply(NamedTuple):
 class Past(Protocol):
     """Where the past is asked for."""
 
-    def ask(self, what: str, question: Mapping[str, Any]) -> Reply:
+    def ask(self, what: str, question: Mapping[str, Any]) -> PastReply:
         """Ask, and wait for the answer; from any thread."""
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from observer.exchange import Reply
+from observer.exchange import PastReply
 from observer.process.pipes import framed, messages
 
 FOUND, UNFINISHED = "found", "unfinished"
@@ -31,10 +31,10 @@ class Archivist:
         self._idle: threading.Timer | None = None
         self._is_closed = False
 
-    def ask(self, what: str, question: Mapping[str, Any]) -> Reply:
+    def ask(self, what: str, question: Mapping[str, Any]) -> PastReply:
         """Ask, and wait for the answer."""
         if not self._waiting.acquire(blocking=False):
-            return Reply(b"", "too much is asked at once; ask again in a second", unfinished=True)
+            return PastReply(b"", "too much is asked at once; ask again in a second", unfinished=True)
         try:
             with self._lock:
                 return self._ask(framed(what, json.dumps(question).encode()))
@@ -49,9 +49,9 @@ class Archivist:
         if self._idle is not None:
             self._idle.cancel()
 
-    def _ask(self, question: bytes) -> Reply:
+    def _ask(self, question: bytes) -> PastReply:
         if self._is_closed:
-            return Reply(b"", "the service ends", unfinished=True)
+            return PastReply(b"", "the service ends", unfinished=True)
         if self._idle is not None:
             self._idle.cancel()
         child = self._child
@@ -77,12 +77,12 @@ class Archivist:
             late.cancel()
         if found is None:
             self._end(child)
-            return Reply(b"", "the recordings could not be read in time; ask again, or for less")
+            return PastReply(b"", "the recordings could not be read in time; ask again, or for less")
         self._idle = threading.Timer(_IDLE_S, self._end_idle, (child,))
         self._idle.daemon = True
         self._idle.start()
         kind, payload = found
-        return Reply(payload) if kind == FOUND else Reply(b"", payload.decode(), kind == UNFINISHED)
+        return PastReply(payload) if kind == FOUND else PastReply(b"", payload.decode(), kind == UNFINISHED)
 
     def _end_idle(self, child: subprocess.Popen[bytes]) -> None:
         with self._lock:

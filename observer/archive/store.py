@@ -24,7 +24,7 @@ from observer.align.walk import Memory, Walk
 from observer.archive.parts import parts
 from observer.errors import LogError, UserError
 from observer.estimate.checkpoint import CheckpointFit
-from observer.estimate.pipeline import Machine, Pipeline
+from observer.estimate.pipeline import MachineModel, Pipeline
 from observer.estimate.replay import start_of
 from observer.files.logs import Log
 from observer.frames import EstimateBlock, FrameBlock
@@ -71,7 +71,7 @@ class Chapter:
 
 @dataclass(frozen=True, slots=True)
 class _Setup:
-    machine: Machine
+    machine: MachineModel
     fit: CheckpointFit
     digest: str
 
@@ -104,7 +104,7 @@ class Archive:
         """The hash of the configuration in force."""
         return self._digest
 
-    def setup(self, digest: str) -> Machine:
+    def setup(self, digest: str) -> MachineModel:
         """The machine of a configuration that was used."""
         return self._setups[digest].machine
 
@@ -239,7 +239,7 @@ class Archive:
 
     def _setup(self, digest: str, config: Callable[[], Installation]) -> _Setup:
         if digest not in self._setups:
-            machine = Machine.of(config(), learns=True)
+            machine = MachineModel.of(config(), learns=True)
             while len(self._setups) >= _MOST_SETUPS:
                 del self._setups[next(iter(self._setups))]
             self._setups[digest] = _Setup(machine, CheckpointFit.of(machine), digest)

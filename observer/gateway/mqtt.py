@@ -2,7 +2,7 @@
 
 State is retained, so that late subscribers get it; `alive` is `false` as the last will, and `quality` is the
 quality of the estimates in one word, `stale` once the service is silent. Nothing waits for a missing broker:
-once it answers, it gets the newest of everything.
+once it answers, it gets the newest of everything, and what it missed follows late (`observer.gateway.late`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import sys
 import time
 from typing import Any
 
-from paho.mqtt.client import Client
+from paho.mqtt.client import Client, MQTTMessageInfo
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
@@ -21,6 +21,7 @@ from observer.errors import ConfigError
 from observer.exchange import RETAINED
 from observer.files.regular import read_password
 from observer.gateway.home_assistant import HomeAssistantEntry
+from observer.gateway.late import LateSender
 from observer.gateway.messages import Latest
 from observer.gateway.start import Say, Start
 from observer.tables.gateway import Mqtt, host_and_port
@@ -36,12 +37,15 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     """Publish until cancelled; raises `ConfigError` where a file of password or authority cannot be used."""
     assert start.mqtt is not None
     outlet = _Broker(start, start.mqtt, latest, say)
-    looking = asyncio.create_task(outlet.look())
+    looking = [asyncio.create_task(outlet.look())]
+    if outlet.late is not None:
+        looking.append(asyncio.create_task(outlet.late.run()))
     try:
         async for key, payload in latest.messages():
             outlet.put(key, payload)
     finally:
-        looking.cancel()
+        for task in looking:
+            task.cancel()
         outlet.close()
 
 
@@ -52,6 +56,7 @@ class _Broker:
         self._settings, self._latest, self._say = settings, latest, say
         self._topic = f"{settings.prefix}/{start.prefix}" if settings.prefix else start.prefix
         self._home = HomeAssistantEntry(settings.home_assistant, start, latest, self._topic)
+        self.late: LateSender | None = None
         self._quality: str | None = None
         self._let_in = False
         self._loop = asyncio.get_running_loop()
@@ -71,17 +76,29 @@ class _Broker:
                 raise ConfigError(
                     f"{settings.ca}: cannot be used ({error}); name a PEM file in mqtt.ca"
                 ) from None
+        if settings.late and start.recordings is not None:
+            self.late = late = LateSender(start, latest, self._send_surely, client.is_connected)
+            client.on_publish = lambda _client, _data, mid, *_: late.acknowledged(mid)
         client.connect_async(*host_and_port(settings.broker), keepalive=_KEEPALIVE_S)
         client.loop_start()
         self._say({"reason": f"mqtt: {self._no_broker()}"})
 
     def put(self, key: str, payload: bytes) -> None:
         """Publish a message; without a broker it is dropped."""
-        if self._client.is_connected():
+        late = self.late
+        if self._client.is_connected() and (late is None or late.may_go(key, payload)):
             retained = key in RETAINED
+            surely = retained or (late is not None and late.is_settling)
             self._client.publish(
-                f"{self._topic}/{key}", payload, _AT_LEAST_ONCE if retained else 0, retain=retained
+                f"{self._topic}/{key}", payload, _AT_LEAST_ONCE if surely else 0, retain=retained
             )
+
+            if late is not None:
+                late.gone(key, payload)
+
+    def _send_surely(self, key: str, payload: bytes) -> MQTTMessageInfo:
+        retained = key == "alive"
+        return self._client.publish(f"{self._topic}/{key}", payload, _AT_LEAST_ONCE, retain=retained)
 
     async def look(self) -> None:
         """Publish the quality, and what Home Assistant shows, whenever they change, for ever."""
@@ -97,6 +114,8 @@ class _Broker:
 
     def close(self) -> None:
         """Announce the end and disconnect."""
+        if self.late is not None:
+            self.late.close()
         if self._client.is_connected():
             last = self._client.publish(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
             last.wait_for_publish(_END_S)
@@ -110,6 +129,8 @@ class _Broker:
             self._report(f"the broker at {broker} refuses: {code}; look at mqtt.user and its password")
             return
         self._let_in = True
+        if self.late is not None:
+            self.late.connected()
         self._loop.call_soon_threadsafe(self._begin)
 
     def _begin(self) -> None:
@@ -125,6 +146,8 @@ class _Broker:
         if code.is_failure and self._let_in:  # else the reason is known
             self._report(self._no_broker())
         self._let_in = False
+        if self.late is not None:
+            self.late.disconnected()
 
     def _no_broker(self) -> str:
         return f"no broker answers at {self._settings.broker}; start it, or change mqtt.broker"

@@ -28,7 +28,7 @@ from observer.exchange import (
     Key,
     Outcome,
     Past,
-    Reply,
+    PastReply,
     plain_name,
 )
 from observer.publish.codec import array_of, to_json
@@ -77,7 +77,7 @@ class Responder:
         `past` answers for times gone by, None where nothing is recorded.
         """
         self._past = past
-        self._found_later: deque[tuple[str, Any, Reply]] = deque()
+        self._found_later: deque[tuple[str, Any, PastReply]] = deque()
         self._prefix = prefix
         self._config = config_json
         self._digest = json.loads(config_json).get("hash")
@@ -154,12 +154,12 @@ class Responder:
 
         def ask() -> None:
             past = self._past
-            reply = Reply(b"", _NOT_RECORDED) if past is None else past.ask(key, asked)
+            reply = PastReply(b"", _NOT_RECORDED) if past is None else past.ask(key, asked)
             self._found_later.append((key, query, reply))
 
         threading.Thread(target=ask, name="past", daemon=True).start()
 
-    def _reply_past(self, key: str, found: Reply, query: Any) -> None:
+    def _reply_past(self, key: str, found: PastReply, query: Any) -> None:
         with query:
             if found.reason is not None:
                 query.reply_err(found.reason)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.quantities import File, Flag, Name, Section, together
+from observer.tables.quantities import File, Flag, Name, Number, Section, together
 
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
 _OPCUA = "opc.tcp://"
@@ -113,6 +113,11 @@ class Mqtt(Section):
     password_file: File | None = None  #: a file whose first line is the password
     #: PEM file of the authority that signed the broker's certificate; the connection is then encrypted
     ca: File | None = None
+    late: Flag = True  #: whether what the broker missed is sent once it is back, if there are recordings
+    #: of what it missed, one step in so many seconds; 0 is every step
+    late_every_s: Annotated[Number, Field(ge=0, le=3600)] = 60.0
+    #: so many late steps a second at most, 0.1 to 1000
+    late_rate_Hz: Annotated[Number, Field(ge=0.1, le=1000)] = 20.0
 
     #: `true` describes the machine to [Home Assistant](../how-to/plant.md#home-assistant), text under another
     #: prefix than `homeassistant`; `false` removes it again; – does neither

@@ -11,7 +11,7 @@ import numpy as np
 
 from observer.align.aligner import Aligner
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
-from observer.estimate.pipeline import Machine
+from observer.estimate.pipeline import MachineModel
 from observer.frames import Reading
 from observer.installation import Installation, load
 from observer.publish.codec import EstimateEncoder, config_json
@@ -43,7 +43,7 @@ def lived(
 
     A thermocouple falls silent now and then, another fails, readings come late.
     """
-    machine = Machine.of(config, learns=True)
+    machine = MachineModel.of(config, learns=True)
     fit, pipeline = CheckpointFit.of(machine), machine.pipeline()
     aligner = Aligner(machine.plan, math.nan if start is None else start.tick_s)
     if start is not None:

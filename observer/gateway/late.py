@@ -1,0 +1,153 @@
+"""What a broker missed, sent late: from the recordings, in order, beside the live values.
+
+Every live value may get lost unnoticed. So now and then a retained `true` on `alive` follows them at QoS 1: a
+connection keeps the order of its messages, so once it is acknowledged, so is all before it. Late values are
+sent at QoS 1 themselves, each once the one before is acknowledged.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import cbor2
+import structlog
+
+from observer.archive.client import Archivist
+from observer.publish.backlog import STEP_KEYS, Backlog, holds_a_step
+from observer.publish.codec import decode_estimate
+
+if TYPE_CHECKING:
+    from paho.mqtt.client import MQTTMessageInfo
+
+    from observer.gateway.messages import Latest
+    from observer.gateway.start import Start
+
+_LAST_OF_A_STEP = "readings"
+_MARK_S = 1.0
+_SAVE_S = 5.0
+_LOOK_S = 0.2
+_SETTLE_S = 3.0  # until those who listen are back too, and the rows of the outage's end on the disk
+_RETRY_S = 10.0
+_ACKNOWLEDGED_S = 0.005
+_SAVE_LATE_S = 1.0
+
+Send = Callable[[str, bytes], "MQTTMessageInfo"]
+
+log = structlog.get_logger()
+
+
+class LateSender:
+    """Follows what a broker has got, and sends what it missed. `send` publishes at QoS 1 below the prefix."""
+
+    def __init__(self, start: Start, latest: Latest, send: Send, is_connected: Callable[[], bool]) -> None:
+        assert start.mqtt is not None
+        assert start.recordings is not None
+        self._settings, self._recordings, self._latest = start.mqtt, start.recordings, latest
+        self._send, self._is_connected = send, is_connected
+        name = f"{start.machine}-{start.axis}.mqtt-sent"
+        self.backlog = Backlog(start.recordings / name, f"{start.mqtt.broker} {start.mqtt.prefix or ''}")
+        self._marks: dict[int, tuple[int, float]] = {}
+        self._connection = 0  # the library sends a mark again on the next one, where it says nothing
+        self._resumes = False
+        self._marked_s = self._saved_s = self._connected_s = -math.inf
+        self._slot = math.nan
+        self._past: Archivist | None = None
+
+    def connected(self) -> None:
+        """Take that there is a connection, from any thread: the next estimate is the first that arrives."""
+        self._connection += 1
+        self._connected_s = time.monotonic()
+        self._resumes = True
+
+    def disconnected(self) -> None:
+        """Take that it has ended; from any thread."""
+        self._connection += 1
+        self.backlog.save()
+
+    @property
+    def is_settling(self) -> bool:
+        """Whether those who listen may not be back yet: a broker keeps for them what comes at QoS 1."""
+        return time.monotonic() - self._connected_s < _SETTLE_S
+
+    def may_go(self, key: str, payload: bytes) -> bool:
+        """Take that a message is about to go live; returns False for the rest of a step that went before."""
+        if self._resumes and key in STEP_KEYS:
+            if key != "estimate":
+                return False
+            self._resumes = False
+            self.backlog.resumed(float(decode_estimate(payload)["time_s"]))
+        return True
+
+    def gone(self, key: str, payload: bytes) -> None:
+        """Take that a message has gone live; let a mark follow the last one of a step where it is time."""
+        if key != _LAST_OF_A_STEP:
+            return
+        time_s = float(json.loads(payload)["time_s"])
+        every_s, now_s = self._settings.late_every_s, time.monotonic()
+        slot = math.floor(time_s / every_s) if every_s else time_s
+        if slot != self._slot or now_s - self._marked_s >= _MARK_S:
+            self._slot, self._marked_s = slot, now_s
+            connection = self._connection
+            self._marks = {m: about for m, about in self._marks.items() if about[0] == connection}
+            self._marks[self._send("alive", b"true").mid] = connection, time_s
+
+    def acknowledged(self, mid: int) -> None:
+        """Take an acknowledgement; from the library's thread."""
+        connection, time_s = self._marks.pop(mid, (-1, math.nan))
+        if connection == self._connection:
+            self.backlog.got(time_s)
+
+    async def run(self) -> None:
+        """Send what is missing, for ever."""
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            if time.monotonic() - self._saved_s >= _SAVE_S and self._is_connected():
+                self._saved_s = time.monotonic()
+                await asyncio.to_thread(self.backlog.save)
+            span = self.backlog.first
+            if span is None or not self._is_connected():
+                continue
+            if not holds_a_step(span, self._settings.late_every_s):
+                self.backlog.sent(span[1])
+                continue
+            log.info("late values", outlet="mqtt", missing_s=round(self.backlog.left_s, 1))
+            await asyncio.sleep(_SETTLE_S)
+            await self._send_span(span)
+
+    async def _send_span(self, span: tuple[float, float]) -> None:
+        """Send a page of a span."""
+        if self._past is None:
+            self._past = Archivist(self._latest.payload("config") or b"{}", self._recordings)
+        question: dict[str, Any] = {
+            "from_s": span[0], "to_s": span[1], "every_s": self._settings.late_every_s, "keys": STEP_KEYS
+        }  # fmt: skip
+        reply = await asyncio.to_thread(self._past.ask, "late", question)
+        if reply.reason is not None:
+            if not reply.unfinished:
+                log.warning("late values cannot be read", reason=reply.reason)
+                await asyncio.sleep(_RETRY_S)
+            return
+        page, saved_s = cbor2.loads(reply.payload), time.monotonic()
+        for time_s, messages in page["steps"]:
+            next_s = time.monotonic() + 1.0 / self._settings.late_rate_Hz
+            waiting = [self._send(key, payload) for key, payload in messages.items()]
+            while not all(info.is_published() for info in waiting):  # also after another outage
+                await asyncio.sleep(_ACKNOWLEDGED_S)
+            self.backlog.sent(math.nextafter(time_s, math.inf))
+            if time.monotonic() - saved_s >= _SAVE_LATE_S:
+                saved_s = time.monotonic()
+                await asyncio.to_thread(self.backlog.save)
+            await asyncio.sleep(max(0.0, next_s - time.monotonic()))
+        self.backlog.sent(span[1] if page["next"] is None else page["next"])
+        await asyncio.to_thread(self.backlog.save)
+
+    def close(self) -> None:
+        """Keep how far it came, and end."""
+        self.backlog.save()
+        if self._past is not None:
+            self._past.close()

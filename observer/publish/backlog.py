@@ -1,0 +1,98 @@
+"""What a destination has not got, in spans of time: kept in a file, so that it outlives a restart.
+
+Live values go on past an outage at once; what lies between the last value that arrived and the first one
+after the outage is sent late, from the recordings (store and forward, as in Ignition or OIBus).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import structlog
+
+from observer.files.folders import make_folder, write_whole
+
+_MOST_SPANS = 1000
+_FORMAT = 1
+STEP_KEYS = ("estimate", "readings", "heat", "field", "error")
+"""The keys whose messages are sent late: those that are made of every step."""
+
+log = structlog.get_logger()
+
+
+class Backlog:
+    """The spans that one destination lacks, the oldest first, each from a time up to another.
+
+    What came before the first value that ever went there is not missing. From any thread.
+    """
+
+    def __init__(self, path: Path, destination: str) -> None:
+        """Go on from a file; one that is of another destination, or damaged, begins anew."""
+        self._path, self._destination = path, destination
+        self._lock = threading.Lock()
+        self._got_s: float | None = None
+        self._missing: list[tuple[float, float]] = []
+        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            kept = json.loads(path.read_bytes())
+            if (kept["format"], kept["destination"]) == (_FORMAT, destination):
+                self._missing = [(float(a), float(b)) for a, b in kept["missing"]]
+                self._got_s = None if kept["got_s"] is None else float(kept["got_s"])
+
+    @property
+    def first(self) -> tuple[float, float] | None:
+        """The oldest span that is missing, None if nothing is."""
+        with self._lock:
+            return self._missing[0] if self._missing else None
+
+    @property
+    def left_s(self) -> float:
+        """How long the missing spans are in all."""
+        with self._lock:
+            return sum(to_s - from_s for from_s, to_s in self._missing)
+
+    def got(self, time_s: float) -> None:
+        """Note that the live values up to a time have arrived."""
+        with self._lock:
+            self._got_s = time_s if self._got_s is None else max(self._got_s, time_s)
+
+    def resumed(self, time_s: float) -> None:
+        """Note that live values go there again, from this time on; saves."""
+        with self._lock:
+            if self._got_s is not None and time_s > self._got_s:
+                self._missing.append((math.nextafter(self._got_s, math.inf), time_s))
+                del self._missing[:-_MOST_SPANS]
+            self._got_s = math.nextafter(time_s, -math.inf)
+        self.save()
+
+    def sent(self, before_s: float) -> None:
+        """Note that late values before a time have arrived."""
+        with self._lock:
+            if self._missing:
+                self._missing = [(max(a, before_s), b) for a, b in self._missing if b > before_s]
+
+    def save(self) -> None:
+        """Write the file, whole or not at all."""
+        with self._lock:
+            kept = {
+                "format": _FORMAT,
+                "destination": self._destination,
+                "got_s": self._got_s,
+                "missing": self._missing,
+            }
+            try:
+                make_folder(self._path.parent)
+                write_whole(self._path, json.dumps(kept).encode())
+            except OSError as error:
+                log.warning("what was sent cannot be kept", path=str(self._path), reason=error.strerror)
+
+
+def holds_a_step(span: tuple[float, float], every_s: float) -> bool:
+    """Whether a multiple of a period lies within a span; a shorter outage has lost nothing that is sent."""
+    before_s = math.nextafter(span[0], -math.inf)
+    return every_s == 0.0 or math.floor(math.nextafter(span[1], -math.inf) / every_s) > math.floor(
+        before_s / every_s
+    )

@@ -1,0 +1,224 @@
+"""A broker or a router that is killed and comes back: the plant has every step, once, and in order.
+
+None of the live ones waits for those that are late; nor does it matter that the service is killed meanwhile.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import shutil
+import socket
+import subprocess
+import threading
+from collections.abc import Callable
+from contextlib import closing, suppress
+from pathlib import Path
+
+import pytest
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
+from observer.publish.codec import decode_estimate
+from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
+from tests.system.plant import PREFIX, Daemon, machine, table_for
+
+MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
+pytestmark = pytest.mark.system
+needs_broker = pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs Debian's package mosquitto")
+OUTAGE_STEPS = 30
+
+
+class Broker:
+    """A broker of MQTT that can be killed and started again; the service reaches it at `door`.
+
+    The door opens once the plant is back: MQTT tells nobody what was published while he was away.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.port = free_port()
+        self._file = folder / "mosquitto.conf"
+        self._file.write_text(f"listener {self.port} 127.0.0.1\nuser root\nallow_anonymous true\n")
+        self._door = socket.create_server(("127.0.0.1", 0))
+        self.door = self._door.getsockname()[1]
+        self.is_open = False
+        threading.Thread(target=self._let_in, daemon=True).start()
+
+    def start(self) -> None:
+        self._process = subprocess.Popen(
+            [MOSQUITTO, "-c", str(self._file)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+
+    def kill(self) -> None:
+        self.is_open = False
+        self._process.kill()
+        self._process.wait(PATIENCE_S)
+
+    def close(self) -> None:
+        self._door.close()
+
+    def _let_in(self) -> None:
+        with suppress(OSError):
+            while True:
+                inside, _ = self._door.accept()
+                try:
+                    if not self.is_open:
+                        raise ConnectionRefusedError
+                    outside = socket.create_connection(("127.0.0.1", self.port))
+                except OSError:
+                    inside.close()
+                    continue
+                for one, other in ((inside, outside), (outside, inside)):
+                    threading.Thread(target=_pass_on, args=(one, other), daemon=True).start()
+
+
+def _pass_on(source: socket.socket, sink: socket.socket) -> None:
+    """Pass on what comes until either side ends."""
+    with suppress(OSError), source, sink:
+        while data := source.recv(65536):
+            sink.sendall(data)
+        sink.shutdown(socket.SHUT_RDWR)
+
+
+class Plant:
+    """What a plant keeps: every message of the steps, in the order of arrival."""
+
+    def __init__(self, port: int) -> None:
+        self.got: list[tuple[str, dict]] = []
+        self.is_there = False
+        self._client = Client(CallbackAPIVersion.VERSION2)
+        self._client.on_connect = lambda client, *_: client.subscribe(f"{PREFIX}/#", 1)
+        self._client.on_subscribe = lambda *_: setattr(self, "is_there", True)
+        self._client.on_disconnect = lambda *_: setattr(self, "is_there", False)
+        self._client.on_message = self._take
+        self._client.reconnect_delay_set(1, 1)
+        self._client.connect_async("127.0.0.1", port)
+        self._client.loop_start()
+
+    def _take(self, _client, _data, message) -> None:
+        key = message.topic.removeprefix(f"{PREFIX}/")
+        if key == "estimate":
+            self.got.append((key, decode_estimate(message.payload)))
+        elif key in {"heat", "readings"}:
+            self.got.append((key, json.loads(message.payload)))
+
+    def times_s(self, key: str, late: Callable[[dict], bool] = lambda _: True) -> list[float]:
+        return [d["time_s"] for k, d in self.got if k == key and late(d)]
+
+    def __enter__(self) -> Plant:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+def _late(document: dict) -> bool:
+    return document.get("late", False)
+
+
+def _live(document: dict) -> bool:
+    return not _late(document)
+
+
+def _recorded(folder: Path) -> list[float]:
+    """The ticks of all recordings."""
+    found = []
+    for path in folder.glob("*.csv"):
+        rows = csv.DictReader(path.read_text().rpartition("\n")[0].splitlines())
+        found += [float(row["time_s"]) for row in rows if row["step"] == "1"]
+    return sorted(found)
+
+
+def _assert_whole(plant: Plant, folder: Path, outages: int) -> None:
+    """Every step that was recorded since the first that came is there, and late ones are in order.
+
+    It is there once, but for one that arrived when the broker died before it could acknowledge it.
+    """
+    for key in ("heat", "estimate", "readings"):
+        times_s = plant.times_s(key)
+        wanted = [t for t in _recorded(folder) if min(times_s) <= t <= max(times_s)]
+        assert sorted(set(times_s)) == wanted, key
+        assert len(times_s) - len(wanted) <= outages
+        for kind in (plant.times_s(key, _late), plant.times_s(key, _live)):
+            assert all(a < b for a, b in itertools.pairwise(kind))
+
+
+def _back(broker: Broker, plant: Plant) -> None:
+    """Start the broker, and let the service in once the plant is there."""
+    broker.start()
+    until(lambda: plant.is_there)
+    broker.is_open = True
+
+
+def _mqtt(broker: Broker, wires: dict) -> dict:
+    settings = {"broker": f"127.0.0.1:{broker.door}", "late_every_s": 0, "late_rate_Hz": 1000}
+    return table_for(wires, listen=[f"tcp/127.0.0.1:{free_port()}"]) | {"mqtt": settings}
+
+
+def _wait_for_steps(daemon: Daemon, count: int = OUTAGE_STEPS) -> None:
+    """Wait until so many more steps are recorded."""
+    before = len(_recorded(daemon.recordings))
+    until(lambda: len(_recorded(daemon.recordings)) > before + count, pause_s=0.1)
+
+
+def _wait_until_whole(plant: Plant, daemon: Daemon) -> None:
+    """Wait until every step recorded so far has come."""
+    end_s = _recorded(daemon.recordings)[-1]
+
+    def whole() -> bool:
+        times_s = set(plant.times_s("heat"))
+        return bool(times_s) and all(
+            t in times_s for t in _recorded(daemon.recordings) if min(times_s) <= t <= end_s
+        )
+
+    until(whole, pause_s=0.2)
+
+
+@needs_broker
+def test_a_broker_that_was_killed_gets_every_step_beside_the_live_ones(tmp_path):
+    broker = Broker(tmp_path)
+    with (
+        closing(broker),
+        machine() as wires,
+        Daemon(tmp_path, _mqtt(broker, wires.wires)) as daemon,
+        Plant(broker.port) as plant,
+    ):
+        _back(broker, plant)
+        until(lambda: len(plant.times_s("heat")) > 20)
+        for _ in range(2):
+            broker.kill()
+            _wait_for_steps(daemon)
+            _back(broker, plant)
+            until(lambda: plant.times_s("heat", _late))
+            _wait_until_whole(plant, daemon)
+        kinds = [_late(d) for k, d in plant.got if k == "heat"]
+        begin = kinds.index(True)
+        assert False in kinds[begin : begin + OUTAGE_STEPS]  # live ones among them
+        daemon.stop()
+        broker.kill()
+        _assert_whole(plant, daemon.recordings, 2)
+
+
+@needs_broker
+def test_a_service_that_was_killed_during_the_outage_sends_what_was_missed_before_and_after(tmp_path):
+    broker = Broker(tmp_path)
+    with closing(broker), machine() as wires, Plant(broker.port) as plant:
+        table = _mqtt(broker, wires.wires)
+        with Daemon(tmp_path, table) as daemon:
+            _back(broker, plant)
+            until(lambda: len(plant.times_s("heat")) > 20)
+            broker.kill()
+            _wait_for_steps(daemon)
+            daemon.process.kill()
+            daemon.process.wait(PATIENCE_S)
+        with Daemon(tmp_path, table) as daemon:
+            _wait_for_steps(daemon)
+            _back(broker, plant)
+            _wait_until_whole(plant, daemon)
+            daemon.stop()
+            broker.kill()
+            _assert_whole(plant, daemon.recordings, 1)
+        assert len({d["instance"] for k, d in plant.got if k == "heat" and _late(d)}) == 2
