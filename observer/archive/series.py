@@ -85,7 +85,7 @@ def series(archive: Archive, node: list[str], span: Span, most: int, *, backward
         times += found[0][turn]
         values += found[1][turn]
         quality += found[2][turn]
-    next_s = None if len(times) <= most else times[most - 1] if backwards else times[most]
+    next_s = None if len(times) <= most else times[most]
     return cbor2.dumps(
         {"time_s": times[:most], "values": values[:most], "quality": quality[:most], "next": next_s}
     )

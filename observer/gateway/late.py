@@ -41,13 +41,33 @@ Send = Callable[[str, bytes], "MQTTMessageInfo"]
 log = structlog.get_logger()
 
 
+class PastOfStart:
+    """Whom an outlet asks about the past, made at the first question: the configuration is known by then."""
+
+    def __init__(self, start: Start, latest: Latest) -> None:
+        self._start, self._latest = start, latest
+        self._archivist: Archivist | None = None
+
+    def archivist(self) -> Archivist:
+        """Who answers; only where there is a folder of recordings."""
+        if self._archivist is None:
+            assert self._start.recordings is not None
+            self._archivist = Archivist(self._latest.payload("config") or b"{}", self._start.recordings)
+        return self._archivist
+
+    def close(self) -> None:
+        """End."""
+        if self._archivist is not None:
+            self._archivist.close()
+
+
 class LateSender:
     """Follows what a broker has got, and sends what it missed. `send` publishes at QoS 1 below the prefix."""
 
     def __init__(self, start: Start, latest: Latest, send: Send, is_connected: Callable[[], bool]) -> None:
         assert start.mqtt is not None
         assert start.recordings is not None
-        self._settings, self._recordings, self._latest = start.mqtt, start.recordings, latest
+        self._settings = start.mqtt
         self._send, self._is_connected = send, is_connected
         name = f"{start.machine}-{start.axis}.mqtt-sent"
         self.backlog = Backlog(start.recordings / name, f"{start.mqtt.broker} {start.mqtt.prefix or ''}")
@@ -56,7 +76,7 @@ class LateSender:
         self._resumes = False
         self._marked_s = self._saved_s = self._connected_s = -math.inf
         self._slot = math.nan
-        self._past: Archivist | None = None
+        self._past = PastOfStart(start, latest)
 
     def connected(self) -> None:
         """Take that there is a connection, from any thread: the next estimate is the first that arrives."""
@@ -121,12 +141,10 @@ class LateSender:
 
     async def _send_span(self, span: tuple[float, float]) -> None:
         """Send a page of a span."""
-        if self._past is None:
-            self._past = Archivist(self._latest.payload("config") or b"{}", self._recordings)
         question: dict[str, Any] = {
             "from_s": span[0], "to_s": span[1], "every_s": self._settings.late_every_s, "keys": STEP_KEYS
         }  # fmt: skip
-        reply = await asyncio.to_thread(self._past.ask, "late", question)
+        reply = await asyncio.to_thread(self._past.archivist().ask, "late", question)
         if reply.reason is not None:
             if not reply.unfinished:
                 log.warning("late values cannot be read", reason=reply.reason)
@@ -149,5 +167,4 @@ class LateSender:
     def close(self) -> None:
         """Keep how far it came, and end."""
         self.backlog.save()
-        if self._past is not None:
-            self._past.close()
+        self._past.close()

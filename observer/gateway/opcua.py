@@ -26,7 +26,9 @@ from asyncua.server.server import Server
 from asyncua.ua.status_codes import StatusCodes
 
 from observer.exchange import KEYS, KeyFigure
+from observer.gateway.late import PastOfStart
 from observer.gateway.messages import Latest
+from observer.gateway.opcua_history import PastValues, give_history
 from observer.gateway.opcua_server import guarded
 from observer.gateway.process_values import ProcessValueTree, process_signals
 from observer.gateway.start import Say, Start
@@ -60,6 +62,10 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     server = await guarded(start.opcua)
     server.set_endpoint(start.opcua.listen)
     server.set_server_name("Ballscrew Observer")
+    past = PastOfStart(start, latest)
+    storage = None if start.recordings is None else PastValues(past.archivist, _data)
+    if storage is not None:
+        give_history(server, storage)
     index = await server.register_namespace(NAMESPACE)
     machine = await server.nodes.objects.add_object(index, start.machine)
     axis = await machine.add_object(index, start.axis)
@@ -71,7 +77,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
             f"cannot listen on {start.opcua.listen} ({error.strerror}); change opcua.listen"
         ) from None
     say({"reason": None, "address": start.opcua.listen})
-    tree = _Tree(server, index, axis)
+    tree = _Tree(server, index, axis, storage)
     try:
         while True:
             for value in values(latest):
@@ -80,6 +86,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
                 await process_values.write(signal, _data(signal.value, signal.quality, signal.time_s))
             await asyncio.sleep(PERIOD_S)
     finally:
+        past.close()
         await server.stop()
 
 
@@ -124,8 +131,8 @@ def _plain(value: Any) -> Any:
 class _Tree:
     """The variables below an axis, made when their first value comes."""
 
-    def __init__(self, server: Server, index: int, axis: Node) -> None:
-        self._server, self._index, self._axis = server, index, axis
+    def __init__(self, server: Server, index: int, axis: Node, storage: PastValues | None) -> None:
+        self._server, self._index, self._axis, self._storage = server, index, axis, storage
         self._folders: dict[tuple[str, ...], Node] = {(): axis}
         self._variables: dict[tuple[str, ...], Node] = {}
         self._written: dict[tuple[str, ...], tuple[str, float]] = {}
@@ -148,6 +155,8 @@ class _Tree:
         folder = self._folders[path[:-1]]
         node = await folder.add_variable(self._index, path[-1], variant)
         self._variables[path] = node
+        if self._storage is not None:
+            await self._storage.add(node, path)
         return node
 
 
