@@ -165,8 +165,10 @@ def _wait_for_steps(daemon: Daemon, count: int = OUTAGE_STEPS) -> None:
 
 
 def _wait_until_whole(plant: Plant, daemon: Daemon) -> None:
-    """Wait until every step recorded so far has come."""
-    end_s = _recorded(daemon.recordings)[-1]
+    """Wait until live steps come again, and all before them have come."""
+    begin_s = _recorded(daemon.recordings)[-1]
+    until(lambda: plant.times_s("heat", _live)[-1] > begin_s)
+    end_s = plant.times_s("heat", _live)[-1]
 
     def whole() -> bool:
         times_s = set(plant.times_s("heat"))
@@ -192,7 +194,6 @@ def test_a_broker_that_was_killed_gets_every_step_beside_the_live_ones(tmp_path)
             broker.kill()
             _wait_for_steps(daemon)
             _back(broker, plant)
-            until(lambda: plant.times_s("heat", _late))
             _wait_until_whole(plant, daemon)
         kinds = [_late(d) for k, d in plant.got if k == "heat"]
         begin = kinds.index(True)
