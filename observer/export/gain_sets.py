@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +26,10 @@ from observer.model.plant import Plant
 
 _MOST_GAINS = 40_000
 """Numbers in the table of gains up to which two absent sensors have gains, too: 320 kB in double."""
-_GROWTH_AT_MOST_1_S = 1e-3
+_GROWTH_AT_MOST_1_S = 1e-5
+"""Of an error while a nut stands: e-fold in more than a day, which is longer than one stands."""
+_CAUTIONS = (1.0, 10.0, 100.0, 1e3, 1e4)
+"""How many times the sensors' noise a gain is designed for, the first that will do."""
 _SETTLED_SIGMA = 1.1
 """The heats count as settled once their σ are within a tenth of the steady ones."""
 LONG = 30_000
@@ -95,17 +100,20 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
 def _gain(
     plant: Plant, step: StepMatrices, present: np.ndarray, config: Config, omega: float | None
 ) -> FloatArray | Refusal:
-    """The gain of the estimator, refused where errors would run away while a nut stands: it is designed for
-    the mean of the stroke, and nobody watches a controller.
+    """The gain of the estimator, or a more cautious one under which no error runs away while a nut stands:
+    gains are designed for the mean of the stroke, and nobody watches a controller.
     """
-    K = gain_for(plant, step, present, config.estimator, omega)
-    if isinstance(K, Refusal):
-        return K
-    K = K.K if isinstance(K, LuenbergerGain) else K
-    if standing_growth_1_s(plant, step, K) > _GROWTH_AT_MOST_1_S:
-        names = tuple(itertools.compress(plant.layout.sensors, present))
-        return Refusal(names, "while the nut stands at some places, errors would grow")
-    return K
+    names = tuple(itertools.compress(plant.layout.sensors, present))
+    for caution in _CAUTIONS:
+        doubtful = replace(plant, noise_R_K2=caution * plant.noise_R_K2)
+        slower = None if omega is None else omega / math.sqrt(caution)
+        K = gain_for(doubtful, step, present, config.estimator, slower)
+        if isinstance(K, Refusal):
+            return K
+        K = K.K if isinstance(K, LuenbergerGain) else K
+        if standing_growth_1_s(plant, step, K) <= _GROWTH_AT_MOST_1_S:
+            return K
+    return Refusal(names, "while the nut stands at some places, errors would grow")
 
 
 def _variance(plant: Plant, P: FloatArray) -> FloatArray:

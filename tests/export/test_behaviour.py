@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from observer.estimators.design.gains import everything
-from observer.estimators.design.steady import steady_kalman
+from observer.estimators.design.steady import standing_growth_1_s, steady_kalman
 from observer.export.data import Exportable, observer_form
 from observer.export.form import Form, FormRunner
 from observer.export.gain_sets import gain_sets
 from observer.installation import load
 from observer.tables.mounting import Compensation
-from tests.export.made import nut_machine
+from tests.export.made import built, by_c, nut_machine
 from tests.logs.machines import RIG
 
+OF_THE_RIG = (*(f"t{i}_degC" for i in range(1, 6)), "nut_position_m", "screw_speed_rpm", "ambient_degC")
 SENSORS = tuple(f"t{i}_degC" for i in range(1, 6))
 WARM = dict.fromkeys((*SENSORS, "ambient_degC"), 5.0)
 USUAL = {"nut_position_m": 0.46, "screw_speed_rpm": 0.0}
@@ -174,8 +177,36 @@ def test_gains_are_those_of_the_estimator_for_each_set_of_sensors() -> None:
         if number == len(sets.K) - 1:
             assert config.sensor[i].name in sets.refused
             continue
-        K = steady_kalman(own.plant, own.step, present)
-        np.testing.assert_array_equal(sets.K[number].T, K)
+        doubtful = [
+            replace(own.plant, noise_R_K2=times * own.plant.noise_R_K2) for times in 10.0 ** np.arange(5)
+        ]
+        gains = [steady_kalman(plant, own.step, present) for plant in doubtful]
+        equal = [np.array_equal(sets.K[number].T, K) for K in gains]
+        assert sum(equal) == 1
+        assert standing_growth_1_s(own.plant, own.step, sets.K[number].T) <= 1e-5
+        assert all(standing_growth_1_s(own.plant, own.step, K) > 1e-5 for K in gains[: equal.index(True)])
         assert not sets.K[number][~present].any()
         assert np.all(sets.gate_K2[number] < sets.gate_K2[number + len(sets.K) // 2])
     assert not sets.K[-1].any()
+
+
+@pytest.mark.parametrize("gone", range(5))
+def test_without_a_sensor_nothing_runs_away_while_the_nut_stands(
+    form: Form, tmp_path: Path, gone: int
+) -> None:
+    """The others say what no model does, for hours: the estimate settles, and does not grow without end."""
+    steps, lost = 4 * 7200, 1800
+    inputs = [
+        {
+            "reading": [USUAL.get(name, 28.0 if name in SENSORS else 25.0) for name in OF_THE_RIG],
+            "fresh": [not (i == gone and k >= lost) for i in range(len(OF_THE_RIG))],
+            "enable": False,
+            "heartbeat": k % 1000,
+        }
+        for k in range(steps)
+    ]
+    error_um = by_c(form, built(form, tmp_path, "gcc", "-O2"), inputs)["error_um"][:, -1]
+    before, later, last = error_um[[lost - 1, steps // 2, -1]]
+    assert abs(last - later) < 0.1 * before
+    # what the lost one would have said against it is gone, and no more than that
+    assert abs(last - before) < 0.5 * before
