@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import subprocess
 import tempfile
@@ -12,7 +13,8 @@ from PIL import Image
 from observer import app
 
 HERE = Path(__file__).parent
-RIG = HERE.parents[1] / "tests" / "data" / "rig"
+TESTS = HERE.parents[1] / "tests"
+RIG = Path("tests") / "data" / "rig"  # as the tutorial types it: the report repeats what was typed
 LOGS = [RIG / "end_conduction-0.1" / f"run_{run}.csv.gz" for run in "abc"]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WIDTH, HEIGHT = 1040, 965
@@ -25,8 +27,9 @@ def draw_report(target: Path) -> None:
     if browser is None:
         print(f"{target.name} stays as it is: none of {', '.join(BROWSERS)} is installed")
         return
-    with tempfile.TemporaryDirectory() as scratch:
-        place = Path(scratch)
+    with tempfile.TemporaryDirectory() as scratch, contextlib.chdir(scratch):
+        Path("tests").symlink_to(TESTS)
+        place = Path("found")
         app.discover(RIG / "config.toml", LOGS, place, lambda _what, _done: None)
         photograph(browser, place / "report.html", place / "page.png")
         with Image.open(place / "page.png") as picture:
@@ -38,7 +41,7 @@ def photograph(browser: str, page: Path, target: Path) -> None:
     command = [
         browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
         f"--window-size={WIDTH},{HEIGHT}", f"--force-device-scale-factor={SCALE}",
-        f"--screenshot={target}", page.as_uri(),
+        f"--screenshot={target}", page.resolve().as_uri(),
     ]  # fmt: skip
     subprocess.run(command, check=True, capture_output=True, timeout=60)
 
