@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 import unicodedata
 
+from observer.physics.constants import ZERO_DEGC_K
+
 _M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254, '"': 0.0254}
 _NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 _UNIT = r"[a-zµ\"]+"
@@ -81,7 +83,7 @@ def degC(text: str) -> float:
     if found is None:
         raise ValueError("write a temperature with its unit, as 21.5 °C, or input")
     value, unit = float(found[1]), (found[2] or "c").lower()[-1]
-    return round({"c": value, "f": (value - 32.0) / 1.8, "k": value - 273.15}[unit], 6)
+    return round({"c": value, "f": (value - 32.0) / 1.8, "k": value - ZERO_DEGC_K}[unit], 6)
 
 
 def screw_name(text: str) -> str:

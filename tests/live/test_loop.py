@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.protocol import DriverStatus
 from observer.control.steering import NoControl
+from observer.control.zero import ZeroPoint
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
@@ -100,6 +101,7 @@ class _Follower:
     """In the place of a compensator: returns what it was given."""
 
     held = reason = None
+    zero_point = ZeroPoint()
 
     def see_clock(self, offset_s):
         assert offset_s == 0.0

@@ -131,7 +131,7 @@ async def test_a_reading_that_is_late_keeps_its_time_and_one_far_too_late_is_a_f
         def reading(self, used):
             self.readings.append(used)
 
-        def tick(self, time_s):
+        def tick(self, time_s, standing):
             pass
 
         def close(self, timeout_s):
