@@ -67,7 +67,7 @@ def read_rightly(
         if name not in log.channels:
             continue
         column = log.values[:, log.channels.index(name)]
-        likely = _unit(limits, j, column, ambient_of_log_degC(config, log.values, log.channels))
+        likely = likely_unit(limits, j, column, ambient_of_log_degC(config, log.values, log.channels))
         if likely is not None:
             log = _with(log, name, np.asarray(likely[1](column)))  # type: ignore[arg-type]
             found.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))
@@ -89,7 +89,7 @@ _EXPECTED = dict.fromkeys(ChannelKind, "°C") | {
 _BEGIN_ANYWHERE = (ChannelKind.POSITION, ChannelKind.SPEED, ChannelKind.OTHER)
 
 
-def _unit(
+def likely_unit(
     limits: Limits, j: int, column: FloatArray, air_degC: float
 ) -> tuple[str, Callable[[float], float]] | None:
     """The unit in which a column (n,) of channel number j is plausible, and the way back from it."""

@@ -1,6 +1,7 @@
 """The composition root of the commands for logs: one function for each."""
 
 from observer.app.exports import export, export_table
+from observer.app.intake import import_log
 from observer.app.logs import forecast, identify, replay, simulate
 from observer.app.models import calibrate, discover, learned
 
@@ -11,6 +12,7 @@ __all__ = [
     "export_table",
     "forecast",
     "identify",
+    "import_log",
     "learned",
     "replay",
     "simulate",

@@ -8,7 +8,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from observer.cli import clients, logs, machines
+from observer.cli import clients, intake, logs, machines
 from observer.cli.fleet import fleet
 from observer.cli.options import quietable
 from observer.cli.output import say
@@ -19,13 +19,13 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-_SHOWING = {"demo", "run", "check", "place"}
+_SHOWING = {"demo", "import", "run", "check", "place"}
 """The verbs whose output is what they are for, as is that of all clients; the others can be quiet."""
 for _verbs in (machines.verbs, logs.verbs, fleet):
     for _info in _verbs.registered_commands:
         if _info.callback is not None and (_info.name or _info.callback.__name__) not in _SHOWING:
             _info.callback = quietable(_info.callback)
-for _verbs in (machines.verbs, logs.verbs, clients.verbs):
+for _verbs in (machines.verbs, logs.verbs, intake.verbs, clients.verbs):
     app.add_typer(_verbs)
 app.add_typer(fleet, name="fleet")
 

@@ -28,7 +28,7 @@ _WRITTEN = {
     "mm": "mm",
     "cm": "cm",
     "um": "µm μm um micron",
-    "inch": 'in inch " zoll',
+    "inch": 'in inch inches " zoll',
     "W": "w watt",
     "kW": "kw",
     "N*m": "nm n·m n*m",

@@ -1,0 +1,61 @@
+"""The verb that makes a log of files as others wrote them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from observer.cli.options import ConfigOption
+from observer.cli.output import warn
+
+verbs = typer.Typer()
+
+
+@verbs.command(name="import")
+def import_(
+    file: Annotated[list[Path], typer.Argument(help="One or more files of one run, joined on their clocks.")],
+    config: ConfigOption,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .parquet, .csv or .csv.gz.")],
+    column: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL=COLUMN", help="Where a channel is; @UNIT behind it says its unit."),
+    ] = None,
+    time: Annotated[str | None, typer.Option(help="Column of the time.")] = None,
+    timezone: Annotated[str | None, typer.Option(help="Of times without one, as Europe/Berlin.")] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Ask nothing; refuse where something is doubtful.")
+    ] = False,
+) -> None:
+    """Make a log of files as others wrote them, and print the table that reads them directly."""
+    from observer import app as parts
+    from observer.installation import load
+    from observer.intake.importing import Proposal
+
+    def show(found: Proposal) -> None:
+        lines = [("channel", "column", "unit", "first values"), *found.shown]
+        widths = [max(len(line[i]) for line in lines) for i in range(3)]
+        for line in lines:
+            cells = [cell.ljust(width) for cell, width in zip(line[:3], widths, strict=True)]
+            typer.echo("  ".join([*cells, *line[3:]]).rstrip())
+
+    def agree(found: Proposal) -> bool:
+        show(found)
+        for key, doubt in found.asked.items():
+            typer.echo(f"doubtful: {key}: {doubt}")
+        return typer.confirm("Is that right?", default=False)
+
+    asks = not yes and sys.stdin.isatty()
+    given: dict[str, Any] = {"columns": column or (), "time": time, "timezone": timezone}
+    found = parts.import_log(file, load(config), output, agree if asks else None, **given)
+    if not (asks and found.asked):
+        show(found)
+    warn([*found.log.doubts, *(words.text for words in found.log.words)])
+    log = found.log
+    span_s = float(log.time_s[-1] - log.time_s[0])
+    typer.echo(f"{len(log)} rows over {span_s:.6g} s written to {output}")
+    if found.zoneless:
+        typer.echo("the times name no zone and were taken as they stand; --timezone makes them UTC")
+    typer.echo(f"such files are read directly with this in the configuration:\n{found.table}")

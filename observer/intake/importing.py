@@ -1,0 +1,133 @@
+"""What `observer import` proposes: the `[log]` table by which files become a log, and what it doubts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from observer.align.plausibility import kinds_of
+from observer.config import Config
+from observer.errors import LogError
+from observer.files.log_checks import several
+from observer.files.logs import Log
+from observer.intake.guess import guessed
+from observer.intake.mapped import mapped, no_clock, placed_columns
+from observer.intake.sheets import full_name
+from observer.intake.sources import Sources, sources_of
+from observer.intake.units import shown_unit, unit_of_channel
+from observer.tables.logs import LogColumn, Logs
+
+SHOWN_ROWS = 4
+MOST_APART_S = 20.0
+"""Rows that are further apart, by numbers without a unit, may be milliseconds or minutes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A log as it would be written, the table that reads it, and why to ask: sentences by key of `[log]`."""
+
+    log: Log
+    how: Logs
+    asked: dict[str, str]
+    shown: tuple[tuple[str, ...], ...]
+    zoneless: bool
+
+    @property
+    def table(self) -> str:
+        """The `[log]` table that reads such files, as TOML."""
+        return table_of(self.how)
+
+
+def proposed(paths: Sequence[Path], config: Config, how: Logs) -> Proposal:
+    """Read files by what is given and guessed. Raises `LogError` with all that cannot be guessed."""
+    sources = sources_of(paths, how)
+    name = " + ".join(map(str, paths))
+    if not sources.timed:
+        raise several(name, list(sources.problems) or [no_clock(sources, how)])
+    guess = guessed(sources, config, how)
+    found = how.model_copy(update={"columns": guess.columns, "long": how.long or sources.long})
+    if guess.missing:
+        there = ", ".join(dict.fromkeys(full_name(c) for s in sources.timed for c in s.sheet.columns))
+        problems = [f'say [log.columns] {c} = "…", one of {there}' for c in guess.missing]
+        raise several(name, [*sources.problems, *problems])
+    log = mapped(sources, paths, config, found)
+    asked = {f"[log.columns] {channel}": said for channel, said in guess.doubts.items()}
+    asked |= _of_time(sources, how)
+    zoneless = any(s.clock.on_wall for s in sources.timed)
+    return Proposal(log, found, asked, tuple(_rows(sources, config, found)), zoneless)
+
+
+def _of_time(sources: Sources, how: Logs) -> dict[str, str]:
+    """What is doubtful about the clocks, by the key that settles it."""
+    asked = dict[str, str]()
+    for source in sources.timed:
+        clock = source.clock
+        apart_s = float(np.median(np.diff(clock.time_s))) if len(clock.time_s) > 1 else 0.0
+        if not clock.sure and how.time_format is None and apart_s > MOST_APART_S:
+            asked["[log] time_format"] = (
+                f'{clock.columns[0]} has no unit and its rows are {apart_s:.4g} apart: "s", "ms", "min"?'
+            )
+        for doubt in clock.doubts:
+            asked["[log] timezone" if "timezone" in doubt else "[log] time_format"] = doubt
+    walls = {s.clock.on_wall for s in sources.timed if s.clock.since_1970}
+    if len(walls) > 1:
+        asked["[log] timezone"] = "some clocks name their zone and others do not; say the zone of these"
+    return asked
+
+
+def _rows(sources: Sources, config: Config, how: Logs) -> list[tuple[str, ...]]:
+    """Channel, column, unit in the file and unit of the channel, and the first cells as the file has them."""
+    placed, _ = placed_columns(sources, config, how, [])
+    kinds, found = kinds_of(config), []
+    for channel, parts in placed.items():
+        part = parts[0]
+        to = unit_of_channel(channel, kinds[channel])
+        unit = shown_unit(part.unit) or "–"
+        units = unit if unit == shown_unit(part.to) else f"{unit} → {shown_unit(to)}"
+        cells = part.column.values[:SHOWN_ROWS]
+        cells = cells.to_pylist() if part.column.is_text else cells.tolist()
+        found.append((channel, full_name(part.column), units, *("" if c is None else str(c) for c in cells)))
+    return found
+
+
+def table_of(how: Logs) -> str:
+    """A `[log]` table as TOML, without what is not said."""
+    given: dict[str, Any] = how.model_dump(exclude_unset=True, exclude_none=True, exclude={"columns"})
+    lines = ["[log]", *(f"{key} = {_toml(value)}" for key, value in given.items())]
+    if how.columns:
+        lines.append("[log.columns]")
+        lines += [f"{_key(name)} = {column_of(entry)}" for name, entry in how.columns.items()]
+    return "\n".join(lines)
+
+
+def column_of(entry: LogColumn) -> str:
+    """An entry of `[log.columns]` as TOML."""
+    if entry.unit is None:
+        return _toml(entry.column)
+    return f"{{ column = {_toml(entry.column)}, unit = {_toml(entry.unit)} }}"
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _toml(name)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def column_option(text: str) -> tuple[str, LogColumn]:
+    """The channel and the column of `CHANNEL=COLUMN` or `CHANNEL=COLUMN@UNIT`. Raises `LogError`."""
+    channel, mark, column = text.partition("=")
+    if not mark or not channel.strip() or not column.strip():
+        raise LogError(f"--column: {text!r} is no CHANNEL=COLUMN, as t1_degC=Temp1 or t1_degC=Temp1@degF")
+    name, mark, unit = column.strip().rpartition("@")
+    return channel.strip(), LogColumn(column=name, unit=unit) if mark else LogColumn(column=column.strip())
