@@ -77,7 +77,7 @@ def run(
             "run: one --config, for a process serves one axis; for several, `observer service install` makes "
             "an instance of the service for each, and a container runs one each (docs/how-to/fleet.md)"
         )
-    from observer.process.memory import import_sparingly
+    from observer.process.memory import import_sparingly, not_found
 
     import_sparingly()
     from observer.daemon import serve
@@ -86,7 +86,9 @@ def run(
 
     configure(as_json=log_format == "json")
     try:
-        serve(load(config[0]), seconds, config[0])
+        # python-can would load it, and with it pandas, to read measurement files, which no daemon does
+        with not_found("asammdf"):
+            serve(load(config[0]), seconds, config[0])
     except UserError as error:
         say(error)
         shutdown.leave(2)  # threads of parts that had been started may hang at the interpreter's exit

@@ -15,12 +15,12 @@ def import_sparingly() -> None:
     No garbage is looked for until `leave_in_peace`: what is imported stays.
     """
     gc.disable()
-    with _not_found("rich"):
+    with not_found("rich"):
         import structlog  # noqa: F401, PLC0415
 
 
 @contextmanager
-def _not_found(*names: str) -> Iterator[None]:
+def not_found(*names: str) -> Iterator[None]:
     """A block in which modules cannot be imported, if they are not there yet."""
     hidden = [name for name in names if name not in sys.modules]
     sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]  # None says so to `import`
