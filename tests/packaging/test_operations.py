@@ -139,7 +139,7 @@ def _install_the_service(computer: Box) -> None:
     computer.does(install)
     assert "ballscrew-observer.service" in computer.does(status, code=None)
     _gives_estimates(computer)
-    document = json.loads(computer.does(health))
+    document = json.loads(computer.does(f"{health} --json"))
     assert {channel["quality"] for channel in document["channels"].values()} == {"good"}
     whose = "sudo stat --format='%U:%G %a' /etc/ballscrew-observer /var/lib/ballscrew-observer"
     assert computer.does(f"{whose} {CONFIG}").splitlines() == [
