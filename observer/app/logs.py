@@ -13,7 +13,7 @@ from observer.files.writer import TableWriter
 from observer.frames import FloatArray
 from observer.history.history import MethodOptions
 from observer.installation import Installation
-from observer.library.given import program_of, recorded
+from observer.library.given import read_program, recorded
 
 Progress = Callable[[int, int], None]
 
@@ -67,7 +67,7 @@ def forecast(
     from observer.library.predicting import forecast_run
 
     log = recorded(log_path, config, **accept)
-    follows = None if program is None else program_of(program, config)
+    follows = None if program is None else read_program(program, config)
     found = forecast_run(log, config, follows, hours, progress)
     found.write(output)
     return list(found.sentences)
@@ -116,7 +116,7 @@ def simulate(
     from observer.library.predicting import simulated_run
 
     suffix_of(output)
-    run = simulated_run(program_of(program, config), config, start_degC, progress)
+    run = simulated_run(read_program(program, config), config, start_degC, progress)
     warn(list(run.doubts))
     run.write(output.parent, output.name)
     return run.last_degC

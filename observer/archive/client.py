@@ -13,7 +13,8 @@ from typing import Any
 from observer.exchange import PastReply
 from observer.process.pipes import framed, messages
 
-FOUND, UNFINISHED = "found", "unfinished"
+FOUND, REFUSED, UNFINISHED = "found", "refused", "unfinished"
+"""What answers begin with."""
 _IDLE_S = 60.0
 _PATIENCE_S = 30.0
 _MOST_WAITING = 4

@@ -166,7 +166,7 @@ class Pages:
     def late(self, span: Span, keys: list[str]) -> bytes:
         """What those of the keys had published that are made of each step, marked as late, as CBOR.
 
-        `{"next": where to go on or None, "steps": [[time_s, {key: message}]]}`
+        `{"next": where to go on or None, "notes": sentences, "steps": [[time_s, {key: message}]]}`
         """
         steps, found = self._steps(span), list[Any]()
         for chapter, k in steps:
@@ -186,7 +186,7 @@ class Pages:
                     messages[key] = late_json(encoder.documents[key](block, k, number))
             found.append([float(chapter.frames.time_s[k]), messages])
             steps.full = len(found) >= _MOST_MESSAGES
-        return cbor2.dumps({"next": steps.next_s, "steps": found})
+        return cbor2.dumps({"next": steps.next_s, "notes": steps.notes, "steps": found})
 
     def _steps(self, span: Span, *, estimates: bool = True) -> Steps:
         return Steps(self._archive, span, time.monotonic() + _WITHIN_S, estimates)

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from observer.archive.client import FOUND, REFUSED, UNFINISHED
 from observer.archive.pages import Pages, Span
 from observer.archive.series import aggregated, series
 from observer.archive.store import Archive, UnfinishedError
@@ -23,7 +24,6 @@ from observer.installation import parse
 from observer.process.pipes import framed, messages
 
 _GIVES_WAY = 10
-FOUND, REFUSED, UNFINISHED = "found", "refused", "unfinished"
 
 
 def main() -> None:

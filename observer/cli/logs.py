@@ -14,7 +14,7 @@ from observer.cli.options import (
     OutputOption,
     accepting,
 )
-from observer.cli.output import advancing, counting, tell, warn, warn_of_paths
+from observer.cli.output import advancing, counting, show_sentence, warn, warn_of_paths
 from observer.errors import UserError
 
 verbs = typer.Typer()
@@ -85,7 +85,7 @@ def forecast(
             **accept,
         )
     for line in lines:
-        tell(line)
+        show_sentence(line)
     typer.echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
 
 
@@ -232,12 +232,12 @@ def discover(
             typer.echo(f"searched: {name}")
     warn(result["doubts"])
     for sentence in as_sentences(found, result):
-        tell(sentence)
+        show_sentence(sentence)
     offered = result["partial"] is not None and result["partial"]["candidate"] is not None
     more = "config.toml, " if result["effects"] else "candidate.toml, " if offered else ""
     typer.echo(f"written to {output}: {more}result.json, report.html")
     step = result["next"]
-    tell(f"next: {step['text']}{':' if step['command'] else '.'}")
+    show_sentence(f"next: {step['text']}{':' if step['command'] else '.'}")
     if step["command"]:
         typer.echo(f"  {step['command']}")
 

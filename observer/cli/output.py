@@ -39,7 +39,7 @@ def warn(sentences: list[str]) -> None:
         typer.echo(_fitted(f"warning: {sentence}", sys.stderr), err=True)
 
 
-def tell(sentence: str) -> None:
+def show_sentence(sentence: str) -> None:
     """Print a sentence."""
     typer.echo(_fitted(sentence, sys.stdout))
 

@@ -253,7 +253,7 @@ def zeroed(
 
 
 def _why_not_zeroed(block: EstimateBlock, at_m: float) -> str | None:
-    """Why an estimate does not tell the error at a place on the screw; None if it does."""
+    """Why the error at a place on the screw is not known from an estimate; None if it is."""
     quality = EstimateQuality(block.quality[0])
     if quality != EstimateQuality.GOOD or not np.isfinite(block.error_um).all():
         return f"the estimate is {quality.label}"

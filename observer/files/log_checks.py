@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -152,12 +152,19 @@ def infinite_in(columns: Mapping[str, FloatArray]) -> tuple[Words, ...]:
     return tuple(Words(name, count, ("inf",)) for name, count in counts.items() if count)
 
 
-def several(path: Path | str, problems: Sequence[str]) -> LogError:
-    """The error that tells all problems of a file, each with its place and remedy."""
-    found = list(dict.fromkeys(problems))
-    if len(found) == 1:
-        return LogError(f"{path}: {found[0]}")
-    lines = [f"  {problem}" for problem in found[:MOST_PROBLEMS]]
-    if len(found) > MOST_PROBLEMS:
-        lines.append(f"  and {len(found) - MOST_PROBLEMS} more; fix these first")
-    return LogError("\n".join([f"{path}: {len(found)} problems:", *lines]))
+def several(path: Path | str, problems: Iterable[str]) -> LogError:
+    """The error that names the problems of a file: the first ones, and how many more there are."""
+    first, more = list[str](), 0
+    for problem in problems:  # a file may have millions
+        if problem in first:
+            continue
+        if len(first) < MOST_PROBLEMS:
+            first.append(problem)
+        else:
+            more += 1
+    if len(first) == 1:
+        return LogError(f"{path}: {first[0]}")
+    lines = [f"  {problem}" for problem in first]
+    if more:
+        lines.append(f"  and {more} more; fix these first")
+    return LogError("\n".join([f"{path}: {len(first) + more} problems:", *lines]))

@@ -11,12 +11,13 @@ import difflib
 import io
 import math
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.errors import LogError, UserError
 from observer.files.log_checks import (
@@ -306,26 +307,28 @@ def _place(data: bytes, row: int) -> str:
     return f"row {row + 1} (line {lines[row + 1]})" if row + 1 < len(lines) else f"row {row + 1}"
 
 
-def _problems(data: bytes, header: list[str], wanted: list[str], error: Exception) -> list[str]:
+def _problems(data: bytes, header: list[str], wanted: list[str], error: Exception) -> Iterator[str]:
     """A sentence for each cell that is no number, and each row of another length."""
     numeric = [i for i, name in enumerate(header) if name in wanted and not _is_flags(name, header)]
     reader = csv.reader(io.StringIO(data.decode("utf-8", "replace"), newline=""))
-    found, lines = list[str](), [n for n, line in enumerate(data.splitlines(), 1) if line.strip()]
+    found, lines = False, [n for n, line in enumerate(data.splitlines(), 1) if line.strip()]
     for number, row in enumerate(row for row in reader if row):
         if number == 0:
             continue
         place = f"row {number} (line {lines[number]})" if number < len(lines) else f"row {number}"
         if len(row) != len(header):
             cells = f"{len(row)} cells where the header names {len(header)}"
-            found.append(f"{place} has {cells}; fix or remove it")
+            found = True
+            yield f"{place} has {cells}; fix or remove it"
             continue
         for i in numeric:
             cell = row[i].strip()
             if cell not in EMPTY_CELLS and not _is_number(cell):
-                found.append(
-                    f'{place}, column "{header[i]}": {cell[:40]!r} is not a number; fix it or leave it empty'
-                )
-    return found or [f"not readable as CSV ({str(error).splitlines()[0]}); fix that row"]
+                found = True
+                where = f'{place}, column "{header[i]}"'
+                yield f"{where}: {cell[:40]!r} is not a number; fix it or leave it empty"
+    if not found:
+        yield f"not readable as CSV ({str(error).splitlines()[0]}); fix that row"
 
 
 def _is_number(cell: str) -> bool:
@@ -390,15 +393,18 @@ def _numbers(table: Any, name: str) -> FloatArray:
     return np.asarray(table.column(name).to_numpy(), dtype=np.float64)
 
 
+def _going_back(time_s: FloatArray, rows: NDArray[np.intp], place: Callable[[int], str]) -> Iterator[str]:
+    """A sentence for each row whose time is not after that of the row before."""
+    for number, row in enumerate(rows):
+        before_s, after_s = float(time_s[row - 1]), float(time_s[row])
+        what = "repeats" if after_s == before_s else f"goes back from {before_s!r} to"
+        where = place(int(row)) if number < MOST_PROBLEMS else f"row {row + 1}"  # looking up a line is slow
+        yield f"{where}: {TIME} {what} {after_s!r}; sort the rows or split the log there"
+
+
 def _check_time(path: Path, time_s: FloatArray, place: Callable[[int], str]) -> None:
     bad = np.flatnonzero(~np.isfinite(time_s))
     if len(bad):
         raise LogError(f"{path}: {place(int(bad[0]))}: {TIME} is empty or not finite; give seconds there")
-    problems = list[str]()
-    for row in np.flatnonzero(np.diff(time_s) <= 0) + 1:
-        before_s, after_s = float(time_s[row - 1]), float(time_s[row])
-        what = "repeats" if after_s == before_s else f"goes back from {before_s!r} to"
-        where = place(int(row)) if len(problems) < MOST_PROBLEMS else ""
-        problems.append(f"{where}: {TIME} {what} {after_s!r}; sort the rows or split the log there")
-    if problems:
-        raise several(path, problems)
+    if len(back := np.flatnonzero(np.diff(time_s) <= 0) + 1):
+        raise several(path, _going_back(time_s, back, place))

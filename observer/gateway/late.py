@@ -151,6 +151,8 @@ class LateSender:
                 await asyncio.sleep(_RETRY_S)
             return
         page, saved_s = cbor2.loads(reply.payload), time.monotonic()
+        for note in page["notes"]:
+            log.warning("late values", outlet="mqtt", note=note)
         for time_s, messages in page["steps"]:
             next_s = time.monotonic() + 1.0 / self._settings.late_rate_Hz
             waiting = [self._send(key, payload) for key, payload in messages.items()]

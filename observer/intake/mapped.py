@@ -1,4 +1,4 @@
-"""Sheets to a log: each channel's column, in the channel's unit, on one clock; all problems told at once."""
+"""Sheets to a log: each channel's column, in the channel's unit, on one clock; all problems at once."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def read_channels(
     """
     how = config.log
     header = own_header(path, how)
-    if header is None:
+    if header is None or not any(channel in header for channel in config.channels):
         return read_foreign(
             [path], config, spare=spare, accept_truncated=accept.get("accept_truncated", False)
         )

@@ -25,27 +25,27 @@ from observer.publish.ask import ask
 from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 
-Told = TypeVar("Told", ServiceHeat, ServiceField, ServiceThermalError, ServiceHealth, ServiceAlarms)
+Message = TypeVar("Message", ServiceHeat, ServiceField, ServiceThermalError, ServiceHealth, ServiceAlarms)
 _STEP_S, _REPORT_S = 3.0, 15.0
 """What should have been renewed by then is stale, unless three of its usual gaps are longer."""
 
 
-class ServiceStream(Generic[Told]):
+class ServiceStream(Generic[Message]):
     """The messages of one kind: `async for message in stream`, beginning with the last one if there is any.
 
     A slow reader gets the newest and is never behind. Where nothing is heard for a while, the last message
     comes once more with the quality `stale`, as it is in `last` from then on.
     """
 
-    def __init__(self, kind: type[Told], silent_s: float) -> None:
-        self._kind: type[Told] = kind
+    def __init__(self, kind: type[Message], silent_s: float) -> None:
+        self._kind: type[Message] = kind
         self._silent_s = silent_s
-        self._message: Told | None = None
+        self._message: Message | None = None
         self._count, self._arrived_s, self._gap_s = 0, 0.0, 0.0
         self._arrived = asyncio.Event()
 
     @property
-    def last(self) -> Told | None:
+    def last(self) -> Message | None:
         """The last message, None before the first."""
         if self._message is None or time.monotonic() < self._stale_s:
             return self._message
@@ -70,7 +70,7 @@ class ServiceStream(Generic[Told]):
         arrived, self._arrived = self._arrived, asyncio.Event()
         arrived.set()
 
-    async def __aiter__(self) -> AsyncIterator[Told]:
+    async def __aiter__(self) -> AsyncIterator[Message]:
         seen, was_stale = 0, False
         while True:
             arrived, last = self._arrived, self.last

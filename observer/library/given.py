@@ -47,8 +47,8 @@ def recorded(path: Path, config: Installation, **accept: bool) -> Log:
     return channels_of(path, config, **accept)
 
 
-def program_of(path: Path, config: Installation) -> Log:
-    """A log of what a machine is told to do, the channels of its inputs; those of sensors may be missing."""
+def read_program(path: Path, config: Installation) -> Log:
+    """A log of what a machine is to do, the channels of its inputs; those of sensors may be missing."""
     return read_channels(path, config, spare={s.channel for s in config.sensor})
 
 
@@ -63,7 +63,7 @@ def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
 
 def as_program(given: GivenLog, config: Installation, name: str = "log") -> Log:
     """Return what was given as a log of inputs. Raises `LogError`."""
-    return program_of(Path(given), config) if isinstance(given, str | Path) else _in_memory(given, name)
+    return read_program(Path(given), config) if isinstance(given, str | Path) else _in_memory(given, name)
 
 
 def as_several(given: GivenLog | Sequence[GivenLog], config: Installation) -> list[Log]:

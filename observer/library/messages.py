@@ -1,4 +1,4 @@
-"""What a running service tells, as typed objects; a message that is not what it should be is none."""
+"""What a running service publishes, as typed objects; a message that is not what it should be is none."""
 
 from __future__ import annotations
 

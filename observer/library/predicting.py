@@ -146,11 +146,13 @@ def forecast_run(
         found = look_ahead(config, machine.plant, state, does, hours or settings.hours, settings.within_um)
     except ValueError as error:
         raise LogError(f"{log.path}: no forecast from its end: {error}") from None
-    told = document(found, machine.plant, EstimateQuality(int(last.quality[-1])), "", settings.within_um)
+    content = document(found, machine.plant, EstimateQuality(int(last.quality[-1])), "", settings.within_um)
     lines = sentences(found, machine.plant, settings.within_um)
-    if told["reason"] is not None:
-        lines.append(f"Doubtful: {told['reason']}.")
+    if content["reason"] is not None:
+        lines.append(f"Doubtful: {content['reason']}.")
     table = MemoryTable()
     table.write({TIME: found.now_s + found.ahead.time_s, **forecast_columns(layout, found)})
     title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log.path.name}"
-    return ForecastRun(table.table, title, tuple(lines), told, found, layout.position_m, settings.within_um)
+    return ForecastRun(
+        table.table, title, tuple(lines), content, found, layout.position_m, settings.within_um
+    )

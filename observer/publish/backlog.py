@@ -64,7 +64,9 @@ class Backlog:
         with self._lock:
             if self._got_s is not None and time_s > self._got_s:
                 self._missing.append((math.nextafter(self._got_s, math.inf), time_s))
-                del self._missing[:-_MOST_SPANS]
+                if given_up := self._missing[:-_MOST_SPANS]:
+                    log.warning("too many outages", given_up=given_up)
+                    del self._missing[:-_MOST_SPANS]
             self._got_s = math.nextafter(time_s, -math.inf)
         self.save()
 

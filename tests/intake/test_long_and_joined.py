@@ -10,6 +10,8 @@ from observer.errors import LogError
 from observer.intake.mapped import read_foreign
 from tests.intake.machine import configured, read, truth
 
+CHANNELS = ("t1_degC", "t2_degC", "nut_position_m", "screw_speed_rpm", "ambient_degC")
+
 
 def mtconnect(was) -> str:
     """As an MTConnect agent's samples are kept: when, what, its value; speeds only on change."""
@@ -46,6 +48,17 @@ def test_one_signal_a_row(tmp_path, given):
     assert np.isnan(t1_degC[6])
     np.testing.assert_allclose(speed[[10, 11, 12]], was.screw_speed_rpm[[9, 9, 12]])
     assert any("UNAVAILABLE" in words.text for words in log.words)
+
+
+def test_one_signal_a_row_is_found_also_where_its_time_has_our_name(tmp_path):
+    was, path = truth(), tmp_path / "long.csv"
+    rows = ["time_s,signal,value"]
+    for i, time_s in enumerate(was.time_s.tolist()):
+        rows += [f"{time_s!r},{name},{getattr(was, name)[i]}" for name in CHANNELS]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    log = read(path)
+    for name in CHANNELS:
+        np.testing.assert_array_equal(log[name], getattr(was, name))
 
 
 def test_files_of_several_rates_are_joined_on_their_clocks(tmp_path):

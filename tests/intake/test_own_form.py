@@ -75,7 +75,7 @@ def test_more_than_ten_problems_are_not_all_listed(tmp_path):
     was = truth()
     was.time_s[20:32] = was.time_s[19]
     path = written(tmp_path / "log.csv", was)
-    with pytest.raises(LogError, match="11 problems") as caught:
+    with pytest.raises(LogError, match="12 problems") as caught:
         read(path)
     assert str(caught.value).count("repeats") == 10
-    assert "1 more" in str(caught.value)
+    assert "and 2 more" in str(caught.value)

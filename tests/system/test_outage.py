@@ -1,4 +1,7 @@
-"""A broker that is killed and comes back: the plant has every step, in order, and no live one waits."""
+"""A broker that is killed and comes back: the plant has every step, in order, and no live one waits.
+
+Nor does it matter that the service is killed meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -198,3 +201,25 @@ def test_a_broker_that_was_killed_gets_every_step_beside_the_live_ones(tmp_path)
         daemon.stop()
         broker.kill()
         _assert_whole(plant, daemon.recordings, 2)
+
+
+@needs_broker
+def test_a_service_that_was_killed_during_the_outage_sends_what_was_missed_before_and_after(tmp_path):
+    broker = Broker(tmp_path)
+    with closing(broker), machine() as wires, Plant(broker.port) as plant:
+        table = _mqtt(broker, wires.wires)
+        with Daemon(tmp_path, table) as daemon:
+            _back(broker, plant)
+            until(lambda: len(plant.times_s("heat")) > 20)
+            broker.kill()
+            _wait_for_steps(daemon)
+            daemon.process.kill()
+            daemon.process.wait(PATIENCE_S)
+        with Daemon(tmp_path, table) as daemon:
+            _wait_for_steps(daemon)
+            _back(broker, plant)
+            _wait_until_whole(plant, daemon)
+            daemon.stop()
+            broker.kill()
+            _assert_whole(plant, daemon.recordings, 1)
+        assert len({d["instance"] for k, d in plant.got if k == "heat" and _late(d)}) == 2
