@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from observer.cli import app
+from observer.cli.machines import _USUAL
 from observer.discovery.discover import discover
 from observer.errors import UserError
 from observer.fit.parameters import lawless
@@ -172,6 +173,12 @@ def test_every_question_is_an_option_and_every_option_a_question():
     command = typer.main.get_command(app).commands["init"]
     options = {p.opts[0] for p in command.params} - {"--output", "--quiet", "--help"}
     assert options == {option(name) for name in Answers.model_fields}
+
+
+def test_the_defaults_in_the_help_are_those_of_the_questions():
+    fields = {name: field.get_default() for name, field in Answers.model_fields.items()}
+    offered = {name: str(value) for name, value in fields.items() if value or value == 0}
+    assert {name: value for name, value in offered.items() if value != "PydanticUndefined"} == _USUAL
 
 
 FIRST = next(iter(Answers.model_fields))
