@@ -34,7 +34,7 @@ def unit_of(name: str) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SignalTable(ABC):
-    """SignalTable over one time, by the names of the columns in the files that commands write.
+    """Signals over one time, by the names of the columns in the files that commands write.
 
     `result["heat_nut_W"]` is a column (n,), `result.signals` their names, `result.time_s` their time.
     """
