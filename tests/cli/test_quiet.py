@@ -60,7 +60,7 @@ def test_sentences_are_wrapped_between_words_in_a_terminal_alone(monkeypatch: py
     sentence = "  on data held back the gap goes from 2.29 K to 0.11 K rms-free"
     for stream, lines in ((Terminal(), 2), (io.StringIO(), 1)):
         monkeypatch.setattr(sys, "stdout", stream)
-        output.tell(sentence)
+        output.show_sentence(sentence)
         told = stream.getvalue().splitlines()
         assert len(told) == lines
         assert max(map(len, told)) <= 40 or lines == 1
