@@ -74,7 +74,7 @@ class LateSender:
         self._marks: dict[int, tuple[int, float]] = {}
         self._connection = 0  # the library sends a mark again on the next one, where it says nothing
         self._resumes = False
-        self._marked_s = self._saved_s = self._connected_s = -math.inf
+        self._marked_s = self._saved_s = self._connected_s = self._resumed_s = -math.inf
         self._slot = math.nan
         self._past = PastOfStart(start, latest)
 
@@ -94,12 +94,17 @@ class LateSender:
         """Whether those who listen may not be back yet: a broker keeps for them what comes at QoS 1."""
         return time.monotonic() - self._connected_s < _SETTLE_S
 
+    @property
+    def _is_resuming(self) -> bool:
+        """Whether what lies before the first live value may not be on the disk yet, or nobody listens yet."""
+        return self.is_settling or time.monotonic() - self._resumed_s < _SETTLE_S
+
     def may_go(self, key: str, payload: bytes) -> bool:
         """Take that a message is about to go live; returns False for the rest of a step that went before."""
         if self._resumes and key in STEP_KEYS:
             if key != "estimate":
                 return False
-            self._resumes = False
+            self._resumes, self._resumed_s = False, time.monotonic()
             self.backlog.resumed(float(decode_estimate(payload)["time_s"]))
         return True
 
@@ -130,13 +135,12 @@ class LateSender:
                 self._saved_s = time.monotonic()
                 await asyncio.to_thread(self.backlog.save)
             span = self.backlog.first
-            if span is None or not self._is_connected():
+            if span is None or not self._is_connected() or self._is_resuming:
                 continue
             if not holds_a_step(span, self._settings.late_every_s):
                 self.backlog.sent(span[1])
                 continue
             log.info("late values", outlet="mqtt", missing_s=round(self.backlog.left_s, 1))
-            await asyncio.sleep(_SETTLE_S)
             await self._send_span(span)
 
     async def _send_span(self, span: tuple[float, float]) -> None:

@@ -177,6 +177,14 @@ def _wait_until_whole(plant: Plant, daemon: Daemon) -> None:
         )
 
     until(whole, pause_s=0.2)
+    # a busy computer may have lost the connection once more meanwhile
+    until(lambda: not _missing(daemon), pause_s=0.2)
+
+
+def _missing(daemon: Daemon) -> list[list[float]]:
+    """The spans that the service still has to send."""
+    (kept,) = daemon.recordings.glob("*.mqtt-sent")
+    return json.loads(kept.read_bytes())["missing"]
 
 
 @needs_broker
