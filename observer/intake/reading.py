@@ -35,7 +35,8 @@ def read_channels(
     """
     how = config.log
     header = own_header(path, how)
-    if header is None or not any(channel in header for channel in config.channels):
+    none_of_ours = header is not None and len(header) > 1 and not set(config.channels) & set(header)
+    if header is None or none_of_ours:
         return read_foreign(
             [path], config, spare=spare, accept_truncated=accept.get("accept_truncated", False)
         )
