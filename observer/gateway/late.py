@@ -18,7 +18,7 @@ import cbor2
 import structlog
 
 from observer.archive.client import Archivist
-from observer.publish.backlog import STEP_KEYS, Backlog, holds_a_step
+from observer.publish.backlog import STEP_KEYS, Backlog, MissingSpan, holds_a_step
 from observer.publish.codec import decode_estimate
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from observer.gateway.start import Start
 
 _LAST_OF_A_STEP = "readings"
+_OF_EVERY_STEP = ("estimate", "heat", "readings")  # field and error are published less often
 _MARK_S = 1.0
 _SAVE_S = 5.0
 _LOOK_S = 0.2
@@ -76,6 +77,7 @@ class LateSender:
         self._resumes = False
         self._marked_s = self._saved_s = self._connected_s = self._resumed_s = -math.inf
         self._slot = math.nan
+        self._went: dict[str, tuple[int, float]] = {}
         self._past = PastOfStart(start, latest)
 
     def connected(self) -> None:
@@ -105,21 +107,37 @@ class LateSender:
             if key != "estimate":
                 return False
             self._resumes, self._resumed_s = False, time.monotonic()
-            self.backlog.resumed(float(decode_estimate(payload)["time_s"]))
+            estimate = decode_estimate(payload)
+            time_s, number = float(estimate["time_s"]), int(estimate["sequence"])
+            self._went = dict.fromkeys(_OF_EVERY_STEP, (number - 1, math.nextafter(time_s, -math.inf)))
+            self.backlog.resumed(time_s)
         return True
 
     def gone(self, key: str, payload: bytes) -> None:
         """Take that a message has gone live; let a mark follow the last one of a step where it is time."""
+        every_s, now_s = self._settings.late_every_s, time.monotonic()
+        if key in self._went and every_s == 0.0:
+            self._look_for_overtaken(key, payload)
         if key != _LAST_OF_A_STEP:
             return
         time_s = float(json.loads(payload)["time_s"])
-        every_s, now_s = self._settings.late_every_s, time.monotonic()
         slot = math.floor(time_s / every_s) if every_s else time_s
         if slot != self._slot or now_s - self._marked_s >= _MARK_S:
             self._slot, self._marked_s = slot, now_s
             connection = self._connection
             self._marks = {m: about for m, about in self._marks.items() if about[0] == connection}
             self._marks[self._send("alive", b"true").mid] = connection, time_s
+
+    def _look_for_overtaken(self, key: str, payload: bytes) -> None:
+        """Note the steps of which a busy computer has passed on the next message of a key only."""
+        document = decode_estimate(payload) if key == "estimate" else json.loads(payload)
+        number, time_s = int(document["sequence"]), float(document["time_s"])
+        before, last_s = self._went[key]
+        if number > before + 1:
+            self.backlog.overtaken(key, last_s, time_s)
+            self._saved_s = -math.inf
+        if number > before:
+            self._went[key] = number, time_s
 
     def acknowledged(self, mid: int) -> None:
         """Take an acknowledgement; from the library's thread."""
@@ -138,16 +156,19 @@ class LateSender:
             if span is None or not self._is_connected() or self._is_resuming:
                 continue
             if not holds_a_step(span, self._settings.late_every_s):
-                self.backlog.sent(span[1])
+                self.backlog.sent(span, span.to_s)
                 continue
             log.info("late values", outlet="mqtt", missing_s=round(self.backlog.left_s, 1))
             await self._send_span(span)
 
-    async def _send_span(self, span: tuple[float, float]) -> None:
+    async def _send_span(self, span: MissingSpan) -> None:
         """Send a page of a span."""
         question: dict[str, Any] = {
-            "from_s": span[0], "to_s": span[1], "every_s": self._settings.late_every_s, "keys": STEP_KEYS
-        }  # fmt: skip
+            "from_s": span.from_s,
+            "to_s": span.to_s,
+            "keys": span.keys,
+            "every_s": self._settings.late_every_s,
+        }
         reply = await asyncio.to_thread(self._past.archivist().ask, "late", question)
         if reply.reason is not None:
             if not reply.unfinished:
@@ -162,12 +183,12 @@ class LateSender:
             waiting = [self._send(key, payload) for key, payload in messages.items()]
             while not all(info.is_published() for info in waiting):  # also after another outage
                 await asyncio.sleep(_ACKNOWLEDGED_S)
-            self.backlog.sent(math.nextafter(time_s, math.inf))
+            self.backlog.sent(span, math.nextafter(time_s, math.inf))
             if time.monotonic() - saved_s >= _SAVE_LATE_S:
                 saved_s = time.monotonic()
                 await asyncio.to_thread(self.backlog.save)
             await asyncio.sleep(max(0.0, next_s - time.monotonic()))
-        self.backlog.sent(span[1] if page["next"] is None else page["next"])
+        self.backlog.sent(span, span.to_s if page["next"] is None else page["next"])
         await asyncio.to_thread(self.backlog.save)
 
     def close(self) -> None:

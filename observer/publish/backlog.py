@@ -11,17 +11,26 @@ import math
 import threading
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import structlog
 
 from observer.files.folders import make_folder, write_whole
 
 _MOST_SPANS = 1000
-_FORMAT = 1
+_FORMAT = 2
 STEP_KEYS = ("estimate", "readings", "heat", "field", "error")
 """The keys whose messages are sent late: those that are made of every step."""
 
 log = structlog.get_logger()
+
+
+class MissingSpan(NamedTuple):
+    """What is missing: the messages of `keys` from a time up to another."""
+
+    from_s: float
+    to_s: float
+    keys: tuple[str, ...] = STEP_KEYS
 
 
 class Backlog:
@@ -35,15 +44,17 @@ class Backlog:
         self._path, self._destination = path, destination
         self._lock = threading.Lock()
         self._got_s: float | None = None
-        self._missing: list[tuple[float, float]] = []
+        self._missing: list[MissingSpan] = []
         with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
             kept = json.loads(path.read_bytes())
             if (kept["format"], kept["destination"]) == (_FORMAT, destination):
-                self._missing = [(float(a), float(b)) for a, b in kept["missing"]]
+                self._missing = [
+                    MissingSpan(float(a), float(b), tuple(keys)) for a, b, keys in kept["missing"]
+                ]
                 self._got_s = None if kept["got_s"] is None else float(kept["got_s"])
 
     @property
-    def first(self) -> tuple[float, float] | None:
+    def first(self) -> MissingSpan | None:
         """The oldest span that is missing, None if nothing is."""
         with self._lock:
             return self._missing[0] if self._missing else None
@@ -52,7 +63,7 @@ class Backlog:
     def left_s(self) -> float:
         """How long the missing spans are in all."""
         with self._lock:
-            return sum(to_s - from_s for from_s, to_s in self._missing)
+            return sum(span.to_s - span.from_s for span in self._missing)
 
     def got(self, time_s: float) -> None:
         """Note that the live values up to a time have arrived."""
@@ -63,18 +74,29 @@ class Backlog:
         """Note that live values go there again, from this time on; saves."""
         with self._lock:
             if self._got_s is not None and time_s > self._got_s:
-                self._missing.append((math.nextafter(self._got_s, math.inf), time_s))
+                after_s = math.nextafter(self._got_s, math.inf)
+                earlier = [m._replace(to_s=min(m.to_s, after_s)) for m in self._missing if m.from_s < after_s]
+                self._missing = [*earlier, MissingSpan(after_s, time_s)]
                 if given_up := self._missing[:-_MOST_SPANS]:
                     log.warning("too many outages", given_up=given_up)
                     del self._missing[:-_MOST_SPANS]
             self._got_s = math.nextafter(time_s, -math.inf)
         self.save()
 
-    def sent(self, before_s: float) -> None:
-        """Note that late values before a time have arrived."""
+    def overtaken(self, key: str, last_s: float, time_s: float) -> None:
+        """Note that a key's live values went from one time to another, and those between were overtaken."""
         with self._lock:
-            if self._missing:
-                self._missing = [(max(a, before_s), b) for a, b in self._missing if b > before_s]
+            if len(self._missing) < _MOST_SPANS:
+                self._missing.append(MissingSpan(math.nextafter(last_s, math.inf), time_s, (key,)))
+
+    def sent(self, span: MissingSpan, before_s: float) -> None:
+        """Note that a span's late values before a time have arrived."""
+        with self._lock:
+            self._missing = [
+                m._replace(from_s=max(m.from_s, before_s)) if _is_of(m, span) else m
+                for m in self._missing
+                if not _is_of(m, span) or m.to_s > before_s
+            ]
 
     def save(self) -> None:
         """Write the file, whole or not at all."""
@@ -92,9 +114,14 @@ class Backlog:
                 log.warning("what was sent cannot be kept", path=str(self._path), reason=error.strerror)
 
 
-def holds_a_step(span: tuple[float, float], every_s: float) -> bool:
+def _is_of(missing: MissingSpan, span: MissingSpan) -> bool:
+    """Whether a span is what is left of another, from which some has been sent."""
+    return (missing.to_s, missing.keys) == (span.to_s, span.keys) and missing.from_s >= span.from_s
+
+
+def holds_a_step(span: MissingSpan, every_s: float) -> bool:
     """Whether a multiple of a period lies within a span; a shorter outage has lost nothing that is sent."""
-    before_s = math.nextafter(span[0], -math.inf)
-    return every_s == 0.0 or math.floor(math.nextafter(span[1], -math.inf) / every_s) > math.floor(
+    before_s = math.nextafter(span.from_s, -math.inf)
+    return every_s == 0.0 or math.floor(math.nextafter(span.to_s, -math.inf) / every_s) > math.floor(
         before_s / every_s
     )

@@ -33,12 +33,22 @@ class Router:
         self.endpoint = f"tcp/127.0.0.1:{self.port}"
 
     def __enter__(self) -> "Router":
+        self.start()
+        return self
+
+    def start(self) -> None:
+        """Start it, also once more after it was killed."""
         self._process = subprocess.Popen(
             [sys.executable, "-c", SCRIPT, self.endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
         self.pid = self._process.pid
         assert self._process.stdout.readline() == b"ready\n"
-        return self
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait(PATIENCE_S)
+        self._process.stdin.close()
+        self._process.stdout.close()
 
     def freeze(self) -> None:
         self._process.send_signal(signal.SIGSTOP)
@@ -49,7 +59,4 @@ class Router:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._process.kill()
-        self._process.wait(PATIENCE_S)
-        self._process.stdin.close()
-        self._process.stdout.close()
+        self.kill()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import math
@@ -138,6 +139,14 @@ class Daemon:
     def said(self) -> str:
         """Everything on standard error so far."""
         return self._stderr.read_text(encoding="utf-8")
+
+    def ticks_s(self) -> list[float]:
+        """The times of all ticks that are recorded so far, in order."""
+        found = []
+        for path in self.recordings.glob("*.csv"):
+            rows = csv.DictReader(path.read_text().rpartition("\n")[0].splitlines())
+            found += [float(row["time_s"]) for row in rows if row["step"] == "1"]
+        return sorted(found)
 
     def stop(self) -> float:
         """Terminate; returns how long that took. Raises where the exit is not clean."""

@@ -5,7 +5,6 @@ Nor does it matter that the service is killed meanwhile.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 import shutil
@@ -123,23 +122,14 @@ def _live(document: dict) -> bool:
     return not _late(document)
 
 
-def _recorded(folder: Path) -> list[float]:
-    """The ticks of all recordings."""
-    found = []
-    for path in folder.glob("*.csv"):
-        rows = csv.DictReader(path.read_text().rpartition("\n")[0].splitlines())
-        found += [float(row["time_s"]) for row in rows if row["step"] == "1"]
-    return sorted(found)
-
-
-def _assert_whole(plant: Plant, folder: Path, outages: int) -> None:
+def _assert_whole(plant: Plant, daemon: Daemon, outages: int) -> None:
     """Every step that was recorded since the first that came is there, and late ones are in order.
 
     It is there once, but for one that arrived when the broker died before it could acknowledge it.
     """
     for key in ("heat", "estimate", "readings"):
         times_s = plant.times_s(key)
-        wanted = [t for t in _recorded(folder) if min(times_s) <= t <= max(times_s)]
+        wanted = [t for t in daemon.ticks_s() if min(times_s) <= t <= max(times_s)]
         assert sorted(set(times_s)) == wanted, key
         assert len(times_s) - len(wanted) <= outages
         for kind in (plant.times_s(key, _late), plant.times_s(key, _live)):
@@ -160,21 +150,19 @@ def _mqtt(broker: Broker, wires: dict) -> dict:
 
 def _wait_for_steps(daemon: Daemon, count: int = OUTAGE_STEPS) -> None:
     """Wait until so many more steps are recorded."""
-    before = len(_recorded(daemon.recordings))
-    until(lambda: len(_recorded(daemon.recordings)) > before + count, pause_s=0.1)
+    before = len(daemon.ticks_s())
+    until(lambda: len(daemon.ticks_s()) > before + count, pause_s=0.1)
 
 
 def _wait_until_whole(plant: Plant, daemon: Daemon) -> None:
     """Wait until live steps come again, and all before them have come."""
-    begin_s = _recorded(daemon.recordings)[-1]
+    begin_s = daemon.ticks_s()[-1]
     until(lambda: plant.times_s("heat", _live)[-1] > begin_s)
     end_s = plant.times_s("heat", _live)[-1]
 
     def whole() -> bool:
         times_s = set(plant.times_s("heat"))
-        return bool(times_s) and all(
-            t in times_s for t in _recorded(daemon.recordings) if min(times_s) <= t <= end_s
-        )
+        return bool(times_s) and all(t in times_s for t in daemon.ticks_s() if min(times_s) <= t <= end_s)
 
     until(whole, pause_s=0.2)
     # a busy computer may have lost the connection once more meanwhile
@@ -208,7 +196,7 @@ def test_a_broker_that_was_killed_gets_every_step_beside_the_live_ones(tmp_path)
         assert False in kinds[begin : begin + OUTAGE_STEPS]  # live ones among them
         daemon.stop()
         broker.kill()
-        _assert_whole(plant, daemon.recordings, 2)
+        _assert_whole(plant, daemon, 2)
 
 
 @needs_broker
@@ -229,5 +217,5 @@ def test_a_service_that_was_killed_during_the_outage_sends_what_was_missed_befor
             _wait_until_whole(plant, daemon)
             daemon.stop()
             broker.kill()
-            _assert_whole(plant, daemon.recordings, 1)
+            _assert_whole(plant, daemon, 1)
         assert len({d["instance"] for k, d in plant.got if k == "heat" and _late(d)}) == 2

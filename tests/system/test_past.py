@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 from datetime import UTC, datetime
 
 import numpy as np
@@ -12,10 +14,11 @@ import zenoh
 from observer.publish.codec import decode_page
 from observer.publish.session import session_config
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
-from tests.system.plant import PREFIX, Daemon, Subscriber, machine, table_for
+from tests.publish.router import Router, free_port
+from tests.system.plant import PERIOD_S, PREFIX, Daemon, Subscriber, machine, table_for
 
 pytestmark = pytest.mark.system
+OUTAGE_STEPS = 30
 
 
 def _ask(session: zenoh.Session, selector: str) -> bytes:
@@ -25,6 +28,12 @@ def _ask(session: zenoh.Session, selector: str) -> bytes:
             raise LookupError(reply.err.payload.to_string())
         return reply.ok.payload.to_bytes()
     raise LookupError("no answer")
+
+
+def _gaps_s(daemon: Daemon, from_s: float, to_s: float) -> list[list[float]]:
+    """Where ticks are more than two periods and a half apart: a busy computer's service skips some."""
+    ticks_s = [t for t in daemon.ticks_s() if from_s <= t <= to_s]
+    return [[a, b] for a, b in itertools.pairwise(ticks_s) if b - a > 2.5 * PERIOD_S]
 
 
 def test_a_running_service_tells_its_past_over_several_files(tmp_path):
@@ -51,11 +60,40 @@ def test_a_running_service_tells_its_past_over_several_files(tmp_path):
                 assert json.loads(_ask(session, "readings"))["time_s"] >= last_s
             found = {e["sequence"]: e for e in page["estimates"]}
             assert page["notes"] == []
-            assert page["gaps_s"] == []
+            assert page["gaps_s"] == _gaps_s(daemon, first_s, last_s)
             assert len(readings["readings"]) == len(page["estimates"])
             for one in published:
                 for key, value in one.items():
                     np.testing.assert_array_equal(found[one["sequence"]][key], value, err_msg=key)
             told = {d["sequence"]: d for d in seen.documents["readings"]}
             assert all(told[d["sequence"]] == d for d in readings["readings"][2:])
+            daemon.stop()
+
+
+def test_who_was_cut_off_by_a_dead_router_gets_every_step_by_time(tmp_path):
+    port = free_port()
+    with machine() as plant, Router(port) as router:
+        table = table_for(plant.wires, connect=[router.endpoint])
+        with Daemon(tmp_path, table) as daemon:
+            with Subscriber(router.endpoint) as seen:
+                seen.wait_for_more(5)
+                last_s = seen.estimates[-1]["time_s"]
+            router.kill()
+            until(lambda: sum(t > last_s for t in daemon.ticks_s()) > OUTAGE_STEPS)
+            router.start()
+            with Subscriber(router.endpoint) as seen:
+                seen.wait_for_more(2)
+                first_s = seen.estimates[0]["time_s"]
+                missed = [t for t in daemon.ticks_s() if last_s < t < first_s]
+                with zenoh.open(session_config("client", (router.endpoint,), ())) as session:
+                    begin_s = math.nextafter(last_s, math.inf)
+                    selector = f"estimate?from={begin_s!r};to={first_s!r}"
+
+                    def all_there() -> bool:  # the newest rows are on their way to the disk
+                        page = decode_page(_ask(session, selector))
+                        return [e["time_s"] for e in page["estimates"]] == missed and page
+
+                    page = until(all_there)
+            assert len(missed) > OUTAGE_STEPS
+            assert page["gaps_s"] == _gaps_s(daemon, missed[0], missed[-1])
             daemon.stop()
