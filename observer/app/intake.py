@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from observer.errors import LogError
 from observer.files.logs import suffix_of
 from observer.files.writer import write_log
@@ -21,6 +23,7 @@ def import_log(
     *,
     columns: Sequence[str] = (),
     time: str | None = None,
+    time_format: str | None = None,
     timezone: str | None = None,
 ) -> Proposal:
     """Write files as one log, by `[log]`, the options, and what is guessed; return what was made of them.
@@ -30,15 +33,18 @@ def import_log(
     """
     suffix_of(output)
     given = config.log.model_dump(exclude_unset=True)
-    given |= {key: value for key, value in {"time": time, "timezone": timezone}.items() if value}
+    clock = {"time": time, "time_format": time_format, "timezone": timezone}
+    given |= {key: value for key, value in clock.items() if value}
     given["columns"] = config.log.columns | dict(map(column_option, columns))
     if unknown := [name for name in given["columns"] if name not in config.channels]:
         known = ", ".join(config.channels)
         raise LogError(f"--column: the model reads no channel {unknown[0]}; it reads {known}")
     try:
         how = Logs.model_validate(given)
-    except ValueError as error:
-        raise LogError(f"--timezone: {timezone!r} is no time zone; give one such as Europe/Berlin") from error
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        option = "--" + str(wrong["loc"][0]).replace("_", "-")
+        raise LogError(f"{option}: {wrong['msg'].removeprefix('Value error, ')}") from error
     found = proposed(paths, config, how)
     if found.asked and (agree is None or not agree(found)):
         said = [f"  {key}: {doubt}" for key, doubt in found.asked.items()]

@@ -24,6 +24,10 @@ def import_(
         typer.Option(metavar="CHANNEL=COLUMN", help="Where a channel is; @UNIT behind it says its unit."),
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time.")] = None,
+    time_format: Annotated[
+        str | None,
+        typer.Option(help="What it counts, as ms, min, excel, or how it is written, as %d.%m.%Y %H:%M:%S."),
+    ] = None,
     timezone: Annotated[str | None, typer.Option(help="Of times without one, as Europe/Berlin.")] = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="Ask nothing; refuse where something is doubtful.")
@@ -48,8 +52,8 @@ def import_(
         return typer.confirm("Is that right?", default=False)
 
     asks = not yes and sys.stdin.isatty()
-    given: dict[str, Any] = {"columns": column or (), "time": time, "timezone": timezone}
-    found = parts.import_log(file, load(config), output, agree if asks else None, **given)
+    given: dict[str, Any] = {"columns": column or (), "time": time, "time_format": time_format}
+    found = parts.import_log(file, load(config), output, agree if asks else None, timezone=timezone, **given)
     if not (asks and found.asked):
         show(found)
     warn([*found.log.doubts, *(words.text for words in found.log.words)])

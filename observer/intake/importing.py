@@ -81,9 +81,17 @@ def _of_time(sources: Sources, how: Logs) -> dict[str, str]:
 
 
 def _rows(sources: Sources, config: Config, how: Logs) -> list[tuple[str, ...]]:
-    """Channel, column, unit in the file and unit of the channel, and the first cells as the file has them."""
+    """Channel, column, unit in the file and unit of the channel, and the first cells as the file has them.
+
+    Above them each clock: its columns, what it counts, and the first times in s.
+    """
     placed, _ = placed_columns(sources, config, how, [])
-    kinds, found = kinds_of(config), []
+    kinds, found = kinds_of(config), list[tuple[str, ...]]()
+    for clock in {source.clock.columns: source.clock for source in sources.timed}.values():
+        counts = clock.unit or ("date and time" if clock.since_1970 else "time of day")
+        unit = counts if clock.sure else f"{counts}, assumed"
+        times = (f"{time_s:.3f}" for time_s in clock.time_s[:SHOWN_ROWS])
+        found.append(("time", " ".join(clock.columns), unit, *times))
     for channel, parts in placed.items():
         part = parts[0]
         to = unit_of_channel(channel, kinds[channel])
