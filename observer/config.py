@@ -164,6 +164,7 @@ class Config(Description):
         for source in self.source:
             names += [source.position_channel, source.speed_channel, *source.law_channels]  # type: ignore[list-item]
         names += [self.ambient.channel, self.boundary.left.channel, self.boundary.right.channel]  # type: ignore[list-item]
+        names.append(None if self.bed is None else self.bed.channel)  # type: ignore[arg-type]
         names.append(self.surface.speed_channel)  # type: ignore[arg-type]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
@@ -240,7 +241,11 @@ def _too_much_work(config: Config) -> Iterator[str]:
 
 
 def _growth_unknown(config: Config) -> Iterator[str]:
-    wanted = (("supports", config.supports is not None), ("compensation", config.compensation.enabled))
+    wanted = (
+        ("supports", config.supports is not None),
+        ("bed", config.bed is not None),
+        ("compensation", config.compensation.enabled),
+    )
     for name, there in wanted:
         if there and config.screw.expansion_1_K is None:
             yield f"{name} needs the screw's expansion coefficient; give screw.expansion_1_K"

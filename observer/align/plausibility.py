@@ -137,6 +137,8 @@ def kinds_of(config: Config) -> Mapping[str, ChannelKind]:
             kinds[end.channel] = ChannelKind.END
     if config.ambient.channel is not None:
         kinds[config.ambient.channel] = ChannelKind.AMBIENT
+    if config.bed is not None and config.bed.channel is not None:
+        kinds[config.bed.channel] = ChannelKind.NODE
     return kinds | {s.channel: ChannelKind.NODE if s.on else ChannelKind.SCREW for s in config.sensor}
 
 

@@ -287,7 +287,8 @@ def lean_config(config: Config, modes: int) -> Config:
         update={"positions_m": (0.0, config.screw.length_m), "reference_degC": 0.0}
     )
     screw = config.screw.model_copy(update={"expansion_1_K": None})
-    return config.model_copy(update={"output": output, "screw": screw, "model": model, "supports": None})
+    beside = {"supports": None, "bed": None}
+    return config.model_copy(update={"output": output, "screw": screw, "model": model, **beside})
 
 
 def _stretches(config: Config) -> list[Source]:

@@ -348,7 +348,8 @@ def driving(config: Config) -> str:
     lost = any(isinstance(t, SpeedLoss) for t in machine.terms)
     still = config.surface.model_copy(update={"convection_W_m2K": 0.0})
     loss = (machine.config.screw, still) if lost else None
-    return repr((laws, own, loss, config.ambient, config.boundary, config.output.reference_degC))
+    air = (config.ambient, config.boundary, config.bed, config.output.reference_degC)
+    return repr((laws, own, loss, *air))
 
 
 def heat_parts(source: Source) -> tuple[object, ...]:

@@ -15,9 +15,9 @@ from observer.frames import FloatArray
 from observer.model.couple import with_coupling
 from observer.model.extend import with_learning
 from observer.model.generator import diagonalised
-from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, Plant
+from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
-from observer.model.reduce import FullModel, HeatInput, KnownInput, Nut, Places, reduce
+from observer.model.reduce import FullModel, HeatInput, KnownInput, Nut, Places, bed_rows, reduce
 from observer.model.rod.modes import (
     Modes,
     ambient_field,
@@ -53,7 +53,8 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
     constant = None
     if machine.config.node or any(isinstance(t, COUPLING_TERMS) for t in machine.terms):
         sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
-        plant, constant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W)
+        rows = bed_rows(full.places)
+        plant, constant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W, rows)
     if learns:
         plant = with_learning(plant, machine.config, modes)
     return plant if constant is None else diagonalised(plant, constant)
@@ -66,7 +67,7 @@ def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     return FullModel(
         modes=modes,
         heats=tuple(_heat(config, s, ends.get(s.name, 0.0)) for s in config.source),
-        known=_known_inputs(modes, terms),
+        known=_known_inputs(modes, config, terms),
         places=_places(config),
         sensors=tuple(s.name for s in config.sensor),
         noise_K=np.array([s.noise_K for s in config.sensor]),
@@ -135,14 +136,15 @@ def grid_of(config: Config) -> FloatArray:
 def _places(config: Config) -> Places:
     screw, grid_m = config.screw, grid_of(config)
     held = config.supports
-    restraint = None if held is None else restraint_of(held, screw.length_m, screw.diameter_m, grid_m)
+    restraint = None if held is None else restraint_of(held, screw.length_m, screw.area_m2, grid_m)
     # one beside the screw gets its row with the node it sits on
     sensor_m = np.array([s.position_m or 0.0 for s in config.sensor])
-    return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint)
+    bed_1_K = 0.0 if config.bed is None else config.bed.expansion_1_K
+    return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint, bed_1_K)
 
 
-def _known_inputs(modes: Modes, terms: Sequence[Term]) -> tuple[KnownInput, ...]:
-    """Ambient, prescribed ends, sensors' offsets and the reference of the thermal error.
+def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[KnownInput, ...]:
+    """Ambient, prescribed ends, sensors' offsets, a measured bed, and the reference of the thermal error.
 
     The temperature itself is expanded in modes, so an end's temperature enters through the slope of the
     modes there (Green's identity) and no derivative of a measured temperature is needed.
@@ -159,6 +161,8 @@ def _known_inputs(modes: Modes, terms: Sequence[Term]) -> tuple[KnownInput, ...]
         known.append(KnownInput(RIGHT, -modes.slope(rod.length_m), partial(end_field, rod, RIGHT)))
     offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, SensorOffset))
     known += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
+    if config.bed is not None and config.bed.channel is not None:
+        known.append(KnownInput(BED, np.zeros(len(modes)), np.zeros_like))
     known.append(KnownInput(REFERENCE, np.zeros(len(modes)), np.zeros_like))
     return tuple(known)
 

@@ -34,14 +34,19 @@ from observer.tables.sections import Description
 
 
 def with_coupling(
-    plant: Plant, modes: Modes, machine: Description, terms: Sequence[Term], sigma_W: FloatArray
+    plant: Plant,
+    modes: Modes,
+    machine: Description,
+    terms: Sequence[Term],
+    sigma_W: FloatArray,
+    bed: FloatArray,
 ) -> tuple[Plant, Constant]:
     """Return the plant with the nodes beside it and its time-varying couplings, and what lasts of `terms`;
     other kinds are passed over.
 
     New states come after the lags of the sources: the amplitudes of the nodes' own modes (a node that
     touches the screw only is its own, in °C), then one per lagging sensor, in °C. `sigma_W` (m,) is how large
-    the heats may have been before the start.
+    the heats may have been before the start, `bed` (R,) the output column of the bed's temperature.
     """
     beside, screw = attached(machine, terms), len(plant.decay_1_s)
     own, gain = node_modes(beside.network), _place_gain(machine)
@@ -50,7 +55,7 @@ def with_coupling(
     places = under_C.copy()
     places[:, : plant.modes] += modes.rod.conductance_W_m * (plant.B[: plant.modes] * gain).T
     plant = extended(plant, node_states(plant, beside, own, places, _mean(modes, screw), before))
-    plant = reading_nodes(plant, machine, beside, own, screw)
+    plant = reading_nodes(plant, machine, beside, own, screw, bed)
     plant, lags = _with_lags(plant, terms)
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
     moving = [s.index for s in plant.moving]

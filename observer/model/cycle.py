@@ -17,7 +17,7 @@ from observer.effects.terms import LawFactor, SpeedLoss
 from observer.frames import FloatArray
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from observer.model.law import heat_law
-from observer.model.plant import AMBIENT, LEFT, REFERENCE, RIGHT, Plant
+from observer.model.plant import AMBIENT, BED, LEFT, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
 from observer.model.rod.moving import NutTable, columns_at
 from observer.model.rod.screw import surface_rate
@@ -137,7 +137,8 @@ def _stage(config: Config, plant: Plant, duration_s: float, speed_rpm: float) ->
     unknown_W = [s.initial_sigma_W if s.law is None and works else 0.0 for s in sources]
     air_degC = machine.config.ambient.temperature_degC
     air_degC = AIR_degC if air_degC is None else air_degC
-    z = np.array([air_degC if n in (AMBIENT, LEFT, RIGHT, REFERENCE) else 0.0 for n in plant.known_names])
+    at_air = (AMBIENT, LEFT, RIGHT, BED, REFERENCE)
+    z = np.array([air_degC if name in at_air else 0.0 for name in plant.known_names])
     losses = [
         (surface_rate(screw) * float(t.film_W_m2K(np.array([speed_rpm]))[0]), t.temperature_degC)
         for t in machine.terms

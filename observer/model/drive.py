@@ -22,7 +22,7 @@ from observer.kernels import fill_inputs, record
 from observer.kernels.codes import NO_PRODUCT
 from observer.kernels.layout import packed
 from observer.model.law import Law, Product, heat_law
-from observer.model.plant import AMBIENT, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant
+from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
 from observer.model.rod.moving import PathState
@@ -84,6 +84,7 @@ class Drive:
             AMBIENT: config.ambient.channel,
             LEFT: config.boundary.left.channel,
             RIGHT: config.boundary.right.channel,
+            BED: None if config.bed is None else config.bed.channel,
         }
         self._known_channels = [read.get(name) for name in plant.known_names]
         rate = {AMBIENT: sum(t.rate_K_h for t in machine.terms if isinstance(t, AmbientShift))}

@@ -101,12 +101,19 @@ def extended(plant: Plant, more: States) -> Plant:
     )
 
 
-def reading_nodes(plant: Plant, machine: Description, beside: Attached, own: NodeModes, first: int) -> Plant:
-    """Return the plant whose sensors on nodes read those; the nodes' states begin at `first`."""
+def reading_nodes(
+    plant: Plant, machine: Description, beside: Attached, own: NodeModes, first: int, bed: FloatArray
+) -> Plant:
+    """Return the plant whose sensors on nodes read those, and whose thermal error follows the bed that is a
+    node, by the column `bed` (R,); the nodes' states begin at `first`.
+    """
     on = {i: beside.names.index(s.on) for i, s in enumerate(machine.sensor) if s.on is not None}
     plant = _reading_no_more(plant, list(on))
     for sensor, node in on.items():
         plant.rows.C[sensor, first : first + len(beside.names)] = own.shape[node]
+    if machine.bed is not None and machine.bed.on is not None:
+        of_bed = own.shape[beside.names.index(machine.bed.on)]
+        plant.rows.C[:, first : first + len(beside.names)] += np.multiply.outer(bed, of_bed)
     return plant
 
 

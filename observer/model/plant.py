@@ -28,8 +28,10 @@ OFFSET = "offset."
 """How the name of a known input begins that is a sensor's offset; the sensor's name follows."""
 
 
-AMBIENT, LEFT, RIGHT, REFERENCE = "ambient", "left", "right", "reference"
-"""The names of the other known inputs: the ambient, the prescribed ends, the thermal error's reference."""
+AMBIENT, LEFT, RIGHT, BED, REFERENCE = "ambient", "left", "right", "bed", "reference"
+"""The names of the other known inputs: the ambient, the prescribed ends, a bed that is measured, the thermal
+error's reference.
+"""
 
 
 class KnownColumns(NamedTuple):

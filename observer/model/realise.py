@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from observer.config import Config
@@ -91,6 +90,5 @@ def _with(config: Config, **parts: object) -> Config:
 
 def _conducting(end: Boundary, conductance_W_K: float, config: Config) -> Boundary:
     """The end with a conductance to the ambient beside what it has; G = h A."""
-    area_m2 = math.pi * config.screw.diameter_m**2 / 4
-    film = (end.coefficient_W_m2K or 0.0) + conductance_W_K / area_m2
+    film = (end.coefficient_W_m2K or 0.0) + conductance_W_K / config.screw.area_m2
     return Boundary(kind="convective", coefficient_W_m2K=film) if film >= LEAST_END_FILM_W_m2K else end

@@ -19,7 +19,7 @@ import numpy as np
 from observer.frames import FloatArray, Layout
 from observer.model.coupling import no_coupling
 from observer.model.network import past_heat_covariance, smooth_field_covariance
-from observer.model.plant import OFFSET, REFERENCE, MovingSource, OutputRows, Plant
+from observer.model.plant import BED, OFFSET, REFERENCE, MovingSource, OutputRows, Plant
 from observer.model.rod.modes import (
     Modes,
     Stretch,
@@ -37,7 +37,8 @@ UM_PER_M = 1e6
 
 class Places(NamedTuple):
     """Where the output rows stand: sensors (s,), grid (g,), the expansion coefficient of the error's rows,
-    and what holds the screw (nothing: it grows freely from x = 0).
+    what holds the screw (nothing: it grows freely from x = 0), and the expansion coefficient of the bed from
+    which the error is measured (0: of one that does not grow).
     """
 
     sensor_m: FloatArray
@@ -45,6 +46,7 @@ class Places(NamedTuple):
     expansion_1_K: float | None
     length_m: float
     restraint: Restraint | None = None
+    bed_1_K: float = 0.0
 
     @property
     def temperature_m(self) -> FloatArray:
@@ -95,12 +97,25 @@ def remainder_rows(
 
 
 def reference_rows(places: Places) -> FloatArray:
-    """The column (R,) of the thermal error's reference temperature: minus the growth per kelvin."""
+    """The column (R,) of the thermal error's reference temperature: minus the growth per kelvin of the screw,
+    plus that of the bed.
+    """
+    return _uniform_rows(places, places.bed_1_K * UM_PER_M - places.um_per_K_m)
+
+
+def bed_rows(places: Places) -> FloatArray:
+    """The column (R,) of the bed's temperature: the screw's supports and the workpiece move with it, so its
+    growth is taken off the free screw's before the supports hold that back.
+    """
+    return _uniform_rows(places, -places.bed_1_K * UM_PER_M)
+
+
+def _uniform_rows(places: Places, um_per_K_m: float) -> FloatArray:
+    """The column (R,) of a temperature that has all of a body grow alike."""
     temperature = np.zeros(len(places.temperature_m))
     if places.expansion_1_K is None:
         return temperature
-    growth = -places.um_per_K_m * places.growth_m
-    return np.concatenate([temperature, restrained_rows(places.restraint, growth)])
+    return np.concatenate([temperature, restrained_rows(places.restraint, um_per_K_m * places.growth_m)])
 
 
 def _running_integral(
@@ -267,6 +282,8 @@ def _known_rows(full: FullModel, modes: Modes, known: Sequence[KnownInput]) -> F
     def rows_of(k: KnownInput) -> FloatArray:
         if k.name == REFERENCE:
             return reference_rows(full.places)
+        if k.name == BED:
+            return bed_rows(full.places)
         rows = remainder_rows(modes, full.places, k.steady, k.modal / safe)
         if k.name.startswith(OFFSET):
             rows[full.sensors.index(k.name.removeprefix(OFFSET))] = 1.0

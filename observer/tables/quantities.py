@@ -72,6 +72,7 @@ Temperature = Annotated[Number, Field(gt=-273.15, lt=2000)]
 
 ScrewLength = Annotated[Positive, AfterValidator(within(1e-3, 100.0, "length in m of a screw"))]
 Diameter = Annotated[Positive, AfterValidator(within(1e-4, 5.0, "diameter in m"))]
+Bore = Annotated[NonNegative, AfterValidator(within(0.0, 5.0, "diameter in m"))]
 Length = Annotated[Positive, AfterValidator(within(1e-9, 100.0, "length in m"))]
 Lead = Annotated[Positive, AfterValidator(within(1e-5, 1.0, "lead in m"))]
 Position = Annotated[NonNegative, AfterValidator(within(0.0, 100.0, "position in m"))]

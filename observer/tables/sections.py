@@ -113,11 +113,35 @@ class Screw(Section):
     #: length of the rod, between the bearings; all positions count from its left end
     length_m: quantities.ScrewLength
     diameter_m: quantities.Diameter  #: effective (root) diameter
+    bore_m: quantities.Bore = 0.0  #: diameter of a bore through the whole screw
     conductivity_W_mK: quantities.Conductivity  #: heat conductivity; 45 to 60 for bearing steels
     density_kg_m3: quantities.Density  #: density
     specific_heat_J_kgK: quantities.SpecificHeat  #: specific heat
     #: thermal expansion; with it the thermal error is estimated
     expansion_1_K: quantities.Expansion | None = None
+
+    @model_validator(mode="after")
+    def _some_steel_is_left(self) -> Screw:
+        if self.bore_m >= self.diameter_m:
+            raise ValueError(
+                f"bore_m = {self.bore_m} leaves nothing of diameter_m = {self.diameter_m}; fix one of them"
+            )
+        return self
+
+    @property
+    def area_m2(self) -> float:
+        """The cross-section that conducts, stores and holds."""
+        return math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
+
+
+class Bed(Section):
+    """What the screw's growth is measured against: a bed, a table or a scale that expands too."""
+
+    expansion_1_K: quantities.Expansion  #: its thermal expansion; 8e-6 for a glass scale, 11e-6 for cast iron
+    channel: quantities.Channel | None = None  #: the channel that measures its temperature
+    on: quantities.Name | None = None  #: the node whose temperature it has
+
+    _one = quantities.exactly_one("channel", "on")
 
 
 class Ambient(Section):
@@ -267,6 +291,7 @@ class Description(Section):
     ambient: Ambient
     boundary: Boundaries = Boundaries()
     supports: Supports | None = None
+    bed: Bed | None = None
     node: tuple[Node, ...] = Field(default=(), max_length=100)
     link: tuple[Link, ...] = Field(default=(), max_length=1000)
     source: tuple[Source, ...] = Field(min_length=1, max_length=32)
@@ -281,6 +306,7 @@ class Description(Section):
         for place, used in (
             *((f"source {s.name}: nodes", name) for s in self.source for name in s.nodes),
             *((f"sensor {s.name}: on", s.on) for s in self.sensor if s.on is not None),
+            *(("bed: on", b.on) for b in (self.bed,) if b is not None and b.on is not None),
         ):
             if used not in names:
                 known = ", ".join(sorted(names)) or "none yet, write [[node]]"

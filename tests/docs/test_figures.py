@@ -36,6 +36,11 @@ def script(name: str) -> ModuleType:
     return module
 
 
+def test_a_bed_that_warms_by_two_kelvins_makes_twenty_micrometres_in_a_metre() -> None:
+    _, found = script("bed").errors_um()
+    assert found["the screw alone"][-1] - found["against the bed"][-1] == pytest.approx(20.0)
+
+
 def test_kims_numbers_of_modes(kim: ModuleType) -> None:
     assert {place: len(kim.modes_kept(place)) for place in (0.05, 0.1, 0.3, 0.35)} == {
         0.05: 12, 0.1: 7, 0.3: 5, 0.35: 2,

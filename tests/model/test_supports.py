@@ -37,7 +37,7 @@ LIII = {"mounting": "L-III"}
 
 
 def restraint(**keys: Any) -> Restraint:
-    return restraint_of(Supports.model_validate(keys), LENGTH_M, DIAMETER_M, GRID)
+    return restraint_of(Supports.model_validate(keys), LENGTH_M, AREA_M2, GRID)
 
 
 def displaced_um(held: Restraint, free_um: FloatArray) -> FloatArray:

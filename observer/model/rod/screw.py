@@ -140,7 +140,7 @@ def rod_of(config: Config) -> Rod:
     screw = config.screw
     k_W_mK, d_m = screw.conductivity_W_mK, screw.diameter_m
     film_W_m2K = surface_film_W_m2K(config.surface, d_m)
-    area_m2, perimeter_m = math.pi * d_m**2 / 4, math.pi * d_m
+    area_m2, perimeter_m = screw.area_m2, math.pi * d_m
     return Rod(
         length_m=screw.length_m,
         diffusivity_m2_s=k_W_mK / (screw.density_kg_m3 * screw.specific_heat_J_kgK),
@@ -158,5 +158,6 @@ def _end(boundary: Boundary, k_W_mK: float) -> End:
 
 
 def surface_rate(screw: Screw) -> float:
-    """P/(ρ c A) = 4/(ρ c d): the rate of loss per film coefficient, 1/s per W/m²K."""
-    return 4 / (screw.density_kg_m3 * screw.specific_heat_J_kgK * screw.diameter_m)
+    """P/(ρ c A): the rate of loss per film coefficient, 1/s per W/m²K; 4/(ρ c d) of a solid screw."""
+    solid = 4 / (screw.density_kg_m3 * screw.specific_heat_J_kgK * screw.diameter_m)
+    return solid / (1.0 - (screw.bore_m / screw.diameter_m) ** 2)

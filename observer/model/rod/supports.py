@@ -47,9 +47,9 @@ class Restraint(NamedTuple):
         return self.gap_um == 0.0
 
 
-def restraint_of(supports: Supports, length_m: float, diameter_m: float, grid_m: FloatArray) -> Restraint:
-    """Return the restraint of a configuration's supports at positions (g,)."""
-    own = length_m / (supports.elastic_modulus_Pa * math.pi * diameter_m**2 / 4)
+def restraint_of(supports: Supports, length_m: float, area_m2: float, grid_m: FloatArray) -> Restraint:
+    """Return the restraint of a configuration's supports at positions (g,) of a screw of a cross-section."""
+    own = length_m / (supports.elastic_modulus_Pa * area_m2)
     left, right = _compliances_m_N(supports)
     share = grid_m / length_m
     if math.isinf(left) and math.isinf(right):
