@@ -10,7 +10,7 @@ from observer.model.couple import with_coupling
 from observer.model.generator import Constant
 from observer.model.plant import Plant
 from observer.model.realise import realise
-from observer.model.reduce import reduce
+from observer.model.reduce import bed_rows, reduce
 from observer.model.rod.modes import Modes
 
 
@@ -20,4 +20,5 @@ def unturned(config: Config) -> tuple[Plant, Constant, Modes]:
     full = full_model(machine.config, machine.terms)
     plant, modes = reduce(full, keep_modes(machine.config, full.modes))
     sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
-    return *with_coupling(plant, modes, machine.config, machine.terms, sigma_W), modes
+    rows = bed_rows(full.places)
+    return *with_coupling(plant, modes, machine.config, machine.terms, sigma_W, rows), modes
