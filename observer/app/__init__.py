@@ -2,7 +2,7 @@
 
 from observer.app.exports import export, export_table
 from observer.app.intake import import_log
-from observer.app.logs import forecast, identify, replay, simulate
+from observer.app.logs import forecast, identify, replay, simulate, simulate_steady
 from observer.app.models import calibrate, discover, learned
 
 __all__ = [
@@ -16,4 +16,5 @@ __all__ = [
     "learned",
     "replay",
     "simulate",
+    "simulate_steady",
 ]

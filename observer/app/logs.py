@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import results_in, write_json
@@ -14,6 +14,9 @@ from observer.frames import FloatArray
 from observer.history.history import MethodOptions
 from observer.installation import Installation
 from observer.library.given import read_program, recorded
+
+if TYPE_CHECKING:
+    from observer.library.steady import SteadyScrew
 
 Progress = Callable[[int, int], None]
 
@@ -120,3 +123,18 @@ def simulate(
     warn(list(run.doubts))
     run.write(output.parent, output.name)
     return run.last_degC
+
+
+def simulate_steady(
+    config: Installation, inputs: Mapping[str, float], program: Path | None, output: Path
+) -> SteadyScrew:
+    """Find where a machine settles; write `steady.csv`, `steady.json` and `steady.png` into `output`.
+
+    The inputs last; with a program the others are its mean. Raises `ConfigError` or `LogError`.
+    """
+    from observer.library.steady import steady_screw
+
+    log = None if program is None else read_program(program, config, spare=inputs)
+    found = steady_screw(config, inputs, log)
+    found.write(output)
+    return found

@@ -8,13 +8,15 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from observer.cli.cases import case_as_table
 from observer.cli.options import (
     ConfigOption,
     LogArgument,
     OutputOption,
     accepting,
+    assignments,
 )
-from observer.cli.output import advancing, counting, show_sentence, warn, warn_of_paths
+from observer.cli.output import advancing, counting, show, show_sentence, warn, warn_of_paths
 from observer.errors import UserError
 
 verbs = typer.Typer()
@@ -150,17 +152,43 @@ def identify(
 @verbs.command()
 def simulate(
     config: ConfigOption,
-    program: Annotated[Path, typer.Option(help="Log of the input channels (speed, position, power …).")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .csv, .csv.gz or .parquet.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Log to write: .csv, .csv.gz or .parquet; with --steady the folder."
+        ),
+    ],
+    program: Annotated[
+        Path | None, typer.Option(help="Log of the input channels (speed, position, power …).")
+    ] = None,
     start_degC: Annotated[
         float | None,
         typer.Option(help="Screw temperature at the start in °C; else by sensors or ambient."),
     ] = None,
+    steady: Annotated[
+        bool,
+        typer.Option("--steady", help="Instead, where it settles: with inputs by --at, or a program's mean."),
+    ] = False,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL=VALUE", help="steady: an input that lasts; give one option for each."),
+    ] = None,
 ) -> None:
-    """Predict a run from the heat laws alone, as a log with overview.png beside it."""
+    """Predict a run from the heat laws alone, as a log with overview.png beside it; or the steady state."""
     from observer import app as parts
     from observer.installation import load
 
+    if steady:
+        if start_degC is not None:
+            raise UserError("simulate: where a screw settles does not depend on --start-degc; leave it out")
+        found = parts.simulate_steady(load(config), assignments(at or []), program, output)
+        show(found.figures, as_json=False, as_text=case_as_table)
+        typer.echo(f"written to {output}: steady.csv, steady.json, steady.png")
+        return
+    if at:
+        raise UserError("simulate: --at belongs to --steady; a program has its inputs as columns")
+    if program is None:
+        raise UserError("simulate: give --program, a log of the input channels, or --steady")
     settings, doubts = load(config), list[str]()
     with counting("simulate", "predicting", "writing and drawing") as progress:
         last = parts.simulate(program, settings, output, start_degC, progress, doubts.extend)

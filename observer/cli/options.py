@@ -77,6 +77,18 @@ HashOption = Annotated[
 ]
 
 
+def assignments(texts: Iterable[str]) -> dict[str, float]:
+    """Return `name=value` options as numbers by name. Raises `UserError`."""
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise UserError(f"--at {text}: give a channel and its value, as --at speed_rpm=500") from None
+    return found
+
+
 def _flag(name: str, option: str, words: str) -> Parameter:
     """A parameter that is off unless its option is given."""
     annotation = Annotated[bool, typer.Option(option, help=words)]

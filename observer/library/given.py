@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,11 @@ def recorded(path: Path, config: Installation, **accept: bool) -> Log:
     return channels_of(path, config, **accept)
 
 
-def read_program(path: Path, config: Installation) -> Log:
-    """A log of what a machine is to do, the channels of its inputs; those of sensors may be missing."""
-    return read_channels(path, config, spare={s.channel for s in config.sensor})
+def read_program(path: Path, config: Installation, spare: Iterable[str] = ()) -> Log:
+    """A log of what a machine is to do, the channels of its inputs; those of sensors, and others that are to
+    spare, may be missing.
+    """
+    return read_channels(path, config, spare={s.channel for s in config.sensor} | set(spare))
 
 
 def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:

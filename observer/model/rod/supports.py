@@ -90,6 +90,15 @@ def force_N(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
     return np.asarray(restraint.stiffness_N_um * (restraint.lost_um - held_back_um(restraint, growth_um)))
 
 
+def displacement_um(restraint: Restraint | None, growth_um: FloatArray, whole_um: FloatArray) -> FloatArray:
+    """Return the displacement U (K, g) from the free screw's growth up to each place, (K, g), and that of the
+    whole screw, (K,).
+    """
+    if restraint is None:
+        return growth_um
+    return np.asarray(growth_um - np.multiply.outer(held_back_um(restraint, whole_um), restraint.hold))
+
+
 def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray:
     """Return the rows of the thermal error from those of the free growth.
 

@@ -1,0 +1,174 @@
+"""A machine in one case, in figures: where it settles, or the most of a cycle; to be read side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer.align.aligner import AlignPlan, frames_of_log, refuse_empty
+from observer.errors import LogError
+from observer.estimate.replay import OpenLoop, inputs_of, program_of
+from observer.files.logs import Log
+from observer.forecast.document import travel_of
+from observer.frames import BoolArray, FloatArray, Layout
+from observer.installation import Installation
+from observer.model.drive import Drive
+from observer.model.realise import realise
+from observer.model.settle import mean_point, point_of, refuse_drift, settled
+from observer.model.survey import NODE, Growth, Survey, displaced, growth_of, held, survey_of
+
+
+@dataclass(frozen=True, slots=True)
+class CaseFigures:
+    """What is compared of a machine in a case.
+
+    In the steady state: temperatures along the screw at `position_m` (g,), `field_degC` (g,), and of sensors
+    and nodes by name; heats by source; the thermal error (g,), empty without an expansion coefficient; the
+    axial force, tension positive; the time constant of what is slowest to settle, None of a cycle.
+    Of a cycle: the highest temperature at each place, the mean heats, and error and force where they are
+    largest by size. `largest_error_um` is the largest by size within the travel, at `largest_at_m`.
+    """
+
+    name: str
+    position_m: FloatArray
+    field_degC: FloatArray
+    temperature_degC: Mapping[str, float]
+    heat_W: Mapping[str, float]
+    error_um: FloatArray
+    force_N: float
+    largest_error_um: float
+    largest_at_m: float
+    slowest_s: float | None
+
+    @property
+    def columns(self) -> dict[str, float]:
+        """The figures by the names of their columns."""
+        layout = Layout((), self.position_m, (), has_error=bool(len(self.error_um)))
+        found = {f"heat_{name}_W": heat_W for name, heat_W in self.heat_W.items()}
+        found["heat_total_W"] = sum(self.heat_W.values())
+        found |= {f"{name}_degC": value for name, value in self.temperature_degC.items()}
+        found |= {k: float(v[0]) for k, v in layout.along(field__degC=self.field_degC[None]).items()}
+        if layout.has_error:
+            found |= {k: float(v[0]) for k, v in layout.along(error__um=self.error_um[None]).items()}
+            found |= {"largest_error_um": self.largest_error_um, "largest_at_m": self.largest_at_m}
+            found["force_N"] = self.force_N
+        return found if self.slowest_s is None else found | {"slowest_s": self.slowest_s}
+
+
+class SurveyedCase(NamedTuple):
+    """Figures, and what they were made of: the growth of the free screw over time, (K, g) and (K,), None
+    without an expansion coefficient, and which places of the grid (g,) the nuts travel over.
+    """
+
+    figures: CaseFigures
+    growth: Growth | None
+    travel: BoolArray
+
+
+def steady_case(
+    name: str, config: Installation, inputs: Mapping[str, float], log: Log | None
+) -> SurveyedCase:
+    """Return where a machine settles with inputs that last, or with the mean inputs of a log.
+
+    `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
+    """
+    survey = survey_of(config)
+    if log is None:
+        point = point_of(survey.config, survey.plant, inputs)
+    else:
+        refuse_drift(config)
+        program = with_inputs(log, inputs, survey)
+        frames = frames_of_log(program, AlignPlan.of(survey.config))
+        point = mean_point(survey.plant, inputs_of(frames, Drive(survey.config, survey.plant)))
+    found = settled(survey.plant, point)
+    return _case(name, config, survey, found.rows[None], found.heat_W, found.slowest_s)
+
+
+def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log: Log) -> SurveyedCase:
+    """Return the most that a machine warms and grows over a log, by its heat laws alone.
+
+    `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
+    """
+    survey = survey_of(config)
+    program = with_inputs(log, inputs, survey)
+    loop = OpenLoop(survey.plant, Drive(survey.config, survey.plant))
+    rows, heat_J, duration_s = [], np.zeros(len(survey.plant.source_names)), 0.0
+    for frames in frames_of_log(program, AlignPlan.of(survey.config)):
+        if (found := loop.run(frames)) is not None:
+            driven, some = found
+            rows.append(some)
+            heat_J += driven.dt_s @ driven.law_W
+            duration_s += float(driven.dt_s.sum())
+    if not rows:
+        raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
+    return _case(name, config, survey, np.concatenate(rows), heat_J / max(duration_s, 1e-9), None)
+
+
+def with_inputs(log: Log, inputs: Mapping[str, float], survey: Survey) -> Log:
+    """The program that a log is, with channels that last in place of its own. Raises `LogError`."""
+    own = [c for c in log.channels if c not in inputs]
+    columns = [log[c] for c in own] + [np.full(len(log), value) for value in inputs.values()]
+    whole = replace(log, channels=(*own, *inputs), values=np.column_stack(columns))
+    refuse_empty(program := program_of(whole, survey.config), survey.config, sensors=False)
+    return program
+
+
+def _case(
+    name: str,
+    config: Installation,
+    survey: Survey,
+    rows: FloatArray,
+    heat_W: FloatArray,
+    slowest_s: float | None,
+) -> SurveyedCase:
+    """The figures of output rows (K, R)."""
+    plant, g = survey.plant, len(survey.grid_m)
+    hottest = rows.max(axis=0)
+    travel = travel_of(config, plant)[:g]
+    growth = growth_of(survey, rows)
+    error_um, force_N, largest, at = np.zeros((0,)), 0.0, 0.0, 0
+    if growth is not None:
+        errors, forces = displaced(held(config, config.supports, survey.grid_m), growth)
+        error_um, force_N = largest_of(errors), float(largest_of(forces[:, None])[0])
+        at = int(np.argmax(np.where(travel, np.abs(error_um), -1.0)))
+        largest = float(error_um[at])
+    names = [s.name.removeprefix(NODE) for s in survey.config.sensor]
+    given = {s.name for s in realise(survey.config).config.source if s.law != "heat_W" or s.heat_W}
+    figures = CaseFigures(
+        name=name,
+        position_m=survey.grid_m,
+        field_degC=hottest[plant.rows.field_slice][:g],
+        temperature_degC=dict(zip(names, hottest[plant.rows.sensor_slice].tolist(), strict=True)),
+        heat_W={n: w for n, w in zip(plant.source_names, heat_W.tolist(), strict=True) if n in given},
+        error_um=error_um,
+        force_N=force_N,
+        largest_error_um=largest,
+        largest_at_m=float(survey.grid_m[at]),
+        slowest_s=slowest_s,
+    )
+    return SurveyedCase(figures, growth, travel)
+
+
+def largest_of(values: FloatArray) -> FloatArray:
+    """The value of each column (K, c) that is largest by size, (c,), with its sign."""
+    return np.asarray(values[np.abs(values).argmax(axis=0), np.arange(values.shape[1])])
+
+
+def as_document(figures: CaseFigures) -> dict[str, Any]:
+    """The figures for programs."""
+    with_error = bool(len(figures.error_um))
+    return {
+        "name": figures.name,
+        "heat_W": dict(figures.heat_W),
+        "temperature_degC": dict(figures.temperature_degC),
+        "position_m": figures.position_m.tolist(),
+        "field_degC": figures.field_degC.tolist(),
+        "error_um": figures.error_um.tolist() if with_error else None,
+        "largest_error_um": figures.largest_error_um if with_error else None,
+        "largest_at_m": figures.largest_at_m if with_error else None,
+        "force_N": figures.force_N if with_error else None,
+        "slowest_s": figures.slowest_s,
+    }

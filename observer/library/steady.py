@@ -1,0 +1,69 @@
+"""The steady state of a machine, by its heat laws alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from observer.files.folders import results_in, write_json
+from observer.files.logs import Log
+from observer.files.writer import TableWriter
+from observer.installation import Installation
+from observer.library.cases import CaseFigures, as_document, steady_case
+from observer.library.packages import in_words
+from observer.model.settle import check_inputs
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+STEADY = "steady state"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SteadyScrew:
+    """Where a machine settles: `figures`, and `document`, the content of `steady.json`."""
+
+    figures: CaseFigures
+    document: Mapping[str, Any]
+    _title: str
+
+    def __repr__(self) -> str:
+        return f"<SteadyScrew: {self._title}; largest error {self.figures.largest_error_um:.3g} µm>"
+
+    @in_words
+    def plot(self) -> list[Axes]:
+        """Draw the picture that the command writes, as a figure of pyplot, and return its axes."""
+        from observer.report.comparison import draw_cases
+        from observer.report.pictures import shown
+
+        with shown() as figure:
+            return draw_cases(figure, [self.figures], self._title, STEADY)
+
+    @in_words
+    def write(self, folder: str | Path) -> None:
+        """Write `steady.csv`, `steady.json` and `steady.png` into a folder. Raises `UserError`."""
+        from observer.report.comparison import draw_cases
+        from observer.report.pictures import written
+
+        with results_in(Path(folder)) as part:
+            with TableWriter(part / "steady.csv") as sink:
+                sink.write({name: np.array([value]) for name, value in self.figures.columns.items()})
+            write_json(part / "steady.json", self.document)
+            with written(part / "steady.png") as figure:
+                draw_cases(figure, [self.figures], self._title, STEADY)
+
+
+def steady_screw(config: Installation, inputs: Mapping[str, float], log: Log | None) -> SteadyScrew:
+    """Return where a machine settles with inputs that last, or with the mean inputs of a log.
+
+    Raises `ConfigError` or `LogError`.
+    """
+    check_inputs(config, inputs, "inputs")
+    found = steady_case(STEADY, config, inputs, log).figures
+    said = {"inputs": dict(inputs), "log": None if log is None else log.path.name}
+    title = f"{config.machine.name}, axis {config.machine.axis}: where it settles"
+    return SteadyScrew(found, said | as_document(found), title)

@@ -1,0 +1,237 @@
+"""Where a plant settles: the steady state under inputs that last, by a linear solve instead of a long run.
+
+0 = A x + B q + E z + r (T_d − T) on the screw, with the plant's own generator A, nuts over their strokes or
+where they stand, and a loss r that goes with the speed towards T_d. Radiation, which enters by its tangent,
+and friction that fades with the temperature are iterated until nothing moves.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.effects.terms import AmbientShift
+from observer.errors import ConfigError
+from observer.frames import FloatArray, FrameBlock, Inputs, Quality
+from observer.model.coupling import Coupling
+from observer.model.drive import Drive
+from observer.model.generator import generator, on_the_screw
+from observer.model.plant import Plant
+from observer.model.realise import realise
+from observer.model.rod.moving import columns_at
+from observer.tables.sections import law_channels
+
+SLOWEST_1_S = 1e-8
+"""A state that takes longer than three years has nothing that holds it: rounding leaves such rates."""
+_STILL = 1e-12
+_ROUNDS = 200
+_LARGEST = 1e9
+_LONG_S = 1e9  # what fades with the hours has faded
+
+
+class OperatingPoint(NamedTuple):
+    """Inputs that last: heats by law `law_W` (m,); known inputs `z` (p,); the rate of the loss that goes with
+    the speed, 1/s, and what it draws to, °C; input and output columns of the nuts, (M, n_x) and (M, R).
+    """
+
+    law_W: FloatArray
+    z: FloatArray
+    loss_1_s: float
+    loss_degC: float
+    moving_B: FloatArray
+    moving_C: FloatArray
+
+
+class SettledPlant(NamedTuple):
+    """A plant at rest: states `x` (n_x,), output rows (R,) in °C and µm, the heats (m,) as they are then, and
+    the time constant, s, of what is slowest to settle.
+    """
+
+    x: FloatArray
+    rows: FloatArray
+    heat_W: FloatArray
+    slowest_s: float
+
+
+def needed_channels(config: Config) -> tuple[str, ...]:
+    """The channels that a steady state needs values of: all that the model reads but sensors and, as a nut
+    runs over its stroke where nobody says where it stands, positions.
+    """
+    machine = realise(config).config
+    spare = {s.channel for s in config.sensor} | {s.position_channel for s in machine.source}
+    by_law = {c for s in machine.source for c in law_channels(s, machine.source)}
+    return tuple(c for c in config.channels if c not in spare or c in by_law)
+
+
+def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
+    """Raise `ConfigError` where a channel is no input of the model, or its value no number; `place` is named
+    in errors.
+    """
+    sensors = {s.channel for s in config.sensor}
+    inputs = [c for c in config.channels if c not in sensors]
+    for channel, value in values.items():
+        if channel not in inputs:
+            close = difflib.get_close_matches(channel, inputs, n=1)
+            meant = f" (did you mean {close[0]}?)" if close else ""
+            raise ConfigError(
+                f'{place}: the model reads no input "{channel}"{meant}; it reads '
+                f"{', '.join(inputs) or 'none'}"
+            )
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:
+            raise ConfigError(f"{place}: {channel} = {value!r} is no number that can last; give one")
+
+
+def point_of(config: Config, plant: Plant, values: Mapping[str, float]) -> OperatingPoint:
+    """Return the operating point at which channels have these values for good.
+
+    A nut stands where its position channel says, or runs over its whole stroke where that has no value.
+    Raises `ConfigError` for an input without a value, and where the configuration has no steady state.
+    """
+    refuse_drift(config)
+    if missing := [c for c in needed_channels(config) if c not in values]:
+        raise ConfigError(f"the steady state needs a value of {', '.join(missing)}; give each one")
+    driving = Drive(config, plant).open_loop(_lasting(config.channels, values))
+    B = np.array([plant.B[:, m.index] for m in plant.moving]).reshape(-1, len(plant.decay_1_s))
+    C = np.array([plant.rows.C[:, plant.modes + m.index] for m in plant.moving]).reshape(
+        -1, len(plant.rows.C)
+    )
+    for i, nut in enumerate(plant.moving):
+        if nut.channel in values:
+            B[i], C[i] = columns_at(nut.table, [values[nut.channel]])
+    loss_1_s, loss_degC = float(driving.loss_1_s[-1]), float(driving.loss_degC[-1])
+    return OperatingPoint(driving.law_W[-1], driving.z_end[-1], loss_1_s, loss_degC, B, C)
+
+
+def refuse_drift(config: Config) -> None:
+    """Raise `ConfigError` where the air is said to drift on and on, so that nothing settles."""
+    if any(isinstance(t, AmbientShift) and t.rate_K_h for t in realise(config).terms):
+        raise ConfigError(
+            "there is no steady state while an effect lets the air drift; remove its rate of drift"
+        )
+
+
+def _lasting(channels: tuple[str, ...], values: Mapping[str, float]) -> FrameBlock:
+    """Three frames of the same values, so far apart that what fades with the time of running has faded."""
+    row = np.array([values.get(c, np.nan) for c in channels])
+    shape = (3, len(channels))
+    return FrameBlock(
+        channels=channels,
+        time_s=np.zeros(3),  # at which nothing has drifted
+        dt_s=np.array([0.0, _LONG_S, _LONG_S]),
+        values=np.tile(row, (3, 1)),
+        fresh=np.ones(shape, np.bool_),
+        quality=np.full(shape, Quality.GOOD, np.int8),
+        age_s=np.zeros(shape),
+        path={},
+    )
+
+
+def mean_point(plant: Plant, blocks: Sequence[Inputs]) -> OperatingPoint:
+    """Return the mean of what drives a plant over some steps: where a linear plant that repeats them is on
+    average once it has settled. The column of a nut is the mean weighed by its heat.
+    """
+    dt_s, law_W, z_start, z_end, B, C, loss_1_s, loss_degC = (
+        np.concatenate([getattr(block, name) for block in blocks])
+        for name in ("dt_s", "law_W", "z_start", "z_end", "moving_B", "moving_C", "loss_1_s", "loss_degC")
+    )
+    known = np.isfinite(law_W).all(axis=1) & np.isfinite(z_start).all(axis=1) & (dt_s > 0.0)
+    share = np.where(known, dt_s, 0.0) / dt_s[known].sum()
+    law_W, z = np.where(known[:, None], law_W, 0.0), np.where(known[:, None], 0.5 * (z_start + z_end), 0.0)
+    nuts_W = np.abs(law_W[:, [m.index for m in plant.moving]])
+    heated = share[:, None] * nuts_W
+    weight = np.where(heated.sum(axis=0) > 0.0, heated, share[:, None])
+    weight = weight / weight.sum(axis=0)
+    rate = float(share @ loss_1_s)
+    drawn = float(share @ (loss_1_s * loss_degC))
+    return OperatingPoint(
+        share @ law_W,
+        share @ z,
+        rate,
+        drawn / rate if rate else 0.0,
+        np.einsum("km,kmn->mn", weight, B),
+        np.einsum("km,kmr->mr", weight, C),
+    )
+
+
+def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
+    """Return where a plant settles at an operating point.
+
+    Raises `ConfigError` where nothing takes the heat away, and where the heats find no balance.
+    """
+    plant = _placed(plant, point)
+    c, A_1_s, screw = plant.coupling, generator(plant), on_the_screw(plant)
+    x: FloatArray = plant.uniform * float(point.z[plant.known.ambient])
+    heat_W = point.law_W
+    for _ in range(_ROUNDS):
+        rate_1_s, drawn = _radiated(c, x, float(point.z[c.ambient]))
+        A = A_1_s - (point.loss_1_s + rate_1_s) * screw
+        slowest_1_s = _slowest_1_s(A)
+        lost = (point.loss_1_s * point.loss_degC + drawn) * c.uniform
+        driven = plant.B @ heat_W + plant.E @ point.z + lost
+        after = np.asarray(np.linalg.solve(-A, driven), np.float64)
+        heat_after_W = 0.5 * (heat_W + point.law_W * _faded(plant, after, point.z))
+        moved = np.abs(np.concatenate([plant.rows.C @ (after - x), heat_after_W - heat_W])).max()
+        x, heat_W = after, heat_after_W
+        if moved <= _STILL * max(1.0, float(np.abs(plant.rows.C @ x).max())):
+            return SettledPlant(x, plant.rows.C @ x + plant.rows.F @ point.z, heat_W, 1.0 / slowest_1_s)
+    raise ConfigError(
+        "the heats, which fade as the screw warms, find no balance; lower the effect's share per kelvin"
+    )
+
+
+def _slowest_1_s(A_1_s: FloatArray) -> float:
+    """The rate of what is slowest to settle; refused where that is nothing but rounding."""
+    slowest_1_s = float(np.min(-np.linalg.eigvals(A_1_s).real))
+    if slowest_1_s < SLOWEST_1_S:
+        raise ConfigError(
+            "nothing takes the heat away, so there is no steady state; give surface.convection_W_m2K, a "
+            "convective or prescribed end, or links to the ambient"
+        )
+    return slowest_1_s
+
+
+def _placed(plant: Plant, point: OperatingPoint) -> Plant:
+    """The plant with the columns of nuts as they are at the point; a nut that sweeps over less than its
+    stroke passes less to its nodes on top of its mean, as `kernels.coupling` has it.
+    """
+    B, C, c = plant.B.copy(), plant.rows.C.copy(), plant.coupling
+    rate_1_s = c.spreads.rate_1_s.copy()
+    for i, nut in enumerate(plant.moving):
+        j = nut.index
+        B[:, j], C[:, plant.modes + j] = point.moving_B[i], point.moving_C[i]
+        if (own := c.spreads.source == j).any():
+            size = c.place_gain[j] ** 2 * _product(c, B[:, j], B[:, j])
+            now, at_rest = (c.spreads.swept[j] / s for s in (size, c.spreads.at_rest[j]))
+            rate_1_s[own] *= min(max((now**2 - at_rest**2) / (1.0 - at_rest**2), 0.0), 1.0)
+    coupling = c._replace(spreads=c.spreads._replace(rate_1_s=rate_1_s))
+    return replace(plant, B=B, rows=replace(plant.rows, C=C), coupling=coupling)
+
+
+def _product(c: Coupling, x: FloatArray, y: FloatArray) -> float:
+    """The sum over the screw's modes of the products of what two states are there."""
+    return float(x[: c.modes] @ y[: c.modes] if not len(c.metric) else x @ c.metric @ y)
+
+
+def _radiated(c: Coupling, x: FloatArray, around_degC: float) -> tuple[float, float]:
+    """The rate of radiation in its tangent at a state, 1/s, and rate times what it draws to."""
+    if c.radiation == 0.0:
+        return 0.0, 0.0
+    mean_degC = float(c.mean @ x)
+    variance = max(c.square * _product(c, x, x) - mean_degC**2, 0.0)
+    mean_K, around_K = mean_degC + c.zero_degC_K, around_degC + c.zero_degC_K
+    lost = mean_K**4 + 6.0 * mean_K**2 * variance - around_K**4
+    return 4.0 * c.radiation * mean_K**3, c.radiation * (4.0 * mean_K**3 * mean_degC - lost)
+
+
+def _faded(plant: Plant, x: FloatArray, z: FloatArray) -> FloatArray:
+    """The factors (m,) on the laws of heats that fade with the temperature under them."""
+    c = plant.coupling
+    under_degC = c.under_C @ x + c.under_F @ z
+    for j in np.flatnonzero(c.fades.per_K):
+        under_degC[j] += c.conductance_W_m * c.place_gain[j] * _product(c, plant.B[:, j], x)
+    return np.exp(-c.fades.per_K * (under_degC - c.fades.reference_degC))

@@ -1,0 +1,77 @@
+"""A machine looked at everywhere at once: every node beside its sensors, and the growth of the screw without
+supports, from which the displacement between any supports follows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.frames import FloatArray
+from observer.model.build import build_plant, grid_of
+from observer.model.plant import Plant
+from observer.model.rod.supports import Restraint, displacement_um, force_N, restraint_of
+from observer.tables.mounting import Supports
+from observer.tables.sections import Sensor
+
+NODE = "node."
+"""How the name of a survey's sensor on a node begins."""
+
+
+class Survey(NamedTuple):
+    """A machine's plant with a sensor on each node, and the grid (g,), in m, at which it is looked at."""
+
+    config: Config
+    plant: Plant
+    grid_m: FloatArray
+
+
+class Growth(NamedTuple):
+    """Growth of the free screw in µm: up to each place, (K, g), and of the whole screw, (K,)."""
+
+    along_um: FloatArray
+    whole_um: FloatArray
+
+
+def survey_of(config: Config) -> Survey:
+    """Return the survey of a configuration. Raises `ConfigError`."""
+    grid_m, length_m = grid_of(config), config.screw.length_m
+    taken = {s.channel for s in config.sensor}
+    nodes = tuple(
+        Sensor(
+            name=NODE + node.name, channel=_free(f"{NODE}{node.name}_degC", taken), on=node.name, noise_K=0.1
+        )
+        for node in config.node
+    )
+    places = (*grid_m.tolist(), length_m) if grid_m[-1] < length_m else tuple(grid_m.tolist())
+    output = config.output.model_copy(update={"positions_m": places})
+    seen = config.model_copy(update={"sensor": (*config.sensor, *nodes), "supports": None, "output": output})
+    return Survey(seen, build_plant(seen), grid_m)
+
+
+def _free(name: str, taken: set[str]) -> str:
+    return name if name not in taken else _free(name + "_", taken)
+
+
+def growth_of(survey: Survey, rows: FloatArray) -> Growth | None:
+    """Return the free growth in output rows (K, R); None without an expansion coefficient."""
+    along_um = rows[:, survey.plant.rows.error_slice]
+    if not along_um.shape[1]:
+        return None
+    return Growth(along_um[:, : len(survey.grid_m)], along_um[:, -1])
+
+
+def held(config: Config, supports: Supports | None, grid_m: FloatArray) -> Restraint | None:
+    """Return the restraint of supports on a configuration's screw, none where nothing is said of them."""
+    screw = config.screw
+    return None if supports is None else restraint_of(supports, screw.length_m, screw.diameter_m, grid_m)
+
+
+def displaced(restraint: Restraint | None, growth: Growth) -> tuple[FloatArray, FloatArray]:
+    """Return the thermal error (K, g), µm, and the axial force (K,), N, tension positive."""
+    error_um = displacement_um(restraint, growth.along_um, growth.whole_um)
+    return error_um, np.zeros_like(growth.whole_um) if restraint is None else force_N(
+        restraint, growth.whole_um
+    )
