@@ -66,7 +66,7 @@ def growth_of(survey: Survey, rows: FloatArray) -> Growth | None:
 def held(config: Config, supports: Supports | None, grid_m: FloatArray) -> Restraint | None:
     """Return the restraint of supports on a configuration's screw, none where nothing is said of them."""
     screw = config.screw
-    return None if supports is None else restraint_of(supports, screw.length_m, screw.diameter_m, grid_m)
+    return None if supports is None else restraint_of(supports, screw.length_m, screw.area_m2, grid_m)
 
 
 def displaced(restraint: Restraint | None, growth: Growth) -> tuple[FloatArray, FloatArray]:
