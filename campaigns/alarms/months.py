@@ -18,19 +18,28 @@ from observer.alarms.bands import WINDOW_S, Window
 
 DAY_S = 86_400.0
 MOST = 2.2  # what has worn so far is not run on
+STIFF_S = 1800.0
 ALIKE = float(np.exp(-WINDOW_S / 5400.0))
 
 
 @dataclass(frozen=True)
 class Story:
-    """What happens to a source: `wear` doubles its heat in so many hours of running from `begins_h` on, or
-    preload is `lost`, a part of it; None and 0 if nothing does. `days` long.
+    """What happens to a source from `begins_h` hours of running on: wear doubles its heat in `doubles_h`, or
+    preload is `lost`, a part of it, at once or in `loses_h`. `days` long.
+
+    What is no fault: parts are machined at `slower` times the speed from then on, the machine stands for
+    `rest_d` days; and each morning, from the first on, stiff grease makes `stiff` more heat, which fades in
+    half an hour of running.
     """
 
     days: int = 120
     begins_h: float = 150.0
     doubles_h: float | None = None
     lost: float = 0.0
+    loses_h: float = 0.0
+    slower: float = 1.0
+    rest_d: int = 0
+    stiff: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,9 +61,11 @@ def months(story: Story, seed: int) -> Iterator[Sample]:
     season_K, phase = rng.uniform(2.0, 7.0), rng.uniform(0.0, 2.0 * np.pi)
     film_per_K, slow, running_h = rng.normal(0.0, 0.006), 0.0, 0.0
     parts_rpm = rng.uniform(400.0, most_rpm, size=8)
-    rise_K = 0.0
+    rise_K, rests_d = 0.0, story.rest_d
     for day in range(story.days):
-        if day % 7 >= 5 and shifts < 3:
+        rests = rests_d > 0 and running_h > story.begins_h
+        rests_d -= rests
+        if rests or (day % 7 >= 5 and shifts < 3):
             rise_K = 0.0
             continue
         if rng.uniform() < 0.1:  # other parts from here on
@@ -68,10 +79,12 @@ def months(story: Story, seed: int) -> Iterator[Sample]:
             factor = _factor(story, running_h)
             if factor > MOST:
                 return
-            speed = part_rpm / most_rpm
+            at_rpm = part_rpm * (story.slower if running_h > story.begins_h else 1.0)
+            speed = at_rpm / most_rpm
             friction = off * speed ** (exponent - 1.0) * (1.0 - viscous_1_K * (rise_K + air_K))
             friction *= 1.0 + run_in * np.exp(-running_h / run_in_h)
-            law_W = law_W_rpm * part_rpm
+            friction *= 1.0 + story.stiff * np.exp(-k * WINDOW_S / STIFF_S)
+            law_W = law_W_rpm * at_rpm
             heat_W = law_W * friction * factor
             rise_K += (0.6 * heat_W - rise_K) * (1.0 - np.exp(-WINDOW_S / 5400.0))
             slow = ALIKE * slow + np.sqrt(1.0 - ALIKE**2) * rng.normal()
@@ -83,9 +96,9 @@ def months(story: Story, seed: int) -> Iterator[Sample]:
 
 
 def _factor(story: Story, running_h: float) -> float:
-    """What has become of the heat: it grows by itself, as wear does, or falls at once."""
+    """What has become of the heat: it grows by itself, as wear does, or falls."""
     since_h = running_h - story.begins_h
     if since_h <= 0.0:
         return 1.0
     grown = 1.0 if story.doubles_h is None else 2.0 ** (since_h / story.doubles_h)
-    return grown * (1.0 - story.lost)
+    return grown * (1.0 - story.lost * min(since_h / story.loses_h if story.loses_h else 1.0, 1.0))

@@ -6,14 +6,15 @@ Over windows of running, the logarithm of the ratio of the estimated heat to its
 
 whose θ is learnt by recursive least squares (Ljung and Söderström 1983, ch. 2) in the first hours of running
 and then stays as it is: wear must not be learnt away. Of those hours the earlier ones, in which a new machine
-runs in, are forgotten; what friction falls by after them, up to a tenth, is taken for running in too. What is
-left is smoothed over hours of running, and a line through it is the trend over days.
+runs in, are forgotten; what friction falls by in some hours after them, up to a tenth, is taken for running
+in too, what it falls by later is not: preload that wears away takes heat with it. What is left is smoothed
+over hours of running, and a line through it is the trend over days.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ SETTLE_H = 20.0
 """Whether friction has fallen since it was learnt is judged over so many."""
 RUN_IN = 0.1
 """The most, as a logarithm, that it falls by in running in: more is less heat than usual."""
+RUN_IN_H = 60.0
+"""For so many hours of running after what is usual was learnt a machine may still run in."""
 ALIKE_H = 1.5
 """Errors of an estimate stay alike for about so long, so windows within it count as one."""
 MEMORY_H = 15.0
@@ -65,7 +68,7 @@ class Band(NamedTuple):
 
     `theta` (3,) with covariance `P` (3, 3), `spread2` the variance of a window about them; `running_h` of the
     windows taken; `left` what is left, smoothed, `slow` the same over a longer time and `ran_in` the least
-    that has been, at most 0; `line` (5,) the fading sums of a line through it: 1, t, t²,
+    that was while it ran in, at most 0; `line` (5,) the fading sums of a line through it: 1, t, t²,
     y, t y with t in days after `at_s`; `side` is +1 above the band, -1 below, 0 within; `most_W` the law's
     largest heat.
     """
@@ -113,6 +116,19 @@ def more_than_usual(band: Band) -> float:
     return band.left - band.ran_in
 
 
+def are_off_together(bands: Sequence[Band], learn_h: float, deadband: float) -> bool:
+    """Return whether several heats have left their bands to one side: one has, and no other would be within
+    its band again there.
+
+    No nut and no bearing wears as all others do at once, so this is something that they share.
+    """
+    more = [more_than_usual(band) for band in bands]
+    limit = [CLEAR * _limit(band, None, deadband) for band in bands]
+    sides = {0 if abs(m) < least else math.copysign(1, m) for m, least in zip(more, limit, strict=True)}
+    known = len(bands) > 1 and all(band.running_h >= learn_h for band in bands)
+    return known and sides in ({1}, {-1}) and any(band.side for band in bands)
+
+
 def sigma_of(band: Band, phi: FloatArray | None = None) -> float:
     """Return the σ of what is left: of the estimates it rests on, and of the band."""
     phi = np.array([1.0, 0.0, 0.0]) if phi is None else phi
@@ -152,7 +168,9 @@ def _taken(band: Band, phi: FloatArray, off: float, R: float, hours: float) -> B
 def _smoothed(band: Band, off: float, hours: float, learn_h: float) -> Band:
     """Smooth what is left of a window, and note how far friction has fallen since it was learnt."""
     slow = band.slow + hours / SETTLE_H * (off - band.slow)
-    fallen = min(band.ran_in, max(slow, -RUN_IN)) if band.running_h > learn_h + 0.5 * SETTLE_H else 0.0
+    since_h, fallen = band.running_h - learn_h, band.ran_in
+    if since_h <= RUN_IN_H:
+        fallen = min(fallen, max(slow, -RUN_IN)) if since_h > 0.5 * SETTLE_H else 0.0
     left = band.left + hours / SMOOTH_H * (off - band.left)
     return band._replace(left=left, slow=slow, ran_in=fallen, running_h=band.running_h + hours)
 
@@ -170,11 +188,14 @@ def _judged(band: Band, phi: FloatArray, learn_h: float, deadband: float) -> Ban
     """Set whether the heat is above or below its band, with hysteresis."""
     if band.running_h < learn_h:
         return band._replace(side=0)
-    limit = max(math.log1p(deadband), SIGMAS * sigma_of(band, phi))
-    more = more_than_usual(band)
+    limit, more = _limit(band, phi, deadband), more_than_usual(band)
     if abs(more) > limit:
         return band._replace(side=1 if more > 0 else -1)
     return band._replace(side=0) if abs(more) < CLEAR * limit else band
+
+
+def _limit(band: Band, phi: FloatArray | None, deadband: float) -> float:
+    return max(math.log1p(deadband), SIGMAS * sigma_of(band, phi))
 
 
 def plain_of(band: Band) -> dict[str, Any]:

@@ -50,7 +50,8 @@ KINDS: dict[str, AlarmKind] = {
     ),
     "heat_low": AlarmKind(
         "minor", 0.0, 3600.0, True,
-        "less heat than learnt for this speed and temperature: look whether preload or belt tension is lost",
+        "less heat than learnt for this speed and temperature, as when preload or belt tension is lost: "
+        "measure the backlash, check the preload of nut and bearings",
     ),
     "heat_off_law": AlarmKind(
         "minor", 600.0, 86_400.0, False,

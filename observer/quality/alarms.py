@@ -23,6 +23,7 @@ from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlo
 from observer.quality.conditions import Condition, Trouble
 from observer.quality.reasons import sentence
 from observer.tables.publishing import AlarmSettings
+from observer.tables.sections import law_channels
 
 _KEPT_S = 60.0
 _MOST_STEP_S = 30.0
@@ -48,6 +49,7 @@ _ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
     Fault.ALL_OFF_LAW: ("heat_off_law", "all", None),
     Trouble.HEAT_HIGH: ("heat_high", "", None),
     Trouble.HEAT_LOW: ("heat_low", "", None),
+    Trouble.HEATS_TOGETHER: ("heat_off_law", "", None),
 }
 """Of each condition that calls somebody to the machine: the kind of alarm, its target where the condition is
 about none, and the name that distinguishes it from others of its kind.
@@ -64,11 +66,14 @@ log = structlog.get_logger()
 
 
 class BandedSource(NamedTuple):
-    """A source with a law: name, index among the estimated ones, and its table of the configuration."""
+    """A source with a law: name, index among the estimated ones, its table of the configuration, and the
+    channels that its law reads.
+    """
 
     name: str
     column: int
     law: str
+    channels: tuple[str, ...]
 
 
 class KnownSensor(NamedTuple):
@@ -88,7 +93,9 @@ class AlarmDesk:
         self._sensors = {s.channel: s.name for s in config.sensor}
         estimated = [s for s in config.source if s.estimate]
         self._sources = [
-            BandedSource(s.name, i, s.model_dump_json()) for i, s in enumerate(estimated) if s.law is not None
+            BandedSource(s.name, i, s.model_dump_json(), law_channels(s, config.source))
+            for i, s in enumerate(estimated)
+            if s.law is not None
         ]
         self._gathered = np.zeros((len(self._sources), 5))
         self._bands = {source.name: bands.nothing_known() for source in self._sources}
@@ -209,13 +216,25 @@ class AlarmDesk:
 
     def _heats(self) -> Iterator[Condition]:
         """Heats that are not within their bands: the ratio to the usual one, and the trend a day."""
+        learn_h, together = f"{self._settings.learn_h:g}", self._off_together()
+        for channel, own in together.items():
+            ratio = math.exp(np.mean([bands.more_than_usual(self._bands[name]) for name in own]))
+            yield Condition(Trouble.HEATS_TOGETHER, channel, learn_h, value=ratio)
         for name, band in self._bands.items():
-            if band.side != 0:
+            if band.side != 0 and not any(name in own for own in together.values()):
                 kind = Trouble.HEAT_HIGH if band.side > 0 else Trouble.HEAT_LOW
                 about = self._band_document(band)
                 trend = math.nan if about["trend_per_day"] is None else about["trend_per_day"]
-                learn_h = f"{self._settings.learn_h:g}"
                 yield Condition(kind, name, learn_h, value=about["ratio"], expected=trend)
+
+    def _off_together(self) -> dict[str, list[str]]:
+        """The channels by which several heats go that are off together, with the names of those."""
+        found, settings = {}, self._settings
+        for channel in dict.fromkeys(channel for source in self._sources for channel in source.channels):
+            own = [source.name for source in self._sources if channel in source.channels]
+            if bands.are_off_together([self._bands[n] for n in own], settings.learn_h, settings.deadband):
+                found[channel] = own
+        return found
 
     def _cause(self, condition: Condition) -> AlarmCause | None:
         """The alarm that a condition raises; None if it does not call for somebody at the machine.

@@ -37,6 +37,7 @@ class Trouble(Enum):
     OFFSET_MOVED = auto()
     HEAT_HIGH = auto()
     HEAT_LOW = auto()
+    HEATS_TOGETHER = auto()
 
 
 @dataclass(frozen=True, slots=True)

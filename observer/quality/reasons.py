@@ -76,11 +76,12 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "of your own may set this itself, else reset it and report this",
     Trouble.OFFSET_MOVED: "{about} reads {more:+.2f} K beside what it did in its first {detail} h, by the "
     "offset that is learnt",
-    **dict.fromkeys(
-        (Trouble.HEAT_HIGH, Trouble.HEAT_LOW),
-        "the heat of {about} is {value:.2f} times what was learnt for its speed and temperature in "
-        "{detail} h of running{trend}",
-    ),
+    Trouble.HEAT_HIGH: "the heat of {about} is {value:.2f} times what was learnt for its speed and "
+    "temperature in {detail} h of running{trend}",
+    Trouble.HEAT_LOW: "the heat of {about} has fallen to {value:.2f} of what was learnt for its speed and "
+    "temperature in {detail} h of running{trend}",
+    Trouble.HEATS_TOGETHER: "all heats that go by {about} are {value:.2f} times what was learnt in "
+    "{detail} h of running: that channel reads wrong, or the film or all lubrication has changed",
     Fault.BIASED: "{about} and the model disagree by {value:+.2g} σ on average: an offset, a place, or "
     "film and ambient",
     Fault.COLOURED: "what {about} shows beyond the model is no noise: one sample deviates as the last did "

@@ -69,6 +69,27 @@ def test_a_bearing_that_wears_is_told_a_day_of_running_before_its_heat_has_doubl
     assert told.early_h > 24.0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_preload_that_wears_away_is_told_before_the_heat_has_halved(seed):
+    told = watched(Story(begins_h=100.0, lost=0.75, loses_h=200.0), seed)
+    assert told.left > 0.5
+
+
+def test_what_friction_falls_by_early_is_running_in_and_later_is_not():
+    # a tenth less than what was learnt, at once or a hundred hours of running later, and then a fifth more
+    early, late = _learnt([13.0] * 200 + [11.7] * 700), _learnt([13.0] * 800 + [11.7] * 100)
+    for k in range(200):
+        window = _window(200.0 + k / 6.0, 9.6)
+        early, late = (bands.learnt(band, window, 30.0, 0.25) for band in (early, late))
+    assert early.side == 0
+    assert late.side == -1
+
+
+@pytest.mark.parametrize("harmless", [{"slower": 0.5}, {"rest_d": 14}, {"stiff": 0.33}])
+def test_slower_parts_a_holiday_and_stiff_grease_are_no_fault(harmless):
+    assert watched(Story(days=45, begins_h=60.0, **harmless), 3).false == 0
+
+
 def test_the_settings_are_those_of_the_trial():
     settings = AlarmSettings()
     assert (settings.learn_h, settings.deadband) == (30.0, 0.25)

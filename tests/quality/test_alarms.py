@@ -35,8 +35,10 @@ def _estimate(time_s: float, quality=EstimateQuality.GOOD, **values: float) -> E
     row = lambda n, value: np.full((1, n), value)  # noqa: E731
     learned = row(5, 0.1)
     learned[0, 2] += values.get("t3_offset_K", 0.0)
+    heat_W = row(3, 20.0 * values.get("factor", 1.0))
+    heat_W[0, 0] *= values.get("nut", 1.0)
     return replace(
-        block(time_s, quality=quality, layout=LAYOUT), heat_W=row(3, 20.0 * values.get("factor", 1.0)),
+        block(time_s, quality=quality, layout=LAYOUT), heat_W=heat_W,
         heat_sigma_W=row(3, 1.0), law_W=row(3, 20.0), innovation_K=row(5, 0.0), learned=learned,
         learned_sigma=row(5, values.get("sigma_K", 0.05)),
     )  # fmt: skip
@@ -78,10 +80,28 @@ def test_what_is_still_being_learnt_is_said_in_words():
 def test_a_heat_that_has_grown_is_told_with_its_evidence():
     desk = _desk(learn_h=10.0)
     assert not _run(desk, 12.0)
-    assert "heat_high.nut" in _run(desk, 20.0, 12.0, factor=1.6)
-    (alarm,) = [a for a in desk.document(0.0)["alarms"] if a["id"] == "heat_high.nut"]
+    assert _run(desk, 20.0, 12.0, nut=1.6) == {"heat_high.nut"}
+    (alarm,) = desk.document(0.0)["alarms"]
     assert alarm["evidence"]["ratio"] == pytest.approx(1.6, rel=0.05)
     assert "10 h of running" in alarm["reason"]
+
+
+def test_a_heat_that_has_fallen_is_told_as_lost_preload():
+    desk = _desk(learn_h=10.0)
+    assert not _run(desk, 12.0)
+    assert _run(desk, 20.0, 12.0, nut=0.6) == {"heat_low.nut"}
+    (alarm,) = desk.document(0.0)["alarms"]
+    assert "has fallen to 0.6" in alarm["reason"]
+    assert "backlash" in alarm["remedy"]
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_heats_that_are_off_together_are_the_channel_they_go_by_and_no_wear(factor):
+    desk = _desk(learn_h=10.0)
+    assert not _run(desk, 12.0)
+    assert _run(desk, 20.0, 12.0, factor=factor) == {"heat_off_law.screw_speed_rpm"}
+    (alarm,) = desk.document(0.0)["alarms"]
+    assert "all heats that go by screw_speed_rpm are" in alarm["reason"]
 
 
 def test_a_sensor_whose_learnt_offset_moves_is_told_as_drifting():
