@@ -15,9 +15,11 @@ from observer.discovery.candidates import library
 from observer.discovery.experiment import SEPARATES, Experiment, propose
 from observer.discovery.family import Tie, ties
 from observer.discovery.localise import ErrorLocation, Event, courses_of, event, localised, missing_excitation
+from observer.discovery.nut_path import NUTS_WAY, needs_path, sparse_paths
+from observer.discovery.proof import Proof, prove
 from observer.discovery.search import Progress, Search, search, without
 from observer.discovery.suspects import Suspect, about_the_air, suspects
-from observer.discovery.verdict import Partial, Proof, Verdict, decide, partial_of, prove, under_suspicion
+from observer.discovery.verdict import Partial, Verdict, decide, partial_of, under_suspicion
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.discovery.worth import Worth, worth_of
 from observer.errors import ConfigError, LogError
@@ -82,12 +84,12 @@ def discover(
     known = library(config, keys, config.discover.without, config.discover.also, coarse=coarse)
     found = search(problem, known, progress, pool)
     progress("suspects among the logs", 0.91)
-    wrong = suspects(found.null, found.ranking, found.signatures)
+    sparse = sparse_paths(config, prepared)
+    wrong = (*sparse, *suspects(found.null, found.ranking, found.signatures))
     progress("opening the proof", 0.94)
     proof = prove(found.null, found.fit, _with_one_less(found, pool))
     verdict = decide(found, proof, missing_excitation(config, prepared, courses_of(problem)))
-    doubts = [s.text for s in wrong if s.what != "ambient" or not about_the_air(verdict.fit)]
-    verdict = under_suspicion(verdict, doubts)
+    verdict = under_suspicion(verdict, [s.text for s in wrong if _counts(s, verdict, config)])
     where = localised(found.null, problem.evidence.used)
     before = found.null.config if found.chosen else config
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
@@ -106,10 +108,20 @@ def discover(
     )
 
 
+def _counts(suspect: Suspect, verdict: Verdict, config: Config) -> bool:
+    """Whether a suspect stands against a verdict: the air not against an effect of the air, and a nut's way
+    that no log shows not against effects for which it does not matter.
+    """
+    if suspect.what == NUTS_WAY:
+        named = [candidate for each in verdict.sets for candidate in each]
+        return not named or any(needs_path(candidate, config) for candidate in named)
+    return suspect.what != "ambient" or not about_the_air(verdict.fit)
+
+
 def _with_one_less(found: Search, pool: WorkerPool) -> list[tuple[str, Fit]]:
-    """Each of several chosen effects, with the fit of the others alone."""
-    if len(found.chosen) < 2:
-        return []
+    """Each chosen effect, with the fit of the others alone."""
+    if len(found.chosen) == 1:
+        return [(found.chosen[0].candidate.name, found.null)]
     tasks = [(found.fit, i) for i in range(len(found.chosen))]
     fits = pool.each(without, found.null.problem, tasks)
     return [(t.candidate.name, fit) for t, fit in zip(found.chosen, fits, strict=True)]

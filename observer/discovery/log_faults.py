@@ -30,6 +30,7 @@ What = Literal[
     "heat differs between logs",
     "sensor follows the heater",
     "offsets",
+    "nut's way",
 ]
 Means = list[FloatArray]
 """Of each run (b, s, …)."""

@@ -10,8 +10,9 @@ import numpy as np
 
 from observer.discovery.discover import Discovery
 from observer.discovery.family import Tie
+from observer.discovery.proof import SensorError
 from observer.discovery.search import FittedCandidate
-from observer.discovery.verdict import Partial, SensorError
+from observer.discovery.verdict import Partial
 from observer.discovery.worth import Worth
 from observer.fit.calibrate import Calibration, ErrorRms, describe
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
+from observer.effects.terms import SensorOffset, StretchFilm, Term
 from observer.fit.problem import Marginal, Problem, modelled_lags
 from observer.frames import BoolArray, FloatArray
 
@@ -123,6 +124,10 @@ MOST_STEP = 0.5
 FAR = 0.2
 """Largest change of a free parameter, in its scale, before the derivatives are updated."""
 NORMAL_95 = 1.96
+OWN_SIGMA, MOST_SIGMA = 3.0, 10.0
+"""The limits of what tolerances explain, in their standard deviations: of one that an effect replaces (the
+offset of a sensor beside its bias), and of any other, which may be given three times too small.
+"""
 FORM_SHARE = 0.015
 """Form error of an effect as a part of its parameters, positions and temperatures excepted: one σ."""
 
@@ -175,18 +180,19 @@ class Fit:
         used = self.problem.evidence.used
         return self.marginal(used)(self.residual[used])
 
-    @cached_property
-    def within_tolerances_K(self) -> FloatArray:
+    def within_tolerances_K(self, named: Config | None = None) -> FloatArray:
         """The most probable contribution of the tolerances to every row, (n,), K, estimated from the used
-        rows.
+        rows; each within `MOST_SIGMA`, or `OWN_SIGMA` where an effect of `named` (the fit's own configuration
+        unless given) is about the same thing.
         """
         nuisance = self.problem.nuisance
         if nuisance is None or not nuisance.columns.shape[1]:
             return np.zeros(len(self.residual))
         kept = np.array([name not in modelled_lags(self.config) for name in nuisance.lag_of])
+        own = np.array([replaces(term, named or self.config) for term in nuisance.terms])
+        most = np.where(own, OWN_SIGMA, MOST_SIGMA)[kept]
         used = self.problem.evidence.used
-        T = nuisance.columns[used][:, kept]
-        taken = np.linalg.solve(T.T @ T + np.eye(T.shape[1]), T.T @ self.residual[used])
+        taken = most_probable(nuisance.columns[used][:, kept], self.residual[used], most)
         return np.asarray(nuisance.changes_K[:, kept] @ taken)
 
     @cached_property
@@ -224,6 +230,31 @@ class Fit:
             min(v - p.low, np.inf if p.open_above else p.high - v) < 1e-3 * p.scale
             for v, p in zip(self.values, self.parameters, strict=True)
         )
+
+
+def most_probable(T: FloatArray, residual: FloatArray, most: FloatArray) -> FloatArray:
+    """Return the z (t,) that minimises ‖residual − T z‖² + ‖z‖² within ±`most` (t,)."""
+    from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import
+
+    H, g = T.T @ T + np.eye(T.shape[1]), T.T @ residual
+    z = np.asarray(np.linalg.solve(H, g))
+    if (np.abs(z) <= most).all():
+        return z
+    upper = np.linalg.cholesky(H).T
+    return np.asarray(lsq_linear(upper, np.linalg.solve(upper.T, g), bounds=(-most, most)).x)
+
+
+def replaces(tolerance: Term | None, config: Config) -> bool:
+    """Whether an effect of a configuration is about the same thing as a tolerance: a constant offset of the
+    same sensor, or another film along a stretch.
+    """
+    for term in (term for effect in config.effect for term in effect.terms(config)):
+        match tolerance, term:
+            case SensorOffset(a, _, 0.0), SensorOffset(b, _, 0.0) if a == b:
+                return True
+            case StretchFilm(), StretchFilm():
+                return True
+    return False
 
 
 def fit_null(problem: Problem, config: Config) -> Fit:

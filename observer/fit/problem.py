@@ -11,7 +11,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.base import EffectTable
-from observer.effects.terms import Lag
+from observer.effects.terms import Lag, Term
 from observer.fit.evidence import Evidence, gather
 from observer.fit.forward import Forward
 from observer.fit.parameters import bounds_of, get, put, scale_of
@@ -30,12 +30,13 @@ FAR_APART_S = 2.0
 @dataclass(frozen=True)
 class NuisanceColumns:
     """Nuisance parameters: changes (n, t) of the prediction with one standard deviation of each, whitened and
-    in K; `lag_of` names the sensor whose lag it is, if it is one.
+    in K; `lag_of` names the sensor whose lag it is, if it is one; `terms` what each adds, if it is a term.
     """
 
     columns: FloatArray
     changes_K: FloatArray
     lag_of: tuple[str | None, ...]
+    terms: tuple[Term | None, ...]
     _kept: Cache[Marginal] = field(default_factory=lambda: Cache(MOST_KEPT), init=False, repr=False)
 
     def marginal(self, rows: BoolArray, modelled: frozenset[str]) -> Marginal:
@@ -118,17 +119,21 @@ class Problem:
     def with_nuisance(self, config: Config) -> Problem:
         """The same problem with the nuisance parameters of a configuration."""
         here, nuisances, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
+        terms = list[Term | None]()
         for changed, kind in self.within(config, len(self.forward.runs)):
             change = self.predicted(changed) - here
             own = {"whole": lambda c: [c], "run": self.by_run}.get(kind, self.by_sensor)(change)
             nuisances += own
             lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
+            added = changed.effect[len(config.effect) :]
+            terms += [added[0].terms(changed)[0] if added else None] * len(own)
         sampling = [*self.forward.by_outages(config), *self.forward.by_coarse_rows(config)]
         known = [*self.by_gain(config, here), *self.by_timing(here), *map(self.evidence.rows, sampling)]
         every = [*nuisances, *known]
         changes_K = np.column_stack(every) if every else np.zeros((len(here), 0))
-        lags = (*lag_of, *[None] * len(known))
-        return replace(self, nuisance=NuisanceColumns(self._columns(every), changes_K, lags))
+        lags, added_terms = ((*own, *[None] * len(known)) for own in (lag_of, terms))
+        columns = self._columns(every)
+        return replace(self, nuisance=NuisanceColumns(columns, changes_K, lags, added_terms))
 
     def derivatives(self, config: Config) -> Derivatives:
         """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
@@ -184,7 +189,7 @@ class Problem:
         """Return the map that marginalises the nuisance parameters on some rows, except `modelled` lags of
         sensors.
         """
-        nuisance = self.nuisance or NuisanceColumns(self._columns([]), self._columns([]), ())
+        nuisance = self.nuisance or NuisanceColumns(self._columns([]), self._columns([]), (), ())
         return nuisance.marginal(rows, modelled)
 
     def _columns(self, columns: Sequence[FloatArray]) -> FloatArray:

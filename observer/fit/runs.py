@@ -286,7 +286,7 @@ def filled(frames: FrameBlock, config: Config) -> FrameBlock:
 def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m: float) -> NutPath:
     """The path with traverses inserted between samples too far apart to follow it."""
     ends = np.full((len(path.time_s), 2), np.nan)
-    for part in _alike(speed_rpm):
+    for part in stretches_of_a_speed(speed_rpm):
         low, high = float(path.position_m[part].min()), float(path.position_m[part].max())
         gone_m = speed_rpm[part].min() / 60.0 * LEAST_LEAD_M * float(np.median(dt_s[part]))
         if low < high and gone_m > 0.5 * length_m:
@@ -308,7 +308,7 @@ def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m
     return NutPath(every_s, np.concatenate(place_m), offset, np.full(len(every_s), np.nan))
 
 
-def _alike(speed_rpm: FloatArray) -> Iterator[NDArray[np.int64]]:
+def stretches_of_a_speed(speed_rpm: FloatArray) -> Iterator[NDArray[np.int64]]:
     """Yield the rows of each stretch of a log in which a nut runs at one speed."""
     new = np.abs(np.diff(speed_rpm, prepend=speed_rpm[0])) > SAME_SPEED * speed_rpm.max()
     for part in np.split(np.arange(len(speed_rpm)), np.flatnonzero(new)):

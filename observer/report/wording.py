@@ -80,7 +80,8 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
     if verdict.suspected:
         return "The logs themselves are in doubt, so nothing is said to be missing"
     if verdict.kind == "unknown":
-        return f"Something is missing that the library does not hold: an error remains {verdict.remains}"
+        left = f" that the library does not hold: an error remains {verdict.remains}"
+        return f"Something is missing{f', but {verdict.reason}' if verdict.unproved else left}"
     return f"Whether an effect is missing is not identifiable from these logs: {'; '.join(verdict.lacking)}"
 
 

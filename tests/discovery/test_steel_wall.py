@@ -17,9 +17,10 @@ import pytest
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.discovery.candidates import Signature, library, signatures
 from observer.discovery.discover import Discovery, discover
+from observer.discovery.proof import prove
 from observer.discovery.result import discovery_result
 from observer.discovery.search import FittedCandidate, tried, without
-from observer.discovery.verdict import goodness, prove
+from observer.discovery.verdict import goodness
 from observer.fit.hypothesis import Fit
 from observer.installation import parse
 from tests.reference.steel_wall import wall_config, wall_log

@@ -13,8 +13,9 @@ from observer.config import Config
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.search import tried
 from observer.effects.bodies import EndConduction
+from observer.effects.terms import SensorOffset, StretchFilm
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import Fit, fit_effects, fit_null
+from observer.fit.hypothesis import Fit, fit_effects, fit_null, most_probable, replaces
 from observer.fit.parameters import replaced
 from observer.fit.problem import Marginal, Problem
 from observer.fit.tolerance import tolerances
@@ -38,6 +39,36 @@ def test_what_a_tolerance_explains_costs_its_share_of_standard_deviations(seed: 
     least = float(np.sum((r - T @ a) ** 2) + np.sum(a**2))
     assert left == pytest.approx(closed, rel=1e-9)  # rounding of solves of well-conditioned matrices
     assert left == pytest.approx(least, rel=1e-9)
+
+
+@pytest.mark.parametrize(("off_sigma", "taken"), [(1.0, 0.99), (2.9, 2.87), (13.0, 3.0), (-13.0, -3.0)])
+def test_a_tolerance_explains_no_more_than_its_limit(off_sigma: float, taken: float) -> None:
+    column = np.full((100, 1), 1.0)
+    found = most_probable(column, off_sigma * column[:, 0], np.array([3.0]))
+    assert found == pytest.approx([taken], abs=0.002)
+
+
+def test_what_one_tolerance_may_not_explain_falls_to_others() -> None:
+    """Of two columns much alike one is limited: the other takes over as far as it may."""
+    T, residual = np.array([[10.0, 9.0], [0.0, 5.0], [0.0, 0.0]]), np.array([50.0, 0.0, 0.0])
+    free, held = (most_probable(T, residual, np.array([most, 99.0])) for most in (99.0, 3.0))
+    assert free[0] > 3.0
+    assert held[0] == pytest.approx(3.0)
+    slope = T.T @ (residual - T @ held) - held  # the second is where its own derivative is zero
+    assert held[1] > free[1]
+    assert slope[1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_effect_replaces_the_tolerance_of_the_same_thing_alone() -> None:
+    """A bias of one sensor its offset; a drift does not, since an offset does not explain it."""
+    own, other = SensorOffset("a", 0.3, 0.0), SensorOffset("b", 0.3, 0.0)
+    biased = machine(effect=[{"kind": "sensor_bias", "target": "a", "offset_K": 4.0}])
+    drifting = machine(effect=[{"kind": "sensor_drift", "target": "a", "rate_K_h": 4.0}])
+    assert [replaces(term, biased) for term in (own, other, None, StretchFilm(0.0, 0.1, 1.0))] == [
+        True, False, False, False,
+    ]  # fmt: skip
+    assert not replaces(own, drifting)
+    assert not replaces(own, machine())
 
 
 def test_columns_are_marginalised_as_one_by_one() -> None:

@@ -1,0 +1,99 @@
+"""Logs whose rows are too far apart to show where a nut was.
+
+Three positions a traverse are the least that shows a nut's way: with two, as under a stroboscope, the same
+rows fit a nut that stands still at either end, creeps, or runs any number of times to and fro in between.
+What its heat does from place to place is then a guess, and no effect of the nut is named by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.candidates import Candidate
+from observer.discovery.log_faults import What
+from observer.discovery.suspects import Suspect
+from observer.fit.runs import FEWEST, LEAST_LEAD_M, Run, stretches_of_a_speed
+from observer.frames import FloatArray
+from observer.tables.sections import Source
+
+NUTS_WAY: What = "nut's way"
+ENOUGH = 3.0
+"""Positions a traverse that show a nut's way."""
+LASTS_S = 180.0
+"""A speed counts if it lasts so long."""
+
+
+class Sparse(NamedTuple):
+    """A log, from 0, that shows too few positions of a nut: how many a traverse, and how far its rows are
+    apart.
+    """
+
+    run: int
+    source: Source
+    positions: float
+    row_s: float
+
+
+def sparse_paths(config: Config, runs: Sequence[Run]) -> tuple[Suspect, ...]:
+    """Return a suspect for each moving source whose way the rows of some log do not show."""
+    every = [s for i, run in enumerate(runs) for s in _sparse(config, i, run)]
+    worst = {s.source.name: s for s in sorted(every, key=lambda s: -s.positions)}
+    return tuple(_described(s) for s in worst.values())
+
+
+def needs_path(candidate: Candidate, config: Config) -> bool:
+    """Whether an effect can only be named where the ways of nuts are known: one of a moving source, or one
+    that is found by its place under them.
+    """
+    moving = {s.name for s in config.source if s.position_channel is not None}
+    placed = bool({"position_m", "from_m"} & set(candidate.fitted))
+    return candidate.of.on_the_way or candidate.target in moving or placed
+
+
+def _sparse(config: Config, number: int, run: Run) -> Iterator[Sparse]:
+    frames = run.frames
+    for source in config.source:
+        if source.position_channel is None or source.speed_channel is None or len(frames) <= FEWEST:
+            continue
+        place_m = frames.values[:, frames.channels.index(source.position_channel)]
+        speed_rpm = np.abs(np.nan_to_num(frames.values[:, frames.channels.index(source.speed_channel)]))
+        row_s = float(np.median(frames.dt_s[1:]))
+        per_row_m = speed_rpm / 60.0 * (source.lead_m or LEAST_LEAD_M) * row_s
+        shown = [
+            positions_a_traverse(place_m[part], float(np.median(per_row_m[part])))
+            for part in stretches_of_a_speed(speed_rpm)
+            if len(part) * row_s >= LASTS_S
+        ]
+        if min(shown, default=np.inf) < ENOUGH:
+            yield Sparse(number, source, min(shown), row_s)
+
+
+def positions_a_traverse(place_m: FloatArray, per_row_m: float) -> float:
+    """Return how many rows a traverse has by a nut's places (K,) at one speed, infinite where it rests.
+
+    `per_row_m`: how far it runs from row to row at least. It is also judged by how often it turns: where it
+    runs further than to the other end from one row to the next, it seems to turn at almost every row.
+    """
+    place_m = place_m[np.isfinite(place_m)]
+    if len(place_m) <= FEWEST or np.ptp(place_m) == 0.0:
+        return np.inf
+    steps_m = np.diff(place_m)
+    senses = np.sign(steps_m[steps_m != 0.0])
+    turns = np.count_nonzero(np.diff(senses))
+    by_turns = len(senses) / turns if turns >= FEWEST else np.inf
+    by_way = float(np.ptp(place_m)) / per_row_m if per_row_m > 0.0 else np.inf
+    return min(by_turns, by_way)
+
+
+def _described(sparse: Sparse) -> Suspect:
+    source, least_s = sparse.source, sparse.row_s * sparse.positions / ENOUGH
+    text = (
+        f"Log {sparse.run + 1} shows {sparse.positions:.1f} positions of {source.name} a traverse, and "
+        f"{ENOUGH:.0f} are needed to show its way, so no effect of it, or under it, is named; log "
+        f"{source.position_channel} every {least_s:.2g} s or more often"
+    )
+    return Suspect(NUTS_WAY, source.position_channel, float(f"{sparse.positions:.3g}"), text)

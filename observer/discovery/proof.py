@@ -1,0 +1,161 @@
+"""The proof: how far predictions are off on data held back, before and after, and what that proves.
+
+An effect is named only if it takes a part of the gap away that its own uncertainty cannot, in K and beyond
+what the tolerances explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.fit.hypothesis import Fit
+from observer.frames import BoolArray, FloatArray
+
+WORSE = 1.2
+"""A sensor whose whitened error grows by this factor, and beyond `NOTICED`, is predicted worse."""
+NOTICED = 0.4
+"""Mean squared whitened error beyond that of noise."""
+
+
+FALLS = 0.2
+"""Least part of the gap beyond tolerances that an effect takes away on held-out data.
+
+A proof is a dozen stretches at most whose errors are independent (an hour or less of each sensor, and form
+errors that last a quarter of an hour); a root mean square of a dozen values is known to 1/√24, a fifth.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorError:
+    """Root mean square of measured minus predicted on the proof, in K: before, after, and of noise alone.
+
+    `before`, `after`: the mean squared whitened error, tolerances marginalised. `beyond_tolerances_K`: the
+    root mean square before and after, less what the tolerances explain as estimated from the fitted data;
+    without this, a complete model would still show its sensors' offsets. `form_K`: noise and model form error
+    together.
+    """
+
+    before_rms_K: float
+    after_rms_K: float
+    floor_rms_K: float
+    before: float
+    after: float
+    beyond_tolerances_K: tuple[float, float]
+    form_K: float
+
+    @property
+    def growth_K(self) -> tuple[float, float]:
+        """By how much the error has grown, raw and beyond tolerances, K."""
+        before_K, after_K = self.beyond_tolerances_K
+        return self.after_rms_K - self.before_rms_K, after_K - before_K
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """The error over all sensors and by sensor.
+
+    Before: with the free parameters calibrated and no effect added. `as_given_rms_K`: with the configuration
+    as it was given. `expected`: the mean squared whitened error of noise alone. `unproved`: the effects that
+    take too little off the gap: see `proves`.
+    """
+
+    whole: SensorError
+    per_sensor: dict[str, SensorError]
+    as_given_rms_K: float
+    expected: float
+    unproved: tuple[str, ...] = ()
+
+    @property
+    def grown_on(self) -> tuple[str, ...]:
+        """The sensors whose own error has grown: in kelvin, raw and beyond tolerances, by more than noise and
+        form error, and whitened, beyond noise.
+
+        Growth in kelvin alone is no proof: tolerances stretch to cover a missing effect, at a price, and
+        relax when it is added.
+        """
+        return tuple(
+            name
+            for name, error in self.per_sensor.items()
+            if min(error.growth_K) > error.form_K and error.after > max(error.before, self.expected)
+        )
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """The sensors that are predicted worse than before."""
+        return tuple(
+            name
+            for name, error in self.per_sensor.items()
+            if error.after > max(WORSE * error.before, self.expected + NOTICED)
+        )
+
+
+class ProofError(NamedTuple):
+    """The error of a fit on every row (n,): in K, in K beyond tolerances, and on the proof's rows whitened,
+    tolerances marginalised.
+    """
+
+    error_K: FloatArray
+    beyond_K: FloatArray
+    whitened: FloatArray
+
+    @classmethod
+    def of(cls, fit: Fit, named: Config) -> ProofError:
+        """Predict all rows, the held-out ones as well; `named` has the effects that are to be proved."""
+        rows, error_K = fit.problem.evidence.proof, fit.problem.error_K(fit.config)
+        whitened = fit.marginal(rows)(fit.problem.evidence.whitened(error_K)[rows])
+        return cls(error_K, error_K - fit.within_tolerances_K(named), whitened)
+
+
+def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
+    """Open the proof: compare the fit without effects with the one chosen.
+
+    `less`: the name of each effect chosen, with the fit of the others alone.
+    """
+    problem, evidence = fit.problem, fit.problem.evidence
+    rows = evidence.proof
+    before, after = ProofError.of(null, fit.config), ProofError.of(fit, fit.config)
+    deviation_K = evidence.deviation_K
+
+    def error(mine: BoolArray) -> SensorError:
+        within = mine[rows]
+        return SensorError(
+            before_rms_K=rms(before.error_K[mine]),
+            after_rms_K=rms(after.error_K[mine]),
+            floor_rms_K=rms(evidence.noise_K[mine]),
+            before=float(np.mean(before.whitened[within] ** 2)),
+            after=float(np.mean(after.whitened[within] ** 2)),
+            beyond_tolerances_K=(rms(before.beyond_K[mine]), rms(after.beyond_K[mine])),
+            form_K=rms(deviation_K[mine]),
+        )
+
+    sensors = {s.name: rows & (evidence.sensor == i) for i, s in enumerate(problem.config.sensor)}
+    whole = error(rows)
+    left_K, noise_K = whole.beyond_tolerances_K[1], whole.floor_rms_K
+    gaps_K = [(name, rms(ProofError.of(others, fit.config).beyond_K[rows])) for name, others in less]
+    return Proof(
+        whole=whole,
+        per_sensor={name: error(mine) for name, mine in sensors.items() if mine.any()},
+        as_given_rms_K=rms(problem.error_K(problem.config)[rows]),
+        expected=evidence.expected,
+        unproved=tuple(name for name, gap_K in gaps_K if not proves(gap_K, left_K, noise_K)),
+    )
+
+
+def proves(without_K: float, with_K: float, noise_K: float) -> bool:
+    """Whether an effect proves itself by the gap on held-out data without and with it.
+
+    It must take `FALLS` of it away, and what it takes away must be more than noise: of errors that are
+    independent, the squares add up.
+    """
+    gone_K2 = without_K**2 - with_K**2
+    return with_K <= (1.0 - FALLS) * without_K and gone_K2 > noise_K**2
+
+
+def rms(values: FloatArray) -> float:
+    """The root mean square of values."""
+    return float(np.sqrt(np.mean(values**2)))
