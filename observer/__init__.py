@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, for the service star
     from observer.errors import ConfigError, LogError, UserError
     from observer.files.logs import Log
     from observer.library.client import ServiceClient, ServiceStream, connect
-    from observer.library.findings import CheckFindings, FoundEffect, FoundValue, SensorPlaces
+    from observer.library.findings import CheckFindings, FoundEffect, FoundValue
     from observer.library.given import read_log
     from observer.library.heats import IdentifiedHeats
     from observer.library.machine import CalibrationResult, DiscoveryResult, Machine, discover, load
@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, for the service star
         ServiceThermalError,
         SourceHeat,
     )
+    from observer.library.placing import PlacedSensors, SensorPlaces
     from observer.library.predicting import ForecastRun, SimulatedRun
     from observer.library.replaying import Estimates
     from observer.library.signals import SignalTable
@@ -52,6 +53,7 @@ __all__ = [
     "Log",
     "LogError",
     "Machine",
+    "PlacedSensors",
     "SensorPlaces",
     "ServiceAlarm",
     "ServiceAlarms",
@@ -76,7 +78,7 @@ _MODULES = {
     "errors": ("ConfigError", "LogError", "UserError"),
     "files.logs": ("Log",),
     "library.client": ("ServiceClient", "ServiceStream", "connect"),
-    "library.findings": ("CheckFindings", "FoundEffect", "FoundValue", "SensorPlaces"),
+    "library.findings": ("CheckFindings", "FoundEffect", "FoundValue"),
     "library.given": ("read_log",),
     "library.heats": ("IdentifiedHeats",),
     "library.machine": ("CalibrationResult", "DiscoveryResult", "Machine", "discover", "load"),
@@ -89,6 +91,7 @@ _MODULES = {
         "ServiceThermalError",
         "SourceHeat",
     ),
+    "library.placing": ("PlacedSensors", "SensorPlaces"),
     "library.predicting": ("ForecastRun", "SimulatedRun"),
     "library.replaying": ("Estimates",),
     "library.signals": ("SignalTable",),

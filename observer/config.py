@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 from observer.effects.catalogue import Effect, effect_class
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
+from observer.tables.candidates import MOST_PLACES, Candidate, candidate_problems
 from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Tolerance
 from observer.tables.logs import Logs
 from observer.tables.mounting import Compensation
@@ -113,7 +114,7 @@ class ChannelLimits(Section):
         return self
 
 
-_BESIDE_THE_MODEL = {"machine", "calibrate", "discover", "compensation", "forecast", "log"}
+_BESIDE_THE_MODEL = {"machine", "candidate", "calibrate", "discover", "compensation", "forecast", "log"}
 
 
 class Config(Description):
@@ -121,6 +122,7 @@ class Config(Description):
 
     machine: MachineName = MachineName()
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
+    candidate: Annotated[tuple[Candidate, ...], Field(max_length=MOST_PLACES)] = ()
     model: Model = Model()
     tolerance: Tolerance = Tolerance()
     integrity: Integrity = Integrity()
@@ -148,6 +150,7 @@ class Config(Description):
             *_heats_unknown(self),
             *_limits_unknown(self),
             *_logs_unknown(self),
+            *candidate_problems(self.candidate, self.screw.length_m, [node.name for node in self.node]),
         ]
 
     def remade(self, table: dict[str, Any]) -> Self:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import sys
 from inspect import Parameter
@@ -18,15 +17,14 @@ from observer.cli.options import (
     OutputOption,
     SecondsOption,
     endpoint,
+    picture,
     with_parameters,
 )
-from observer.cli.output import counting, say, show
+from observer.cli.output import advancing, counting, say, show
 from observer.errors import UserError
 from observer.process import shutdown
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from observer.installation import Installation
 
 verbs = typer.Typer()
@@ -181,8 +179,7 @@ def check(
     from observer.installation.examine import examine
     from observer.report.check_text import as_text, wires_as_text
 
-    if plot is not None and plot.suffix not in (".png", ".svg", ".pdf"):
-        raise UserError(f"--plot: {plot}: write a picture's name, ending in .png, .svg or .pdf")
+    picture(plot)
     settings = examine(config)
     if wires:
         found = _wires(settings)
@@ -214,37 +211,45 @@ def _wires(config: Installation) -> dict[str, Any]:
 @verbs.command()
 def place(
     config: ConfigOption,
-    sensors: Annotated[int, typer.Option(min=1, max=32, help="How many sensors to place.")],
+    sensors: Annotated[
+        int | None, typer.Option(min=1, max=32, help="How many sensors at most; else two more than heats.")
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option(min=0.0, help="What they may cost, in the unit of the candidates' costs.")
+    ] = None,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(help="What can be mounted: a file of [[candidate]] tables, else the configuration's."),
+    ] = None,
+    by: Annotated[
+        Literal["all", "heat", "field", "error"], typer.Option(help="By whose σ sets are judged.")
+    ] = "all",
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Keep the configured sensors, and add to them.")
+    ] = False,
     spacing_m: Annotated[
-        float | None, typer.Option(min=1e-4, help="Spacing of the candidates in m; else 41 places.")
+        float | None,
+        typer.Option(min=1e-4, help="Without candidates: spacing of places on the screw in m; else 41."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Also draw σ against cost into this file (.png, .svg, .pdf).")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Rank sensor positions by how well they determine field and heats (conditioning, not rank)."""
-    from observer.estimators.design.observability import best_places
-    from observer.installation import load
+    """Find the sensors, of what can be mounted, that leave least unknown for their cost."""
+    from observer.library.machine import load
+    from observer.report.placing import as_text
 
-    sets = [
-        {
-            "sensors": len(found.sites),
-            "positions_m": places_m,
-            "score_K": found.score_K,
-            "condition": found.condition if math.isfinite(found.condition) else None,
-        }
-        for places_m, found in best_places(load(config), sensors, spacing_m)
-    ]
-    show(sets, as_json, _sites_as_table)
-
-
-def _sites_as_table(sets: list[dict[str, Any]]) -> RenderableType:
-    from rich.table import Table
-
-    table = Table("sensors", "at, mm", "worst direction seen, K", "condition")
-    for found in sets:
-        places = "  ".join(f"{1000 * x:g}" for x in found["positions_m"])
-        condition = "blind to one" if found["condition"] is None else f"{found['condition']:.3g}"
-        table.add_row(str(found["sensors"]), places, f"{found['score_K']:.3g}", condition)
-    return table
+    picture(plot)
+    machine = load(config)
+    with advancing("place") as progress:
+        found = machine.place(
+            sensors, budget=budget, candidates=candidates, by=by, keep=keep, spacing_m=spacing_m,
+            progress=progress,
+        )  # fmt: skip
+    if plot is not None:
+        found.draw(plot)
+    show(found.document, as_json, as_text)
 
 
 @verbs.command()

@@ -53,6 +53,12 @@ ConnectOption = Annotated[
 ]
 
 
+def picture(path: Path | None) -> None:
+    """Refuse a name that is no picture's before anything is worked out."""
+    if path is not None and path.suffix not in (".png", ".svg", ".pdf"):
+        raise UserError(f"--plot: {path}: write a picture's name, ending in .png, .svg or .pdf")
+
+
 def _name(option: typer.CallbackParam, text: str) -> str:
     """Refuse what cannot be the name of a machine or axis before anything is asked."""
     if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}|\*", text):

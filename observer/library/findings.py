@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -42,22 +41,6 @@ def values_in(table: Mapping[str, Mapping[str, Any]]) -> dict[str, FoundValue]:
 def effects_in(effects: Iterable[Mapping[str, Any]]) -> tuple[FoundEffect, ...]:
     """The effects of a document."""
     return tuple(FoundEffect(e["kind"], e["target"], values_in(e["parameters"])) for e in effects)
-
-
-@dataclass(frozen=True, slots=True)
-class SensorPlaces:
-    """Positions for sensors: `score_K` is the least that a sensor sees of what they tell apart, `condition`
-    how unevenly they do (infinite where something is not seen).
-    """
-
-    positions_m: tuple[float, ...]
-    score_K: float
-    condition: float
-
-    @property
-    def is_blind(self) -> bool:
-        """Whether something stays unseen."""
-        return not math.isfinite(self.condition)
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import results_in
 from observer.history.history import Method, MethodOptions
-from observer.installation import Installation, parse
+from observer.installation import Installation, load_candidates, parse, parse_candidates
 from observer.installation import load as load_file
 from observer.library.findings import (
     CheckFindings,
     FoundEffect,
     FoundValue,
-    SensorPlaces,
     effects_in,
     values_in,
 )
@@ -34,7 +33,9 @@ from observer.library.replaying import Estimates, estimates_of_log, quietly
 if TYPE_CHECKING:
     import control
 
+    from observer.library.placing import PlacedSensors, Quantity
     from observer.library.searching import SearchedLogs
+    from observer.tables.candidates import Candidate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,15 +140,33 @@ class Machine:
         return DiscoveryResult(machines, self.file, words, found)
 
     @in_words
-    def place(self, count: int, *, spacing_m: float | None = None) -> tuple[SensorPlaces, ...]:
-        """Rank positions for 1 to `count` sensors by how well they determine field and heats.
+    def place(
+        self,
+        count: int | None = None,
+        *,
+        budget: float | None = None,
+        candidates: str | Path | Sequence[Mapping[str, Any]] | None = None,
+        by: Quantity = "all",
+        keep: bool = False,
+        spacing_m: float | None = None,
+        progress: Callable[[str], None] = lambda _text: None,
+    ) -> PlacedSensors:
+        """Say which sets of up to `count` sensors, within a `budget`, leave least unknown for their cost.
 
-        Candidates are `spacing_m` apart, 41 of them without it. Raises `UserError`.
+        `candidates` are a file, or tables as `[[candidate]]` of a configuration, which they replace; without
+        any, nodes in the air and places on the screw, `spacing_m` apart. Judged `by` the σ of `"heat"`,
+        `"field"` or `"error"`, or by the geometric mean of all. With `keep` the configured sensors stay.
+        Raises `UserError`.
         """
-        from observer.estimators.design.observability import best_places
+        from observer.library.placing import Choice, candidates_of, placed
 
-        found = best_places(self.config, count, spacing_m)
-        return tuple(SensorPlaces(tuple(at), one.score_K, one.condition) for at, one in found)
+        given: Sequence[Candidate] = self.config.candidate
+        if isinstance(candidates, str | Path):
+            given = load_candidates(Path(candidates), self.config)
+        elif candidates is not None:
+            given = parse_candidates({"candidate": list(candidates)}, "candidates", self.config)
+        sensors, costs = candidates_of(self.config, given, spacing_m)
+        return placed(self.config, sensors, costs, Choice(count, budget, by, keep), progress)
 
     @in_words
     def check(self) -> CheckFindings:

@@ -1,6 +1,5 @@
-"""What `check`, `place` and `calibrate` are told."""
+"""What `check` and `calibrate` are told."""
 
-import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,28 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from observer.errors import UserError
-from observer.estimators.design.observability import (
-    plant_responses,
-    rank_sensor_sites,
-    smallest_singular_value,
-)
 from observer.estimators.design.report import design_report
 from observer.fit.process_noise import fit_process_noise, innovations_log_likelihood
-from observer.installation import load
-from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
 from tests.logs.inputs import inputs, temperatures
-from tests.logs.plants import LENGTH_M, rod, theta
+from tests.logs.plants import LENGTH_M, rod
 
 KIM = Path("config/kim-screw.toml")
-
-
-def candidates(plant, places_m):
-    rows = np.zeros((len(places_m), len(plant.decay_1_s)))
-    rows[:, : plant.modes] = theta(places_m, plant.modes)
-    return rows
 
 
 @pytest.mark.parametrize("kind", ["kalman", "luenberger"])
@@ -65,40 +50,6 @@ def test_report_says_that_no_gain_exists():
     report = design_report(rod(sensors_m=(0.2,)), EstimatorSettings())
     assert any("do not serve" in w for w in report.warnings)
     assert len(report.poles_reached_1_s) == 0
-
-
-def test_placement_finds_the_best_set_of_a_coarse_grid():
-    plant = rod(sources_m=(0.1, 0.5))
-    rows = candidates(plant, np.linspace(0.0, LENGTH_M, 13))
-    best = rank_sensor_sites(plant, rows, 3)[-1]
-    seen = plant_responses(plant, rows)
-    scores = [smallest_singular_value(seen[list(c)]) for c in itertools.combinations(range(13), 3)]
-    assert best.score_K == pytest.approx(smallest_singular_value(seen[list(best.sites)]))
-    # Exchanging one site at a time need not find the best of all 286 sets, but it must not miss it by much.
-    assert best.score_K > 0.9 * max(scores)
-
-
-def test_more_sensors_see_more_and_too_few_see_nothing_of_some_heat():
-    plant = rod()
-    ranked = rank_sensor_sites(plant, candidates(plant, np.linspace(0.0, LENGTH_M, 25)), 5)
-    assert [r.score_K > 0 for r in ranked] == [False, False, True, True, True]
-    assert ranked[2].score_K < ranked[3].score_K < ranked[4].score_K
-    assert ranked[0].condition == float("inf")
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_places_that_differ_by_rounding_alone_are_taken_from_the_left(seed):
-    """Which end of a symmetric screw comes first must not depend on the computer."""
-    plant = build_plant(load(KIM))
-    rows = plant.rows.C[plant.rows.field_slice]
-    noise = 1.0 + 1e-15 * np.random.default_rng(seed).standard_normal(rows.shape)
-    assert rank_sensor_sites(plant, rows * noise, 1)[0].sites == (0,)
-
-
-def test_placement_needs_candidates():
-    plant = rod()
-    with pytest.raises(UserError, match="ask for 1 to 2"):
-        rank_sensor_sites(plant, candidates(plant, [0.1, 0.2]), 3)
 
 
 def test_likelihood_is_that_of_the_joint_normal_distribution():

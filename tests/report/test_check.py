@@ -73,11 +73,3 @@ def test_the_picture_is_drawn_and_its_name_checked_first(tmp_path: Path) -> None
     assert drawn.count("<path") > 50
     refused = CliRunner().invoke(app, [*command, str(tmp_path / "poles.txt")])
     assert "ending in .png" in str(refused.exception)
-
-
-def test_sets_of_places_that_are_blind_are_json(tmp_path: Path) -> None:
-    done = CliRunner().invoke(
-        app, ["place", "--config", str(CONFIG / "demo.toml"), "--sensors", "2", "--json"]
-    )
-    strict = json.loads(done.stdout, parse_constant=pytest.fail)
-    assert strict[0]["condition"] is None

@@ -224,6 +224,11 @@ OTHERS = [
     ),
     Case("identify: output is a file", _identify_to_a_file, ("out", "folder")),
     Case("place: more than sites", of_config(TABLE, "place", "--sensors", "9", "--spacing-m", "0.5"), ()),
+    Case(
+        "place: no such candidates",
+        of_config(TABLE, "place", "--candidates", "none.toml"),
+        ("none.toml", "[[candidate]]"),
+    ),
     Case("run: no driver", _run(), ("t1_degC", "[drivers.")),
     Case("run: a channel without a driver", _run(drivers__tc=MODBUS), ("t2_degC", "add the channel")),
     Case("run: bad DBC", _bad_dbc, ("bad.dbc",)),

@@ -1,0 +1,284 @@
+"""Where sensors are worth their cost: candidates, the search over their sets, and what remains unknown."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from observer.config import Config
+from observer.errors import UserError
+from observer.estimators.design.placing import Limits, best_sets
+from observer.estimators.design.sensor_sets import SensorSet, SetSigmas, set_sigmas
+from observer.frames import BoolArray, FloatArray
+from observer.library.packages import in_words
+from observer.model.build import build_plant, grid_of
+from observer.model.cycle import Stage, standard_shift
+from observer.model.plant import Plant
+from observer.report.sensitivity import few_modes
+from observer.tables.candidates import Candidate
+from observer.tables.sections import AMBIENT, Sensor
+
+Quantity = Literal["all", "heat", "field", "error"]
+"""What a set of sensors is judged by."""
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+DEFAULT_PLACES = 41
+"""Places along a screw where nothing is said of what can be mounted."""
+SEARCH_STEP_S, SAID_STEP_S = 60.0, 20.0
+"""Steps over the shift: coarse to rank many sets, as fine as those of `check` for the few that are shown."""
+_TOGETHER = 32  # sets worked out at once
+_MORE_THAN_HEATS = 2  # how many more sensors than heats are tried unless something else is asked
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPlaces:
+    """A set of sensors and the σ that remain with it, means over the standard shift.
+
+    `names` are those of the candidates, `positions_m` where they are on the screw, None beside it. Field and
+    thermal error are over the travel of the nuts, or the whole screw where none travels: as rms over the
+    places, and at the worst of them. The error's are None without an expansion coefficient.
+    """
+
+    names: tuple[str, ...]
+    positions_m: tuple[float | None, ...]
+    cost: float
+    heat_sigma_W: Mapping[str, float]
+    field_sigma_K: float
+    field_worst_K: float
+    error_sigma_um: float | None
+    error_worst_um: float | None
+
+    def document(self) -> dict[str, Any]:
+        """The set as `observer place --json` prints it."""
+        return {name: _plain(getattr(self, name)) for name in self.__slots__}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlacedSensors:
+    """The sets of sensors of which none is both cheaper and better, the cheapest first.
+
+    `configured` are the sensors that the configuration has, at no cost. `exhaustive` says whether all sets
+    were tried, or those that a greedy search with exchanges comes to; `tried` how many.
+    """
+
+    sets: tuple[SensorPlaces, ...]
+    configured: SensorPlaces
+    by: Quantity
+    exhaustive: bool
+    tried: int
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The content of `observer place --json`."""
+        return {
+            "by": self.by,
+            "exhaustive": self.exhaustive,
+            "tried": self.tried,
+            "configured": self.configured.document(),
+            "sets": [one.document() for one in self.sets],
+        }
+
+    @in_words
+    def draw(self, path: str | Path) -> None:
+        """Draw what remains unknown against the cost into a file (.png, .svg, .pdf). Raises `UserError`."""
+        from observer.report.placing import write_costs
+
+        write_costs(Path(path), self.document)
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{one.cost:g}: {', '.join(one.names)}" for one in self.sets)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(repr(self))}</pre>"
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What is asked of a search: how many sensors at most, what they may cost, by what they are judged, and
+    whether the configured ones stay; None is the default.
+    """
+
+    sensors: int | None = None
+    budget: float | None = None
+    by: Quantity = "all"
+    keep: bool = False
+
+
+def placed(
+    config: Config,
+    candidates: Sequence[Sensor],
+    costs: Sequence[float],
+    choice: Choice,
+    progress: Callable[[str], None],
+) -> PlacedSensors:
+    """Return the front of sets of candidates. Raises `UserError` for a choice that leaves none."""
+    if choice.by == "error" and config.screw.expansion_1_K is None:
+        raise UserError("place: --by error needs the screw's expansion coefficient; give screw.expansion_1_K")
+    bench = _Bench.of(config, candidates)
+    limits = _limits(bench, len(config.sensor), costs, choice)
+    tried = 0
+
+    def score(sets: Sequence[SensorSet]) -> FloatArray:
+        nonlocal tried
+        found = []
+        for i in range(0, len(sets), _TOGETHER):
+            progress(f"{tried} sets of sensors tried")
+            part = sets[i : i + _TOGETHER]
+            found.append(bench.judged(bench.sigmas(part, SEARCH_STEP_S), choice.by))
+            tried += len(part)
+        return np.concatenate(found)
+
+    front = best_sets(score, limits)
+    progress("working out what remains")
+    configured = tuple(range(len(candidates), len(candidates) + len(config.sensor)))
+    said = [*front.sets, configured]
+    found = bench.sigmas(said, SAID_STEP_S)
+    own = [bench.places(one, limits.cost(one), found, v) for v, one in enumerate(said)]
+    return PlacedSensors(tuple(own[:-1]), own[-1], choice.by, front.exhaustive, front.tried)
+
+
+@dataclass(frozen=True, slots=True)
+class _Bench:
+    """A plant that has every candidate for a sensor, and behind these the configured ones."""
+
+    plant: Plant
+    shift: tuple[Stage, ...]
+    sensors: tuple[Sensor, ...]
+    period_s: float
+    travelled: BoolArray
+
+    @classmethod
+    def of(cls, config: Config, candidates: Sequence[Sensor]) -> _Bench:
+        """Build it; a candidate may be called as a configured sensor."""
+        own = [
+            one.model_copy(update={"name": f"candidate {one.name}", "channel": f"candidate {one.channel}"})
+            for one in candidates
+        ]
+        kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
+        more = {"sensor": (*own, *config.sensor), "estimator": kalman}
+        config = few_modes(config.model_copy(update=more))
+        plant = build_plant(config, learns=True)
+        return cls(
+            plant,
+            standard_shift(config, plant),
+            (*candidates, *config.sensor[len(own) :]),
+            config.estimator.period_s,
+            _travelled(config),
+        )
+
+    def sigmas(self, sets: Sequence[SensorSet], step_s: float) -> SetSigmas:
+        """The σ over the shift with each of some sets."""
+        return set_sigmas(self.plant, self.shift, sets, self.period_s, step_s)
+
+    def judged(self, found: SetSigmas, by: Quantity) -> FloatArray:
+        """One number for each set (v,): the rms σ of a quantity, or the geometric mean of those of all."""
+        rms: dict[str, FloatArray] = {
+            "heat": _rms(found.heat_W),
+            "field": _rms(found.field_K[:, self.travelled]),
+        }
+        if found.error_um.size:
+            rms["error"] = _rms(found.error_um[:, self.travelled])
+        if by != "all":
+            return rms[by]
+        return np.asarray(np.exp(np.mean([np.log(each) for each in rms.values()], axis=0)))
+
+    def places(self, chosen: SensorSet, cost: float, found: SetSigmas, v: int) -> SensorPlaces:
+        """The v-th of the sets worked out, for people."""
+        field_K = found.field_K[v, self.travelled]
+        error_um = found.error_um[v, self.travelled] if found.error_um.size else None
+        return SensorPlaces(
+            names=tuple(self.sensors[i].name for i in chosen),
+            positions_m=tuple(self.sensors[i].position_m for i in chosen),
+            cost=cost,
+            heat_sigma_W=dict(zip(self.plant.layout.sources, found.heat_W[v].tolist(), strict=True)),
+            field_sigma_K=float(_rms(field_K)),
+            field_worst_K=float(field_K.max()),
+            error_sigma_um=None if error_um is None else float(_rms(error_um)),
+            error_worst_um=None if error_um is None else float(error_um.max()),
+        )
+
+
+def candidates_of(
+    config: Config, given: Sequence[Candidate], spacing_m: float | None
+) -> tuple[list[Sensor], list[float]]:
+    """Return the sensors that could be mounted and what each costs: those `given`; without any the nodes that
+    the air touches, and places along the screw, `spacing_m` apart.
+
+    The screw is left alone where the configuration has nodes and all its sensors sit on these, unless a
+    spacing is asked for. Raises `UserError` for one together with candidates that are given.
+    """
+    if given:
+        if spacing_m is not None:
+            raise UserError(
+                "place: --spacing-m is for places where nothing is said of candidates; give spacing_m to the "
+                "[[candidate]] instead"
+            )
+        every = [(sensor, one.cost) for one in given for sensor in one.sensors]
+        return [sensor for sensor, _ in every], [cost for _, cost in every]
+    like = config.sensor[0]
+    found = []
+    for node in _in_the_air(config):
+        found.append(like.model_copy(update={"name": node, "channel": node, "position_m": None, "on": node}))
+    if spacing_m is not None or not found or any(s.position_m is not None for s in config.sensor):
+        length_m = config.screw.length_m
+        points = DEFAULT_PLACES if spacing_m is None else max(2, round(length_m / spacing_m) + 1)
+        for x_m in np.linspace(0.0, length_m, points).round(6).tolist():
+            name = f"{1000 * x_m:g}mm"
+            found.append(
+                like.model_copy(update={"name": name, "channel": name, "position_m": x_m, "on": None})
+            )
+    return found, [1.0] * len(found)
+
+
+def _in_the_air(config: Config) -> list[str]:
+    """The nodes on which something can be screwed: those that the air touches, else all."""
+    touched = {end for link in config.link if AMBIENT in link.between for end in link.between}
+    names = [node.name for node in config.node]
+    return [name for name in names if name in touched] or names
+
+
+def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choice) -> Limits:
+    n = len(costs)
+    most, budget = choice.sensors, choice.budget
+    if most is None:
+        most = n if budget is not None else min(n, int(bench.plant.estimated.sum()) + _MORE_THAN_HEATS)
+    if most > n:
+        raise UserError(
+            f"place: {most} sensors cannot stand on {n} candidate positions; ask for 1 to {n}, or name more "
+            "candidates"
+        )
+    if budget is not None and not choice.keep and min(costs) > budget:
+        raise UserError(
+            f"place: a budget of {budget:g} buys no sensor, of which the cheapest costs {min(costs):g}; give "
+            "more, or name cheaper candidates"
+        )
+    kept = tuple(range(n, n + configured))
+    wide = np.array([*costs, *[0.0] * configured])
+    return Limits(
+        wide, tuple(range(n)), most, math.inf if budget is None else budget, kept if choice.keep else ()
+    )
+
+
+def _travelled(config: Config) -> BoolArray:
+    """Which reported places (g,) lie within the travel of a nut; all where that is none."""
+    grid_m = grid_of(config)
+    strokes = [s.stroke_m for s in config.source if s.stroke_m is not None]
+    within = np.zeros(len(grid_m), dtype=np.bool_)
+    for low_m, high_m in strokes:
+        within |= (grid_m >= low_m - 1e-9) & (grid_m <= high_m + 1e-9)
+    return within if within.any() else ~within
+
+
+def _rms(sigma: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.mean(sigma**2, axis=-1)))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return list(value)
+    return dict(value) if isinstance(value, Mapping) else value

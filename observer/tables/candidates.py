@@ -1,0 +1,91 @@
+"""What sensors could be mounted, where, and at what cost: the choice of `observer place`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from observer.tables import quantities
+from observer.tables.quantities import Section
+from observer.tables.sections import Sensor
+
+MOST_PLACES = 200
+"""The most places that candidates may have altogether."""
+
+
+class Candidate(Section):
+    """A sensor that could be mounted, or one anywhere along a stretch of the screw."""
+
+    #: what it is called; of a stretch, the name to which each place is added, as `_250mm`
+    name: quantities.Name
+    position_m: quantities.Position | None = None  #: its position on the screw
+    on: quantities.Name | None = None  #: the node that it would sit on
+    from_m: quantities.Position | None = None  #: where a stretch of the screw begins
+    to_m: quantities.Position | None = None  #: where it ends
+    #: how far apart the places of a stretch are tried
+    spacing_m: Annotated[quantities.Length, Field(ge=1e-4)] | None = None
+    noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
+    #: standard deviation of its offset; – is `tolerance.offset_K`
+    offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
+    cost: quantities.NonNegative = 1.0  #: what it costs, mounting included, in any unit
+
+    @model_validator(mode="after")
+    def _is_somewhere(self) -> Candidate:
+        stretch = (self.from_m, self.to_m, self.spacing_m)
+        ways = [self.position_m is not None, self.on is not None, any(x is not None for x in stretch)]
+        if sum(ways) != 1 or (ways[2] and None in stretch):
+            raise ValueError("give position_m, or on, or from_m, to_m and spacing_m together")
+        if self.from_m is not None and self.to_m is not None and not self.from_m < self.to_m:
+            raise ValueError(
+                f"the stretch {self.from_m} … {self.to_m} m is empty; the first number must be the smaller"
+            )
+        return self
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The sensors that it offers, of which any may be taken."""
+        own = self.model_dump(exclude_unset=True, include=set(Sensor.model_fields) - {"name", "channel"})
+        if self.from_m is None or self.to_m is None or self.spacing_m is None:
+            return (Sensor(name=self.name, channel=self.name, **own),)
+        steps = max(1, round((self.to_m - self.from_m) / self.spacing_m))
+        places_m = np.linspace(self.from_m, self.to_m, steps + 1).round(6).tolist()
+        names = [f"{self.name}_{1000 * x_m:g}mm" for x_m in places_m]
+        return tuple(
+            Sensor(name=name, channel=name, position_m=x_m, **own)
+            for name, x_m in zip(names, places_m, strict=True)
+        )
+
+
+class CandidateFile(Section):
+    """A file of candidates."""
+
+    candidate: tuple[Candidate, ...] = Field(min_length=1, max_length=MOST_PLACES)  #: the tables in it
+
+
+def candidate_problems(
+    candidates: Sequence[Candidate], length_m: float, nodes: Collection[str]
+) -> Iterator[str]:
+    """Say why candidates cannot be mounted on a machine with such a screw and nodes, a sentence each."""
+    places = 0
+    for one in candidates:
+        if one.on is not None and one.on not in nodes:
+            known = ", ".join(sorted(nodes)) or "none yet, write [[node]]"
+            yield f'candidate {one.name}: on names "{one.on}", which is no node; the nodes are: {known}'
+        for key in ("position_m", "to_m"):
+            x_m = getattr(one, key)
+            if x_m is not None and x_m > length_m:
+                yield (
+                    f"candidate {one.name}: {key} = {x_m} m lies beyond the screw's length_m = {length_m} m; "
+                    "fix one of them"
+                )
+        places += 1 if one.spacing_m is None else round((one.to_m - one.from_m) / one.spacing_m) + 1  # type: ignore[operator]
+    if places > MOST_PLACES:
+        yield f"candidate: {places} places are more than the {MOST_PLACES} that can be tried; try fewer"
+        return
+    names = [sensor.name for one in candidates for sensor in one.sensors]
+    for name in dict.fromkeys(names):
+        if names.count(name) > 1:
+            yield f'{names.count(name)} candidates are called "{name}"; give each its own name'

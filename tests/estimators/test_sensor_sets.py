@@ -1,0 +1,62 @@
+"""σ with many sets of sensors at once: against those of a machine that has only the sensors of one."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from observer.estimators.design.sensor_sets import set_sigmas
+from observer.estimators.design.spread import spread
+from observer.installation import load
+from observer.model.build import build_plant
+from observer.model.cycle import standard_shift
+from observer.tables.sections import Sensor
+
+CONFIG = Path(__file__).parents[2] / "config"
+STEP_S = 30.0
+
+
+@cache
+def housings():
+    """Sensors on nodes and on the screw; one has no offset, and so a state less."""
+    config = load(CONFIG / "li-network.toml")
+    more = (
+        Sensor(name="s1", channel="s1", position_m=0.2, noise_K=0.3),
+        Sensor(name="s2", channel="s2", position_m=0.45, offset_K=0.0),
+    )
+    kalman = config.estimator.model_copy(update={"period_s": 1.0})
+    return config.model_copy(update={"sensor": (*config.sensor, *more), "estimator": kalman})
+
+
+def alone(config, sensors):
+    """The mean σ of a machine that has only those sensors, by `spread` with the step of the sets here."""
+    own = config.model_copy(update={"sensor": tuple(config.sensor[i] for i in sensors)})
+    plant = build_plant(own, learns=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("observer.estimators.design.spread.STEPS_S", (STEP_S,))
+        found = spread(plant, own.estimator, standard_shift(own, plant), np.ones((1, plant.learnt)))
+    return np.array([*found.heat_W[0], found.field_K[0], found.error_um[0]])
+
+
+def together(config, sets):
+    plant = build_plant(config, learns=True)
+    found = set_sigmas(plant, standard_shift(config, plant), sets, config.estimator.period_s, STEP_S)
+    means = [found.field_K.mean(axis=1), found.error_um.mean(axis=1)]
+    return np.column_stack([found.heat_W, *means])
+
+
+def test_a_set_among_many_is_as_sure_as_a_machine_that_has_only_its_sensors():
+    sets = [(0, 1, 2), (2,), (0, 3, 4), (4,), (0, 1, 2, 3, 4)]
+    found = together(housings(), sets)
+    for one, row in zip(sets, found, strict=True):
+        np.testing.assert_allclose(row, alone(housings(), one), rtol=1e-9)
+
+
+def test_a_further_sensor_makes_nothing_less_sure_of_what_a_filter_learns():
+    """Where every tolerance is learnt the filter is the best there is, and more can only help it."""
+    config = housings()
+    every = ("convection", "conductivity", "heat_capacity", "ambient_K", "end_W_K", "offset_K", "position_m")
+    learning = config.estimator.model_copy(update={"learn": (*every, "lag_s", "law")})
+    found = together(config.model_copy(update={"estimator": learning}), [(0,), (0, 3), (0, 3, 4)])
+    assert (np.diff(found, axis=0) < 1e-9).all()

@@ -1,0 +1,141 @@
+"""`observer place` and `Machine.place`: what can be mounted, and what of it is worth its cost."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import observer
+from observer.cli import app
+from observer.estimators.design.spread import spread
+from observer.model.build import build_plant
+from observer.model.cycle import standard_shift
+
+CONFIG = Path(__file__).parents[2] / "config"
+HOUSINGS = """
+[[candidate]]
+name = "support"
+on = "support_housing"
+cost = 40
+[[candidate]]
+name = "nut"
+on = "nut_body"
+cost = 90
+[[candidate]]
+name = "screw"
+from_m = 0.02
+to_m = 0.06
+spacing_m = 0.02
+noise_K = 0.2
+cost = 400
+"""
+
+
+@pytest.fixture(scope="module")
+def housings() -> observer.Machine:
+    return observer.load(CONFIG / "li-network.toml")
+
+
+def test_a_machine_with_housings_is_offered_those_and_no_turning_screw(housings):
+    found = housings.place(1)
+    assert set(found.sets[0].positions_m) == {None}
+    assert found.exhaustive
+    assert found.tried == 6  # housings, covers, nut and table; rings and balls no screwdriver reaches
+    everything = housings.place(1, spacing_m=0.3)
+    assert everything.tried == 6 + 3
+    rod = observer.load(CONFIG / "kim-screw.toml").place(1, spacing_m=0.1)
+    assert rod.tried == 6
+    assert rod.sets[0].positions_m != (None,)
+
+
+def test_the_configured_sensors_are_as_sure_as_check_says(housings):
+    """The same figures by another way: one plant with all candidates here, the configured one there."""
+    config = housings.config
+    plant = build_plant(config, learns=True)
+    by_check = spread(plant, config.estimator, standard_shift(config, plant), np.ones((1, plant.learnt)))
+    found = housings.place(1).configured
+    assert found.names == ("t1", "t2", "t3")
+    # steps of 20 s for 10 s
+    assert list(found.heat_sigma_W.values()) == pytest.approx(by_check.heat_W[0].tolist(), rel=0.02)
+    # all that is reported lies within the stroke there; the root of the mean square is above the mean
+    assert by_check.field_K[0] * 0.98 < found.field_sigma_K < found.field_worst_K
+    assert by_check.error_um[0] * 0.98 < found.error_sigma_um < found.error_worst_um
+
+
+def test_cost_decides_and_what_is_dearer_leaves_less_unknown(housings, tmp_path):
+    file = tmp_path / "candidates.toml"
+    file.write_text(HOUSINGS, encoding="utf-8")
+    found = housings.place(candidates=file, budget=540.0, by="error")
+    assert all(one.cost <= 540.0 for one in found.sets)
+    errors = [one.error_sigma_um for one in found.sets]
+    assert errors == sorted(errors, reverse=True)
+    assert len(set(errors)) == len(errors) > 2
+    assert [one.cost for one in found.sets] == sorted(one.cost for one in found.sets)
+    names = {name for one in found.sets for name in one.names}
+    assert names & {"screw_20mm", "screw_40mm", "screw_60mm"}
+    same = housings.place(candidates=[{"name": "nut", "on": "nut_body"}], keep=True)
+    assert [one.names for one in same.sets] == [("t1", "t2", "t3"), ("nut", "t1", "t2", "t3")]
+
+
+def test_candidates_of_the_configuration_are_taken(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text((CONFIG / "li-network.toml").read_text(encoding="utf-8") + HOUSINGS, encoding="utf-8")
+    machine = observer.load(own)
+    assert machine.place(1).tried == 5
+    assert machine.config.plant_digest == observer.load(CONFIG / "li-network.toml").config.plant_digest
+    with pytest.raises(observer.UserError, match="spacing_m"):
+        machine.place(1, spacing_m=0.1)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"name": "a", "on": "hous"}, "hous.*no node.*support_housing"),
+        ({"name": "a", "position_m": 6.0}, "lies beyond the screw"),
+        ({"name": "a"}, "position_m, or on, or from_m"),
+        ({"name": "a", "from_m": 0.1, "to_m": 0.2}, "together"),
+        ({"name": "a", "from_m": 0.2, "to_m": 0.1, "spacing_m": 0.1}, "empty"),
+        ({"name": "a", "from_m": 0.0, "to_m": 0.5, "spacing_m": 0.001}, "501 places"),
+        ({"name": "a", "on": "table", "cots": 1}, "did you mean cost"),
+    ],
+)
+def test_what_cannot_be_mounted_is_said_in_a_sentence(housings, table, words):
+    with pytest.raises(observer.ConfigError, match=words):
+        housings.place(1, candidates=[table])
+
+
+def test_a_choice_that_leaves_nothing_is_said_in_a_sentence(housings):
+    tables = [{"name": "a", "on": "table", "cost": 5.0}]
+    with pytest.raises(observer.UserError, match="buys no sensor"):
+        housings.place(candidates=tables, budget=4.0)
+    with pytest.raises(observer.UserError, match="ask for 1 to 1"):
+        housings.place(2, candidates=tables)
+    with pytest.raises(observer.UserError, match="candidates are called"):
+        housings.place(candidates=tables * 2)
+
+
+def test_the_command_prints_a_table_draws_and_writes_json(tmp_path):
+    file, picture = tmp_path / "candidates.toml", tmp_path / "new" / "costs.svg"
+    file.write_text(HOUSINGS, encoding="utf-8")
+    command = [
+        "place",
+        "--config",
+        str(CONFIG / "li-network.toml"),
+        "--candidates",
+        str(file),
+        "--sensors",
+        "2",
+    ]
+    done = CliRunner().invoke(app, [*command, "--plot", str(picture)])
+    assert done.exit_code == 0, done.output
+    assert "t1, t2, t3" in done.output
+    assert picture.read_text(encoding="utf-8").count("<path") > 50
+    strict = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout, parse_constant=pytest.fail)
+    assert strict["exhaustive"] is True
+    assert set(strict["sets"][0]) == set(observer.SensorPlaces.__slots__)
+    refused = CliRunner().invoke(app, [*command, "--plot", str(tmp_path / "costs.txt")])
+    assert "ending in .png" in str(refused.exception)
