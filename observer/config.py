@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 from observer.effects.catalogue import Effect, effect_class
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
-from observer.tables.candidates import MOST_PLACES, Candidate, candidate_problems
+from observer.tables.candidates import MOST_PLACES, SensorCandidate, candidate_problems
 from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Tolerance
 from observer.tables.logs import Logs
 from observer.tables.mounting import Compensation
@@ -122,7 +122,7 @@ class Config(Description):
 
     machine: MachineName = MachineName()
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
-    candidate: Annotated[tuple[Candidate, ...], Field(max_length=MOST_PLACES)] = ()
+    candidate: Annotated[tuple[SensorCandidate, ...], Field(max_length=MOST_PLACES)] = ()
     model: Model = Model()
     tolerance: Tolerance = Tolerance()
     integrity: Integrity = Integrity()
@@ -188,7 +188,7 @@ class Config(Description):
     @property
     def digest(self) -> str:
         """A hash of the configuration in force, whatever the order in which the code declares its values."""
-        values = self.model_dump(mode="json", exclude={"log"})
+        values = self.model_dump(mode="json", exclude={"log", "candidate"})
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -20,7 +20,7 @@ from observer.errors import ConfigError
 from observer.files.regular import read_toml
 from observer.fit.parameters import rounded
 from observer.installation.problems import as_message, problems_of
-from observer.tables.candidates import Candidate, CandidateFile, candidate_problems
+from observer.tables.candidates import CandidateFile, SensorCandidate, candidate_problems
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 from observer.tables.publishing import AlarmSettings, Checkpoint, Client, Publish, RecordSettings
 from observer.tables.quantities import Name
@@ -106,12 +106,12 @@ def load_client(path: Path) -> Client:
     return _checked(Client, read_toml(path, "a client's file with --client"), str(path))
 
 
-def load_candidates(path: Path, config: Config) -> tuple[Candidate, ...]:
+def load_candidates(path: Path, config: Config) -> tuple[SensorCandidate, ...]:
     """Read and check a file of candidates for sensors on a machine; raises `ConfigError`."""
     return parse_candidates(read_toml(path, "a file of [[candidate]] tables"), str(path), config)
 
 
-def parse_candidates(table: dict[str, Any], place: str, config: Config) -> tuple[Candidate, ...]:
+def parse_candidates(table: dict[str, Any], place: str, config: Config) -> tuple[SensorCandidate, ...]:
     """Check candidates given as a table; `place` is named in errors (`ConfigError`)."""
     found = _checked(CandidateFile, table, place).candidate
     nodes = [node.name for node in config.node]

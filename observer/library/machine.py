@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from observer.library.placing import PlacedSensors, Quantity
     from observer.library.searching import SearchedLogs
-    from observer.tables.candidates import Candidate
+    from observer.tables.candidates import SensorCandidate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,7 +160,7 @@ class Machine:
         """
         from observer.library.placing import Choice, candidates_of, placed
 
-        given: Sequence[Candidate] = self.config.candidate
+        given: Sequence[SensorCandidate] = self.config.candidate
         if isinstance(candidates, str | Path):
             given = load_candidates(Path(candidates), self.config)
         elif candidates is not None:

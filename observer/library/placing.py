@@ -13,7 +13,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.errors import UserError
-from observer.estimators.design.placing import Limits, best_sets
+from observer.estimators.design.placing import SetLimits, best_sets
 from observer.estimators.design.sensor_sets import SensorSet, SetSigmas, set_sigmas
 from observer.frames import BoolArray, FloatArray
 from observer.library.packages import in_words
@@ -21,7 +21,7 @@ from observer.model.build import build_plant, grid_of
 from observer.model.cycle import Stage, standard_shift
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
-from observer.tables.candidates import Candidate
+from observer.tables.candidates import SensorCandidate
 from observer.tables.sections import AMBIENT, Sensor
 
 Quantity = Literal["all", "heat", "field", "error"]
@@ -204,7 +204,7 @@ class _Bench:
 
 
 def candidates_of(
-    config: Config, given: Sequence[Candidate], spacing_m: float | None
+    config: Config, given: Sequence[SensorCandidate], spacing_m: float | None
 ) -> tuple[list[Sensor], list[float]]:
     """Return the sensors that could be mounted and what each costs: those `given`; without any the nodes that
     the air touches, and places along the screw, `spacing_m` apart.
@@ -242,7 +242,7 @@ def _in_the_air(config: Config) -> list[str]:
     return [name for name in names if name in touched] or names
 
 
-def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choice) -> Limits:
+def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choice) -> SetLimits:
     n = len(costs)
     most, budget = choice.sensors, choice.budget
     if most is None:
@@ -259,7 +259,7 @@ def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choi
         )
     kept = tuple(range(n, n + configured))
     wide = np.array([*costs, *[0.0] * configured])
-    return Limits(
+    return SetLimits(
         wide, tuple(range(n)), most, math.inf if budget is None else budget, kept if choice.keep else ()
     )
 

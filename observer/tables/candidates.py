@@ -16,7 +16,7 @@ MOST_PLACES = 200
 """The most places that candidates may have altogether."""
 
 
-class Candidate(Section):
+class SensorCandidate(Section):
     """A sensor that could be mounted, or one anywhere along a stretch of the screw."""
 
     #: what it is called; of a stretch, the name to which each place is added, as `_250mm`
@@ -33,7 +33,7 @@ class Candidate(Section):
     cost: quantities.NonNegative = 1.0  #: what it costs, mounting included, in any unit
 
     @model_validator(mode="after")
-    def _is_somewhere(self) -> Candidate:
+    def _is_somewhere(self) -> SensorCandidate:
         stretch = (self.from_m, self.to_m, self.spacing_m)
         ways = [self.position_m is not None, self.on is not None, any(x is not None for x in stretch)]
         if sum(ways) != 1 or (ways[2] and None in stretch):
@@ -62,11 +62,11 @@ class Candidate(Section):
 class CandidateFile(Section):
     """A file of candidates."""
 
-    candidate: tuple[Candidate, ...] = Field(min_length=1, max_length=MOST_PLACES)  #: the tables in it
+    candidate: tuple[SensorCandidate, ...] = Field(min_length=1, max_length=MOST_PLACES)  #: the tables in it
 
 
 def candidate_problems(
-    candidates: Sequence[Candidate], length_m: float, nodes: Collection[str]
+    candidates: Sequence[SensorCandidate], length_m: float, nodes: Collection[str]
 ) -> Iterator[str]:
     """Say why candidates cannot be mounted on a machine with such a screw and nodes, a sentence each."""
     places = 0

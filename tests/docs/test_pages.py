@@ -14,7 +14,9 @@ from drivers import DriverSettings
 from observer import installation
 from observer.effects.catalogue import Effect
 from observer.tables import sections
+from observer.tables.candidates import SensorCandidate
 from observer.tables.publishing import Client
+from observer.tables.quantities import Section
 from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
@@ -60,6 +62,13 @@ def test_toml_examples_are_valid(page: Path) -> None:
             _check(tomllib.loads(body), f"{page.name}:{line}")
 
 
+ENTRIES: dict[str, type[Section]] = {
+    "source": sections.Source,
+    "sensor": sections.Sensor,
+    "candidate": SensorCandidate,
+}
+
+
 def _check(table: dict[str, Any], place: str) -> None:
     """A whole configuration, or some of its sections on their own."""
     if "screw" in table:
@@ -74,8 +83,8 @@ def _check(table: dict[str, Any], place: str) -> None:
                 TypeAdapter(DriverSettings).validate_python(settings)
         elif name == "effect":
             TypeAdapter(tuple[Effect, ...]).validate_python(section)
-        elif name in ("source", "sensor"):
-            model = {"source": sections.Source, "sensor": sections.Sensor}[name]
+        elif name in ENTRIES:
+            model = ENTRIES[name]
             for entry in section:
                 model.model_validate(entry)
         else:

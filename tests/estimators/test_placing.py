@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from observer.estimators.design import placing
-from observer.estimators.design.placing import Limits, best_sets
+from observer.estimators.design.placing import SetLimits, best_sets
 
 N = 9
 
@@ -29,7 +29,7 @@ def information(n=N, heats=3, seed=1):
 
 def limits(costs=None, most=N, budget=math.inf, kept=(), n=N):
     costs = np.ones(n) if costs is None else np.asarray(costs, dtype=float)
-    return Limits(costs, tuple(i for i in range(n) if i not in kept), most, budget, kept)
+    return SetLimits(costs, tuple(i for i in range(n) if i not in kept), most, budget, kept)
 
 
 def every_set(n, most):

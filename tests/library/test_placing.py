@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,9 @@ cost = 400
 
 @pytest.fixture(scope="module")
 def housings() -> observer.Machine:
-    return observer.load(CONFIG / "li-network.toml")
+    """The network of Li et al. without a word on what could be mounted."""
+    machine = observer.load(CONFIG / "li-network.toml")
+    return replace(machine, config=machine.config.model_copy(update={"candidate": ()}))
 
 
 def test_a_machine_with_housings_is_offered_those_and_no_turning_screw(housings):
@@ -81,12 +84,12 @@ def test_cost_decides_and_what_is_dearer_leaves_less_unknown(housings, tmp_path)
     assert [one.names for one in same.sets] == [("t1", "t2", "t3"), ("nut", "t1", "t2", "t3")]
 
 
-def test_candidates_of_the_configuration_are_taken(tmp_path):
-    own = tmp_path / "own.toml"
-    own.write_text((CONFIG / "li-network.toml").read_text(encoding="utf-8") + HOUSINGS, encoding="utf-8")
-    machine = observer.load(own)
-    assert machine.place(1).tried == 5
-    assert machine.config.plant_digest == observer.load(CONFIG / "li-network.toml").config.plant_digest
+def test_candidates_of_the_configuration_are_taken_and_are_nothing_to_the_service(housings):
+    machine = observer.load(CONFIG / "li-network.toml")
+    assert machine.place(1).tried == 6
+    assert [one.cost for one in machine.place(1).sets] == [40.0, 90.0]
+    for digest in ("plant_digest", "digest"):
+        assert getattr(machine.config, digest) == getattr(housings.config, digest)
     with pytest.raises(observer.UserError, match="spacing_m"):
         machine.place(1, spacing_m=0.1)
 

@@ -38,7 +38,7 @@ class Front(NamedTuple):
     tried: int
 
 
-class Limits(NamedTuple):
+class SetLimits(NamedTuple):
     """What a set may be: the `costs` (n,) of all sensors, those that are `free` to be chosen, the `most` of
     them that may be added to those that are `kept` in every set, and the `budget` for all that is added.
     """
@@ -59,7 +59,7 @@ class Limits(NamedTuple):
         return fits and self.cost(sensors) <= self.budget * (1 + 1e-9)
 
 
-def best_sets(score: Score, limits: Limits) -> Front:
+def best_sets(score: Score, limits: SetLimits) -> Front:
     """Return the front of sets within limits."""
     tried: dict[SensorSet, float] = {}
 
@@ -83,7 +83,7 @@ def best_sets(score: Score, limits: Limits) -> Front:
     return Front(_front(tried, limits), exhaustive, len(tried))
 
 
-def _beside(chosen: SensorSet, limits: Limits) -> Iterator[SensorSet]:
+def _beside(chosen: SensorSet, limits: SetLimits) -> Iterator[SensorSet]:
     """The sets with one sensor more, one less, or one exchanged for another."""
     more = [i for i in limits.free if i not in chosen]
     yield from (_with(chosen, (i,)) for i in more)
@@ -98,7 +98,7 @@ def _with(sensors: SensorSet, more: Sequence[int]) -> SensorSet:
     return tuple(sorted((*sensors, *more)))
 
 
-def _front(tried: dict[SensorSet, float], limits: Limits) -> tuple[SensorSet, ...]:
+def _front(tried: dict[SensorSet, float], limits: SetLimits) -> tuple[SensorSet, ...]:
     front: list[SensorSet] = []
     for each in sorted(tried, key=lambda s: (limits.cost(s), tried[s], len(s), s)):
         if not front or tried[each] < tried[front[-1]]:
