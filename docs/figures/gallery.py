@@ -25,16 +25,18 @@ from observer.frames import FloatArray
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-# Where each configuration is, and the speed that its machine runs at, rpm.
+# Where each configuration is, and the speed that its machine runs at, rpm; 0 is a rod with a heater.
 MACHINES = {
     "demo": ("config/demo.toml", 2000.0),
     "rig": ("tests/data/rig/config.toml", 1500.0),
     "kim-screw": ("config/kim-screw.toml", 500.0),
+    "kim-rod": ("config/kim-rod.toml", 0.0),
     "li-lathe-axis": ("config/li-lathe-axis.toml", 1000.0),
     "li-network": ("config/li-network.toml", 1000.0),
     "yu-dual-drive": ("config/yu-dual-drive.toml", 600.0),
 }
 RUN_S, REST_S, STEP_S, THERE_AND_BACK_S = 7200.0, 1800.0, 5.0, 60.0
+POWER_W = 50.0
 SHOWN_MIN = (10.0, 30.0, 120.0, 150.0)
 STEEL, HEAT, COLD, SENSOR, NUT = "#9aa5b1", "#d55e00", "#56b4e9", "#0072b2", "#e69f00"
 
@@ -53,7 +55,8 @@ def draw(name: str, target: Path) -> None:
     along(field, log, "field", "degC", "temperature in °C")
     along(error, log, "error", "um", "thermal error in µm")
     error.legend(title="minutes", frameon=False, fontsize=8, title_fontsize=8, loc="upper left")
-    field.set_title(f"{speed_rpm:.0f} rpm for two hours, then half an hour of rest", fontsize=9, loc="left")
+    said = f"{speed_rpm:.0f} rpm" if speed_rpm else f"{POWER_W:.0f} W"
+    field.set_title(f"{said} for two hours, then half an hour of rest", fontsize=9, loc="left")
     figure.savefig(target, dpi=100, metadata={"Software": None})
 
 
@@ -83,6 +86,8 @@ def inputs(config: Config, time_s: FloatArray, speed_rpm: float) -> dict[str, Fl
                 if s.position_channel == channel
             )
             columns[channel] = np.where(runs, low + (high - low) * share, low)
+        elif channel.endswith("_W"):
+            columns[channel] = np.where(runs, POWER_W, 0.0)
         elif channel not in sensors:
             columns[channel] = np.full_like(time_s, 25.0)
     return columns

@@ -22,7 +22,6 @@ from observer.history.history import HeatHistory
 from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.rod.moving import judge_path
-from observer.model.simulate import simulate, start, start_from_sensors
 from observer.quality.reasons import NotGood
 from observer.record.retention import START_SUFFIX, STATE_SUFFIX
 
@@ -243,64 +242,6 @@ def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | No
         name: float(column[here].mean()) if here.any() else None
         for name, column, here in zip(names, values.T, known.T, strict=True)
     }
-
-
-class OpenLoop:
-    """A prediction by the heat laws alone, from the first frame on at which every input is known.
-
-    The screw starts at `start_degC`, or as its sensors say.
-    """
-
-    def __init__(self, plant: Plant, drive: Drive, start_degC: float | None = None) -> None:
-        self._plant, self._drive, self._start_degC = plant, drive, start_degC
-        self._drive_state = drive.initial()
-        self._state: FloatArray | None = None
-
-    def run(self, frames: FrameBlock) -> tuple[Inputs, FloatArray] | None:
-        """Give the inputs and the output rows (K, R) of the next frames, None before the first."""
-        self._drive_state, inputs = self._drive.run(self._drive_state, frames)
-        if self._state is None:
-            known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
-            if not len(known):
-                return None
-            inputs = inputs.part(int(known[0]))
-            self._state = self._begin(inputs)
-        self._state, rows = simulate(self._plant, self._state, inputs)
-        return inputs, rows
-
-    def _begin(self, inputs: Inputs) -> FloatArray:
-        plant, law_W, z = self._plant, inputs.law_W[0], inputs.z_end[0]
-        y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
-        if self._start_degC is None and np.isfinite(y).any():
-            return start_from_sensors(plant, y, plant.noise_R_K2, law_W, z)
-        return start(plant, z[plant.known.ambient] if self._start_degC is None else self._start_degC, law_W)
-
-
-def gap_K(plant: Plant, inputs: Inputs, rows: FloatArray) -> FloatArray:
-    """How far each usable reading (K, s) is from its prediction, NaN where there is none."""
-    return np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
-
-
-class OpenLoopGap:
-    """How far the prediction by the heat laws alone is from each sensor over a log."""
-
-    def __init__(self, plant: Plant, drive: Drive) -> None:
-        self._plant, self._loop = plant, OpenLoop(plant, drive)
-        self._squares_K2 = np.zeros(plant.rows.sensors)
-        self._count = np.zeros(plant.rows.sensors)
-
-    def take(self, frames: FrameBlock) -> None:
-        """Take the next frames."""
-        if (found := self._loop.run(frames)) is not None:
-            gap = gap_K(self._plant, *found)
-            self._squares_K2 += np.nansum(gap**2, axis=0)
-            self._count += np.isfinite(gap).sum(axis=0)
-
-    @property
-    def rms_K(self) -> dict[str, float | None]:
-        """The gap by sensor so far, None where there is none."""
-        sums = zip(self._plant.layout.sensors, self._squares_K2, self._count, strict=True)
-        return {name: math.sqrt(s / n) if n else None for name, s, n in sums}
 
 
 def program_of(log: Log, config: Config) -> Log:

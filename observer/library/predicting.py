@@ -12,8 +12,9 @@ import numpy as np
 from observer.align.aligner import frames_of_log, refuse_empty
 from observer.errors import LogError
 from observer.estimate.checkpoint import CheckpointFit
+from observer.estimate.open_loop import OpenLoop
 from observer.estimate.pipeline import MachineModel
-from observer.estimate.replay import OpenLoop, estimates_of, program_of, simulated_columns, start_of
+from observer.estimate.replay import estimates_of, program_of, simulated_columns, start_of
 from observer.files.folders import results_in, write_json
 from observer.files.logs import TIME, Log
 from observer.files.writer import MemoryTable
@@ -75,7 +76,7 @@ def simulated_run(
     samples = Decimator()
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     done = 0
-    loop = OpenLoop(machine.plant, machine.drive, start_degC)
+    loop = OpenLoop(machine.plant, machine.drive, start_degC, config)
     for frames in frames_of_log(log, machine.plan):
         if (found := loop.run(frames)) is None:
             continue

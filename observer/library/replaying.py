@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from observer.align.aligner import doubts
 from observer.estimate.checkpoint import CheckpointFit
+from observer.estimate.open_loop import OpenLoopGap
 from observer.estimate.pipeline import MachineModel
-from observer.estimate.replay import OpenLoopGap, nut_paths, speeds, start_of, write_estimates
+from observer.estimate.replay import nut_paths, speeds, start_of, write_estimates
 from observer.files.folders import results_in, write_json
 from observer.files.logs import Log
 from observer.files.writer import MemoryTable, TableSink

@@ -18,8 +18,8 @@ import numpy as np
 import structlog
 
 from observer.errors import UserError
+from observer.estimate.open_loop import OpenLoop, gap_K
 from observer.estimate.pipeline import MachineModel
-from observer.estimate.replay import OpenLoop, gap_K
 from observer.fit.runs import joined
 from observer.frames import FrameBlock, Inputs
 from observer.installation import Installation, load

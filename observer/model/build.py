@@ -170,14 +170,19 @@ def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[
 REFERENCE_MODES = 400
 
 
+def with_many_modes(config: Config) -> Plant:
+    """Return the plant of a configuration with so many modes that nothing is left out that shows."""
+    many = config.model.model_copy(update={"modes": REFERENCE_MODES, "static_correction": True})
+    return build_plant(config.model_copy(update={"model": many}))
+
+
 def transient_error_K_W(config: Config, plant: Plant, times_s: tuple[float, ...]) -> FloatArray:
     """Return the largest field error per W of a heat step at each time after it, over sources, (t,), K/W.
 
     The reference is the same screw with 400 modes. Nuts stand still, spread over their stroke, and what
     varies in time (`coupling`) is left out.
     """
-    more = config.model.model_copy(update={"modes": REFERENCE_MODES, "static_correction": True})
-    reference = build_plant(config.model_copy(update={"model": more}))
+    reference = with_many_modes(config)
     worst = []
     for time_s in times_s:
         few, many = (

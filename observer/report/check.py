@@ -78,7 +78,7 @@ def findings(config: Installation) -> dict[str, Any]:
 
 def _verdict(design: DesignReport, warnings: list[str]) -> dict[str, Any]:
     """Whether the configuration can be used, and the sentence that a check opens with."""
-    if not len(design.poles_reached_1_s):
+    if not design.placed:
         return {"usable": False, "text": f"not usable: {design.warnings[0]}"}
     if not warnings:
         return {"usable": True, "text": "usable; no warnings"}

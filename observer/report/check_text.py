@@ -42,8 +42,9 @@ def as_text(found: dict[str, Any]) -> RenderableType:
             f"node {name}",
             f"follows within {seconds:{'.0f' if seconds >= 1000 else '.3g'}} s; 1 W warms it by {rise:.3g} K",
         )
-    table.add_row("tolerances", SHIFT_SAID)
-    table.add_row("improve first", Text(advice(found["improve_first"])))
+    table.add_row("tolerances", Text(found["tolerances_left_out"] or SHIFT_SAID))
+    if found["improve_first"]:
+        table.add_row("improve first", Text(advice(found["improve_first"])))
     if found["not_screened"]:
         table.add_row("faults in values", Text(found["not_screened"]))
     verdict, more = found["verdict"], [w for w in found["warnings"] if w not in found["verdict"]["text"]]

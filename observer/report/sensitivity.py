@@ -9,7 +9,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators.design.detectable import noticed, slow_fault_K
-from observer.estimators.design.spread import Spread, spread
+from observer.estimators.design.spread import NotDefined, Spread, spread
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.cycle import SPEED_RPM, standard_shift
@@ -49,7 +49,7 @@ def tolerances(config: Config) -> dict[str, Any]:
     """Return `tolerances`, σ over the standard shift as configured, with each tolerance known and with all,
     and `improve_first`, by quantity the key whose knowledge would help most, or None where none helps much.
 
-    Both are empty where the estimator has no gain, or where it would take long.
+    Both are empty where nothing of it is defined or it would take long; `tolerances_left_out` says why.
     """
     config = few_modes(config)
     plant = build_plant(config, learns=True)
@@ -58,14 +58,14 @@ def tolerances(config: Config) -> dict[str, Any]:
     cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in KEYS]
     cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
     found = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
-    if found is None:
-        return {"tolerances": [], "improve_first": {}}
+    if isinstance(found, NotDefined):
+        return {"tolerances": [], "improve_first": {}, "tolerances_left_out": f"not computed: {found.reason}"}
     values: list[float | None] = [None, *(getattr(config.tolerance, key) for key in KEYS), None]
     rows = [
         _row(plant, found, i, key, value)
         for i, (key, value) in enumerate(zip((CONFIGURED, *KEYS, ALL), values, strict=True))
     ]
-    return {"tolerances": rows, "improve_first": _first(found)}
+    return {"tolerances": rows, "improve_first": _first(found), "tolerances_left_out": None}
 
 
 def few_modes(config: Config) -> Config:
@@ -101,9 +101,7 @@ def _best(sigma: FloatArray) -> dict[str, Any] | None:
 
 
 def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
-    """Return a sentence on what to improve first, and how; or why nothing was computed."""
-    if not improve_first:
-        return "not computed: there is no gain, or there are too many states"
+    """Return a sentence on what to improve first, and how."""
     named: dict[str, list[str]] = {}
     for quantity, best in improve_first.items():
         if best is not None:

@@ -29,8 +29,8 @@ class DesignReport(NamedTuple):
     Poles in 1/s: `eigenvalues_1_s` (n,) of the plant with its heats, `poles_requested_1_s` (none for a Kalman
     filter), `poles_reached_1_s` recomputed from the closed loop. `noise_gain_W_K`: each estimated heat's σ
     under white noise of 1 K on every sensor. `weakest_mode` is a mode's number, `weakest_mode_sensor` the
-    sensor that sees it best, `weakest_mode_share` how much of it. `smallest_singular_value_K`: see
-    `observability`. `undetermined`: the sets of lost sensors after which the heats are no longer determined.
+    sensor that sees it best, `weakest_mode_share` how much of it. `placed`: whether there is a gain, and
+    its poles are where they were asked to be. `smallest_singular_value_K`: see `observability`. `undetermined`: the sets of lost sensors after which the heats are no longer determined.
     """
 
     kind: str
@@ -44,6 +44,7 @@ class DesignReport(NamedTuple):
     weakest_mode_share: float
     smallest_singular_value_K: float
     undetermined: tuple[tuple[str, ...], ...]
+    placed: bool
     warnings: tuple[str, ...]
 
 
@@ -73,6 +74,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
             plant_responses(plant, settled_rows(plant)[plant.rows.sensor_slice])
         ),
         undetermined=undetermined,
+        placed=not isinstance(whole, Refusal) and not _missed(whole),
         warnings=(
             *_gain_warnings(plant, whole, noise),
             *_sensor_warnings(names[sensor], mode, share, undetermined),
@@ -127,6 +129,11 @@ def _most_lost(states: int, sensors: int) -> int:
     return 1 if states**3 * sensors <= _MOST_DESIGN_WORK else 0
 
 
+def _missed(whole: LuenbergerGain | FloatArray) -> bool:
+    """Whether poles were asked for and are not reached."""
+    return isinstance(whole, LuenbergerGain) and not whole.pole_error <= gains.POLE_TOLERANCE
+
+
 def _gain_warnings(
     plant: Plant, whole: LuenbergerGain | FloatArray | Refusal, noise: FloatArray
 ) -> list[str]:
@@ -136,7 +143,7 @@ def _gain_warnings(
             "(observer place) or lower bandwidth_1_s"
         ]
     found = []
-    if isinstance(whole, LuenbergerGain) and not whole.pole_error <= gains.POLE_TOLERANCE:
+    if isinstance(whole, LuenbergerGain) and _missed(whole):
         found.append(
             f"the poles reached are up to {whole.pole_error:.2g} times off those requested: the gains are "
             'too large for double precision; use pole_rule = "bandwidth" or kind = "kalman"'

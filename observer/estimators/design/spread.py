@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators.design.along import along
-from observer.estimators.design.gains import LuenbergerGain, Refusal, everything
+from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop, everything, is_stable
 from observer.estimators.design.steady import gain_for
 from observer.frames import FloatArray
 from observer.kernels.codes import STILL
@@ -47,6 +47,12 @@ class Spread(NamedTuple):
     error_um: FloatArray | None
 
 
+class NotDefined(NamedTuple):
+    """Why there are no σ over a shift."""
+
+    reason: str
+
+
 class Moment(NamedTuple):
     """A moment of a shift: the `plant` with its nuts where they stand, the `stage`, the states `x` (n_x,); by
     phases of a sweep, readings by the states, `H` (f, s, n); and the covariances `P` (v, n, n) about then.
@@ -61,19 +67,27 @@ class Moment(NamedTuple):
 
 def spread(
     plant: Plant, settings: EstimatorSettings, shift: Sequence[Stage], cases: FloatArray
-) -> Spread | None:
+) -> Spread | NotDefined:
     """Return the σ over a shift for cases (v, L) of how much is left of each tolerance of the plant.
 
-    The plant is one that knows its tolerances (`build_plant` with `learns`). None where the settings have no
-    gain, or where there are so many states that it would take long.
+    The plant is one that knows its tolerances (`build_plant` with `learns`). There are none where the
+    settings have no gain, or one that does not hold in the steps taken here, or where there are so many
+    states that it would take long.
     """
     a = plant.parameters
     dt_s = _step_s(plant, sum(stage.duration_s for stage in shift), len(cases))
     if dt_s is None:
-        return None
+        return NotDefined("there are too many states")
     coarse = replace(plant, noise_R_K2=plant.noise_R_K2 * settings.period_s / dt_s)
     K = _fixed_gain(coarse, settings, dt_s)
-    return None if isinstance(K, Refusal) else _over(coarse, a, shift, cases * a.sigma, K, dt_s)
+    if isinstance(K, Refusal):
+        return NotDefined("there is no gain")
+    lost = NotDefined(f"the gains are too large for double precision: errors grow in steps of {dt_s:g} s")
+    if K is not None and not is_stable(closed_loop(coarse, step_matrices(coarse, dt_s), K)):
+        return lost
+    with np.errstate(over="ignore", invalid="ignore"):  # what is lost to rounding shows in the result
+        found = _over(coarse, a, shift, cases * a.sigma, K, dt_s)
+    return found if all(np.isfinite(sigma).all() for sigma in found if sigma is not None) else lost
 
 
 def _step_s(plant: Plant, duration_s: float, cases: int) -> float | None:

@@ -1,0 +1,83 @@
+"""A prediction by the heat laws alone, frames in and output rows out, and how far readings are from it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from observer.config import Config
+from observer.frames import FloatArray, FrameBlock, Inputs
+from observer.model.beginning import Beginning, beginning
+from observer.model.drive import Drive
+from observer.model.plant import Plant
+from observer.model.simulate import simulate, start_from_sensors
+
+
+class OpenLoop:
+    """A prediction by the heat laws alone, from the first frame on at which every input is known.
+
+    The screw starts at `start_degC` everywhere, or as its sensors say, or at the temperature of the air. With
+    the `config`, ends and air that are not at the temperature of the start act from then on as they do on a
+    screw of many modes; without it, as on the plant's own.
+    """
+
+    def __init__(
+        self, plant: Plant, drive: Drive, start_degC: float | None = None, config: Config | None = None
+    ) -> None:
+        self._plant, self._drive, self._start_degC, self._config = plant, drive, start_degC, config
+        self._drive_state = drive.initial()
+        self._state: FloatArray | None = None
+        self._begun: Beginning | None = None
+
+    def run(self, frames: FrameBlock) -> tuple[Inputs, FloatArray] | None:
+        """Give the inputs and the output rows (K, R) of the next frames, None before the first."""
+        self._drive_state, inputs = self._drive.run(self._drive_state, frames)
+        if self._state is None:
+            known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
+            if not len(known):
+                return None
+            inputs = inputs.part(int(known[0]))
+            at_start = np.arange(len(inputs)) == 0  # the first row is the start itself
+            inputs = inputs._replace(dt_s=np.where(at_start, 0.0, inputs.dt_s))
+            self._state = self._begin(inputs)
+        self._state, rows = simulate(self._plant, self._state, inputs)
+        if self._begun is not None:
+            self._begun.add_to(rows, inputs.time_s)
+        return inputs, rows
+
+    def _begin(self, inputs: Inputs) -> FloatArray:
+        plant, law_W, z = self._plant, inputs.law_W[0], inputs.z_end[0]
+        y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
+        if self._start_degC is None and np.isfinite(y).any():
+            return start_from_sensors(plant, y, plant.noise_R_K2, law_W, z)
+        temperature_degC = float(z[plant.known.ambient]) if self._start_degC is None else self._start_degC
+        self._begun = beginning(plant, self._config, temperature_degC, z, float(inputs.time_s[0]))
+        return self._begun.x
+
+
+def gap_K(plant: Plant, inputs: Inputs, rows: FloatArray) -> FloatArray:
+    """How far each usable reading (K, s) is from its prediction, NaN where there is none."""
+    return np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
+
+
+class OpenLoopGap:
+    """How far the prediction by the heat laws alone is from each sensor over a log."""
+
+    def __init__(self, plant: Plant, drive: Drive) -> None:
+        self._plant, self._loop = plant, OpenLoop(plant, drive)
+        self._squares_K2 = np.zeros(plant.rows.sensors)
+        self._count = np.zeros(plant.rows.sensors)
+
+    def take(self, frames: FrameBlock) -> None:
+        """Take the next frames."""
+        if (found := self._loop.run(frames)) is not None:
+            gap = gap_K(self._plant, *found)
+            self._squares_K2 += np.nansum(gap**2, axis=0)
+            self._count += np.isfinite(gap).sum(axis=0)
+
+    @property
+    def rms_K(self) -> dict[str, float | None]:
+        """The gap by sensor so far, None where there is none."""
+        sums = zip(self._plant.layout.sensors, self._squares_K2, self._count, strict=True)
+        return {name: math.sqrt(s / n) if n else None for name, s, n in sums}
