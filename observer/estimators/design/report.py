@@ -30,7 +30,8 @@ class DesignReport(NamedTuple):
     filter), `poles_reached_1_s` recomputed from the closed loop. `noise_gain_W_K`: each estimated heat's σ
     under white noise of 1 K on every sensor. `weakest_mode` is a mode's number, `weakest_mode_sensor` the
     sensor that sees it best, `weakest_mode_share` how much of it. `placed`: whether there is a gain, and
-    its poles are where they were asked to be. `smallest_singular_value_K`: see `observability`. `undetermined`: the sets of lost sensors after which the heats are no longer determined.
+    its poles are where they were asked to be. `smallest_singular_value_K`: see `observability`.
+    `undetermined`: the sets of lost sensors after which the heats are no longer determined.
     """
 
     kind: str
