@@ -10,7 +10,8 @@ import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log, refuse_empty
 from observer.errors import LogError
-from observer.estimate.replay import OpenLoop, inputs_of, program_of
+from observer.estimate.open_loop import OpenLoop
+from observer.estimate.replay import inputs_of, program_of
 from observer.files.logs import Log
 from observer.forecast.document import travel_of
 from observer.frames import BoolArray, FloatArray, Layout
