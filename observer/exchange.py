@@ -201,9 +201,9 @@ KEYS = {
         panel=True,
     ),
     "forecast": Key(
-        "JSON: temperatures and thermal error of the next hour with σ, when it settles (`settled_at_s`, with "
-        "95 % in `settled_between_s`), how long a warm-up lasts and what it may save "
-        "([how](../explanation/forecast.md))",
+        "JSON: temperatures and thermal error of the next hour with σ, where it settles (`settled_degC`, "
+        "`settled_error_um`, with σ) and when (`settled_at_s`, with 95 % in `settled_between_s`), how long a "
+        "warm-up lasts and what it may save ([how](../explanation/forecast.md))",
         "every minute, unless off",
         asked=_LAST,
         retained=True,

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from campaigns.forecast import warming
 from campaigns.forecast.days import AT_S, KINDS, Forecast, drawn_day, forecasts, settles_s
 from campaigns.resumable import go_on, read_rows, show
 from tests.learning.machines import Day
@@ -42,7 +43,11 @@ SETTLING = (
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "forecast" / "results.csv", DOCS / "explanation" / "forecast.md"
 TIMES = DOCS / "forecast" / "settling.csv"
+WARMING_SEED, WARMED = 9900, 8
+WARMING = DOCS / "forecast" / "warming.csv"
+"""Of so many of each group: 28 minutes of a warm-up."""
 MARKS = ("<!-- the campaign's table, written by campaigns.forecast.trial -->", "<!-- its end -->")
+WARMING_MARKS = ("<!-- a warm-up, written by campaigns.forecast.trial -->", "<!-- end of a warm-up -->")
 TIMES_MARKS = ("<!-- when it settles, written by campaigns.forecast.trial -->", "<!-- end of when -->")
 
 
@@ -166,12 +171,21 @@ def table(rows: list[dict[str, str]]) -> str:
     return "\n".join(lines)
 
 
+def warmed(task: tuple[str, int]) -> list[dict[str, str]]:
+    """One machine's warm-up, by group and number."""
+    return warming.warmed(WARMING_SEED, task)
+
+
 def main() -> None:
     """Run what is missing, and write the tables into the page."""
     console = Console(stderr=True)
     for one, count, path in ((tried, MACHINES, RESULTS), (settled, SETTLED, TIMES)):
         done = {int(r["machine"]) for r in read_rows(path)}
         go_on([i for i in range(count) if i not in done], one, path, console, workers=1)
+    warm = {(r["group"], int(r["machine"])) for r in read_rows(WARMING)}
+    tasks = [(name, number) for number in range(WARMED) for name in warming.GROUPS]
+    go_on([task for task in tasks if task not in warm], warmed, WARMING, console, workers=1)
+    show(PAGE, warming.table(read_rows(WARMING)), WARMING_MARKS)
     show(PAGE, table(read_rows(RESULTS)), MARKS)
     show(PAGE, settling_table(read_rows(TIMES)), TIMES_MARKS)
 

@@ -50,7 +50,10 @@ class MeanHeats(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Runner:
-    """An estimator without a correction, from a state on, `after_s` after the forecast's begin."""
+    """An estimator without a correction, from a state on, `after_s` after the forecast's begin.
+
+    `drifts` says whether its heats may drift from their ratio to the laws; else they settle to it.
+    """
 
     plant: Plant
     estimator: Estimator
@@ -59,6 +62,7 @@ class Runner:
     z: FloatArray
     settings: EstimatorSettings
     after_s: float = 0.0
+    drifts: bool = True
 
     def of(self, plant: Plant, x: FloatArray, heats: MeanHeats) -> Runner:
         """Return the same of another plant, from another state, with other heats."""
@@ -134,12 +138,8 @@ def heats_of(plant: Plant, program: Program) -> MeanHeats:
 
 def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program) -> Runner:
     """What goes ahead from a state. Raises `ValueError` where the estimate is none to go ahead from."""
+    _refuse_unknown(plant, state)
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
-    n = n_x + m_e + plant.learnt
-    if not state.started or state.x_hat.shape != (n,) or state.P.shape != (n, n):
-        raise ValueError("there is no estimate with a covariance to go ahead from")
-    if not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
-        raise ValueError("the estimate is not a number")
     heats = heats_of(plant, program)
     x, P = state.x_hat.copy(), state.P.copy()
     own = slice(n_x, n_x + m_e)
@@ -161,6 +161,35 @@ def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, pro
     z = program.past.z[-_PART:].mean(axis=0)
     begin = replace(state, x_hat=x, P=P, around=around)
     return Runner(doubtful, KalmanEstimator(doubtful, settings), begin, heats, z, settings)
+
+
+def runner_by_law(
+    plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program
+) -> Runner:
+    """What goes ahead from a state of which heats are their laws, scaled as learnt, and settle to that.
+
+    Raises `ValueError` where the estimate is none to go ahead from.
+    """
+    _refuse_unknown(plant, state)
+    m = len(plant.source_names)
+    heats = MeanHeats(np.ones(m), np.zeros(m), np.zeros(int(plant.estimated.sum())))
+    mean_W = np.abs(program.mean.law_W[0])
+    share = mean_W / max(float(mean_W.sum()), 1e-12)
+    doubtful = replace(
+        _doubtful(plant, program, share, mean_W[plant.estimated]),
+        random_walk_W2_s=plant.random_walk_W2_s,
+        heat_decay_1_s=plant.heat_decay_1_s,
+    )
+    z = program.past.z[-_PART:].mean(axis=0)
+    return Runner(doubtful, KalmanEstimator(doubtful, settings), state, heats, z, settings, drifts=False)
+
+
+def _refuse_unknown(plant: Plant, state: EstimatorState) -> None:
+    n = len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
+    if not state.started or state.x_hat.shape != (n,) or state.P.shape != (n, n):
+        raise ValueError("there is no estimate with a covariance to go ahead from")
+    if not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
+        raise ValueError("the estimate is not a number")
 
 
 def _of_means(P: FloatArray, own: slice, sigma_W: FloatArray, rests: BoolArray) -> FloatArray:

@@ -68,6 +68,9 @@ def document(
     def table(values: FloatArray) -> list[list[float]] | None:
         return np.round(values[np.ix_(times, places)], 4).tolist() if values.shape[1] else None
 
+    def along(values: FloatArray | None) -> list[float] | None:
+        return None if values is None or not values.size else np.round(values[places], 4).tolist()
+
     after_s, between_s, sooner = found.settled.after_s, found.between_s, found.warm_up
     reason = None if good else f"the estimate that it begins from is {quality.label}"
     return none(found.now_s, quality, instance, reason, within_um) | {
@@ -80,6 +83,10 @@ def document(
         "sigma_K": table(found.ahead.field_sigma_K),
         "error_um": table(found.ahead.error_um) if has_error else None,
         "error_sigma_um": table(found.ahead.error_sigma_um) if has_error else None,
+        "settled_degC": along(found.settled.field_degC),
+        "settled_sigma_K": along(found.settled.field_sigma_K),
+        "settled_error_um": along(found.settled.error_um) if has_error else None,
+        "settled_error_sigma_um": along(found.settled.error_sigma_um) if has_error else None,
         "settled_at_s": None if after_s is None else found.now_s + after_s,
         "settled_between_s": None if between_s is None else [round(found.now_s + s, 1) for s in between_s],
         "warm_up": None if sooner is None else {**sooner._asdict(), "text": _warm_up(sooner)},
@@ -94,7 +101,8 @@ def none(
         "time_s": now_s, "instance": instance, "quality": quality.label, "reason": reason,
         "program": {"kind": "standstill", "period_s": None, "text": "not known"},
         "at_s": [], "position_m": [], "temperature_degC": [], "sigma_K": [], "error_um": None,
-        "error_sigma_um": None, "settled_at_s": None, "settled_between_s": None,
+        "error_sigma_um": None, "settled_degC": None, "settled_sigma_K": None, "settled_error_um": None,
+        "settled_error_sigma_um": None, "settled_at_s": None, "settled_between_s": None,
         "settles_within_um": within_um, "warm_up": None,
     }  # fmt: skip
 
@@ -125,10 +133,22 @@ def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
         )
     lines = [text + "."]
     if plant.layout.has_error:
-        lines.append(_settles(found, within_um))
+        lines += [*_where(found.settled, plant), _settles(found, within_um)]
     if found.warm_up is not None:
         lines.append(f"A warm-up may help: {_warm_up(found.warm_up)}.")
     return lines
+
+
+def _where(settled: Settled, plant: Plant) -> list[str]:
+    if settled.field_sigma_K is None or settled.error_sigma_um is None:
+        return []
+    i, j = int(np.argmax(settled.field_degC)), int(np.argmax(np.abs(settled.error_um)))
+    place_mm = 1000 * plant.layout.position_m
+    return [
+        f"It settles with {place_mm[i]:.0f} mm at {settled.field_degC[i]:.1f} ± "
+        f"{1.96 * settled.field_sigma_K[i]:.1f} °C and the thermal error at {place_mm[j]:.0f} mm at "
+        f"{settled.error_um[j]:.1f} ± {1.96 * settled.error_sigma_um[j]:.1f} µm."
+    ]
 
 
 def _settles(found: Forecast, within_um: float) -> str:

@@ -78,6 +78,11 @@ class Program:
     noise_W2_s: float
 
     @property
+    def is_even(self) -> bool:
+        """Whether it is work at one level."""
+        return self.kind == "cycle" and self.period_s is None
+
+    @property
     def mean(self) -> Bins:
         """One bin with the means of all."""
         return averaged(self.bins)

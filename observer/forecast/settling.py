@@ -27,11 +27,15 @@ _MORE = 1.02  # a program whose hardest part heats no more than this above its m
 class Settled:
     """Where the mean of the program leads, `field_degC`, `error_um` (g,), and after how long every point of
     the travel is there within the limit, None where it is not within a day or no error is known.
+
+    `field_sigma_K`, `error_sigma_um` (g,) are the σ of where, None where it was not asked for.
     """
 
     field_degC: FloatArray
     error_um: FloatArray
     after_s: float | None
+    field_sigma_K: FloatArray | None = None
+    error_sigma_um: FloatArray | None = None
 
 
 class WarmUp(NamedTuple):
@@ -75,31 +79,45 @@ def _there(
     return None if off[-1] + 1 >= len(time_s) else float(time_s[off[-1] + 1])
 
 
-def draws(begin: Runner, program: Program) -> list[Runner]:
+def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     """What may be, by all that is not known now: each draw with another state, machine, and heats.
 
-    Heats are off for good, by what the program varies in an hour too, and by a drift of an hour that dies
-    away in one, as running-in does.
+    Heats are off for good, by what the program varies in an hour too, and where they drift by a drift of an
+    hour that dies away in one, as running-in does.
     """
     state, plant, n_x = begin.state, begin.plant, len(begin.plant.decay_1_s)
     free = np.flatnonzero(plant.estimated)
     own = slice(n_x, n_x + len(free))
-    fading = replace(plant, heat_decay_1_s=np.full(len(free), 1.0 / HOUR_S))
+    fading = replace(plant, heat_decay_1_s=np.full(len(free), 1.0 / HOUR_S)) if begin.drifts else plant
     mean_W = np.abs(program.mean.law_W[0] * begin.heats.ratio + begin.heats.extra_W)
     share = (mean_W / max(float(mean_W.sum()), 1e-12))[free]
     drift_W = np.sqrt(plant.random_walk_W2_s * HOUR_S)
     P = state.P.copy()
-    P[own, own] += program.noise_W2_s / HOUR_S * np.outer(share, share)
+    varies = program.noise_W2_s / HOUR_S
+    if begin.drifts:
+        P[own, own] += varies * np.outer(share, share)
     values, axes = np.linalg.eigh(P)
-    half = np.random.default_rng(_SEED).standard_normal((_DRAWS // 2, len(P) + len(free)))
+    half = np.random.default_rng(_SEED).standard_normal((count // 2, len(P) + len(free)))
     found = []
     for draw in np.concatenate([half, -half]):
         x = state.x_hat + axes @ (np.sqrt(np.maximum(values, 0.0)) * draw[: len(P)])
         extra_W = begin.heats.extra_W.copy()
-        extra_W[free] += x[own]
-        x[own] = drift_W * draw[len(P) :]
+        if begin.drifts:
+            extra_W[free] += x[own]
+            x[own] = drift_W * draw[len(P) :]
+        else:  # what heats have beside their laws is in the state, and dies away
+            extra_W[free] += np.sqrt(varies) * share * draw[-1]
         found.append(begin.of(fading, x, begin.heats._replace(extra_W=extra_W)))
     return found
+
+
+def with_spread(about: Settled, drawn: Sequence[Settled], weight: FloatArray) -> Settled:
+    """Add the σ of where it settles, by draws and their weights (d,), which add up to 1."""
+    field, error = (
+        np.sqrt(weight @ (np.array([getattr(d, name) for d in drawn]) - getattr(about, name)) ** 2)
+        for name in ("field_degC", "error_um")
+    )
+    return replace(about, field_sigma_K=field, error_sigma_um=error)
 
 
 def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float, float] | None:
@@ -176,6 +194,8 @@ def when(
     settled = settling(begin, program, travel, within_um)
     begins = draws(begin, program) if settled.after_s is not None else []
     drawn = [settling(b, program, travel, within_um) for b in begins]
+    if drawn:
+        settled = with_spread(settled, drawn, np.full(len(drawn), 1.0 / len(drawn)))
     sooner = warm_up(begin, program, settled, travel, within_um)
     if sooner is not None:
         sooner = likely(sooner, program, begins, drawn, travel, within_um)

@@ -20,6 +20,7 @@ from observer.files.logs import TIME, Log
 from observer.files.writer import MemoryTable
 from observer.forecast.document import Forecast, document, sentences
 from observer.forecast.document import forecast as look_ahead
+from observer.forecast.friction import FrictionBank, forecast_by_all, is_of_use
 from observer.forecast.program import given, learnt
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray
 from observer.installation import Installation
@@ -131,9 +132,11 @@ def forecast_run(
     settings, machine = config.forecast, MachineModel.of(config, learns=True)
     pipeline, learner, layout = machine.pipeline(), Learner(machine), machine.plant.layout
     start, _ = start_of(log, CheckpointFit.of(machine))
+    bank = FrictionBank(config)
     last: EstimateBlock | None = None
     for _, block in estimates_of(log, machine.plan, pipeline, progress, start):
         learner.take(pipeline.inputs, block)
+        bank.take(pipeline.inputs, block)
         last = block
     if last is None:
         raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
@@ -143,8 +146,13 @@ def forecast_run(
             does = learnt(ran)
         else:
             does = given(program_bins(program_of(program, config), machine), ran)
-        state = pipeline.snapshot()[1]
-        found = look_ahead(config, machine.plant, state, does, hours or settings.hours, settings.within_um)
+        state, hours = pipeline.snapshot()[1], hours or settings.hours
+        plant, within_um = machine.plant, settings.within_um
+        if is_of_use(config, does):
+            begins = bank.begins(does)
+            found = forecast_by_all(config, plant, begins, state.time_s, does, hours, within_um)
+        else:
+            found = look_ahead(config, plant, state, does, hours, within_um)
     except ValueError as error:
         raise LogError(f"{log.path}: no forecast from its end: {error}") from None
     content = document(found, machine.plant, EstimateQuality(int(last.quality[-1])), "", settings.within_um)

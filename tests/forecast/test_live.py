@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from campaigns.forecast.warming import warming
 from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
@@ -26,7 +27,8 @@ from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 pytestmark = pytest.mark.system
 SCHEMA = {
     "time_s", "instance", "quality", "reason", "program", "at_s", "position_m", "temperature_degC", "sigma_K",
-    "error_um", "error_sigma_um", "settled_at_s", "settled_between_s", "settles_within_um", "warm_up",
+    "error_um", "error_sigma_um", "settled_degC", "settled_sigma_K", "settled_error_um",
+    "settled_error_sigma_um", "settled_at_s", "settled_between_s", "settles_within_um", "warm_up",
 }  # fmt: skip
 
 
@@ -94,6 +96,24 @@ def test_a_log_and_a_program_are_forecast_into_files(tmp_path: Path) -> None:
     assert found["program"]["kind"] == "given"
     assert found["at_s"][-1] - found["time_s"] == pytest.approx(1800.0, abs=10.0)  # to a bin
     assert "warmest" in lines[0]
+
+
+def test_a_log_of_a_warm_up_says_where_it_settles_and_how_sure_that_is(tmp_path: Path) -> None:
+    log = log_of(warming(draw(9001, 1, Rough()), 9001, 1))
+    rows, columns = 1300, dict(zip(log.channels, log.values.T, strict=True))
+    write_log(tmp_path / "log.csv", log.time_s[:rows], {c: v[:rows] for c, v in columns.items()})
+    (tmp_path / "machine.toml").write_text(CONFIG, encoding="utf-8")
+    lines = app.forecast(
+        tmp_path / "log.csv", load(tmp_path / "machine.toml"), tmp_path / "out", program=None, hours=0.1,
+        progress=lambda _done, _total: None,
+    )  # fmt: skip
+    found = json.loads((tmp_path / "out" / "forecast.json").read_text(encoding="utf-8"))
+    places = len(found["position_m"])
+    assert all(len(found[key]) == places for key in ("settled_degC", "settled_error_um"))
+    assert min(found["settled_sigma_K"]) > 0.0
+    low_s, high_s = found["settled_between_s"]
+    assert low_s <= found["settled_at_s"] <= high_s
+    assert lines[1].startswith("It settles with ")
 
 
 def test_a_log_that_is_too_short_is_told_in_a_sentence(tmp_path: Path) -> None:

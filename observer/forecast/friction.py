@@ -1,0 +1,186 @@
+"""What friction may do, as rival filters over the whole of a log, each weighed by how likely it makes it.
+
+Heats that wander as freely as the configuration allows may be anything an hour later, and a short log tells
+little of film and laws beside them. Most friction wanders less: it is its law times a constant, and what it
+has more when work begins dies away. The rivals are that, with several time constants, and the heats as
+configured; all of them learn everything that `[tolerance]` and the laws leave open. A rival's weight is its
+likelihood (Magill 1965), so that a machine whose friction does otherwise is forecast as ever.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, get_args
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators import packing
+from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.steps import Chunk
+from observer.forecast.ahead import Runner, ahead, runner, runner_by_law
+from observer.forecast.document import Forecast, travel_of
+from observer.forecast.program import Program
+from observer.forecast.settling import MOST_S as LONGEST_S
+from observer.forecast.settling import Settled, draws, likely, settling, warm_up, with_spread
+from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
+from observer.model.build import build_plant
+from observer.model.learning import Nuisance
+from observer.model.plant import Plant
+from observer.tables.estimator import Learnable
+
+RUNS_IN_S = (900.0, 1800.0, 3600.0)
+"""Time constants with which friction may settle to its law, once running."""
+MORE = 0.15
+"""One standard deviation of what it has more or less when work begins, in parts of its law."""
+DRAWS = 20
+"""Of what may be, by each rival, for the spread of when and where it settles."""
+LEAST_WEIGHT = 0.02
+"""A rival that is less likely than this is left out."""
+PAUSE_S, IDLE_W = 60.0, 1e-3
+"""Work begins anew after so long without heat."""
+MOST_S = 12.0 * 3600.0
+"""What is longer ago is forgotten."""
+
+
+class WeighedFilter(KalmanEstimator):
+    """A filter that adds up how likely it makes what it has seen."""
+
+    log_likelihood = 0.0
+
+    def take(self, chunk: Chunk, inputs: Any, scratch: Any, out: packing.Results, results: Any) -> None:
+        """Take a chunk's steps, and their likelihood."""
+        super().take(chunk, inputs, scratch, out, results)
+        self.log_likelihood += float(np.nansum(out.log_likelihood))
+
+
+class FrictionBank:
+    """The rivals, over what ran since the last start; they are run when they are asked."""
+
+    def __init__(self, config: Config) -> None:
+        """Begin before the first step."""
+        self._config = config
+        self._parts: deque[Inputs] = deque()
+
+    def take(self, inputs: Inputs, block: EstimateBlock) -> None:
+        """Take some steps, without the readings that their estimate did without."""
+        trusted = inputs.usable & (block.sensor_quality == int(Quality.GOOD))
+        self._parts.append(inputs._replace(usable=trusted))
+        while inputs.time_s[-1] - self._parts[0].time_s[-1] > MOST_S:
+            self._parts.popleft()
+
+    def begins(self, program: Program) -> list[tuple[float, Runner]]:
+        """What goes ahead from here by each rival that is likely, with its weight; the likeliest first.
+
+        Raises `ValueError` where none has an estimate to go ahead from.
+        """
+        inputs = since_start(Inputs.joined(list(self._parts)), float(program.past.dt_s.sum()))
+        settings = self._config.estimator.model_copy(update={"learn": get_args(Learnable)})
+        plant = build_plant(self._config.model_copy(update={"estimator": settings}), learns=True)
+        rivals = [(runner, plant), *((runner_by_law, running_in(plant, time_s)) for time_s in RUNS_IN_S)]
+        filters = [WeighedFilter(own, settings) for _, own in rivals]
+        states = [one.run(one.initial(), inputs)[0] for one in filters]
+        weights = weights_of([one.log_likelihood for one in filters])
+        found = [
+            (float(weights[i]), way(own, settings, states[i], program))
+            for i, (way, own) in enumerate(rivals)
+            if weights[i] > 0.0
+        ]
+        return sorted(found, key=lambda one: -one[0])
+
+
+def is_of_use(config: Config, program: Program) -> bool:
+    """Whether there can be rivals: filters that learn, heats with laws, and work at one level.
+
+    In a cycle friction does other things at each start, which these rivals do not know.
+    """
+    has_laws = all(source.law is not None for source in config.source if source.estimate)
+    return config.estimator.learns and has_laws and program.is_even
+
+
+def since_start(inputs: Inputs, even_s: float) -> Inputs:
+    """The rest before the last start and what ran since, with a jump of the laws to their mean there and
+    where the last `even_s`, at one level, began; others, as where a nut turns round, say nothing of friction.
+    """
+    works = np.flatnonzero(np.abs(inputs.law_W).sum(axis=1) > IDLE_W)
+    pauses = np.flatnonzero(np.diff(inputs.time_s[works]) > PAUSE_S)
+    begin, start = (works[pauses[-1]] + 1, works[pauses[-1] + 1]) if len(pauses) else (0, works[0])
+    level = max(int(np.searchsorted(inputs.time_s, inputs.time_s[-1] - even_s)), int(start))
+    jumps = np.zeros_like(inputs.law_jump_W)
+    jumps[[start, level]] = inputs.law_W[level:].mean(axis=0)
+    return inputs._replace(law_jump_W=jumps).part(int(begin), len(inputs))
+
+
+def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
+    """The probability of each rival, 0 where it is little; the first counts as much before as all others."""
+    count = len(log_likelihoods)
+    prior = np.array([0.5, *[0.5 / (count - 1)] * (count - 1)])
+    logs = np.array(log_likelihoods) + np.log(prior)
+    weights = np.exp(logs - logs.max())
+    weights[weights < LEAST_WEIGHT * weights.sum()] = 0.0
+    return np.asarray(weights / weights.sum())
+
+
+def running_in(plant: Plant, time_s: float) -> Plant:
+    """A plant whose heats by law are the law times a constant that is learnt, and what dies away in a time.
+
+    That begins anew whenever the law jumps. Heats without a law stay as they are.
+    """
+    assert plant.learning is not None
+    arrays = plant.learning.arrays
+    by_law = np.isin(np.arange(len(plant.law_uncertainty)), arrays.of[arrays.kind == Nuisance.LAW])
+    return replace(
+        plant,
+        random_walk_W2_s=np.where(by_law, 0.0, plant.random_walk_W2_s),
+        heat_decay_1_s=np.where(by_law, 1.0 / time_s, plant.heat_decay_1_s),
+        law_uncertainty=np.where(by_law, MORE, plant.law_uncertainty),
+        initial_sigma_W=np.where(by_law, 1e-3, plant.initial_sigma_W),
+    )
+
+
+def forecast_by_all(
+    config: Config,
+    plant: Plant,
+    begins: Sequence[tuple[float, Runner]],
+    now_s: float,
+    program: Program,
+    hours: float,
+    within_um: float,
+) -> Forecast:
+    """Forecast from weighed begins: moments and quantiles of their mixture; `plant` is the estimate's."""
+    travel, weight = travel_of(config, plant), np.array([w for w, _ in begins])
+    where = [settling(begin, program, travel, within_um) for _, begin in begins]
+    runners = [draws(begin, program, DRAWS) for _, begin in begins]
+    drawn = [[settling(one, program, travel, within_um) for one in own] for own in runners]
+    each, all_drawn = np.repeat(weight / DRAWS, DRAWS), [one for own in drawn for one in own]
+    field, error = (weight @ np.array([getattr(s, n) for s in where]) for n in ("field_degC", "error_um"))
+    settled, between_s = replace(where[0], field_degC=field, error_um=error), None
+    settled = with_spread(settled, all_drawn, each)
+    if settled.after_s is not None:
+        low_s, after_s, high_s = quantiles_s(all_drawn, each, (0.025, 0.5, 0.975))
+        settled, between_s = replace(settled, after_s=after_s), (low_s, high_s)
+    sooner = warm_up(begins[0][1], program, where[0], travel, within_um)
+    if sooner is not None:
+        sooner = likely(sooner, program, runners[0], drawn[0], travel, within_um)
+    blocks = [ahead(begin, program, 3600.0 * hours) for _, begin in begins]
+    return Forecast(now_s, program, mixture(blocks, weight), settled, between_s, sooner)
+
+
+def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
+    """The first of several blocks with the moments of field and error of all of them."""
+    found = {}
+    for name, sigma in (("field_degC", "field_sigma_K"), ("error_um", "error_sigma_um")):
+        means, sigmas = (np.array([getattr(b, n) for b in blocks]) for n in (name, sigma))
+        found[name] = np.tensordot(weight, means, 1)
+        found[sigma] = np.sqrt(np.tensordot(weight, sigmas**2 + (means - found[name]) ** 2, 1))
+    return replace(blocks[0], **found)
+
+
+def quantiles_s(drawn: Sequence[Settled], weight: FloatArray, parts: Sequence[float]) -> list[float]:
+    """The times before which it has settled in parts of draws with weights (d,) that add up to 1."""
+    after_s = np.array([LONGEST_S if one.after_s is None else one.after_s for one in drawn])
+    order = np.argsort(after_s)
+    below = np.cumsum(weight[order]) - 0.5 * weight[order]
+    return [float(v) for v in np.interp(parts, below, after_s[order])]
