@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from observer.config import Config
 from observer.discovery.candidates import library
-from observer.discovery.experiment import SEPARATES, Experiment, propose
+from observer.discovery.deciding import decisive_test
+from observer.discovery.experiment import Experiment
 from observer.discovery.family import Tie, ties
 from observer.discovery.localise import ErrorLocation, Event, courses_of, event, localised, missing_excitation
 from observer.discovery.nut_path import NUTS_WAY, needs_path, sparse_paths
@@ -28,9 +29,6 @@ from observer.fit.parameters import free_keys, lawless
 from observer.fit.problem import Problem
 from observer.fit.runs import LEAST_S, prepare_all
 from observer.frames import FrameBlock
-
-MOST_ASKED = 5
-"""Effects not identifiable from the logs for which a test is sought."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +85,14 @@ def discover(
     sparse = sparse_paths(config, prepared)
     wrong = (*sparse, *suspects(found.null, found.ranking, found.signatures))
     progress("opening the proof", 0.94)
-    proof = prove(found.null, found.fit, _with_one_less(found, pool))
+    less = _with_one_less(found, pool)
+    proof = prove(found.null, found.fit, less)
     verdict = decide(found, proof, missing_excitation(config, prepared, courses_of(problem)))
     verdict = under_suspicion(verdict, [s.text for s in wrong if _counts(s, verdict, config)])
     where = localised(found.null, problem.evidence.used)
     before = found.null.config if found.chosen else config
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
+    partial = partial_of(found) if missing else None
     return Discovery(
         problem=problem,
         search=found,
@@ -100,9 +100,9 @@ def discover(
         proof=proof,
         where=where,
         event=event(found.fit) if missing else None,
-        experiment=_experiment(found.null.problem, found, verdict, pool),
+        experiment=decisive_test(found.null.problem, found, verdict, less, partial, pool),
         ties=ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
-        partial=partial_of(found) if missing else None,
+        partial=partial,
         suspects=(*corrected, *wrong),
         worth=worth_of(problem, before, verdict.fit.config),
     )
@@ -125,17 +125,3 @@ def _with_one_less(found: Search, pool: WorkerPool) -> list[tuple[str, Fit]]:
     tasks = [(found.fit, i) for i in range(len(found.chosen))]
     fits = pool.each(without, found.null.problem, tasks)
     return [(t.candidate.name, fit) for t, fit in zip(found.chosen, fits, strict=True)]
-
-
-def _experiment(problem: Problem, found: Search, verdict: Verdict, pool: WorkerPool) -> Experiment | None:
-    """The test that would separate the answers, where there are several."""
-    if verdict.kind == "ambiguous":
-        return propose(problem, [fit.config for fit in verdict.fits], pool)
-    if verdict.kind == "not_identifiable":
-        config = found.fit.config
-        for unseen in found.blind[:MOST_ASKED]:
-            more = (*config.effect, unseen.effect(unseen.shapes[0]))
-            test = propose(problem, [config, config.model_copy(update={"effect": more})], pool)
-            if test.separation_sigma >= SEPARATES:
-                return test
-    return None

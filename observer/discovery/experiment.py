@@ -19,6 +19,8 @@ from observer.model.cycle import LEAD_M
 STEP_S = 1.0
 SEPARATES = 5.0
 """Least separation, in standard deviations, for a test to be worth its time."""
+HOPELESS = 1.0
+"""A separation below this decides nothing."""
 
 
 class Phase(NamedTuple):
@@ -31,7 +33,9 @@ class Phase(NamedTuple):
 
 
 class Habits(NamedTuple):
-    """How a machine has been run: its most frequent and fastest speed, stroke, lead, ambient."""
+    """How a machine has been run: its most frequent and fastest speed, stroke, lead, ambient, and the usual
+    power (W) of each channel of one while it works.
+    """
 
     usual_rpm: float
     fastest_rpm: float
@@ -39,16 +43,24 @@ class Habits(NamedTuple):
     high_m: float
     lead_m: float
     ambient_degC: float
+    power_W: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A test cycle, and by how many standard deviations it separates the answers."""
+    """A test cycle, and by how many standard deviations it separates the answers.
+
+    `cycle` is what the machine does, as frames of the configuration's channels; `others`: names of the other
+    cycles with their separation, the best first.
+    """
 
     name: str
     description: str
     duration_s: float
     separation_sigma: float
+    phases: tuple[Phase, ...]
+    cycle: FrameBlock
+    others: tuple[tuple[str, float], ...] = ()
 
 
 def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_PROCESS) -> Experiment:
@@ -59,14 +71,16 @@ def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_P
     habits = habits_of(problem)
     cycles = list(menu(habits))
     sigmas = pool.each(separation, problem, [(answers, phases, habits) for _, _, phases in cycles])
-    found = [
-        Experiment(name, text, sum(p.duration_s for p in phases), sigma)
+    each = [
+        (name, text, phases, sum(p.duration_s for p in phases), sigma)
         for (name, text, phases), sigma in zip(cycles, sigmas, strict=True)
     ]
-    enough = [e for e in found if e.separation_sigma >= SEPARATES]
-    if enough:
-        return min(enough, key=lambda e: e.duration_s / e.separation_sigma)
-    return max(found, key=lambda e: e.separation_sigma)
+    enough = [e for e in each if e[4] >= SEPARATES]
+    best = min(enough, key=lambda e: e[3] / e[4]) if enough else max(each, key=lambda e: e[4])
+    others = sorted(((e[0], e[4]) for e in each if e is not best), key=lambda other: -other[1])
+    name, text, phases, duration_s, sigma = best
+    cycle = frames_of(problem.config, phases, habits)
+    return Experiment(name, text, duration_s, sigma, phases, cycle, tuple(others))
 
 
 def menu(habits: Habits) -> Iterator[tuple[str, str, tuple[Phase, ...]]]:
@@ -103,6 +117,12 @@ def menu(habits: Habits) -> Iterator[tuple[str, str, tuple[Phase, ...]]]:
         f"{fast:.0f} rpm for 20 min, then stand still with the drive on for three hours",
         (work(20, fast), rest(180)),
     )
+    yield (
+        "rest_and_speeds",
+        f"stand still with the drive on for 60 min, from cold, {fast:.0f} rpm for 40 min, rest for 40 min, "
+        f"{slow:.0f} rpm for 60 min, rest for 40 min",
+        (rest(60), work(40, fast), rest(40), work(60, slow), rest(40)),
+    )
 
 
 def habits_of(problem: Problem) -> Habits:
@@ -119,7 +139,18 @@ def habits_of(problem: Problem) -> Habits:
         low, high = (float(v) for v in np.nanquantile(x, [0.001, 0.999]))
         lead = nut.lead_m or _lead_m(frames[0], str(nut.position_channel), nut.speed_channel)
     ambient = float(np.median(np.concatenate([c.ambient_degC for c in courses])))
-    return Habits(usual, fastest, low, high, lead, ambient)
+    return Habits(usual, fastest, low, high, lead, ambient, tuple(_powers_W(problem)))
+
+
+def _powers_W(problem: Problem) -> Iterator[tuple[str, float]]:
+    """Yield each channel of a power with what it usually is while there is any."""
+    for channel in dict.fromkeys(s.power_channel for s in problem.config.source if s.power_channel):
+        parts = [
+            run.run.frames.values[:, run.run.frames.channels.index(channel)] for run in problem.forward.runs
+        ]
+        power_W = np.concatenate(parts)
+        power_W = power_W[power_W > 0.0]
+        yield channel, float(np.median(power_W)) if len(power_W) else 0.0
 
 
 def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
@@ -163,6 +194,7 @@ def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameB
     known = {s.speed_channel: speed for s in config.source if s.speed_channel}
     known |= {s.drive_channel: np.ones(K) for s in config.source if s.drive_channel}
     known |= {s.position_channel: position for s in config.source if s.position_channel}
+    known |= {channel: np.where(speed > 0, power_W, 0.0) for channel, power_W in habits.power_W}
     values = np.full((K, len(config.channels)), habits.ambient_degC)
     for i, channel in enumerate(config.channels):
         if channel in known:

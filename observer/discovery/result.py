@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from observer.discovery.discover import Discovery
+from observer.discovery.experiment import HOPELESS, Experiment
 from observer.discovery.family import Tie
 from observer.discovery.proof import SensorError
 from observer.discovery.search import FittedCandidate
@@ -22,6 +23,9 @@ CANDIDATE, MOST = "candidate.toml", 0.5
 """The file of an effect that was not named though it explains at least this part of an unknown: of the misfit
 where it was fitted, and of the squared error on the proof.
 """
+
+TEST_CYCLE = "test-cycle.csv"
+"""The file of a proposed test: a program, that is a log of the input channels."""
 
 
 def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> dict[str, Any]:
@@ -87,7 +91,20 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
         "not_told": [c.name for c in found.search.blind],
         "partial": _partial(found),
         "suspects": [suspect._asdict() for suspect in found.suspects],
-        "experiment": test and asdict(test) | {"separation_sigma": rounded(test.separation_sigma)},
+        "experiment": None if test is None else _experiment(test),
+    }
+
+
+def _experiment(test: Experiment) -> dict[str, Any]:
+    """A test cycle, what it consists of, and how well the others would do."""
+    return {
+        "name": test.name,
+        "description": test.description,
+        "duration_s": test.duration_s,
+        "separation_sigma": rounded(test.separation_sigma),
+        "phases": [_rounded(phase._asdict()) for phase in test.phases],
+        "others": [{"name": name, "separation_sigma": rounded(sigma)} for name, sigma in test.others],
+        "program": TEST_CYCLE if test.separation_sigma >= HOPELESS else None,
     }
 
 

@@ -7,12 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from observer.config import Config
 from observer.discovery.discover import Discovery
 from observer.discovery.discover import discover as find
-from observer.discovery.result import CANDIDATE, calibrated_of, discovery_result
+from observer.discovery.result import CANDIDATE, TEST_CYCLE, calibrated_of, discovery_result
 from observer.discovery.suspects import Suspect
 from observer.discovery.workers import WorkerPool
 from observer.files.folders import write_json
+from observer.files.writer import write_log
+from observer.frames import FrameBlock
 from observer.installation import Installation, with_effects, write_back
 from observer.library.fitting import RunsOfLogs, about, text_of
 from observer.report.advice import candidate_comment, next_step
@@ -38,6 +43,9 @@ class SearchedLogs:
         result = self.document | {"next": next_step(self.document, logs, config, output)}
         for name, text in self.texts.items():
             (folder / name).write_text(text, encoding="utf-8")
+        test = self.found.experiment
+        if test is not None and result["experiment"]["program"] is not None:
+            write_program(folder / TEST_CYCLE, self.found.problem.config, test.cycle)
         write_json(folder / "result.json", result)
         if report:
             write_discovery_report(folder / "report.html", self.found, result, result["logs"])
@@ -62,6 +70,17 @@ def searched(
         found = find(config, runs.frames, progress, pool, corrected)
     document = about(source, names) | discovery_result(found) | {"doubts": runs.odd}
     return SearchedLogs(found, document, configurations(text_of(source), found, document))
+
+
+def write_program(path: Path, config: Config, cycle: FrameBlock) -> None:
+    """Write what drives the sources over a cycle, for the machine or for `observer simulate --program`."""
+    sources = config.source
+    channels = [
+        c for s in sources for c in (s.position_channel, s.speed_channel, s.drive_channel, s.power_channel)
+    ]
+    driven = [c for c in cycle.channels if c in channels]
+    columns = {c: cycle.values[:, cycle.channels.index(c)] for c in driven}
+    write_log(path, cycle.time_s, {c: np.round(values, 5) for c, values in columns.items()})
 
 
 def configurations(given: str, found: Discovery, result: dict[str, Any]) -> dict[str, str]:

@@ -19,22 +19,26 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
     """What to do next, as `text`, and the `command` for it, None where there is none yet."""
     again = f"observer discover {logs} --config {config} --output {output}"
     adopt = f"observer adopt {output} --config {config}"
-    verdict, partial = result["verdict"], result["partial"]
+    verdict, partial, test = result["verdict"], result["partial"], result["experiment"]
     text, command = "Record a longer or more varied log, and search again with it", None
+    with_more = None if logs.startswith("--") else again.replace(" discover", " discover NEW", 1)
+    decides = test is not None and test.get("program") is not None
     if result["suspects"] and not result["effects"]:
         text, command = "Correct what is wrong with the logs, then search again", again
     elif verdict == "named":
         text, command = "Put it in force; a running service watches whether the gap shrinks", adopt
     elif partial is not None:
         text = look_sentence(partial, result["logs"])
+        if decides:
+            text += f"; to decide, run {test['program']}, record it as a log, NEW, and search again with it"
+            command = with_more
         if partial["candidate"] is not None:
             text += (
                 f"; {partial['candidate']} explains most, and can be put in force if you can say what it is"
             )
             command = f"{adopt} --candidate"
-    elif result["experiment"] is not None:
-        text = "Record the test as a log, NEW, and search again with it"
-        command = None if logs.startswith("--") else again.replace(" --config", " NEW --config", 1)
+    elif test is not None:
+        text, command = "Record the test as a log, NEW, and search again with it", with_more
     elif verdict == "none":
         text = "Nothing is to be added; to keep the calibrated values, write them"
         fitted = f"observer calibrate {logs} --config {config} --output {output}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -125,8 +125,26 @@ def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
     return section(
         "The test that would decide" if test is not None else "Answers that explain the logs equally well",
         table(["The model may lack", "effect", "parameters (95 %)", "gap left"], rows, (3,), stacked=True),
-        paragraph(f"{wording.experiment_sentence(test)}.") if test is not None else Html(""),
+        *_test(test),
     )
+
+
+def _test(test: dict[str, Any] | None) -> Iterator[Html]:
+    """The test that would decide, phase by phase, and how well the other cycles would do."""
+    if test is None:
+        return
+    yield paragraph(f"{wording.experiment_sentence(test)}.")
+    if test["program"] is not None:
+        rows = [
+            [
+                duration_text(p["duration_s"]),
+                f"{p['speed_rpm']:.0f} rpm",
+                f"{p['low_m']:.3g} to {p['high_m']:.3g} m" if p["speed_rpm"] else "stands",
+            ]
+            for p in test["phases"]
+        ]
+        yield table(["for", "speed", "between"], rows)
+        yield paragraph(f"{test['program']} holds it as a program, a row a second.", "note")
 
 
 def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence[str]) -> Html:

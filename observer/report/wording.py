@@ -8,6 +8,7 @@ from typing import Any
 
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery
+from observer.discovery.experiment import HOPELESS, SEPARATES
 from observer.discovery.verdict import Verdict
 from observer.effects.base import FAMILIES
 from observer.effects.catalogue import effect_class
@@ -34,7 +35,6 @@ REGRESSORS = {
     "none": "nothing in the logs",
 }
 SUPERSCRIPT = str.maketrans("23", "²³")
-SURE_SIGMA, HOPELESS_SIGMA = 5.0, 1.0
 """Separation below which a test may not decide, and below which it certainly does not."""
 
 
@@ -206,9 +206,9 @@ def event_sentence(event: dict[str, Any], log: str) -> str:
 def experiment_sentence(experiment: dict[str, Any]) -> str:
     """The test that would decide, and how surely, without a full stop."""
     sigma = experiment["separation_sigma"]
-    if sigma < HOPELESS_SIGMA:
+    if sigma < HOPELESS:
         return "None of the usual test cycles would decide; another sensor or a measured input is needed"
-    doubt = "" if sigma >= SURE_SIGMA else ", which may not be enough"
+    doubt = "" if sigma >= SEPARATES else ", which may not be enough"
     apart = f"{sigma:.1f}" if sigma < 100 else "more than 100"
     return (
         f"A test of {duration_text(experiment['duration_s'])} would decide: {experiment['description']}; "

@@ -240,7 +240,7 @@ def test_what_explains_most_of_an_unknown_is_offered_as_a_candidate(found: Disco
         ({"suspects": [1]}, "observer discover a.csv b.csv --config c.toml --output out"),
         (
             {"verdict": "ambiguous", "experiment": {}},
-            "observer discover a.csv b.csv NEW --config c.toml --output out",
+            "observer discover NEW a.csv b.csv --config c.toml --output out",
         ),
         ({"verdict": "none"}, "observer calibrate a.csv b.csv --config c.toml --output out"),
         ({"verdict": "not_identifiable"}, None),
@@ -329,7 +329,13 @@ BODY = {
     "remains_beyond_tolerances_rms_K": 0.92, "most_on": "t1", "phase": "heat_up", "family": None,
     "parameters": {"capacity_J_K": {"value": 150.0, "ci95": [140.0, 160.0], "unit": "J/K"}},
 }  # fmt: skip
-TEST = {"name": "soak", "description": "stand still", "duration_s": 7200.0, "separation_sigma": 21.3}
+TEST = {
+    "name": "soak",
+    "description": "stand still",
+    "duration_s": 7200.0,
+    "separation_sigma": 21.3,
+    "program": "test-cycle.csv",
+}
 
 
 def _lines(blind: Sequence[Any] = (), verdict: str = "none", said: Any = None, **changes: Any) -> list[str]:

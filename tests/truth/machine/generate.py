@@ -13,6 +13,7 @@ import numpy as np
 from tests.truth.machine.cycles import (
     PROGRAMMES,
     RUNS,
+    Phase,
     START_m,
     STEP_s,
     build_schedule,
@@ -121,15 +122,19 @@ def machine_of(case: Case) -> Machine:
     return reduce(apply, known, replace(machine, physics=physics._replace(friction_W_rpm=friction)))
 
 
-def trace(case: Case, run: str, machine: Machine | None = None) -> Traced:
-    """Run one of the runs "a", "b", "c" of a case, or of another machine in its place."""
+def trace(
+    case: Case, run: str, machine: Machine | None = None, phases: tuple[Phase, ...] | None = None
+) -> Traced:
+    """Run one of the runs "a", "b", "c" of a case, or of another machine in its place; or a run of another
+    name through phases that somebody asks for.
+    """
     machine = machine or machine_of(case)
-    phases = programme(case.cycle, run, stream(case.seed, case.name, run, "programme"))
+    phases = phases or programme(case.cycle, run, stream(case.seed, case.name, run, "programme"))
     rng, steps = stream(case.seed, case.name, run, "air"), steps_of(phases)
     mean_degC = stream(case.seed, case.name, "season").uniform(18.0, 25.0) + rng.uniform(-1.0, 1.0)
     logged = draw_air(float(mean_degC), steps, rng, case.air_K)
     felt = logged + machine.air_drift_K_h * np.arange(steps + 1) * STEP_s / 3600.0
-    schedule = build_schedule(phases, START_m[run], felt)
+    schedule = build_schedule(phases, START_m.get(run, phases[0].low_m), felt)
     if case.torque:
         factor = 1.0 + case.torque * stream(case.seed, case.name, run, "torque").standard_normal()
         schedule = schedule._replace(nut_factor=factor * schedule.nut_factor)
