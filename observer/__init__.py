@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, for the service star
     from observer.errors import ConfigError, LogError, UserError
     from observer.files.logs import Log
     from observer.library.client import ServiceClient, ServiceStream, connect
+    from observer.library.comparing import Comparison
     from observer.library.findings import CheckFindings, FoundEffect, FoundValue
     from observer.library.given import read_log
     from observer.library.heats import IdentifiedHeats
@@ -37,12 +38,14 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, for the service star
     from observer.library.predicting import ForecastRun, SimulatedRun
     from observer.library.replaying import Estimates
     from observer.library.signals import SignalTable
+    from observer.library.steady import SteadyScrew
 
     __version__: str
 
 __all__ = [
     "CalibrationResult",
     "CheckFindings",
+    "Comparison",
     "ConfigError",
     "DiscoveryResult",
     "Estimates",
@@ -66,6 +69,7 @@ __all__ = [
     "SignalTable",
     "SimulatedRun",
     "SourceHeat",
+    "SteadyScrew",
     "UserError",
     "__version__",
     "connect",
@@ -78,6 +82,7 @@ _MODULES = {
     "errors": ("ConfigError", "LogError", "UserError"),
     "files.logs": ("Log",),
     "library.client": ("ServiceClient", "ServiceStream", "connect"),
+    "library.comparing": ("Comparison",),
     "library.findings": ("CheckFindings", "FoundEffect", "FoundValue"),
     "library.given": ("read_log",),
     "library.heats": ("IdentifiedHeats",),
@@ -95,6 +100,7 @@ _MODULES = {
     "library.predicting": ("ForecastRun", "SimulatedRun"),
     "library.replaying": ("Estimates",),
     "library.signals": ("SignalTable",),
+    "library.steady": ("SteadyScrew",),
 }
 
 

@@ -34,6 +34,7 @@ MACHINES = {
     "li-lathe-axis": ("config/li-lathe-axis.toml", 1000.0),
     "li-network": ("config/li-network.toml", 1000.0),
     "yu-dual-drive": ("config/yu-dual-drive.toml", 600.0),
+    "kuznetsov-screw": ("config/kuznetsov-screw.toml", 600.0),
 }
 RUN_S, REST_S, STEP_S, THERE_AND_BACK_S = 7200.0, 1800.0, 5.0, 60.0
 POWER_W = 50.0

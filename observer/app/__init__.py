@@ -2,11 +2,12 @@
 
 from observer.app.exports import export, export_table
 from observer.app.intake import import_log
-from observer.app.logs import forecast, identify, replay, simulate, simulate_steady
+from observer.app.logs import compare, forecast, identify, replay, simulate, simulate_steady
 from observer.app.models import calibrate, discover, learned
 
 __all__ = [
     "calibrate",
+    "compare",
     "discover",
     "export",
     "export_table",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import results_in, write_json
@@ -12,10 +12,11 @@ from observer.files.logs import suffix_of
 from observer.files.writer import TableWriter
 from observer.frames import FloatArray
 from observer.history.history import MethodOptions
-from observer.installation import Installation
+from observer.installation import Installation, load
 from observer.library.given import read_program, recorded
 
 if TYPE_CHECKING:
+    from observer.library.comparing import Comparison
     from observer.library.steady import SteadyScrew
 
 Progress = Callable[[int, int], None]
@@ -134,7 +135,30 @@ def simulate_steady(
     """
     from observer.library.steady import steady_screw
 
-    log = None if program is None else read_program(program, config, spare=inputs)
-    found = steady_screw(config, inputs, log)
+    found = steady_screw(config, inputs, program)
+    found.write(output)
+    return found
+
+
+def compare(
+    config_path: Path,
+    variants_path: Path,
+    log_path: Path | None,
+    output: Path,
+    progress: Callable[[str, float], None],
+    *,
+    steady: bool,
+    minimise: Literal["error"] | None,
+) -> Comparison:
+    """Compare variants of a machine; write `compare.csv`, `compare.json` and `compare.png` into `output`.
+
+    Raises `ConfigError` or `LogError`.
+    """
+    from observer.library.comparing import compare_given
+
+    config, source = load(config_path), config_path.read_bytes()
+    found = compare_given(
+        config, source, variants_path, log_path, steady=steady, minimise=minimise, progress=progress
+    )
     found.write(output)
     return found

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from observer.cli.cases import case_as_table
+from observer.cli.cases import case_as_table, comparison_as_text
 from observer.cli.options import (
     ConfigOption,
     LogArgument,
@@ -196,6 +196,34 @@ def simulate(
     typer.echo(f"at the end: {ends}")
     warn(doubts)
     typer.echo(f"written: {output}, {output.parent / 'overview.png'}")
+
+
+@verbs.command()
+def compare(
+    config: ConfigOption,
+    variants: Annotated[Path, typer.Option(help="Variants (TOML): named overrides of the configuration.")],
+    output: OutputOption,
+    log: Annotated[
+        Path | None, typer.Option(help="Log of the input channels: the cycle that each variant runs.")
+    ] = None,
+    steady: Annotated[
+        bool,
+        typer.Option("--steady", help="Where each settles: with its inputs, or the mean inputs of the log."),
+    ] = False,
+    minimise: Annotated[
+        Literal["error"] | None,
+        typer.Option(help="error: also find the mounting, preload and gap with the least thermal error."),
+    ] = None,
+) -> None:
+    """Compare variants of a machine: heats, temperatures, thermal error, force, what stays unknown."""
+    from observer import app as parts
+
+    with advancing("compare") as progress:
+        found = parts.compare(config, variants, log, output, progress, steady=steady, minimise=minimise)
+    show(found, as_json=False, as_text=comparison_as_text)
+    for sentence in found.sentences:
+        show_sentence(sentence)
+    typer.echo(f"written to {output}: compare.csv, compare.json, compare.png")
 
 
 @verbs.command()

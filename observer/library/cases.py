@@ -18,8 +18,10 @@ from observer.frames import BoolArray, FloatArray, Layout
 from observer.installation import Installation
 from observer.model.drive import Drive
 from observer.model.realise import realise
+from observer.model.rod.screw import surface_rate
 from observer.model.settle import mean_point, point_of, refuse_drift, settled
 from observer.model.survey import NODE, Growth, Survey, displaced, growth_of, held, survey_of
+from observer.physics.film import biot
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +32,8 @@ class CaseFigures:
     and nodes by name; heats by source; the thermal error (g,), empty without an expansion coefficient; the
     axial force, tension positive; the time constant of what is slowest to settle, None of a cycle.
     Of a cycle: the highest temperature at each place, the mean heats, and error and force where they are
-    largest by size. `largest_error_um` is the largest by size within the travel, at `largest_at_m`.
+    largest by size. `largest_error_um` is the largest by size within the travel, at `largest_at_m`. `biot` is
+    the Biot number of the screw's diameter in the largest film: below 0.1 a section is even in temperature.
     """
 
     name: str
@@ -43,6 +46,7 @@ class CaseFigures:
     largest_error_um: float
     largest_at_m: float
     slowest_s: float | None
+    biot: float
 
     @property
     def columns(self) -> dict[str, float]:
@@ -56,6 +60,7 @@ class CaseFigures:
             found |= {k: float(v[0]) for k, v in layout.along(error__um=self.error_um[None]).items()}
             found |= {"largest_error_um": self.largest_error_um, "largest_at_m": self.largest_at_m}
             found["force_N"] = self.force_N
+        found["biot"] = self.biot
         return found if self.slowest_s is None else found | {"slowest_s": self.slowest_s}
 
 
@@ -85,7 +90,7 @@ def steady_case(
         frames = frames_of_log(program, AlignPlan.of(survey.config))
         point = mean_point(survey.plant, inputs_of(frames, Drive(survey.config, survey.plant)))
     found = settled(survey.plant, point)
-    return _case(name, config, survey, found.rows[None], found.heat_W, found.slowest_s)
+    return _case(name, config, survey, found.rows[None], found.heat_W, point.loss_1_s, found.slowest_s)
 
 
 def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log: Log) -> SurveyedCase:
@@ -96,16 +101,18 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
     survey = survey_of(config)
     program = with_inputs(log, inputs, survey)
     loop = OpenLoop(survey.plant, Drive(survey.config, survey.plant))
-    rows, heat_J, duration_s = [], np.zeros(len(survey.plant.source_names)), 0.0
+    rows, heat_J, duration_s, loss_1_s = [], np.zeros(len(survey.plant.source_names)), 0.0, 0.0
     for frames in frames_of_log(program, AlignPlan.of(survey.config)):
         if (found := loop.run(frames)) is not None:
             driven, some = found
             rows.append(some)
             heat_J += driven.dt_s @ driven.law_W
             duration_s += float(driven.dt_s.sum())
+            loss_1_s = max(loss_1_s, float(driven.loss_1_s.max()))
     if not rows:
         raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
-    return _case(name, config, survey, np.concatenate(rows), heat_J / max(duration_s, 1e-9), None)
+    heat_W = heat_J / max(duration_s, 1e-9)
+    return _case(name, config, survey, np.concatenate(rows), heat_W, loss_1_s, None)
 
 
 def with_inputs(log: Log, inputs: Mapping[str, float], survey: Survey) -> Log:
@@ -123,9 +130,10 @@ def _case(
     survey: Survey,
     rows: FloatArray,
     heat_W: FloatArray,
+    loss_1_s: float,
     slowest_s: float | None,
 ) -> SurveyedCase:
-    """The figures of output rows (K, R)."""
+    """The figures of output rows (K, R), with the largest loss that goes with the speed."""
     plant, g = survey.plant, len(survey.grid_m)
     hottest = rows.max(axis=0)
     travel = travel_of(config, plant)[:g]
@@ -137,7 +145,9 @@ def _case(
         at = int(np.argmax(np.where(travel, np.abs(error_um), -1.0)))
         largest = float(error_um[at])
     names = [s.name.removeprefix(NODE) for s in survey.config.sensor]
-    given = {s.name for s in realise(survey.config).config.source if s.law != "heat_W" or s.heat_W}
+    machine = realise(survey.config).config
+    given = {s.name for s in machine.source if s.law != "heat_W" or s.heat_W}
+    film_W_m2K = machine.surface.convection_W_m2K + loss_1_s / surface_rate(machine.screw)
     figures = CaseFigures(
         name=name,
         position_m=survey.grid_m,
@@ -149,6 +159,7 @@ def _case(
         largest_error_um=largest,
         largest_at_m=float(survey.grid_m[at]),
         slowest_s=slowest_s,
+        biot=biot(film_W_m2K, machine.screw.diameter_m, machine.screw.conductivity_W_mK),
     )
     return SurveyedCase(figures, growth, travel)
 
@@ -172,4 +183,5 @@ def as_document(figures: CaseFigures) -> dict[str, Any]:
         "largest_at_m": figures.largest_at_m if with_error else None,
         "force_N": figures.force_N if with_error else None,
         "slowest_s": figures.slowest_s,
+        "biot": figures.biot,
     }

@@ -63,9 +63,11 @@ def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
     return log
 
 
-def as_program(given: GivenLog, config: Installation, name: str = "log") -> Log:
-    """Return what was given as a log of inputs. Raises `LogError`."""
-    return read_program(Path(given), config) if isinstance(given, str | Path) else _in_memory(given, name)
+def as_program(given: GivenLog, config: Installation, name: str = "log", spare: Iterable[str] = ()) -> Log:
+    """Return what was given as a log of inputs, as `read_program` does. Raises `LogError`."""
+    if isinstance(given, str | Path):
+        return read_program(Path(given), config, spare)
+    return _in_memory(given, name)
 
 
 def as_several(given: GivenLog | Sequence[GivenLog], config: Installation) -> list[Log]:

@@ -33,8 +33,10 @@ from observer.library.replaying import Estimates, estimates_of_log, quietly
 if TYPE_CHECKING:
     import control
 
+    from observer.library.comparing import Comparison, GivenVariants
     from observer.library.placing import PlacedSensors, Quantity
     from observer.library.searching import SearchedLogs
+    from observer.library.steady import SteadyScrew
     from observer.tables.candidates import SensorCandidate
 
 
@@ -138,6 +140,23 @@ class Machine:
         machines = {name: self.of_text(text, self.file) for name, text in found.texts.items()}
         words = shlex.join(str(log.path) for log in several)
         return DiscoveryResult(machines, self.file, words, found)
+
+    @in_words
+    def settle(self, inputs: Mapping[str, float], *, program: GivenLog | None = None) -> SteadyScrew:
+        """Say where it settles with inputs that last, or a program's mean. Raises `UserError`."""
+        from observer.library.steady import steady_screw
+
+        return steady_screw(self.config, inputs, program)
+
+    @in_words
+    def compare(self, variants: GivenVariants, log: GivenLog | None = None, **how: Any) -> Comparison:
+        """Compare variants over a log of inputs or, with `steady=True`, where they settle.
+
+        `minimise="error"` also finds mounting, preload and gap. Raises `UserError`.
+        """
+        from observer.library.comparing import compare_given
+
+        return compare_given(self.config, self.source, variants, log, **how)
 
     @in_words
     def place(

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from observer.files.folders import results_in, write_json
-from observer.files.logs import Log
 from observer.files.writer import TableWriter
 from observer.installation import Installation
 from observer.library.cases import CaseFigures, as_document, steady_case
+from observer.library.given import GivenLog, as_program
 from observer.library.packages import in_words
 from observer.model.settle import check_inputs
 
@@ -57,12 +57,13 @@ class SteadyScrew:
                 draw_cases(figure, [self.figures], self._title, STEADY)
 
 
-def steady_screw(config: Installation, inputs: Mapping[str, float], log: Log | None) -> SteadyScrew:
-    """Return where a machine settles with inputs that last, or with the mean inputs of a log.
+def steady_screw(config: Installation, inputs: Mapping[str, float], program: GivenLog | None) -> SteadyScrew:
+    """Return where a machine settles with inputs that last, or with the mean inputs of a program.
 
     Raises `ConfigError` or `LogError`.
     """
     check_inputs(config, inputs, "inputs")
+    log = None if program is None else as_program(program, config, "program", spare=inputs)
     found = steady_case(STEADY, config, inputs, log).figures
     said = {"inputs": dict(inputs), "log": None if log is None else log.path.name}
     title = f"{config.machine.name}, axis {config.machine.axis}: where it settles"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class DrawnCase(Protocol):
 
 
 _DISTINCT, _ROOM, _MOST_PLACES = 7, 4, 24
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)))
+_BESIDE = 1.45  # how much wider than the bars, for the key
 
 
 def draw_cases(figure: Figure, cases: Sequence[DrawnCase], title: str, words: str) -> list[Axes]:
@@ -43,10 +45,12 @@ def draw_cases(figure: Figure, cases: Sequence[DrawnCase], title: str, words: st
     figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.955), hspace=0.05, wspace=0.04)
     (field, error), (heats, force) = figure.subplots(2, 2, gridspec_kw={"width_ratios": (1.2, 1.0)})
     inks = [colour(i) for i in range(len(cases))] if len(cases) <= _DISTINCT else ordered_colours(len(cases))
-    for case, ink in zip(cases, inks, strict=True):
-        field.plot(MM_PER_M * case.position_m, case.field_degC, color=ink, label=case.name)
+    for i, (case, ink) in enumerate(zip(cases, inks, strict=True)):
+        width = 1.6 + 3.0 * (1.0 - (i + 1) / len(cases))  # so that equal curves show
+        style: dict[str, Any] = {"color": ink, "lw": width, "ls": _DASHES[i % len(_DASHES)]}
+        field.plot(MM_PER_M * case.position_m, case.field_degC, label=case.name, **style)
         if len(case.error_um):
-            error.plot(MM_PER_M * case.position_m, case.error_um, color=ink)
+            error.plot(MM_PER_M * case.position_m, case.error_um, **style)
     field.set(title="Temperature of the screw", xlabel="position, mm", ylabel="°C")
     error.set(title="Thermal error", xlabel="position, mm", ylabel="µm")
     error.axhline(0.0, color=QUIET, lw=0.8)
@@ -81,7 +85,8 @@ def _stacked(axes: Axes, cases: Sequence[DrawnCase]) -> None:
         axes.barh(rows, width, left=left, color=colour(i), label=source, height=0.6)
         left += width
     axes.set(title="Heat by source", xlabel="W")
-    axes.legend(loc="best")
+    axes.set_xlim(right=_BESIDE * max(float(left.max()), 1e-9))
+    axes.legend(loc="upper right")
 
 
 def _temperatures(axes: Axes, cases: Sequence[DrawnCase], inks: Sequence[object]) -> None:

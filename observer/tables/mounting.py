@@ -26,10 +26,12 @@ class Supports(Section):
     #: support that only pulls, give more than the screw ever grows
     gap_m: Position = 0.0
     elastic_modulus_Pa: Annotated[Positive, Field(ge=1e6, le=1e13)] = 2.06e11  #: of the screw
+    #: the largest axial force that screw and bearings may carry, for `compare --minimise error`; – is any
+    permitted_load_N: Positive | None = None
 
     @model_validator(mode="after")
     def _only_where_two_supports_hold(self) -> Supports:
-        stated = self.model_fields_set - {"mounting", "first"}
+        stated = self.model_fields_set - {"mounting", "first", "permitted_load_N"}
         if self.mounting != "L-III" and stated:
             raise ValueError(
                 f'{sorted(stated)[0]} has no effect in mounting = "{self.mounting}", where no force arises; '

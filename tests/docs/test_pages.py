@@ -13,6 +13,7 @@ from pydantic import BaseModel, TypeAdapter
 from drivers import DriverSettings
 from observer import installation
 from observer.effects.catalogue import Effect
+from observer.installation.variants import variants_of
 from observer.tables import sections
 from observer.tables.candidates import SensorCandidate
 from observer.tables.publishing import Client
@@ -21,6 +22,7 @@ from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
+RIG = ROOT / "tests" / "data" / "rig" / "config.toml"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 SECTIONS: dict[str, type[BaseModel]] = {
     name: kind
@@ -73,6 +75,9 @@ def _check(table: dict[str, Any], place: str) -> None:
     """A whole configuration, or some of its sections on their own."""
     if "screw" in table:
         installation.parse(table, place)
+        return
+    if "variant" in table:
+        variants_of(table, place, tomllib.loads(RIG.read_text("utf-8")))
         return
     if table.keys() <= Client.model_fields.keys():
         Client.model_validate(table)

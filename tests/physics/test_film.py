@@ -15,6 +15,31 @@ from observer.physics import film
 from observer.physics.film import YU_AIR, air_at
 from observer.tables.laws import Surface
 
+KUZNETSOV_TABLE_1 = {
+    2: (0.5, 0.75, 1.0, 1.25, 1.50, 1.75, 2.0, 2.25, 2.50, 2.75, 3.0),
+    4: (0.25, 0.38, 0.5, 0.63, 0.75, 0.88, 1.0, 1.13, 1.25, 1.36, 1.5),
+    6: (0.17, 0.25, 0.33, 0.42, 0.50, 0.58, 0.67, 0.75, 0.83, 0.92, 1.0),
+    8: (0.13, 0.19, 0.25, 0.31, 0.38, 0.44, 0.50, 0.56, 0.63, 0.69, 0.75),
+    10: (0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.6),
+    12: (0.08, 0.14, 0.17, 0.21, 0.25, 0.29, 0.33, 0.38, 0.42, 0.46, 0.5),
+    14: (0.07, 0.11, 0.14, 0.18, 0.21, 0.25, 0.29, 0.32, 0.36, 0.39, 0.43),
+    16: (0.06, 0.09, 0.13, 0.16, 0.19, 0.22, 0.25, 0.28, 0.31, 0.34, 0.38),
+    18: (0.06, 0.08, 0.11, 0.14, 0.17, 0.19, 0.22, 0.25, 0.28, 0.31, 0.33),
+    20: (0.05, 0.07, 0.10, 0.13, 0.15, 0.18, 0.20, 0.23, 0.25, 0.28, 0.30),
+}
+"""Sizes in m by film, W/m²K, for conductivities of 10, 15, … 60 W/mK."""
+
+
+def test_kuznetsovs_table_is_that_of_a_biot_number_of_a_tenth_but_for_two_misprints() -> None:
+    off = [
+        (film_W_m2K, k_W_mK)
+        for film_W_m2K, sizes_m in KUZNETSOV_TABLE_1.items()
+        for k_W_mK, size_m in zip(range(10, 65, 5), sizes_m, strict=True)
+        # the size is printed to a centimetre
+        if abs(size_m - film.BIOT_LIMIT / film.biot(film_W_m2K, 1.0, k_W_mK)) > 0.0051
+    ]
+    assert off == [(4, 55), (12, 15)]
+
 
 @pytest.mark.parametrize(
     ("T_K", "mu_uPa_s", "k_mW_mK", "cp_J_kgK"),

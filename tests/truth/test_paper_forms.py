@@ -111,3 +111,22 @@ def test_one_harmonic_is_the_swinging_half_space() -> None:
     omega = 2.0 * math.pi / period_s
     swing = closed_forms.half_space_periodic(BAR, 5.0, period_s, 0.04, time_s)
     np.testing.assert_allclose(yu.periodic(BAR, [(5.0, math.pi / 2)], omega, 0.04, time_s), swing, atol=1e-12)
+
+
+@pytest.mark.parametrize(("first", "second"), [(2e8, 5e7), (1e9, 3e8)])
+def test_the_middle_of_kuznetsovs_14_is_his_13_with_the_whole_screw_in_the_bracket(
+    first: float, second: float
+) -> None:
+    """At x = L, with L P/EF in the bracket where (13) prints x P/EF; of both forms of K_j only the first.
+
+    The last member of (14) is K_j itself: the print multiplies it by the growth, which it was divided by.
+    """
+    own, grown_m, preload_N, gap_m = 3e8, 60e-6, 2000.0, 8e-6
+    total = 1.0 / (1.0 / first + 1.0 / second + 1.0 / own)
+    stretch_m = preload_N / own
+    moved_m = grown_m - stretch_m - total * (1.0 / first + 1.0 / own) * (grown_m - stretch_m - gap_m)
+    K_preload, K_gap, share = stretch_m / grown_m, gap_m / grown_m, total / second
+    middle = share - share * K_preload + total * (1.0 / first + 1.0 / own) * K_gap
+    assert moved_m / grown_m == pytest.approx(middle, rel=1e-12)
+    assert share * (1.0 - K_preload - K_gap) + K_gap == pytest.approx(middle, rel=1e-12)
+    assert share * (1.0 - K_preload) + K_gap * (1.0 - K_preload) != pytest.approx(middle, rel=1e-2)

@@ -1,0 +1,205 @@
+"""Variants of a configuration: a file of named overrides by dotted path, each checked as a configuration is.
+
+[inputs]                            # what lasts in every variant, unless it says otherwise
+ambient_degC = 20.0
+
+[variant."two fixed ends"]
+supports.mounting = "L-III"         # entries of lists go by their names: source.nut.torque_Nm
+without = ["sensor.t3"]             # taken away before anything is put
+
+[sweep.speed]                       # a list of values makes a variant of each, several make a grid
+inputs.screw_speed_rpm = [500, 1000, 1500]
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from observer.errors import ConfigError
+from observer.installation import Installation, parse
+from observer.model.settle import check_inputs
+
+MOST_VARIANTS = 50
+"""More cannot be read side by side."""
+_TABLES = ("inputs", "variant", "sweep")
+_INPUTS, _WITHOUT = "inputs", "without"
+_NAMES = {"effect": "kind", "link": "between"}
+"""What an entry of a list goes by; all others have a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A configuration with a name, values of input channels that last, and which keys it has of its own."""
+
+    name: str
+    config: Installation
+    inputs: Mapping[str, float]
+    changed: tuple[str, ...]
+
+
+def variants_of(table: Mapping[str, Any], place: str, base: Mapping[str, Any]) -> tuple[Variant, ...]:
+    """Return the variants in a table, in its order, sweeps last, of the configuration in another table.
+
+    Raises `ConfigError`, a sentence for each problem that names `place`, variant, key and remedy.
+    """
+    for key in table:
+        if key not in _TABLES:
+            raise ConfigError(
+                f'{place}: "{key}" is no table of a variants\' file; give inputs, variant or sweep'
+            )
+    named = list(_named(table, place))
+    if not named:
+        raise ConfigError(f"{place}: nothing to compare; give a table [variant.NAME] or [sweep.NAME]")
+    if len(named) > MOST_VARIANTS:
+        raise ConfigError(
+            f"{place}: {len(named)} variants are more than the {MOST_VARIANTS} that can be compared at once; "
+            "shorten a sweep"
+        )
+    common = _table(table.get(_INPUTS, {}), f"{place}: {_INPUTS}")
+    found = tuple(_variant(name, own, base, common, place) for name, own in named)
+    for name in (v.name for v in found):
+        if sum(v.name == name for v in found) > 1:
+            raise ConfigError(f'{place}: two variants are called "{name}"; give each its own name')
+    return found
+
+
+def _named(table: Mapping[str, Any], place: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Each variant's name and overrides; those of a sweep go by their values."""
+    for name, own in _table(table.get("variant", {}), f"{place}: variant").items():
+        yield name, _table(own, f'{place}: variant "{name}"')
+    for name, own in _table(table.get("sweep", {}), f"{place}: sweep").items():
+        here = f'{place}: sweep "{name}"'
+        swept = list(_leaves(_table(own, here)))
+        if not swept:
+            raise ConfigError(f"{here}: sweeps nothing; give a key a list of values, or remove the table")
+        for path, values in swept:
+            if not isinstance(values, list) or not values:
+                raise ConfigError(f"{here}: {'.'.join(path)}: give a list of values, one for each variant")
+        for values in itertools.product(*(values for _, values in swept)):
+            named = [f"{path[-1]} {_short(v)}" for (path, _), v in zip(swept, values, strict=True)]
+            words = f"{name}: {', '.join(named)}" if len(named) > 1 else f"{name} {_short(values[0])}"
+            yield words, _nested([p for p, _ in swept], values)
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _table(value: Any, place: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{place}: is no table; write its keys below it, as in supports.gap_m = 1e-5")
+    return value
+
+
+def _leaves(table: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, (*path, key))
+        else:
+            yield (*path, key), value
+
+
+def _nested(paths: list[tuple[str, ...]], values: tuple[Any, ...]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for (*owners, last), value in zip(paths, values, strict=True):
+        own = table
+        for key in owners:
+            own = own.setdefault(key, {})
+        own[last] = value
+    return table
+
+
+def _variant(
+    name: str, own: Mapping[str, Any], base: Mapping[str, Any], common: Mapping[str, Any], place: str
+) -> Variant:
+    here = f'{place}: variant "{name}"'
+    overrides = {key: value for key, value in own.items() if key not in (_INPUTS, _WITHOUT)}
+    table = copy.deepcopy(dict(base))
+    without = own.get(_WITHOUT, [])
+    if not isinstance(without, list) or not all(isinstance(path, str) for path in without):
+        raise ConfigError(f'{here}: {_WITHOUT}: give a list of keys, as ["sensor.t3", "supports"]')
+    for path in without:
+        _take_away(table, path, here)
+    _put(table, overrides, here)
+    config = parse(table, here)
+    inputs = dict(common) | dict(_table(own.get(_INPUTS, {}), f"{here}: {_INPUTS}"))
+    check_inputs(config, inputs, f"{here}: {_INPUTS}")
+    changed = (*without, *(".".join(path) for path, _ in _leaves(own) if path[0] != _WITHOUT))
+    return Variant(name, config, {c: float(v) for c, v in inputs.items()}, changed)
+
+
+def _meant(given: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(given, known, n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
+
+
+def _put(table: dict[str, Any], overrides: Mapping[str, Any], here: str) -> None:
+    """Put overrides into a configuration's table; entries of lists of tables go by their names."""
+    for key, value in overrides.items():
+        there = table.get(key)
+        if isinstance(value, Mapping) and (_is_list(there) or key in ("effect", "sensor", "node", "link")):
+            entries = table.setdefault(key, [])
+            for name, own in value.items():
+                _entry_of(entries, key, name, _table(own, f"{here}: {key}.{name}"), here)
+        elif isinstance(value, Mapping) and isinstance(there, dict):
+            _put(there, value, here)
+        else:
+            table[key] = value
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(entry, dict) for entry in value)
+
+
+def _called(key: str, entry: Mapping[str, Any]) -> str:
+    """What an entry of a list goes by: a link by both its ends."""
+    name = entry.get(_NAMES.get(key, "name"), "")
+    return " - ".join(map(str, name)) if isinstance(name, list) else str(name)
+
+
+def _entry_of(entries: list[Any], key: str, name: str, own: Mapping[str, Any], here: str) -> None:
+    """Put overrides into the entry of a name, or add one that says its own name."""
+    found = [entry for entry in entries if _called(key, entry) == name]
+    if not found and _called(key, own) == name:
+        entries.append(dict(own))
+        return
+    if not found:
+        raise ConfigError(
+            f"{here}: {key}.{name}: {_unknown(entries, key, name)}; a new one gives its name too"
+        )
+    for entry in found:
+        _put(entry, own, here)
+
+
+def _unknown(entries: list[Any], key: str, name: str) -> str:
+    known = [_called(key, entry) for entry in entries]
+    return f'no {key} is called "{name}"{_meant(name, known)}; there are {", ".join(known) or "none"}'
+
+
+def _take_away(table: dict[str, Any], path: str, here: str) -> None:
+    """Take a key, a table or an entry away."""
+    owner: Any = table
+    parts = path.split(".")
+    for i, part in enumerate(parts):
+        if isinstance(owner, dict) and _is_list(owner.get(part)) and i + 1 < len(parts):
+            entries, name = owner[part], ".".join(parts[i + 1 :])
+            whole = [entry for entry in entries if _called(part, entry) == name]
+            if whole:
+                owner[part] = [entry for entry in entries if entry not in whole]
+                return
+            entry = next((e for e in entries if _called(part, e) == parts[i + 1]), None)
+            if entry is None:
+                raise ConfigError(f"{here}: {_WITHOUT}: {path}: {_unknown(entries, part, name)}")
+            _take_away(entry, ".".join(parts[i + 2 :]), here)
+            return
+        if not isinstance(owner, dict) or part not in owner:
+            raise ConfigError(f'{here}: {_WITHOUT}: the configuration does not give "{path}"; remove it here')
+        if i + 1 == len(parts):
+            del owner[part]
+            return
+        owner = owner[part]
