@@ -47,8 +47,8 @@ TOLERANCE_OF = {
 UNEVEN = 0.01
 """Relative unevenness of a film along the screw."""
 STRETCHES = 4
-SETTLING_S = 1800.0
-"""Time constant with which friction settles to its law, once running."""
+SETTLING_S = (900.0, 3600.0)
+"""Time constants with which friction may settle to its law, once running; both together are any between."""
 
 
 def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
@@ -98,7 +98,9 @@ def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, 
             yield _with(config, EndConductance(end, end_W_K)), "whole"
     for source in config.source:
         if source.law in SPEED_LAWS and source.law_uncertainty > 0.0:
-            yield _with(config, LawFactor(source.name, SettlingFriction(source.law_uncertainty))), "whole"
+            for time_s in SETTLING_S:
+                part = SettlingFriction(source.law_uncertainty, time_s)
+                yield _with(config, LawFactor(source.name, part)), "whole"
 
 
 def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:
@@ -117,13 +119,14 @@ def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str
 
 @dataclass(frozen=True)
 class SettlingFriction:
-    """The factor on a heat that is larger by a `part` initially and decays with `SETTLING_S`."""
+    """The factor on a heat that is larger by a `part` initially and decays with `time_s`."""
 
     part: float
+    time_s: float
 
     def __call__(self, _speed_rpm: FloatArray, running_s: FloatArray, /) -> FloatArray:
         """Return it for running times (K,)."""
-        return np.asarray(1.0 + self.part * np.exp(-running_s / SETTLING_S))
+        return np.asarray(1.0 + self.part * np.exp(-running_s / self.time_s))
 
 
 def _with(config: Config, *terms: Term) -> Config:
