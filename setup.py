@@ -26,7 +26,7 @@ BUILD = Path("build/kernels")
 RECORDS = ("records", "tick_records")
 PARTS = (
     "codes", "covariance", "coupling", "exact_step", "advance", "judging", "screening", "learning", "step",
-    "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "path", "walk",
+    "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "sweep", "path", "walk",
     "selftest", "message", "live", "cells",
 )  # fmt: skip
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True

@@ -22,17 +22,16 @@ sys.path.insert(0, str(HERE.parents[1]))
 
 from observer import config, installation  # noqa: E402
 from observer.frames import FloatArray  # noqa: E402
-from observer.history.conjugate_gradient import Convolution  # noqa: E402
 from observer.history.history import HeatHistory, MethodOptions  # noqa: E402
 from observer.history.identify import heat_history  # noqa: E402
-from observer.history.stacked import Prior, stacked_problem  # noqa: E402
 from observer.history.tikhonov import (  # noqa: E402
-    Spectrum,
+    BENDS,
+    Regularised,
     by_discrepancy,
     by_gcv,
     by_ico,
     by_l_curve,
-    normal_equations,
+    trials,
 )
 from observer.model.build import build_plant  # noqa: E402
 from observer.report.panels import (  # noqa: E402
@@ -111,21 +110,17 @@ class Weights:
 
 def weights(case: HeatCase, seed: int) -> Weights:
     """The nut's error and the residual over α for Li's own regularisation, and the rules' choices."""
-    problem, _ = stacked_problem(case.plant, [case.inputs(seed)], start_known=True)
-    prior, H = Prior.of(case.plant, problem.dt_s, 0), Convolution(problem.response_K_W)
-    normal = normal_equations(problem, prior)
-    spectrum = Spectrum.of(normal, problem.measurements)
-    values, vectors = np.linalg.eigh(normal.G)
-    c = vectors.T @ normal.b
-    alpha = np.logspace(-9, 6, 46) * 1.0
-    errors, residuals = [], []
+    equation = Regularised(case.plant, config.EstimatorSettings(), [case.inputs(seed)], 0)
+    alpha, errors, residuals = np.logspace(-6, 8, 43), [], []
     for a in alpha:
-        heat = prior.heats((vectors @ (c / (np.maximum(values, 0.0) + a))).reshape(problem.steps, -1))
-        errors.append(np.sqrt(np.mean((heat - case.heat_W[1:])[2:-2, 0] ** 2)))
-        residuals.append(np.sqrt(np.mean((problem.rise_K - H.forward(heat)) ** 2)))
+        found = equation.solve(float(a))
+        errors.append(np.sqrt(np.mean((found.heat - case.heat_W)[2:-2, 0] ** 2)))
+        residuals.append(np.sqrt(np.nanmean(found.residual**2)))
+    trial, alphas = equation.trial, trials(equation.top)
     chosen = {
-        "ICO": by_ico(spectrum, seed)[0], "L-curve": by_l_curve(spectrum),
-        "GCV": by_gcv(spectrum), "discrepancy": by_discrepancy(spectrum),
+        "ICO": by_ico(trial, equation.top, seed)[0],
+        "L-curve": by_l_curve(trial, trials(equation.top, BENDS)),
+        "GCV": by_gcv(trial, alphas), "discrepancy": by_discrepancy(trial, alphas),
     }  # fmt: skip
     return Weights(alpha, np.array(errors), np.array(residuals), chosen)
 
@@ -218,8 +213,32 @@ def print_table() -> None:
         print(f"| {row.method} | {errors} | {1e3 * row.seconds:.0f} | {row.peak_MB:.0f} |")
 
 
+def print_moving() -> None:
+    """The page's table of long logs with a moving nut: bias and rms of its heat, seconds of a core."""
+    settings = installation.load(LI)
+    plant = build_plant(settings)
+    for speed_m_min in (5.0, 15.0):
+        truths = [
+            li_experiment(settings, speed_m_min / 60.0, seed, run_s=9000.0, end_s=15000.0)
+            for seed in (101, 102)
+        ]
+        for method in ("smoother", "tikhonov", "conjugate-gradient"):
+            bias, stray, begin_s = [], [], time.process_time()
+            for truth in truths:
+                inputs = inputs_of(settings, plant, truth.log)
+                history = heat_history(plant, settings.estimator, inputs, MethodOptions(method))
+                true_W = truth.heat_W[120:18_000, 0]
+                error_W = history.heat_W[120:18_000, 0] - true_W
+                bias.append(abs(error_W.mean()) / true_W.mean())
+                stray.append(np.sqrt(np.mean(error_W**2)) / true_W.mean())
+            seconds = (time.process_time() - begin_s) / len(truths)
+            told = f"{100 * max(bias):.2g} | {100 * np.mean(stray):.2g} | {seconds:.2g}"
+            print(f"| {speed_m_min:.0f} | {method} | {told} |")
+
+
 if __name__ == "__main__":
     draw_methods()
     draw_lathe()
     draw_li()
     print_table()
+    print_moving()

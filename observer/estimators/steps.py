@@ -55,12 +55,16 @@ class StepCache:
         own._known = self._known
         return own
 
+    def matrices(self, dt_s: float) -> StepMatrices:
+        """Return the step of that length, worked out."""
+        return step_matrices(self._plant, dt_s)
+
     def get(self, dt_s: float) -> tuple[StepMatrices, FloatArray]:
         """Return the step of that length and the noise of what does not move."""
         if dt_s not in self._known:
             if len(self._known) >= _STEPS_REMEMBERED:
                 self._known.clear()
-            step = step_matrices(self._plant, dt_s)
+            step = self.matrices(dt_s)
             self._known[dt_s] = (step, _noise(self._plant, step, self._still))
         return self._known[dt_s]
 

@@ -1,9 +1,9 @@
 """Conjugate gradients: over the whole history at once, or step by step as Lathe printed them.
 
-`descend` minimises |Z - H S w|² over the same unknowns as `tikhonov`, from w = 0. H is Toeplitz: embedded in
-a circulant it is a product of spectra, and so is its transpose, which gives the exact gradient in one product
-in place of two simulations for each unknown. The number of iterations regularises: the descent ends as soon
-as the misfit is at the noise level, or no longer improves.
+`descend` minimises |Z - H S w|² from w = 0, with H S as sweeps of the plant: one forward gives the change of
+the readings along a direction, one back the exact gradient, in place of two simulations for each unknown. The
+number of iterations regularises: the descent ends as soon as the misfit is at the noise level, or no longer
+improves.
 Sources: direction, factor and step of Lathe's equations 13 to 17, for a linear plant those of Fletcher and
 Reeves (1964); the discrepancy principle of Alifanov (1974).
 
@@ -17,112 +17,136 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.frames import FloatArray
-from observer.history.stacked import Prior, StackedProblem
-from observer.model.discretise import step_matrices
+from observer.errors import UserError
+from observer.estimators.packing import IntArray
+from observer.frames import BoolArray, FloatArray
+from observer.history.sweeps import Readings, Sweeps
+from observer.model.discretise import quantise, step_matrices
 from observer.model.plant import Plant
 
 _ITERATIONS = 1000
 _REST = 1e-10
 _STEP_ITERATIONS, _STEP_REST, _DIFFERENCE_W = 50, 1e-20, 1.0
-_PATIENCE, _WORTH_IT = 20, 1e-3
-"""A descent continues while twenty iterations still lower the misfit by a thousandth."""
+_PATIENCE, _WORTH_IT = 20, 1e-2
+"""A descent continues while twenty iterations still lower the misfit by a hundredth."""
 
 
 class Descent(NamedTuple):
-    """The end of a descent: heats (T, m_e), misfit |Z - H Q|², iterations, and whether it reached the noise
-    level.
+    """The ends of c descents: heats (K, m_e, c), W, and what the sensors read with them (K, s, c), K, both
+    beyond what is expected; misfit |Z - H Q|² (c,), iterations (c,), and whether each reached the noise.
     """
 
     heat_W: FloatArray
-    misfit: float
-    iterations: int
-    reached: bool
+    rows_K: FloatArray
+    misfit: FloatArray
+    iterations: IntArray
+    reached: BoolArray
 
 
-class Convolution:
-    """H as a product of spectra. Source: Strang (1986) for the circulant embedding."""
-
-    def __init__(self, response_K_W: FloatArray) -> None:
-        """Transform the first block column, `response_K_W` (T, s, m_e), once."""
-        from scipy import fft  # noqa: PLC0415 - slow to import
-
-        self._fft = fft
-        self._T = len(response_K_W)
-        self._length = fft.next_fast_len(2 * self._T, real=True)
-        self._spectrum = fft.rfft(response_K_W, self._length, axis=0)
-
-    def forward(self, heat_W: FloatArray) -> FloatArray:
-        """H Q: sensors (T + 1, s) from heats (T, m_e); the first row is 0."""
-        heats = self._fft.rfft(heat_W, self._length, axis=0)
-        rows = np.einsum("fsm,fm->fs", self._spectrum, heats)
-        out = np.zeros((self._T + 1, rows.shape[1]))
-        out[1:] = self._fft.irfft(rows, self._length, axis=0)[: self._T]
-        return out
-
-    def adjoint(self, rows_K: FloatArray) -> FloatArray:
-        """Hᵀ e: heats (T, m_e) from sensors (T + 1, s)."""
-        rows = self._fft.rfft(rows_K[1:], self._length, axis=0)
-        heats = np.einsum("fsm,fs->fm", self._spectrum.conj(), rows)
-        return np.asarray(self._fft.irfft(heats, self._length, axis=0)[: self._T])
+def refuse_bent(plant: Plant) -> None:
+    """Raise `UserError` where the readings are not linear in the heats."""
+    if plant.coupling.radiation > 0.0 or plant.coupling.fades.per_K.any():
+        raise UserError(
+            "radiation or friction that fades bends the way from heats to temperatures, "
+            "and conjugate-gradient needs a straight one; use --method smoother"
+        )
 
 
-def descend(problem: StackedProblem, prior: Prior, H: Convolution, rise_K: FloatArray) -> Descent:
-    """Return the first iterate towards the minimum of |Z - H S w|² that explains Z to its noise level.
+def descend(sweeps: Sweeps, weight_1_K: FloatArray, rise_K: FloatArray) -> Descent:
+    """Return the first iterates towards the minima of |Z - H S w|² that explain each Z to its noise level.
 
-    `rise_K` (K, s) is Z, given separately so that a simulated one can replace that of the problem.
+    `rise_K` (K, s, c) are c logs that differ in their readings, each with a descent of its own.
     """
-    w = np.zeros((problem.steps, problem.heats))
-    error = problem.whiten(rise_K)
-    direction, before, first = np.zeros_like(w), 0.0, 0.0
+    c, values = rise_K.shape[2], np.count_nonzero(weight_1_K)
     # white noise of variance 1 has a square of M ± √(2 M); 95 % of logs are below this
-    enough = problem.measurements + 2.0 * np.sqrt(2.0 * problem.measurements)
-    misfits = [float(np.vdot(error, error))]
-    while misfits[-1] > enough and len(misfits) <= _ITERATIONS:
-        if len(misfits) > _PATIENCE and misfits[-1] > (1.0 - _WORTH_IT) * misfits[-1 - _PATIENCE]:
+    enough = values + 2.0 * np.sqrt(2.0 * values)
+    V, count, going = np.zeros((sweeps.unknowns, c)), np.zeros(c, np.int64), np.arange(c)
+    way = _Way.at_start(sweeps, weight_1_K, rise_K)
+    misfit, past = way.misfit.copy(), [way.misfit]
+    for _ in range(_ITERATIONS):
+        on = past[-1] > enough
+        if len(past) > _PATIENCE:
+            on &= past[-1] <= (1.0 - _WORTH_IT) * past[-1 - _PATIENCE]
+        on &= way.steepness > _REST**2 * way.first
+        if not on.any():
             break
-        gradient = -prior.adjoint(H.adjoint(problem.whiten_adjoint(error)))
-        steepness = float(np.vdot(gradient, gradient))
-        first = first or steepness
-        if steepness <= _REST**2 * first:
-            break
-        direction = gradient + (steepness / before if before else 0.0) * direction
-        change = problem.whiten(H.forward(prior.heats(direction)))
-        step = float(np.vdot(gradient, direction) / np.vdot(change, change))
-        w -= step * direction
-        error += step * change
-        before = steepness
-        misfits.append(float(np.vdot(error, error)))
-    return Descent(prior.heats(w), misfits[-1], len(misfits) - 1, misfits[-1] <= enough)
+        if not on.all():
+            going, way, past = going[on], way.of(on), [m[on] for m in past[-1 - _PATIENCE :]]
+        V[:, going] += way.step(sweeps, weight_1_K)
+        misfit[going] = way.misfit
+        count[going] += 1
+        past.append(way.misfit)
+    return Descent(*sweeps.forward(V), misfit, count, misfit <= enough)
 
 
-REPLICAS, REPLICAS_LONG, LONG = 24, 6, 3000
+class _Way:
+    """Where c descents are: the weighted error (K, s, c) of each, the gradient and the direction (n, c)."""
+
+    def __init__(self, error: FloatArray, gradient: FloatArray) -> None:
+        self.error, self._gradient, self._direction = error, gradient, gradient
+        self.misfit, self.steepness = _squares(error), _squares(gradient)
+        self.first = self.steepness
+
+    @classmethod
+    def at_start(cls, sweeps: Sweeps, weight_1_K: FloatArray, rise_K: FloatArray) -> _Way:
+        """No heat beyond what is expected."""
+        weight = weight_1_K[:, :, None]
+        return cls(weight * rise_K, sweeps.adjoint(weight**2 * rise_K))
+
+    def of(self, which: BoolArray) -> _Way:
+        """Some of the descents."""
+        way = _Way(self.error[:, :, which], self._gradient[:, which])
+        way._direction, way.first = self._direction[:, which], self.first[which]
+        return way
+
+    def step(self, sweeps: Sweeps, weight_1_K: FloatArray) -> FloatArray:
+        """Go to the lowest point along the direction; return the change of the unknowns (n, c)."""
+        weight, before = weight_1_K[:, :, None], self.steepness
+        change = weight * sweeps.forward(self._direction)[1]
+        along = np.einsum("nc,nc->c", self._gradient, self._direction)
+        moved = (along / _squares(change)) * self._direction
+        self.error = self.error - (along / _squares(change)) * change
+        self._gradient = sweeps.adjoint(weight * self.error)
+        self.misfit, self.steepness = _squares(self.error), _squares(self._gradient)
+        self._direction = self._gradient + (self.steepness / before) * self._direction
+        return np.asarray(moved)
+
+
+def _squares(columns: FloatArray) -> FloatArray:
+    """The sum of the squares of each of the last axis' columns."""
+    flat = columns.reshape(-1, columns.shape[-1])
+    return np.asarray(np.einsum("nc,nc->c", flat, flat))
+
+
+REPLICAS, REPLICAS_LONG, LONG = 24, 4, 3000
 """How many logs are drawn; fewer for a log of more than 3000 steps, which averages by itself."""
 _SMOOTHED_SHARE = 0.05
 
 
-def spread(
-    problem: StackedProblem,
-    walk: Prior,
-    H: Convolution,
-    find: Callable[[FloatArray], FloatArray],
-    seed: int,
-) -> FloatArray:
-    """Return the root mean square error (T, m_e) of a method over logs drawn from the configured prior.
+class Drawn(NamedTuple):
+    """c logs drawn from the configured prior: heats (K, m_e, c), readings (K, s, c), beyond the expected."""
 
-    `find` estimates heats (T, m_e) from Z (K, s). Heats, the initial field and the noise are drawn for each
-    of 24 logs, or 6 long ones, of this log's length and missing values. The error includes noise, early
-    stopping and missing sensors, as far as the configured walk describes this machine's heats.
-    """
+    heat_W: FloatArray
+    rise_K: FloatArray
+
+
+def draw(walk: Sweeps, weight_1_K: FloatArray, seed: int) -> Drawn:
+    """Draw 24 logs, or 4 long ones, of a log's length and missing values: heats, initial field and noise."""
     rng = np.random.default_rng(seed)
-    noise_K = np.where(problem.weight_1_K > 0.0, 1.0 / np.maximum(problem.weight_1_K, 1e-300), 0.0)
-    squares = np.zeros((problem.steps, problem.heats))
-    replicas = REPLICAS if problem.steps <= LONG else REPLICAS_LONG
-    for _ in range(replicas):
-        true_W = walk.heats(rng.standard_normal(squares.shape))
-        seen_K = H.forward(true_W) + problem.draw_start(rng) + noise_K * rng.standard_normal(noise_K.shape)
-        squares += (find(np.where(noise_K > 0.0, seen_K, 0.0)) - true_W) ** 2
-    return np.sqrt(_smoothed(squares / replicas))
+    replicas = REPLICAS if walk.rows <= LONG else REPLICAS_LONG
+    heat, rows = walk.forward(rng.standard_normal((walk.unknowns, replicas)))
+    used = (weight_1_K > 0.0)[:, :, None]
+    noise_K = 1.0 / np.where(weight_1_K > 0.0, weight_1_K, 1.0)[:, :, None]
+    return Drawn(heat, np.where(used, rows + noise_K * rng.standard_normal(rows.shape), 0.0))
+
+
+def spread(drawn: Drawn, found_W: FloatArray) -> FloatArray:
+    """Return the root mean square error (K, m_e) of the heats found of drawn logs, (K, m_e, c).
+
+    The error includes noise, early stopping and missing sensors, as far as the configured walk describes this
+    machine's heats.
+    """
+    return np.sqrt(_smoothed(np.mean((found_W - drawn.heat_W) ** 2, axis=2)))
 
 
 def _smoothed(variance: FloatArray) -> FloatArray:
@@ -134,26 +158,46 @@ def _smoothed(variance: FloatArray) -> FloatArray:
     return np.asarray((total[high] - total[low]) / (high - low)[:, None])
 
 
-def stepwise_heats(plant: Plant, problem: StackedProblem, rise_K: FloatArray) -> FloatArray:
-    """Return the heats (T, m_e) found step by step from Z, `rise_K` (K, s); `plant` has no moving sources.
+def stepwise(plant: Plant, log: Readings) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """Return what finds the heats (K, m_e) of a Z (K, s) step by step, and what sensors read with them.
 
     At step n only q_n is unknown: J_n = Σ_i (T_i(q) - y_i)² is minimised by conjugate gradients from the
     heats of the step before, until J_n is at the noise level; then the step is final. Nothing links the
     steps, so each must be long enough for heat to reach the sensors; otherwise noise is taken for heat. The
-    gradient is that of central differences of 1 W, as printed. Source: Lathe's equations 11 to 17.
+    gradient is that of central differences of 1 W, as printed. Raises `UserError` where something couples the
+    plant's states in time. Source: Lathe's equations 11 to 17.
     """
-    decay = np.exp(-plant.decay_1_s * problem.dt_s)
-    held = step_matrices(plant, problem.dt_s).hold[:, None] * plant.B[:, plant.estimated]
-    C = plant.rows.C[: plant.rows.sensors]
-    out = np.empty((problem.steps, problem.heats))
-    G, x, q = C @ held, np.zeros(len(held)), np.zeros(problem.heats)
-    for k, (y, weight) in enumerate(zip(rise_K[1:], problem.weight_1_K[1:], strict=True)):
-        x *= decay
-        used = weight > 0.0
-        q = _descend_step(G[used], (C @ x - y)[used], q, float(np.sum(weight[used] ** -2.0)))
-        out[k] = q
-        x += held @ q
-    return out
+    if plant.coupling.active:
+        raise UserError(
+            "a body rides on a nut that moves, or an effect changes the plant with speed, temperature or "
+            "time, and --gradient central-differences needs one that stays as it is; use --gradient adjoint, "
+            "or --method smoother"
+        )
+    plant, u = plant.sensors_only(), log.inputs
+    lengths_s, which = np.unique(quantise(u.dt_s), return_inverse=True)
+    steps = [step_matrices(plant, float(dt_s)) for dt_s in lengths_s]
+    where = [(int(np.sum(plant.estimated[: m.index])), m) for m in plant.moving]
+    held, C = plant.B[:, plant.estimated].copy(), plant.rows.C.copy()
+
+    def find(rise_K: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x, q = np.zeros(len(held)), np.zeros(held.shape[1])
+        heat, rows = np.zeros((len(u), len(q))), np.zeros_like(rise_K)
+        for k in range(1, len(u)):
+            step = steps[which[k]]
+            for i, (j, source) in enumerate(where):
+                C[:, plant.modes + source.index] = u.moving_C[k, i]
+                if plant.estimated[source.index]:
+                    held[:, j] = u.moving_B[k, i]
+            x, own = step.decay * x, step.hold[:, None] * held
+            used = log.weight_1_K[k] > 0.0
+            off_K, G = (C @ x - rise_K[k])[used], (C @ own)[used]
+            q = _descend_step(G, off_K, q, float(np.sum(log.weight_1_K[k][used] ** -2.0)))
+            x += own @ q
+            heat[k], rows[k] = q, C @ x
+        heat[0] = heat[1]
+        return heat, rows
+
+    return find
 
 
 def _descend_step(G: FloatArray, off_K: FloatArray, q: FloatArray, enough_K2: float) -> FloatArray:

@@ -9,27 +9,17 @@ from typing import Any
 import numpy as np
 
 from observer.frames import FloatArray, Inputs
-from observer.history.conjugate_gradient import Convolution, descend, spread, stepwise_heats
+from observer.history.conjugate_gradient import descend, draw, refuse_bent, spread, stepwise
 from observer.history.history import HeatHistory, MethodOptions
 from observer.history.smoother import smooth_heats
-from observer.history.stacked import Prior, StackedProblem, stacked_problem, stationary
-from observer.history.tikhonov import (
-    NormalEquations,
-    Spectrum,
-    by_discrepancy,
-    by_gcv,
-    by_ico,
-    by_l_curve,
-    normal_equations,
-    solve,
-)
+from observer.history.sweeps import Readings, Sweeps, readings
+from observer.history.tikhonov import BENDS, Regularised, by_discrepancy, by_gcv, by_ico, by_l_curve, trials
 from observer.history.tolerances import Changes, less, most_probable
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
 _EXPLAINED = 1.2
 """Up to this multiple of the noise's own misfit, heats explain a log."""
-_Found = tuple[FloatArray, FloatArray, dict[str, Any]]
 
 
 def heat_history(
@@ -84,79 +74,78 @@ def _by_method(
     """The heats without regard to tolerances."""
     if options.method == "smoother":
         return smooth_heats(plant, settings, blocks)
-    as_printed = options.order == 0 or options.gradient == "central-differences"
-    problem, first = stacked_problem(plant, blocks, start_known=as_printed)
-    find = _tikhonov if options.method == "tikhonov" else _conjugate_gradient
-    heat, sigma, details = find(plant, problem, options)
-    left = problem.rise_K - Convolution(problem.response_K_W).forward(heat)
-    misfit = float(np.sum(problem.whiten(left) ** 2)) / problem.measurements
-    residual = problem.unexplained(left)
-    return HeatHistory(
+    if options.method == "tikhonov":
+        found = _tikhonov(plant, settings, blocks, options)
+    else:
+        found = _conjugate_gradient(plant, blocks, options)
+    weighted = found.residual_K**2 / plant.noise_R_K2
+    misfit = float(np.nanmean(weighted))
+    return replace(
+        found,
         time_s=np.concatenate([block.time_s for block in blocks]),
-        heat_W=_rows(heat, first),
-        heat_sigma_W=_rows(sigma, first),
-        residual_K=np.vstack([np.full((first, residual.shape[1]), np.nan), residual]),
-        details={**details, "misfit": misfit},
-        warnings=tuple(_warnings(plant, options, misfit)),
+        details={**found.details, "misfit": misfit},
+        warnings=tuple(_warnings(options, misfit)),
     )
 
 
-def _tikhonov(plant: Plant, problem: StackedProblem, options: MethodOptions) -> _Found:
-    prior = Prior.of(plant, problem.dt_s, 1 if options.order is None else options.order)
-    normal = normal_equations(problem, prior)
-    alpha, details = _regularisation(normal, problem, options)
-    return *solve(problem, prior, normal, alpha), {**details, "regularisation": alpha}
+def _tikhonov(
+    plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], options: MethodOptions
+) -> HeatHistory:
+    equation = Regularised(plant, settings, blocks, 1 if options.order is None else options.order)
+    alpha, details = _regularisation(equation, options)
+    found = equation.solve(alpha)
+    details["regularisation"] = alpha
+    return HeatHistory(np.zeros(0), found.heat, found.sigma, found.residual, details)
 
 
-def _regularisation(
-    normal: NormalEquations, problem: StackedProblem, options: MethodOptions
-) -> tuple[float, dict[str, Any]]:
+def _regularisation(equation: Regularised, options: MethodOptions) -> tuple[float, dict[str, Any]]:
     """The weight of the prior, and how it was chosen."""
     if options.regularisation is not None:
         return options.regularisation, {}
     choice = options.parameter_choice or "gcv"
-    spectrum = Spectrum.of(normal, problem.measurements)
     if choice == "ico":
-        return by_ico(spectrum, options.seed)[0], {"parameter_choice": choice}
-    rule = {"discrepancy": by_discrepancy, "gcv": by_gcv, "l-curve": by_l_curve}[choice]
-    return rule(spectrum), {"parameter_choice": choice}
+        return by_ico(equation.trial, equation.top, options.seed)[0], {"parameter_choice": choice}
+    if choice == "l-curve":
+        return by_l_curve(equation.trial, trials(equation.top, BENDS)), {"parameter_choice": choice}
+    rule = by_discrepancy if choice == "discrepancy" else by_gcv
+    return rule(equation.trial, trials(equation.top)), {"parameter_choice": choice}
 
 
-def _conjugate_gradient(plant: Plant, problem: StackedProblem, options: MethodOptions) -> _Found:
-    H = Convolution(problem.response_K_W)
-    walk = Prior.of(plant, problem.dt_s, 1)
+def _conjugate_gradient(plant: Plant, blocks: Sequence[Inputs], options: MethodOptions) -> HeatHistory:
+    refuse_bent(plant)
+    as_printed = options.gradient == "central-differences"
+    order = 0 if as_printed or options.order == 0 else 1
+    log = readings(plant, blocks, order)
+    drawn = draw(Sweeps(plant, log.inputs, 1, start_known=order == 0), log.weight_1_K, options.seed)
+    details: dict[str, Any]
+    if as_printed:
+        find = stepwise(plant, log)
+        heat, rows = find(log.rise_K)
+        others = [find(drawn.rise_K[:, :, c])[0] for c in range(drawn.rise_K.shape[2])]
+        sigma, details = spread(drawn, np.stack(others, axis=2)), {"gradient": options.gradient}
+    else:
+        every = np.concatenate([log.rise_K[:, :, None], drawn.rise_K], axis=2)
+        found = descend(Sweeps(plant, log.inputs, order), log.weight_1_K, every)
+        heat, rows = found.heat_W[:, :, 0], found.rows_K[:, :, 0]
+        sigma, details = spread(drawn, found.heat_W[:, :, 1:]), {"iterations": int(found.iterations[0])}
+    heat = heat + log.inputs.law_W[:, plant.estimated]
+    heat, sigma, residual = (_after(log, values) for values in (heat, sigma, log.unexplained(rows)))
+    return HeatHistory(np.zeros(0), heat, sigma, residual, details)
+
+
+def _warnings(options: MethodOptions, misfit: float) -> list[str]:
+    if misfit <= _EXPLAINED:
+        return []
+    remedy = "calibrate the configuration, or raise the sensors' noise_K"
     if options.gradient == "central-differences":
-        still = stationary(plant)
-        heat = stepwise_heats(still, problem, problem.rise_K)
-        sigma = spread(problem, walk, H, lambda rise: stepwise_heats(still, problem, rise), options.seed)
-        return heat, sigma, {"gradient": options.gradient}
-    prior = Prior.of(plant, problem.dt_s, 1 if options.order is None else options.order)
-    found = descend(problem, prior, H, problem.rise_K)
-    sigma = spread(problem, walk, H, lambda rise: descend(problem, prior, H, rise).heat_W, options.seed)
-    return found.heat_W, sigma, {"iterations": found.iterations}
+        remedy = "the steps may be too short for heat to reach the sensors; use --gradient adjoint"
+    elif options.regularisation is not None:
+        remedy = f"use less regularisation, {remedy}"
+    return [
+        f"the residual is {misfit**0.5:.3g} times the noise, so the heats do not explain the log; {remedy}"
+    ]
 
 
-def _warnings(plant: Plant, options: MethodOptions, misfit: float) -> list[str]:
-    found = []
-    if plant.moving:
-        names = " and ".join(plant.source_names[source.index] for source in plant.moving)
-        found.append(
-            f"{options.method} takes {names} at the mean of the stroke; --method smoother follows the "
-            "position"
-        )
-    if misfit > _EXPLAINED:
-        remedy = "calibrate the configuration, or raise the sensors' noise_K"
-        if options.gradient == "central-differences":
-            remedy = "the steps may be too short for heat to reach the sensors; use --gradient adjoint"
-        elif options.regularisation is not None:
-            remedy = f"use less regularisation, {remedy}"
-        found.append(
-            f"the residual is {misfit**0.5:.3g} times the noise, so the heats do not explain the log; "
-            f"{remedy}"
-        )
-    return found
-
-
-def _rows(values: FloatArray, first: int) -> FloatArray:
-    """Steps (T, m) as rows of the log (K, m): the first row has the first step's value, earlier ones NaN."""
-    return np.vstack([np.full((first, values.shape[1]), np.nan), values[:1], values])
+def _after(log: Readings, values: FloatArray) -> FloatArray:
+    """Rows of the log from its first with a measurement on, NaN before."""
+    return np.vstack([np.full((log.first, values.shape[1]), np.nan), values])

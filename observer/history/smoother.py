@@ -48,11 +48,18 @@ class Adjoint(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """The output of the backward pass: heats and their σ (K, m_e), residuals (K, s)."""
+    """The output of the backward pass, NaN where a step or a reading was not used.
+
+    Heats and their σ (K, m_e); residuals and `free` (K, s), 1 less the influence of each reading on its own
+    smoothed value; the jump of each heat from its law at the start of a step, and its σ (K, m_e).
+    """
 
     heat: FloatArray
     sigma: FloatArray
     residual: FloatArray
+    free: FloatArray
+    jump: FloatArray
+    jump_sigma: FloatArray
 
 
 # Long enough that the stored filter states need little memory, short enough for the cache.
@@ -72,8 +79,16 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
     Sensors rejected by the gate in the forward pass are left out of the backward pass too. Sources: Bierman
     (1973), de Jong (1989); Durbin and Koopman (2012), section 6.4, for one sensor at a time.
     """
-    heat, sigma, residual = _Passes(plant.sensors_only(), settings).run(blocks)
+    passes = _Passes(plant.sensors_only(), settings, StepCache(plant))
+    heat, sigma, residual = passes.run(blocks)
     return HeatHistory(np.concatenate([block.time_s for block in blocks]), heat, sigma, residual)
+
+
+def smooth_all(
+    plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], steps: StepCache
+) -> Smoothed:
+    """Return all that the smoother says of consecutive blocks, the step matrices being those of `steps`."""
+    return Smoothed(*_WholePasses(plant.sensors_only(), settings, steps).run(blocks))
 
 
 def smooth_changes(
@@ -102,9 +117,9 @@ class _Segment(NamedTuple):
 class _Passes:
     """The forward pass over all blocks, and the backward pass over them in reverse order."""
 
-    def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
+    def __init__(self, plant: Plant, settings: EstimatorSettings, steps: StepCache) -> None:
         self._arrays = packing.pack_plant(plant)
-        self._steps = StepCache(plant)
+        self._steps = steps
         self._plant_record, self._work = record(self._arrays), record(packing.scratch(self._arrays))
         self._gate_sigma = float(settings.gate_sigma)
         self._state = packing.thaw(packing.initial_state(plant))
@@ -167,8 +182,11 @@ class _Passes:
 
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
         """Heats and σ (K, m_e), residuals (K, s)."""
+        return self._smoothed(segment)[:3]
+
+    def _smoothed(self, segment: _Segment) -> Smoothed:
         K, s, m_e = len(segment.step), len(self._arrays.R_K2), len(self._arrays.source)
-        out = Smoothed(np.full((K, m_e), np.nan), np.full((K, m_e), np.nan), np.full((K, s), np.nan))
+        out = Smoothed(*(np.full((K, width), np.nan) for width in (m_e, m_e, s, s, m_e, m_e)))
         run_backward(
             self._plant_record, segment.table, record(segment.u), segment.step, self._tape, self._adjoint,
             self._work, record(out),
@@ -176,11 +194,18 @@ class _Passes:
         return out
 
 
+class _WholePasses(_Passes):
+    """The same passes with all that the way back finds."""
+
+    def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
+        return self._smoothed(segment)
+
+
 class _ChangedPasses(_Passes):
     """The same passes with changes of the readings beside the log, which is column 0."""
 
     def __init__(self, plant: Plant, settings: EstimatorSettings, changes_K: FloatArray) -> None:
-        super().__init__(plant, settings)
+        super().__init__(plant, settings, StepCache(plant))
         (_, s, count), K = changes_K.shape, _STEPS_IN_SEGMENT
         self._changes_K, self._own = changes_K, slice(1, 1 + count)
         columns = padded_width(1 + count, _REGISTER)

@@ -1,165 +1,134 @@
-"""Li's batch identification: the stacked equation Z = H Q solved at once, regularised after Tikhonov.
+"""Li's batch identification, Z = H Q regularised after Tikhonov, solved in the time domain.
 
-The heats are Q = S w, where S makes the configured prior out of independent numbers w of variance 1
-(`Prior`), and w minimises |Z - H S w|² + α |w|². With α = 1 that is the most probable history under the
-prior, the one the smoother finds. Order 0 is Li's own: S is diagonal, and his parameter is α times the
-noise's variance over the prior's. Everything is dense: time grows with the cube of the log's length, memory
-with its square.
-Source: Li et al. (2022), equations 36 to 39.
+The heats are Q = Q_law + S w, where S makes the prior out of independent numbers w of variance 1
+(`observer.history.prior`), and w minimises |Z - H S w|² + α |w|². That is the most probable history of a
+prior whose variances are divided by α, so the smoother with such a prior finds it, and its σ, in a time that
+grows with the log's length; with order 1 and α = 1 it is the smoother. Order 0 is Li's own: S is diagonal
+and Q_law is 0, and his parameter is α times the noise's variance over the prior's.
+Source: Li et al. (2022), equations 36 to 39; the state-space form of a penalty, Kohn and Ansley (1987).
 
-How much weight α the prior gets is Li's ICO as printed, or one of three rules with a stopping criterion. All
-work on the spectrum of the normal equations, G = V diag(λ) Vᵀ and c = Vᵀ b, where each trial costs n
-operations: |Z - H S w|² = |Z|² - Σ c²(λ + 2α)/(λ + α)², |w|² = Σ c²/(λ + α)², and the trace of the influence
-matrix is Σ λ/(λ + α).
+How much weight α the prior gets is Li's ICO as printed, or one of three rules with a stopping criterion. The
+trace of the influence matrix, which GCV needs, is the sum of every reading's influence on its own smoothed
+value, which the way back knows (Kohn and Ansley 1989).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from observer.errors import UserError
-from observer.frames import FloatArray
-from observer.history.stacked import Prior, StackedProblem, accumulate
+from observer.frames import FloatArray, Inputs
+from observer.history.prior import independent, jumps_W, walking
+from observer.history.smoother import Smoothed, smooth_all, smooth_heats
+from observer.history.sweeps import Sweeps, readings
+from observer.model.plant import Plant
+from observer.tables.estimator import EstimatorSettings
 
-LARGEST_BYTES = 1.0e9
-"""Memory limit of H and the normal equations with their temporary copies."""
-
-
-class NormalEquations(NamedTuple):
-    """G = (H S)ᵀ H S and b = (H S)ᵀ Z, both whitened, (n, n) and (n,) with n = T m_e; `square` is |Z|²."""
-
-    G: FloatArray
-    b: FloatArray
-    square: float
+_OPEN = 1e9
+_DIGITS = 3e-5
 
 
-def normal_equations(problem: StackedProblem, prior: Prior) -> NormalEquations:
-    """Build H S and its normal equations.
-
-    Raises `UserError` where they take more than a gigabyte.
+class Trial(NamedTuple):
+    """A solution for `alpha` in numbers: its misfit |Z - H Q|², the size |w|² of its heats, how many
+    of the `measurements` are left free, M less the trace of the influence matrix.
     """
-    n = problem.steps * problem.heats
-    needed = 8.0 * n * (2.0 * problem.rise_K.size + 3.0 * n)
-    if needed > LARGEST_BYTES:
-        raise UserError(
-            f"tikhonov takes {needed / 1e9:.3g} GB for {problem.steps} steps of {problem.heats} heats, and "
-            f"is limited to {LARGEST_BYTES / 1e9:.3g} GB; use --method smoother, or a shorter log"
-        )
-    H = problem.whiten(_dense(problem, prior)).reshape(problem.rise_K.size, n)
-    z = problem.whiten(problem.rise_K).ravel()
-    return NormalEquations(H.T @ H, H.T @ z, float(z @ z))
+
+    alpha: float
+    misfit: float
+    size: float
+    free: float
+    measurements: int
 
 
-def solve(
-    problem: StackedProblem, prior: Prior, normal: NormalEquations, alpha: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return w = (G + α I)⁻¹ b by Cholesky as heats (T, m_e), and their σ from S (G + α I)⁻¹ Sᵀ.
+class Regularised:
+    """The regularised solutions of one log with one prior, by α; each is found once."""
 
-    Raises `UserError` where α is too small for the factorisation.
-    """
-    from scipy.linalg.lapack import dpotrf, dpotri, dpotrs  # noqa: PLC0415 - slow to import
+    def __init__(
+        self, plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], order: int
+    ) -> None:
+        """Leave out what the smoother's gate refuses, so that all solutions use the same readings."""
+        accepted = np.isfinite(smooth_heats(plant, settings, blocks).residual_K)
+        begins = np.cumsum([0, *map(len, blocks)])
+        self._blocks = [
+            block._replace(usable=block.usable & accepted[begin : begin + len(block)])
+            for block, begin in zip(blocks, begins, strict=False)
+        ]
+        self._plant, self._prior = plant, walking if order == 1 else independent
+        self._settings, self._order = settings.model_copy(update={"gate_sigma": _OPEN}), order
+        self._log = readings(plant, self._blocks, order)
+        self._sigma_W, self._keep = jumps_W(plant, self._log.inputs, order)
+        self._tried: dict[float, Trial] = {}
+        self.top = Sweeps(plant, self._log.inputs, order).largest(self._log.weight_1_K)
 
-    A = np.array(normal.G, order="F")
-    A.flat[:: len(A) + 1] += alpha
-    A, failed = dpotrf(A, lower=1, overwrite_a=1)
-    if failed:
-        raise UserError(
-            f"tikhonov: a regularisation of {alpha:.3g} is too small, the equations are singular to "
-            "rounding; choose a larger one"
-        )
-    w, _ = dpotrs(A, normal.b, lower=1)
-    A, _ = dpotri(A, lower=1, overwrite_c=1)
-    shape = (problem.steps, problem.heats)
-    covariance = np.tril(A) + np.tril(A, -1).T
-    return prior.heats(w.reshape(shape)), _sigma(prior, covariance, shape)
+    def solve(self, alpha: float) -> Smoothed:
+        """Return the solution for α: heats, their σ, residuals; NaN in rows before the first measurement."""
+        plant, blocks, steps = self._prior(self._plant, self._blocks, alpha)
+        found = smooth_all(plant, self._settings, blocks, steps)
+        return found if self._order == 1 else self._as_jumps(found, alpha)
+
+    def _as_jumps(self, found: Smoothed, alpha: float) -> Smoothed:
+        """The heats of order 0; σ is NaN where it is the rounding of a prior that wide."""
+        sigma_W, start = found.jump_sigma, self._log.first
+        sigma_W[sigma_W < _DIGITS * self._plant.initial_sigma_W / np.sqrt(alpha)] = np.nan
+        for values in (found.jump, sigma_W):  # the first row has no step before it
+            values[start] = values[start + 1]
+        return found._replace(heat=found.jump, sigma=sigma_W)
+
+    def trial(self, alpha: float) -> Trial:
+        """Return the solution for α in numbers."""
+        if alpha not in self._tried:
+            found = self.solve(alpha)
+            misfit = np.nansum(found.residual**2 / self._plant.noise_R_K2)
+            free, used = float(np.nansum(found.free)), int(np.count_nonzero(np.isfinite(found.residual)))
+            self._tried[alpha] = Trial(alpha, float(misfit), self._size(found.heat), free, used)
+        return self._tried[alpha]
+
+    def _size(self, heat_W: FloatArray) -> float:
+        """|w|² of heats (K, m_e)."""
+        beyond = heat_W[self._log.first :] - self._log.inputs.law_W[:, self._plant.estimated]
+        jump = beyond[1:] - self._keep[1:] * beyond[:-1]
+        jump[0] = beyond[1]
+        return float(np.nansum((jump / self._sigma_W[1:]) ** 2))
 
 
-def _sigma(prior: Prior, covariance: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """√ of the diagonal of S P Sᵀ, (T, m_e)."""
-    n = len(covariance)
-    half = prior.heats(covariance.reshape(*shape, n)).reshape(n, n).T
-    whole = prior.heats(np.ascontiguousarray(half).reshape(*shape, n)).reshape(n, n)
-    return np.sqrt(np.maximum(np.diag(whole), 0.0)).reshape(shape)
-
-
-def _dense(problem: StackedProblem, prior: Prior) -> FloatArray:
-    """H S as (K, s, T, m_e): the first block column, moved down by one block for each step."""
-    T, s, m = problem.response_K_W.shape
-    column = accumulate(np.moveaxis(problem.response_K_W, 2, 1).copy(), prior.keep)
-    column = np.moveaxis(column, 1, 2)
-    H = np.zeros((T + 1, s, T, m))
-    for step in range(T):
-        H[step + 1 :, :, step] = column[: T - step] * (prior.step_W if step else prior.first_W)
-    return H
-
-
-_SPAN = 12.0
-"""Decades searched below the largest eigenvalue."""
-_PER_DECADE = 8
+_SPAN = 12
+"""Decades searched below the largest eigenvalue of (H S)ᵀ H S."""
+BENDS = 3
+"""Trials in a decade that show how the L-curve bends."""
+_FINER = 64
 _STANDSTILL = 0.02
 ICO_DECADES = 12.0
 ICO_TRIALS, ICO_ROUNDS, ICO_TOLERANCE = 10, 40, 1e-3
+Try = Callable[[float], Trial]
 
 
-class Spectrum(NamedTuple):
-    """Eigenvalues (n,), coefficients c (n,), |Z|², and the number of values in Z."""
-
-    eigenvalues: FloatArray
-    coefficients: FloatArray
-    square: float
-    measurements: int
-
-    @classmethod
-    def of(cls, normal: NormalEquations, measurements: int) -> Spectrum:
-        """Decompose the normal equations."""
-        from scipy.linalg import eigh  # noqa: PLC0415 - slow to import
-
-        eigenvalues, vectors = eigh(normal.G, driver="evd", check_finite=False)
-        return cls(np.maximum(eigenvalues, 0.0), vectors.T @ normal.b, normal.square, measurements)
-
-    def misfit(self, alpha: float) -> float:
-        """|Z - H S w|² of the solution for α."""
-        e, c = self.eigenvalues, self.coefficients
-        return max(self.square - float(np.sum(c**2 * (e + 2.0 * alpha) / (e + alpha) ** 2)), 0.0)
-
-    def size(self, alpha: float) -> float:
-        """|w|² of the solution for α."""
-        return float(np.sum((self.coefficients / (self.eigenvalues + alpha)) ** 2))
-
-    def freedom(self, alpha: float) -> float:
-        """The effective degrees of freedom of the solution for α."""
-        return float(np.sum(self.eigenvalues / (self.eigenvalues + alpha)))
-
-    def trials(self) -> FloatArray:
-        """α over the whole range that matters, ascending."""
-        top = np.log10(self.eigenvalues[-1])
-        return np.logspace(top - _SPAN, top + 2.0, int(_PER_DECADE * (_SPAN + 2.0)) + 1)
+def trials(top: float, per_decade: int = 1) -> FloatArray:
+    """Return α over the whole range that matters, ascending, about the largest eigenvalue `top`."""
+    return np.asarray(top * np.logspace(-_SPAN, 1, per_decade * (_SPAN + 1) + 1))
 
 
-def by_discrepancy(spectrum: Spectrum) -> float:
+def by_discrepancy(trial: Try, alphas: FloatArray) -> float:
     """Return the α at which the misfit is that of the noise alone. Source: Morozov (1966).
 
-    The largest trial value if all explain the log, the smallest if none does.
+    The largest of `alphas` if all explain the log, the smallest if none does.
     """
     from scipy.optimize import brentq  # noqa: PLC0415 - slow to import
 
-    trials = spectrum.trials()
-    wanted = float(spectrum.measurements)
-    if spectrum.misfit(trials[0]) >= wanted:
-        return float(trials[0])
-    if spectrum.misfit(trials[-1]) <= wanted:
-        return float(trials[-1])
-    low, high = float(np.log(trials[0])), float(np.log(trials[-1]))
-
     def excess(log_alpha: float) -> float:
-        return spectrum.misfit(float(np.exp(log_alpha))) - wanted
+        found = trial(float(np.exp(log_alpha)))
+        return found.misfit / found.measurements - 1.0
 
-    return float(np.exp(brentq(excess, low, high, xtol=1e-6)))
+    low, high = float(np.log(alphas[0])), float(np.log(alphas[-1]))
+    if excess(low) >= 0.0:
+        return float(alphas[0])
+    if excess(high) <= 0.0:
+        return float(alphas[-1])
+    return float(np.exp(brentq(excess, low, high, xtol=1e-3)))
 
 
-def by_gcv(spectrum: Spectrum) -> float:
+def by_gcv(trial: Try, alphas: FloatArray) -> float:
     """Return the α of least misfit/(M - trace)², generalised cross-validation.
 
     It needs no noise level. Source: Golub, Heath and Wahba (1979).
@@ -167,33 +136,38 @@ def by_gcv(spectrum: Spectrum) -> float:
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
 
     def score(log_alpha: float) -> float:
-        alpha = float(np.exp(log_alpha))
-        return spectrum.misfit(alpha) / (spectrum.measurements - spectrum.freedom(alpha)) ** 2
+        found = trial(float(np.exp(log_alpha)))
+        return found.misfit / found.free**2
 
-    logs = np.log(spectrum.trials())
+    logs = np.log(alphas)
     best = int(np.argmin([score(v) for v in logs]))
     bounds = logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)]
-    return float(np.exp(minimize_scalar(score, bounds=bounds, method="bounded").x))
+    return float(np.exp(minimize_scalar(score, bounds=bounds, method="bounded", options={"xatol": 0.05}).x))
 
 
-def by_l_curve(spectrum: Spectrum) -> float:
+def by_l_curve(trial: Try, alphas: FloatArray) -> float:
     """Return the α at the corner of log |w| over log |Z - H S w|, its point of greatest curvature.
 
-    Source: Hansen (1992), the curvature from differences along log α.
+    Source: Hansen (1992), the curvature from cubic splines along log α.
     """
-    trials = spectrum.trials()
-    x = 0.5 * np.log([max(spectrum.misfit(a), 1e-300) for a in trials])
-    y = 0.5 * np.log([max(spectrum.size(a), 1e-300) for a in trials])
-    dx, dy = np.gradient(x), np.gradient(y)
-    ddx, ddy = np.gradient(dx), np.gradient(dy)
-    pace = np.hypot(dx, dy)
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import
+
+    found, logs = [trial(float(alpha)) for alpha in alphas], np.log(alphas)
+    x, y = (
+        CubicSpline(logs, 0.5 * np.log(np.maximum(values, 1e-300)))
+        for values in ([t.misfit for t in found], [t.size for t in found])
+    )
+    fine = np.linspace(logs[0], logs[-1], _FINER * len(logs))
+    pace = np.hypot(x(fine, 1), y(fine, 1))
     moves = pace > _STANDSTILL * pace.max()  # where the curve does not move, its curvature is rounding
-    bend = np.where(moves, (dx * ddy - dy * ddx) / np.where(moves, pace, 1.0) ** 3, -np.inf)
-    return float(trials[1 + np.argmax(bend[1:-1])])
+    turn = x(fine, 1) * y(fine, 2) - y(fine, 1) * x(fine, 2)
+    bend = np.where(moves, turn / np.where(moves, pace, 1.0) ** 3, -np.inf)
+    return float(np.exp(fine[1 + np.argmax(bend[1:-1])]))
 
 
 def by_ico(
-    spectrum: Spectrum,
+    trial: Try,
+    top: float,
     seed: int,
     *,
     bounds: tuple[float, float] | None = None,
@@ -202,23 +176,33 @@ def by_ico(
     """Return Li's choice of α and the α kept after each round (…,), as printed.
 
     Draw ten values evenly in [low, high], keep the one of smallest W = |Z^α - Z|/|Z|, stop if W is below
-    `tolerance`, else keep the half of the interval it lies in. W decreases with α without limit, so this ends
-    at the lower bound unless the tolerance stops it. Without `bounds`, those are the largest eigenvalue and
-    twelve decades below it. Source: Li et al. (2022), equations 40 to 42.
+    `tolerance`, else keep the half of the interval it lies in. W falls with α, so the smallest value drawn is
+    the one kept, without all ten being solved; without limit, so this ends at the lower bound unless the
+    tolerance stops it. Without `bounds`, those are the largest eigenvalue `top` and twelve decades below it.
+    Source: Li et al. (2022), equations 40 to 42.
     """
-    low, high = bounds or (spectrum.eigenvalues[-1] * 10.0**-ICO_DECADES, spectrum.eigenvalues[-1])
+    low, high = bounds or (top * 10.0**-ICO_DECADES, top)
     rng = np.random.default_rng(seed)
     kept: list[float] = []
     for _ in range(ICO_ROUNDS):
         width = high - low
-        drawn = low + width * rng.random(ICO_TRIALS)
-        W = [np.sqrt(spectrum.misfit(float(a)) / spectrum.square) for a in drawn]
-        best = int(np.argmin(W))
-        kept.append(float(drawn[best]))
-        if W[best] <= tolerance:
-            break
-        if drawn[best] - low < 0.5 * width:
+        kept.append(float(low + width * rng.random(ICO_TRIALS).min()))
+        if kept[-1] - low < 0.5 * width:
             high -= 0.5 * width
         else:
             low += 0.5 * width
-    return kept[-1], np.array(kept)
+    nothing = trial(_OPEN * top).misfit  # |Z|²: so heavy a prior leaves no heat
+
+    def stops(alpha: float) -> bool:
+        return trial(alpha).misfit <= tolerance**2 * nothing
+
+    # W falls with α: of the values kept, in order of size, bisection finds those that stop the rounds
+    ascending, stopping, others = sorted(set(kept)), 0, len(set(kept))
+    while stopping < others:
+        middle = (stopping + others) // 2
+        if stops(ascending[middle]):
+            stopping = middle + 1
+        else:
+            others = middle
+    last = next((i for i, alpha in enumerate(kept) if alpha in ascending[:stopping]), len(kept) - 1)
+    return kept[last], np.array(kept[: last + 1])

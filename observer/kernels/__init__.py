@@ -44,7 +44,7 @@ def _load(way: str) -> dict[str, Any]:
     """Return entries and, but for Python files, records by name."""
     if way == "interpreted":
         modules = (
-            "kalman", "fixed_gain", "smoother", "advance", "bank", "changes", "exact_step", "path",
+            "kalman", "fixed_gain", "smoother", "advance", "bank", "changes", "sweep", "exact_step", "path",
             "selftest", "message", "live", "walk", "cells",
         )  # fmt: skip
         entries: dict[str, Any] = {}

@@ -9,7 +9,7 @@ cdef void couple_half(AdvancePlant p, Inputs u, Py_ssize_t k, double[::1] z, dou
 cdef void couple_covariance(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] z, double[:, ::1] B, Py_ssize_t half, double[:, ::1] P, Work work) noexcept nogil
 cdef void advance_columns(PlantArrays p, StepTable t, Py_ssize_t d, double[:, ::1] B, double[:, ::1] X) noexcept nogil
 cdef void couple_columns(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] z, double[::1] x, double[:, ::1] X, Work work) noexcept nogil
-cdef void add_row(double[::1] target, double weight, double[::1] row) noexcept nogil
+cdef inline void add_row(double[::1] target, double weight, double[::1] row) noexcept nogil
 @cython.locals(dt_known=double, driven=bint)
 cdef void march_steps(AdvancePlant p, AdvanceTable t, double[::1] decay, Inputs u, double[:, ::1] B, double[:, ::1] C, AdvanceWork work, double[::1] x, double[:, ::1] states, Py_ssize_t first) noexcept nogil
 cdef inline bint is_held(AdvancePlant p, Inputs u, Py_ssize_t k) noexcept nogil

@@ -123,18 +123,24 @@ def changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information):
         if tape.kind[k] == STEPPED:
             if p.coupling.active:
                 couple_changes_back(p, u, k, u.z_end[k], tape.coupled[k, 1], R, work)
-            for j in range(len(p.source)):
-                keep, index = t.heat_decay[step[k], j], p.source[j]
-                for q in range(count):
-                    R[n_x + j, q] *= keep
-                for a in range(n_x):
-                    add_row(R[n_x + j], B[index, a] * t.couple[step[k], j, a], R[a])
-            for a in range(n_x):
-                keep = t.decay[step[k], a]
-                for q in range(count):
-                    R[a, q] *= keep
+            step_changes_back(p, t, step[k], B, R)
             if p.coupling.active:
                 couple_changes_back(p, u, k, u.z_start[k], tape.coupled[k, 0], R, work)
+
+
+def step_changes_back(p, t, d, B, R):
+    """R ← Adᵀ R column by column, through the step without what couples the states."""
+    n_x, count = B.shape[1], R.shape[1]
+    for j in range(len(p.source)):
+        keep, index = t.heat_decay[d, j], p.source[j]
+        for q in range(count):
+            R[n_x + j, q] *= keep
+        for a in range(n_x):
+            add_row(R[n_x + j], B[index, a] * t.couple[d, j, a], R[a])
+    for a in range(n_x):
+        keep = t.decay[d, a]
+        for q in range(count):
+            R[a, q] *= keep
 
 
 def couple_changes_back(p, u, k, z, x, R, work):

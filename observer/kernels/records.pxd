@@ -154,7 +154,7 @@ cdef class Adjoint(Record):
 
 
 cdef class Smoothed(Record):
-    cdef public double[:, ::1] heat, sigma, residual
+    cdef public double[:, ::1] heat, sigma, residual, free, jump, jump_sigma
 
 
 cdef class ColumnsRead(Record):

@@ -6,7 +6,8 @@ cdef void smooth_back(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step
 cdef inline double dot(double[:, :, ::1] rows, Py_ssize_t k, Py_ssize_t i, double[::1] r) noexcept nogil
 @cython.locals(total=double)
 cdef inline double quadratic(double[:, :, ::1] rows, Py_ssize_t k, Py_ssize_t i, double[:, ::1] N, double[::1] NK) noexcept nogil
-cdef inline double correct_back(double[:, ::1] C, Py_ssize_t i, Py_ssize_t k, Tape tape, double[::1] r, double[:, ::1] N, double[::1] NK) noexcept nogil
+cdef void write_jumps(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] r, double[:, ::1] N, Smoothed out) noexcept nogil
+cdef inline void correct_back(PlantArrays p, double[:, ::1] C, Py_ssize_t i, Py_ssize_t k, Tape tape, double[::1] r, double[:, ::1] N, double[::1] NK, Smoothed out) noexcept nogil
 @cython.locals(total=double)
 cdef inline void step_back(PlantArrays p, StepTable t, Py_ssize_t d, double[:, ::1] B, double[::1] r, double[:, ::1] N, Work work) noexcept nogil
 @cython.locals(total=double)

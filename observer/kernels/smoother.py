@@ -62,7 +62,8 @@ def write_tape(p, C, accepted, x, P, k, work, tape):
 def smooth_back(p, t, u, step, tape, adjoint, work, out):
     """Go back over the K steps on the tape, changing `adjoint` and filling `out`.
 
-    q_s = q̂ + p_jᵀ r and σ² = P_jj - p_jᵀ N p_j with p_j the heat's column of P after the corrections.
+    q_s = q̂ + p_jᵀ r and σ² = P_jj - p_jᵀ N p_j with p_j the heat's column of P after the corrections. A law's
+    jump of variance s² is found as s² r_j at the start of its step, of variance s² - s⁴ N_jj.
     """
     r, N, NK, B, C = adjoint.r, adjoint.N, adjoint.NK, work.B, work.C
     for k in range(len(step) - 1, -1, -1):
@@ -75,13 +76,24 @@ def smooth_back(p, t, u, step, tape, adjoint, work, out):
         move_columns(p, u, k, B, C)
         for i in range(len(p.R_K2) - 1, -1, -1):
             if tape.weight[k, i] > 0.0:
-                out.residual[k, i] = p.R_K2[i] * correct_back(C, i, k, tape, r, N, NK)
+                correct_back(p, C, i, k, tape, r, N, NK, out)
         if tape.kind[k] == STEPPED:
             if p.coupling.active:
                 couple_back(p, u, k, u.z_end[k], B, tape.coupled[k, 1], r, N, work)
             step_back(p, t, step[k], B, r, N, work)
+            write_jumps(p, u, k, r, N, out)
             if p.coupling.active:
                 couple_back(p, u, k, u.z_start[k], B, tape.coupled[k, 0], r, N, work)
+
+
+def write_jumps(p, u, k, r, N, out):
+    """The jumps of the laws at the start of step k and their σ, from r and N there."""
+    n_x = len(p.uniform)
+    for j in range(len(p.source)):
+        jump = p.law_uncertainty[j] * u.law_jump_W[k, p.source[j]]
+        out.jump[k, j] = jump * jump * r[n_x + j]
+        left = max(0.0, 1.0 - jump * jump * N[n_x + j, n_x + j])
+        out.jump_sigma[k, j] = sqrt(jump * jump * left)
 
 
 def dot(rows, k, i, r):
@@ -103,15 +115,20 @@ def quadratic(rows, k, i, N, NK):
     return total
 
 
-def correct_back(C, i, k, tape, r, N, NK):
-    """Take r and N back through sensor i's correction; return the smoothed residual over its variance R.
+def correct_back(p, C, i, k, tape, r, N, NK, out):
+    """Take r and N back through sensor i's correction; write its smoothed residual and what is left of it.
 
     e = ν/S - Kᵀ r, r⁻ = r + c e, N⁻ = (I - c Kᵀ) N (I - K cᵀ) + c cᵀ/S: N is a sum of squares, term by term.
+    With R its noise, the residual is R e, and R (1/S + Kᵀ N K) is 1 less the reading's influence on its own
+    smoothed value (Kohn and Ansley 1989).
     """
     n_x, width = C.shape[1], N.shape[1]
     weight = tape.weight[k, i]
     error = tape.innovation[k, i] * weight - dot(tape.gain, k, i, r)
-    half = 0.5 * (quadratic(tape.gain, k, i, N, NK) + weight)
+    own = quadratic(tape.gain, k, i, N, NK) + weight
+    half = 0.5 * own
+    out.residual[k, i] = p.R_K2[i] * error
+    out.free[k, i] = p.R_K2[i] * own
     for a in range(n_x):
         r[a] += C[i, a] * error
         NK[a] -= half * C[i, a]
@@ -123,7 +140,6 @@ def correct_back(C, i, k, tape, r, N, NK):
         left = NK[a]
         for b in range(n_x):
             N[a, b] -= left * C[i, b]
-    return error
 
 
 def step_back(p, t, d, B, r, N, work):

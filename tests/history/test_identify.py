@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer import app
-from observer.errors import LogError
+from observer.errors import LogError, UserError
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.history.history import MethodOptions
@@ -91,10 +91,38 @@ def test_every_method_writes_the_same_files_and_says_how_it_went(tmp_path, optio
     assert summary.items() >= {k: v for k, v in options.items() if k not in ("order", "seed")}.items()
 
 
-def test_a_log_that_a_method_cannot_take_is_named(tmp_path):
+@pytest.mark.parametrize("method", ["tikhonov", "conjugate-gradient"])
+def test_uneven_steps_are_taken_by_every_method(tmp_path, method):
     log = _log(tmp_path / "log.csv")
     lines = log.read_text().splitlines()
     log.write_text("\n".join(lines[:50] + lines[60:]) + "\n")
-    with pytest.raises(LogError, match=r"log\.csv: the log's steps are uneven, .* use --method smoother"):
-        _identify(log, tmp_path / "out", method="tikhonov")
+    summary = _identify(log, tmp_path / "out", method=method)
+    assert summary["rows"] == 190
+    assert not summary["warnings"]
+
+
+def test_a_log_that_a_method_cannot_take_is_named(tmp_path):
+    log, config = _log(tmp_path / "log.csv"), _config(effect=[{"kind": "radiation", "emissivity": 0.9}])
+    options = MethodOptions("conjugate-gradient")
+    with pytest.raises(LogError, match=r"log\.csv: radiation .* use --method smoother"):
+        app.identify(log, config, tmp_path / "out", options, progress=lambda _text: None)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"regularisation": 2.0}, "--regularisation belongs to --method tikhonov, not smoother"),
+        ({"method": "smoother", "order": 1}, "--order belongs to"),
+        ({"method": "tikhonov", "gradient": "adjoint"}, "--gradient belongs to --method conjugate-gradient"),
+        ({"method": "tikhonov", "regularisation": 1.0, "parameter_choice": "gcv"}, "give one of them"),
+        ({"method": "tikhonov", "regularisation": -1.0}, "give a number above 0"),
+        (
+            {"method": "conjugate-gradient", "gradient": "central-differences", "order": 1},
+            "leave out --order",
+        ),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(options, sentence):
+    with pytest.raises(UserError, match=sentence):
+        MethodOptions(**options).check()

@@ -1,5 +1,7 @@
 """What tolerances leave to the heats of a log: beside dense equations, and on rough machines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,12 +16,12 @@ from observer.frames import Inputs
 from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
 from observer.history.smoother import smooth_heats
-from observer.history.stacked import Prior, stacked_problem
-from observer.history.tikhonov import _dense
+from observer.history.sweeps import Sweeps, readings
 from observer.history.tolerances import Changes, changes_within, less, most_probable
+from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start_from_sensors
 from observer.tables.estimator import EstimatorSettings
-from tests.history.test_stacked import DT_S, held, logged
+from tests.history.known_heats import DT_S, logged
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 
@@ -34,6 +36,13 @@ def drifts(K, s):
     return np.stack(every, axis=2)
 
 
+def held(plant, u):
+    """The same prior for the smoother: heats that jump at the start of each step and are held over it."""
+    jumps_W = np.tile(np.sqrt(step_matrices(plant, DT_S).walk_dd), (len(u), 1))
+    plant = replace(plant, random_walk_W2_s=np.zeros(3), law_uncertainty=np.ones(3))
+    return plant, u._replace(law_jump_W=jumps_W)
+
+
 @pytest.mark.parametrize(
     "learnt", [(True, True, True), (True, False, True), (False, False, False)], ids=["all", "two", "none"]
 )
@@ -43,20 +52,22 @@ def test_heats_and_their_variance_are_those_of_the_dense_equations(learnt):
     """
     plant, u, _ = logged(steps=90)
     changes = Changes(drifts(90, 4), np.array(learnt))
-    problem, _ = stacked_problem(plant, [u])
-    prior = Prior.of(plant, DT_S, 1)
-    z, n = problem.whiten(problem.rise_K).ravel(), problem.steps * problem.heats
-    H = problem.whiten(_dense(problem, prior)).reshape(len(z), n)
-    X = problem.whiten(changes.sensor_K).reshape(len(z), 3)
+    log, sweeps = readings(plant, [u], 1), Sweeps(plant, u, 1)
+    n, weight = sweeps.unknowns, log.weight_1_K[:, :, None]
+    S, H = sweeps.forward(np.eye(n))
+    H, X, z = (
+        (weight * H).reshape(-1, n),
+        (weight * changes.sensor_K).reshape(-1, 3),
+        weight[:, :, 0] * log.rise_K,
+    )
     both = np.hstack([H, X])
     g = np.linalg.solve(both.T @ both + np.eye(n + 3), both.T)[n:] * np.array(learnt)[:, None]
-    K = np.linalg.solve(H.T @ H + np.eye(n), H.T) @ (np.eye(len(z)) - X @ g)
-    error = np.hstack([K @ H - np.eye(n), K @ X, K])
-    heats = prior.heats(error.reshape(problem.steps, problem.heats, -1))
-    sigma_W = np.sqrt(np.sum(heats**2, axis=-1))
-    heat_W = prior.heats((K @ z).reshape(problem.steps, problem.heats))
+    K = np.linalg.solve(H.T @ H + np.eye(n), H.T) @ (np.eye(len(H)) - X @ g)
+    error = S.reshape(-1, n) @ np.hstack([K @ H - np.eye(n), K @ X, K])
+    sigma_W = np.sqrt(np.sum(error**2, axis=1)).reshape(90, 3)[1:]
+    heat_W = (S.reshape(-1, n) @ K @ z.ravel()).reshape(90, 3)[1:]
 
-    same_plant, same_u = held(plant, u, prior)
+    same_plant, same_u = held(plant, u)
     found = most_probable(same_plant, OPEN_GATE, [same_u], changes)
     history = smooth_heats(same_plant, OPEN_GATE, less([same_u], found.sensor_K))
     ours_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)

@@ -102,7 +102,9 @@ class Experiment:
     heat_W: FloatArray
 
 
-def li_experiment(config: Config, traverse_m_s: float, seed: int) -> Experiment:
+def li_experiment(
+    config: Config, traverse_m_s: float, seed: int, run_s: float = LI_RUN_S, end_s: float = LI_END_S
+) -> Experiment:
     """Li's experiment on the axis of `config`: an hour to and fro, 40 min of standstill, 0.1 K of noise.
 
     The heats start above what the configuration's laws say, the nut's 80 % and the bearings' 50 %, and decay
@@ -113,7 +115,7 @@ def li_experiment(config: Config, traverse_m_s: float, seed: int) -> Experiment:
         screw.length_m, screw.diameter_m, screw.conductivity_W_mK, screw.density_kg_m3,
         screw.specific_heat_J_kgK, config.surface.convection_W_m2K,
     )  # fmt: skip
-    mesh, time_s = Mesh(bar.length_m, LI_CELLS), np.arange(0.0, LI_END_S + LI_STEP_S, LI_STEP_S)
+    mesh, time_s = Mesh(bar.length_m, LI_CELLS), np.arange(0.0, end_s + LI_STEP_S, LI_STEP_S)
     rpm = 60.0 * traverse_m_s / nut.lead_m
     middle_s = time_s[1:] - LI_STEP_S / 2
     laws_W = (
@@ -121,12 +123,12 @@ def li_experiment(config: Config, traverse_m_s: float, seed: int) -> Experiment:
         *(s.heat_W_rpm * rpm for s in config.source[1:]),
     )
     heats = [
-        np.where(middle_s < LI_RUN_S, law_W * (1.0 + peak * np.exp(-middle_s / tau_s)), 0.0)
+        np.where(middle_s < run_s, law_W * (1.0 + peak * np.exp(-middle_s / tau_s)), 0.0)
         for law_W, peak, tau_s in zip(laws_W, (0.8, 0.5, 0.5), (600.0, 900.0, 900.0), strict=True)
     ]
 
     def nut_at(t_s: FloatArray) -> FloatArray:
-        return shuttle_m(np.minimum(t_s, LI_RUN_S), *nut.stroke_m, traverse_m_s)
+        return shuttle_m(np.minimum(t_s, run_s), *nut.stroke_m, traverse_m_s)
 
     share = nut_share(mesh, nut.length_m, nut_at(substep_times(time_s, 10)))
     ends = [Heat(point_share(mesh, x), q, end) for x, q, end in zip(
@@ -139,7 +141,7 @@ def li_experiment(config: Config, traverse_m_s: float, seed: int) -> Experiment:
     shown = truth.temperature_degC[:, :, 0]
     shown = shown + 0.1 * np.random.default_rng(seed).standard_normal(shown.shape)
     columns = {s.channel: shown[:, i] for i, s in enumerate(config.sensor)}
-    columns |= {"nut_position_m": nut_at(time_s), "screw_speed_rpm": np.where(time_s < LI_RUN_S, rpm, 0.0)}
+    columns |= {"nut_position_m": nut_at(time_s), "screw_speed_rpm": np.where(time_s < run_s, rpm, 0.0)}
     return Experiment(log_of(time_s, columns), np.vstack([[q[0] for q in heats], np.column_stack(heats)]))
 
 

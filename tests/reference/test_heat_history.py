@@ -57,6 +57,26 @@ def test_lis_experiment_is_identified_peak_and_decay_included(traverse_m_min: fl
     assert (np.abs(error) * peak < 4.0 * history.heat_sigma_W)[60:].mean() > 0.99, "σ holds"
 
 
+@pytest.mark.slow
+def test_every_method_follows_a_moving_nut_through_a_long_log() -> None:
+    """30,000 rows at 2 Hz, the nut moving in 18,000 of them: its heat on average, and how far it strays."""
+    config: Config = load(LI)
+    truth = li_experiment(config, 5.0 / 60.0, seed=104, run_s=9000.0, end_s=15000.0)
+    plant = build_plant(config)
+    blocks = inputs_of(config, plant, truth.log)
+    running = slice(120, 18_000)
+    bias, stray = {}, {}
+    for method in ("smoother", "tikhonov", "conjugate-gradient"):
+        history = heat_history(plant, config.estimator, blocks, MethodOptions(method))
+        error_W = (history.heat_W - truth.heat_W)[running, 0]
+        bias[method] = abs(error_W.mean()) / truth.heat_W[running, 0].mean()
+        stray[method] = float(rms(error_W))
+        assert not history.warnings
+    assert bias["smoother"] < 0.01
+    assert max(bias.values()) < 0.03
+    assert max(stray.values()) < 2.0 * stray["smoother"]
+
+
 def recovered(case: HeatCase, history: HeatHistory) -> FloatArray:
     """The share of each heat that was found, over the second half of each of both levels."""
     K = len(case.time_s)

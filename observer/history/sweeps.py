@@ -1,0 +1,173 @@
+"""The map from heats to readings over a log as the plant's own step: Z = H Q without the matrix H.
+
+H times a history is one sweep of the plant forward, its transpose one sweep back (`observer.kernels.sweep`),
+with the nut where it was in each step, steps of any length and whatever couples the states.
+Source: Li et al. (2022), equations 28 to 31, in modes and step by step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer.errors import UserError
+from observer.estimators import packing
+from observer.estimators.packing import IntArray
+from observer.estimators.steps import chunks
+from observer.frames import FloatArray, Inputs
+from observer.history.prior import HeldSteps, independent, jumps_W
+from observer.kernels import record, run_sweep, run_sweep_back
+from observer.model.plant import Plant
+from observer.model.simulate import simulate
+
+_NEGLIGIBLE = 1e-10
+_POWERS = 8
+
+
+class Readings(NamedTuple):
+    """What a log's sensors read beyond heats by their laws, from its `first` row with a measurement on.
+
+    With K rows from there: the `inputs`; `rise_K` (K, s), Z, 0 where there is no measurement; `weight_1_K`
+    (K, s), one over the noise, 0 where there is none.
+    """
+
+    first: int
+    inputs: Inputs
+    rise_K: FloatArray
+    weight_1_K: FloatArray
+
+    @property
+    def measurements(self) -> int:
+        """The number of values; with the correct heats the sum of the weighted squares is about this."""
+        return int(np.count_nonzero(self.weight_1_K))
+
+    def unexplained(self, rows_K: FloatArray) -> FloatArray:
+        """Return Z less rows (K, s), K, NaN where there is no measurement."""
+        return np.where(self.weight_1_K > 0.0, self.rise_K - rows_K, np.nan)
+
+
+def readings(plant: Plant, blocks: Sequence[Inputs], order: int) -> Readings:
+    """Return the readings of a log beyond what the prior of that order expects.
+
+    Raises `UserError` where there are fewer than three steps with a measurement.
+    """
+    if order == 0:
+        blocks = independent(plant, blocks).blocks
+    plant = plant.sensors_only()
+    s = plant.rows.sensors
+    inputs = Inputs.joined(blocks).sensors_only(s)
+    known = np.isfinite(inputs.z_end).all(axis=1) & np.isfinite(inputs.z_start).all(axis=1)
+    usable = inputs.usable & np.isfinite(inputs.y_degC)
+    ready = np.flatnonzero(known & usable.any(axis=1))
+    if not len(ready) or ready[0] > len(inputs) - 3:
+        raise UserError("the log holds fewer than three steps with a measurement; record for longer")
+    first = int(ready[0])
+    inputs, usable = inputs.part(first), usable[first:]
+    x = _start_mean(plant, inputs, usable[0])
+    expected = np.vstack([_rows_at(plant, inputs, x), simulate(plant, x, inputs.part(1))[1]])
+    rise = np.where(usable, inputs.y_degC - expected, 0.0)
+    return Readings(first, inputs, rise, np.where(usable, 1.0 / np.sqrt(plant.noise_R_K2), 0.0))
+
+
+class _Stretch(NamedTuple):
+    """Some rows of a log: their inputs and steps as kernels take them; whether the log begins with them."""
+
+    rows: slice
+    u: Any
+    step: IntArray
+    table: Any
+    begins: bool
+
+
+class Sweeps:
+    """H S over a log, with c histories at once: S makes heats of numbers of variance 1 by a prior.
+
+    A history is a column of V (r + K m_e, c): r numbers for the uncertain field at the start, none in order
+    0, and one for each heat's jump at the start of each row's step.
+    """
+
+    def __init__(self, plant: Plant, inputs: Inputs, order: int, *, start_known: bool | None = None) -> None:
+        """Prepare the sweeps; in order 0 the field is known at the start, unless `start_known` says."""
+        plant = plant.sensors_only()
+        arrays = packing.pack_plant(plant)
+        self._plant, self._work = record(arrays), record(packing.scratch(arrays))
+        self._states, self._n_x = packing.states_of(plant), len(plant.decay_1_s)
+        self._scale, _ = jumps_W(plant, inputs, order)
+        self._stretches = [
+            _Stretch(c.part, record(c.inputs), c.step, c.table, c.part.start == 0)
+            for c in chunks(HeldSteps(plant, keeps=order == 1), inputs)
+        ]
+        known = order == 0 if start_known is None else start_known
+        self._root = _square_root(plant.prior_P)[:, : 0 if known else None]
+        self.start, (self.rows, self.heats) = self._root.shape[1], self._scale.shape
+        self.sensors = plant.rows.sensors
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers a history is made of."""
+        return int(self.start + self.rows * self.heats)
+
+    def forward(self, V: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return heats (K, m_e, c), W, beyond their laws and readings (K, s, c), K, of histories V."""
+        c = V.shape[1]
+        X = np.zeros((self._states, c))
+        X[: self._n_x] = self._root @ V[: self.start]
+        w = np.ascontiguousarray(V[self.start :]).reshape(self.rows, self.heats, c)
+        heat, rows = np.zeros((self.rows, self.heats, c)), np.zeros((self.rows, self.sensors, c))
+        for s in self._stretches:
+            run_sweep(
+                self._plant, s.table, s.u, s.step, self._work, X, s.begins, self._scale[s.rows], w[s.rows],
+                heat[s.rows], rows[s.rows],
+            )  # fmt: skip
+        heat[0] = heat[1]
+        return heat, rows
+
+    def adjoint(self, rows: FloatArray) -> FloatArray:
+        """Return (H S)ᵀ of readings (K, s, c), as V (r + K m_e, c)."""
+        c = rows.shape[2]
+        R, w = np.zeros((self._states, c)), np.zeros((self.rows, self.heats, c))
+        for s in reversed(self._stretches):
+            run_sweep_back(
+                self._plant, s.table, s.u, s.step, self._work, R, s.begins, self._scale[s.rows], rows[s.rows],
+                w[s.rows],
+            )  # fmt: skip
+        return np.vstack([self._root.T @ R[: self._n_x], w.reshape(-1, c)])
+
+    def largest(self, weight_1_K: FloatArray, seed: int = 0) -> float:
+        """Return about the largest eigenvalue of (H S)ᵀ R⁻¹ H S, by a few powers of it."""
+        V = np.random.default_rng(seed).standard_normal((self.unknowns, 1))
+        size = 1.0
+        for _ in range(_POWERS):
+            V = self.adjoint(weight_1_K[:, :, None] ** 2 * self.forward(V / np.linalg.norm(V))[1])
+            size = float(np.linalg.norm(V))
+        return size
+
+
+def _start_mean(plant: Plant, inputs: Inputs, usable: FloatArray) -> FloatArray:
+    """The state (n_x,) that the Kalman filter starts from, before its first correction.
+
+    A screw of one temperature, the median of the usable sensors (s,), its lags at rest under their laws.
+    """
+    x = inputs.law_W[0] @ plant.lags
+    seen = _rows_at(plant, inputs, plant.uniform) - plant.rows.F @ inputs.z_end[0]
+    level = inputs.y_degC[0].copy()
+    by_modes = seen > 0.5
+    level[by_modes] = (inputs.y_degC[0] - _rows_at(plant, inputs, x))[by_modes] / seen[by_modes]
+    return np.asarray(x + plant.uniform * np.median(level[usable]))
+
+
+def _rows_at(plant: Plant, inputs: Inputs, x: FloatArray) -> FloatArray:
+    """What the sensors (s,) read of the state x in the first row."""
+    C = plant.rows.C.copy()
+    for i, source in enumerate(plant.moving):
+        C[:, plant.modes + source.index] = inputs.moving_C[0, i]
+    return np.asarray(C @ x + plant.rows.F @ inputs.z_end[0])
+
+
+def _square_root(P: FloatArray) -> FloatArray:
+    """Columns (n, r) whose squares add up to the covariance P."""
+    values, vectors = np.linalg.eigh(P)
+    kept = values > _NEGLIGIBLE * max(float(values[-1]), 1e-300)
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
