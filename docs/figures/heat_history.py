@@ -87,9 +87,9 @@ def compare(case: HeatCase, seeds: range, methods: dict[str, dict[str, Any]] = M
 
 def _row(case: HeatCase, seeds: range, name: str, options: dict[str, Any]) -> Row:
     found(case, seeds[0], options)
-    started = time.perf_counter()
+    started = time.process_time()
     errors = [found(case, seed, options).heat_W - case.heat_W for seed in seeds]
-    seconds = (time.perf_counter() - started) / len(seeds)
+    seconds = (time.process_time() - started) / len(seeds)
     tracemalloc.start()
     found(case, seeds[0], options)
     peak_MB = tracemalloc.get_traced_memory()[1] / 1e6

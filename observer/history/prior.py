@@ -1,8 +1,9 @@
 """What is taken for likely of the heats before a log is read, in two orders.
 
 Order 1: each heat walks from its law, by the configuration's random walk and the law's own jumps; the field
-at the start is uncertain. That is what the smoother takes. Order 0, as the papers print it: the heats of
-all steps are independent, around zero, and the screw has one temperature at the start.
+at the start is uncertain. That is what the smoother takes, but for its noise of the field. Order 0, as the
+papers print it: the heats of all steps are independent, around zero, and the screw has one temperature at the
+start.
 """
 
 from __future__ import annotations
@@ -47,9 +48,14 @@ class HeldSteps(StepCache):
 
 
 def walking(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assumed:
-    """Return the prior of order 1 at the weight `alpha`: with 1 it is the configuration's."""
+    """Return the prior of order 1 at the weight `alpha`: with 1 it is the configuration's.
+
+    All that no heat explains is the sensors' noise: with noise of the field beside it, no choice of the
+    weight could tell what heats explain from what that does.
+    """
     plant = replace(
         plant,
+        field_noise_Q=np.zeros_like(plant.field_noise_Q),
         random_walk_W2_s=plant.random_walk_W2_s / alpha,
         initial_sigma_W=plant.initial_sigma_W / np.sqrt(alpha),
         law_uncertainty=plant.law_uncertainty / np.sqrt(alpha),

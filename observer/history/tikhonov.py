@@ -3,8 +3,8 @@
 The heats are Q = Q_law + S w, where S makes the prior out of independent numbers w of variance 1
 (`observer.history.prior`), and w minimises |Z - H S w|² + α |w|². That is the most probable history of a
 prior whose variances are divided by α, so the smoother with such a prior finds it, and its σ, in a time that
-grows with the log's length; with order 1 and α = 1 it is the smoother. Order 0 is Li's own: S is diagonal
-and Q_law is 0, and his parameter is α times the noise's variance over the prior's.
+grows with the log's length; with order 1 and α = 1 it is the smoother without noise of the field. Order 0 is
+Li's own: S is diagonal and Q_law is 0, and his parameter is α times the noise's variance over the prior's.
 Source: Li et al. (2022), equations 36 to 39; the state-space form of a penalty, Kohn and Ansley (1987).
 
 How much weight α the prior gets is Li's ICO as printed, or one of three rules with a stopping criterion. The

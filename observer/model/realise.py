@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from observer.config import Config
-from observer.effects.terms import EndConductance, Film, Heat, SpeedLoss, Term
+from observer.effects.terms import Body, EndConductance, Film, Heat, SpeedLoss, Term
 from observer.model.rod.screw import surface_film_W_m2K, turning_film
 from observer.tables.laws import Surface
 from observer.tables.quantities import LEAST_END_FILM_W_m2K
@@ -34,7 +36,32 @@ def realise(config: Config) -> Realised:
             config = _with(config, source=(*config.source, _named_apart(term.source, config)))
     config = _with_places(config)
     rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat))
-    return Realised(config, rest)
+    return Realised(config, (*rest, *_covered(config)))
+
+
+_AIR_J_K, _AIR_1_S = 1e4, 100.0
+
+
+def _covered(config: Config) -> Iterator[Term]:
+    """Yield what gives the screw back the base film that nuts cover: h(x) (1 − m(x)), m the share of the time
+    in which there is a nut (Li et al. 2022, eqs. 43 to 47).
+
+    As R_Q/m with −h P length in place of 1/R_Q, towards a body that is as warm as the air, for so it
+    exchanges that fast.
+    """
+    per_m = math.pi * config.screw.diameter_m * config.surface.convection_W_m2K
+    for source in config.source:
+        if source.covers_film and per_m > 0.0:
+            conductance_W_K = -per_m * (source.length_m or 0.0)
+            place = _at(source, config)
+            yield Body(place, _AIR_J_K, conductance_W_K, loss_W_K=_AIR_J_K * _AIR_1_S)
+
+
+def _at(source: Source, config: Config) -> str:
+    """The source that heats the screw where this one is: itself, or its place."""
+    if source.screw_share > 0.0 and source.shape != "node":
+        return source.name
+    return next(s.name for s in config.source if s.name.startswith(f"{source.name}.place"))
 
 
 def _number(config: Config) -> Surface:
@@ -54,9 +81,9 @@ def terms_of(config: Config) -> tuple[Term, ...]:
 
 
 def _with_places(config: Config) -> Config:
-    """Give each link that leads to a source without a part in the screw's heat a place there to lead to."""
+    """Give each source that a link leads to, or that covers, a place if it has no part in the screw's heat."""
     ends = {end for link in config.link for end in link.between}
-    moved = [s for s in config.source if s.name in ends and s.screw_share == 0.0]
+    moved = [s for s in config.source if (s.name in ends or s.covers_film) and s.screw_share == 0.0]
     places = {s.name: _named_apart(_place(s), config) for s in moved}
     sources = tuple(s.model_copy(update={"shape": "node"}) if s in moved else s for s in config.source)
     links = tuple(

@@ -190,6 +190,8 @@ class Source(HeatLaw):
     position_channel: quantities.Channel | None = None  #: nut: the channel of its centre's position in m
     #: nut: lead of the screw; with the speed it shows how well the samples resolve the path
     lead_m: quantities.Lead | None = None
+    #: nut: the screw loses nothing to the air where the nut is, for as long as it is there
+    covers_film: quantities.Flag = False
     position_m: quantities.Position | None = None  #: point: its position
     from_m: quantities.Position | None = None  #: band: where it begins
     to_m: quantities.Position | None = None  #: band: where it ends
@@ -222,6 +224,8 @@ class Source(HeatLaw):
         for key, shape in belongs.items():
             if getattr(self, key) is not None and self.shape != shape:
                 raise ValueError(f'{key} belongs to shape = "{shape}", not "{self.shape}"')
+        if self.covers_film and self.shape != "nut":
+            raise ValueError(f'covers_film belongs to shape = "nut", not "{self.shape}"')
         if self.shape == "nut" and self.stroke_m is None and self.position_channel is None:
             raise ValueError("a nut needs position_channel or stroke_m")
         for low, high in (self.stroke_m or (None, None), (self.from_m, self.to_m)):

@@ -65,9 +65,12 @@ def heats(time_s: FloatArray) -> FloatArray:
 
 @cache
 def case(
-    speed_m_s: float | None, end_s: float = 3600.0, step_s: float = 1.0
+    speed_m_s: float | None, end_s: float = 3600.0, step_s: float = 1.0, *, covers: bool = False
 ) -> tuple[Case, FloatArray | None]:
-    """The truth, and the nut's position (K + 1,); without a speed the nut is spread over its stroke."""
+    """The truth, and the nut's position (K + 1,); without a speed the nut is spread over its stroke.
+
+    If it `covers`, no air cools the screw where it is.
+    """
     time_s = step_s * np.arange(round(end_s / step_s) + 1)
     heat_W = heats(time_s)
     if speed_m_s is None:
@@ -87,7 +90,8 @@ def case(
     for j, (name, body) in enumerate((("nut", "nut_body"), ("left", "left_ring"), ("right", "right_ring"))):
         warm.append(nodes.Heat((1 - INTO_BODY) * heat_W[:, j], **ends[name]))
         warm.append(nodes.Heat(INTO_BODY * heat_W[:, j], body=index(body)))
-    field, body = nodes.simulate(BAR, MESH, bodies, warm, time_s, AMBIENT_DEGC)
+    covered = np.broadcast_to(under * (NUT_M / MESH.width_m), (len(heat_W), MESH.cells)) if covers else None
+    field, body = nodes.simulate(BAR, MESH, bodies, warm, time_s, AMBIENT_DEGC, covered)
     return Case(time_s, field[:, ::10], body, heat_W), position_m
 
 
@@ -102,10 +106,13 @@ def by_speed(scale: float) -> dict[str, dict[str, Any]]:
     return {n: {"heat_W_rpm": scale * heat_W / FULL_RPM} | keys for n, heat_W in NOMINAL_W.items()}
 
 
-def config(moving: bool, sensors: list[dict[str, Any]], laws: dict[str, dict[str, Any]]) -> Config:
+def config(
+    moving: bool, sensors: list[dict[str, Any]], laws: dict[str, dict[str, Any]], *, covers: bool = False
+) -> Config:
     """The same machine as a configuration."""
     into = {"nut": "nut_body", "left": "left_ring", "right": "right_ring"}
     nut: dict[str, Any] = {"name": "nut", "shape": "nut", "length_m": NUT_M, "stroke_m": [LOW_M, HIGH_M]}
+    nut |= {"covers_film": covers}
     if moving:
         nut["position_channel"] = "nut_position_m"
     ends = [{"name": n, "shape": "point", "position_m": x} for n, x in (("left", 0.0), ("right", 0.6))]

@@ -38,14 +38,15 @@ REACHABLE = ("left_housing", "right_housing", "nut_body")
 # first three minutes after one do not count. What is left: for an even stroke the mesh of 5 mm and steps of
 # 1 s; for a nut that moves, with two samples a traverse, what each pass leaves, q/(v ρ c A) = 28 W/(0.17 m/s
 # · 2890 J/(m K)) = 0.06 K, and twice that where it turns.
-@pytest.mark.parametrize(("speed_m_s", "field_K", "node_K"), [(None, 0.02, 0.02), (0.166, 0.15, 0.03)])
+@pytest.mark.parametrize("covers", [False, True])
+@pytest.mark.parametrize(("speed_m_s", "field_K", "node_K"), [(None, 0.02, 0.02), (0.166, 0.15, 0.035)])
 def test_screw_and_bodies_warm_each_other_as_in_finite_volumes(
-    speed_m_s: float | None, field_K: float, node_K: float
+    speed_m_s: float | None, field_K: float, node_K: float, covers: bool
 ) -> None:
-    truth, position_m = case(speed_m_s)
+    truth, position_m = case(speed_m_s, covers=covers)
     log = truth.log({f"{n}_degC": truth.body_degC[:, i] for i, n in enumerate(NAMES)}, 0.0, position_m)
     plant, rows = open_loop(
-        config(position_m is not None, on_nodes(0.05), measured_power()), log, AMBIENT_DEGC
+        config(position_m is not None, on_nodes(0.05), measured_power(), covers=covers), log, AMBIENT_DEGC
     )
     jump = np.flatnonzero(np.abs(np.diff(truth.heat_W[:, 0])) > 5.0) + 1
     settled = np.ones(len(rows), dtype=bool)

@@ -48,9 +48,17 @@ class Bodies:
 
 
 def simulate(
-    bar: Bar, mesh: Mesh, bodies: Bodies, heats: Sequence[Heat], time_s: FloatArray, ambient_degC: float
+    bar: Bar,
+    mesh: Mesh,
+    bodies: Bodies,
+    heats: Sequence[Heat],
+    time_s: FloatArray,
+    ambient_degC: float,
+    covered: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the cells' (K + 1, cells) and the bodies' (K + 1, n) temperatures, all at ambient at first.
+
+    `covered` (K, cells) is the part of each cell's surface and of each step in which no air cools it.
 
     TR-BDF2, as `stepper`, on dense matrices, as a moving contact changes them at every step.
     """
@@ -58,12 +66,14 @@ def simulate(
     capacity = np.concatenate([np.full(cells, bar.capacity_J_mK * mesh.width_m), bodies.capacity_J_K])
     fixed = _fixed(bar, mesh, bodies)
     half_K_W = mesh.width_m / (2.0 * bar.conductance_Wm_K)
-    moving = any(c.share is not None and c.share.ndim == 2 for c in bodies.contacts)
+    moving = any(c.share is not None and c.share.ndim == 2 for c in bodies.contacts) or covered is not None
     rise, out = np.zeros(cells + n), np.zeros((steps + 1, cells + n))
     factors: dict[float, object] = {}
     for k in range(steps):
         dt_s = float(time_s[k + 1] - time_s[k])
         K, load = fixed.copy(), np.zeros(cells + n)
+        if covered is not None:
+            K[np.arange(cells), np.arange(cells)] -= bar.film_W_mK * mesh.width_m * covered[k]
         for contact in bodies.contacts:
             _touch(K, load, contact, k, cells, half_K_W, heats)
         for heat in heats:
