@@ -81,7 +81,7 @@ def terms_of(config: Config) -> tuple[Term, ...]:
 
 
 def _with_places(config: Config) -> Config:
-    """Give each source that a link leads to, or that covers, a place if it has no part in the screw's heat."""
+    """Give each source that a link leads to, or that covers, a place if it gives the screw no heat."""
     ends = {end for link in config.link for end in link.between}
     moved = [s for s in config.source if (s.name in ends or s.covers_film) and s.screw_share == 0.0]
     places = {s.name: _named_apart(_place(s), config) for s in moved}
