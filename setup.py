@@ -26,8 +26,8 @@ BUILD = Path("build/kernels")
 RECORDS = ("records", "tick_records")
 PARTS = (
     "codes", "covariance", "coupling", "exact_step", "advance", "judging", "screening", "learning", "step",
-    "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "sweep", "path", "walk",
-    "selftest", "message", "live", "cells",
+    "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "sweep", "path",
+    "walk", "selftest", "message", "live", "cells",
 )  # fmt: skip
 HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True
 # cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False
