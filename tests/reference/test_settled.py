@@ -12,8 +12,10 @@ from scipy.optimize import brentq
 
 from observer.config import Config
 from observer.errors import ConfigError
+from observer.files.logs import Log, log_of
 from observer.frames import FloatArray
 from observer.installation import load
+from observer.library.predicting import simulated_run
 from observer.library.steady import steady_screw
 from observer.model.build import build_plant
 from observer.model.drive import Drive
@@ -160,3 +162,86 @@ def test_a_nut_stands_where_it_is_said_to_or_runs_over_its_stroke() -> None:
     _, runs = at_rest(config, values)
     assert runs[plant.rows.field_slice][4] < stands[plant.rows.field_slice][4]
     assert runs[plant.rows.field_slice][0] > stands[plant.rows.field_slice][0]
+
+
+TOUCHED = {
+    "node": [{"name": "body", "capacity_J_K": 300.0}],
+    "link": [
+        {"between": ["body", "nut"], "conductance_W_K": 2.0},
+        {"between": ["body", "ambient"], "conductance_W_K": 0.3},
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("sweep_m", "most_K"),
+    [
+        # steps of 10 s, and couplings of a nut are of second order in these
+        ((0.3, 0.3), 0.005),
+        ((0.14, 0.14), 0.005),
+        # what the nut exchanges as it sweeps is taken by the mean of its footprint
+        ((0.1, 0.5), 0.05),
+    ],
+)
+def test_a_nut_that_passes_heat_to_a_body_settles_as_a_long_run_does(
+    sweep_m: tuple[float, float], most_K: float
+) -> None:
+    nut = {"name": "nut", "shape": "nut", "length_m": 0.06, "stroke_m": [0.1, 0.5], "heat_W": 20.0}
+    config = config_of(
+        BAR,
+        [nut | {"position_channel": "x_m", "nodes": {"body": 0.5}}],
+        GRID_M,
+        model={"modes": 30},
+        **TOUCHED,
+    )
+    low_m, high_m = sweep_m
+    time_s = np.arange(0.0, 20_000.0, 2.0 if high_m > low_m else 10.0)
+    x_m = low_m + (high_m - low_m) * np.abs((time_s / 20.0) % 2.0 - 1.0)
+    program = log_of({"time_s": time_s, "x_m": x_m, "ambient_degC": np.full_like(time_s, 20.0)})
+    late = long_run(config, program)
+    by_mean = steady_screw(config, {}, program).figures
+    np.testing.assert_allclose(by_mean.field_degC, late, rtol=0, atol=most_K)
+    if low_m == high_m:
+        placed = steady_screw(config, {"x_m": low_m, "ambient_degC": 20.0}, None).figures
+        np.testing.assert_allclose(placed.field_degC, late, rtol=0, atol=most_K)
+
+
+def long_run(config: Config, program: Log) -> FloatArray:
+    """The mean field of the last part of a run that repeats itself."""
+    run = simulated_run(program, config, None, lambda _done, _total: None)
+    return np.array([run[f"field_{1000.0 * x:.10g}_degC"][-400:].mean() for x in GRID_M])
+
+
+def test_a_nut_that_rubs_in_one_part_of_its_way_heats_the_screw_there() -> None:
+    nut = {"name": "nut", "shape": "nut", "length_m": 0.06, "stroke_m": [0.1, 0.5], "heat_W": 20.0}
+    nut |= {"position_channel": "x_m", "drive_channel": "on"}
+    config = config_of(BAR, [nut], GRID_M, model={"modes": 30})
+    time_s = np.arange(0.0, 20_000.0, 2.0)
+    x_m = 0.1 + 0.4 * np.abs((time_s / 20.0) % 2.0 - 1.0)
+    air = np.full_like(time_s, 20.0)
+    program = log_of({"time_s": time_s, "x_m": x_m, "on": (x_m < 0.2).astype(float), "ambient_degC": air})
+    found = steady_screw(config, {}, program).figures.field_degC
+    assert found[2] - found[5] > 5.0
+    # the path within a step of 2 s, a tenth of the way, smears where the heat begins
+    np.testing.assert_allclose(found, long_run(config, program), rtol=0, atol=0.2)
+
+
+def test_radiation_is_that_of_a_field_and_not_of_its_mean() -> None:
+    poor = replace(BAR, conductivity_W_mK=15.0, convection_W_m2K=2.0)
+    radiation = {"kind": "radiation", "emissivity": 1.0}
+    config = config_of(poor, BOTH, GRID_M, effect=[radiation], model={"modes": 40})
+    time_s = np.arange(0.0, 60_000.0, 10.0)
+    columns = {"left_W": 8.0, "right_W": 0.0, "ambient_degC": 20.0}
+    program = log_of({"time_s": time_s, **{name: np.full_like(time_s, v) for name, v in columns.items()}})
+    found = steady_screw(config, columns, None).figures.field_degC
+    assert np.ptp(found) > 60.0  # the losses take half steps, so that the run is off by the square of 10 s
+    np.testing.assert_allclose(found, long_run(config, program), rtol=0, atol=0.02)
+
+
+def test_a_log_of_constant_inputs_is_the_state_of_these() -> None:
+    coolant = {"kind": "coolant", "conductance_W_K": 0.5, "inlet_degC": 12.0, "speed_channel": "n_rpm"}
+    config = config_of(BAR, BOTH, GRID_M, effect=[coolant], model=FEW)
+    time_s, values = np.arange(0.0, 100.0, 10.0), HEATS | {"n_rpm": 500.0}
+    program = log_of({"time_s": time_s, **{name: np.full_like(time_s, v) for name, v in values.items()}})
+    given, meant = (steady_screw(config, *by).figures.field_degC for by in ((values, None), ({}, program)))
+    np.testing.assert_allclose(meant, given, rtol=0, atol=1e-9)
